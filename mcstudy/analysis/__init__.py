@@ -1,0 +1,1 @@
+"""Questions asked of a cube: accuracy, convergence, sensitivity."""

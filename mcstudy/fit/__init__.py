@@ -1,0 +1,1 @@
+"""Fitting a model to FRFs: cost functions, starts, the compiled kernel and the solvers."""

@@ -1,0 +1,43 @@
+"""Solvers by name; each maps (problem, starts, options) to `Fits`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.fit.problem import Fits, Problem
+from mcstudy.fit.scipy_trf import trf
+from mcstudy.fit.scipy_trust_constr import trust_constr
+from mcstudy.fit.status import Status
+
+
+@dataclass(frozen=True)
+class Options:
+    """Stop rules. ``tolerance``: predicted relative decrease of the cost below which a fit has converged."""
+
+    tolerance: float = 1e-12
+    max_iterations: int = 1000
+
+
+SOLVERS: dict[str, Callable[[Problem, np.ndarray, float, int], Fits]] = {
+    "trf": trf,
+    "trust-constr": trust_constr,
+}
+
+
+def fit(problem: Problem, starts: np.ndarray, solver: str = "lm", options: Options | None = None) -> Fits:
+    """Fit ``problem`` from every start.
+
+    Parameters
+    ----------
+    problem: see `Problem`.
+    starts: (S, P), inside the model's bounds.
+    solver: a key of `SOLVERS`.
+    """
+    options = options or Options()
+    starts = np.ascontiguousarray(starts, dtype=float)
+    if not problem.finite:
+        return Fits.failed(problem.model, starts, Status.NON_FINITE_DATA)
+    return SOLVERS[solver](problem, starts, options.tolerance, options.max_iterations)

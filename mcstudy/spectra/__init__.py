@@ -1,0 +1,1 @@
+"""From a recording to FRFs with covariance: periods, lines, bands."""

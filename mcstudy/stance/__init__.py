@@ -1,0 +1,1 @@
+"""The physics of stance: body, feedback, stimulus, noise and simulation. No files, no scheduler."""

@@ -1,0 +1,171 @@
+"""Inertia and gravity of the standing body, and the two reference models built on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mcstudy.stance.feedback import Model, Parameter, Term
+
+DELAY_MARGIN = 0.030
+"""Half-width of the delay bounds in s (Goodworth & Peterka 2018, Methods)."""
+
+TRUTH_PROVENANCE = (
+    "stand-in: the paper's Table I is lost; body and Kpas1 are the paper's, the other gains were calibrated "
+    "until the study reproduces the paper's published aggregates"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Linearised two-segment body (Goodworth & Peterka 2018, Appendix, after Koozekanani et al. 1980).
+
+    J1, J2, C1, C2 in kg m^2 and A1, A2 in kg m; g in m/s^2. The ankle row is the whole-body balance, so in joint
+    coordinates the mass matrix is [[J1 + C2, C2], [C1 + J2, J2]] by rows (ankle, hip).
+    """
+
+    J1: float = 51.26
+    J2: float = 7.08
+    C1: float = 11.93
+    C2: float = 19.01
+    A1: float = 50.42
+    A2: float = 14.45
+    g: float = 9.81
+
+    @classmethod
+    def from_segments(
+        cls,
+        m1: float,
+        h1: float,
+        I1: float,
+        m2: float,
+        h2: float,
+        I2: float,
+        L1: float,
+        g: float = 9.81,
+    ) -> Body:
+        """Body from segment masses (kg), CoM heights above the joint (m), inertias about the CoM (kg m^2), leg length.
+
+        Derived from the linearised double pendulum: M11 = I1 + m1 h1^2 + m2 L1^2, M12 = m2 L1 h2, M22 = I2 + m2 h2^2.
+        """
+        m12, m22 = m2 * L1 * h2, I2 + m2 * h2**2
+        m11 = I1 + m1 * h1**2 + m2 * L1**2
+        return cls(
+            J1=m11 + m12, J2=m22, C1=m12, C2=m12 + m22, A1=m1 * h1 + m2 * L1, A2=m2 * h2, g=g
+        )
+
+    @property
+    def mgh(self) -> float:
+        """Gravity stiffness of the whole body about the ankle, N m/rad."""
+        return (self.A1 + self.A2) * self.g
+
+    def terms(self) -> tuple[Term, ...]:
+        """Inertia and gravity as rows of the model table."""
+        g = self.g
+        return (
+            Term("hip", "theta2s", order=2, coefficient=self.J2),
+            Term("hip", "theta2s", coefficient=-self.A2 * g),
+            Term("hip", "theta1", order=2, coefficient=self.C1),
+            Term("ankle", "theta1", order=2, coefficient=self.J1),
+            Term("ankle", "theta1", coefficient=-self.A1 * g),
+            Term("ankle", "theta2s", order=2, coefficient=self.C2),
+            Term("ankle", "theta2s", coefficient=-self.A2 * g),
+        )
+
+
+STIMULI: dict[str, str] = {"ankle_torque": "N m", "hip_torque": "N m", "platform_translation": "m"}
+"""Stimulus kinds and their units."""
+
+
+def stimulus_terms(kind: str, body: Body) -> tuple[Term, ...]:
+    """b(s) of a stimulus kind: ankle torque (0, 1), hip torque (1, 0), platform translation -s^2 (A2, A1 + A2)."""
+    if kind == "ankle_torque":
+        return (Term("ankle", "stimulus"),)
+    if kind == "hip_torque":
+        return (Term("hip", "stimulus"),)
+    if kind == "platform_translation":
+        return (
+            Term("hip", "stimulus", order=2, coefficient=-body.A2),
+            Term("ankle", "stimulus", order=2, coefficient=-(body.A1 + body.A2)),
+        )
+    raise KeyError(kind)
+
+
+def _gain(name: str, unit: str, value: float, meaning: str) -> Parameter:
+    return Parameter(name, unit, value, 0.0, 2.0 * value, meaning)
+
+
+def _delay(name: str, value: float, meaning: str) -> Parameter:
+    return Parameter(name, "s", value, value - DELAY_MARGIN, value + DELAY_MARGIN, meaning)
+
+
+def two_segment(body: Body | None = None, stimulus: str = "ankle_torque") -> Model:
+    """The 12-parameter model of Goodworth & Peterka 2018 (Fig. 1B, Appendix) with the stand-in truth.
+
+    Parameters
+    ----------
+    body: inertia and gravity; the paper's by default.
+    stimulus: a key of `STIMULI`.
+    """
+    body = body or Body()
+    K, B = "N m/rad", "N m s/rad"
+    parameters = (
+        _gain("K11", K, 1057.0, "active stiffness, lower body to ankle torque"),
+        _gain("K12", K, 270.0, "active stiffness, lower body to hip torque"),
+        _gain("K21", K, 380.0, "active stiffness, hip angle to ankle torque"),
+        _gain("K22", K, 201.0, "active stiffness, hip angle to hip torque"),
+        _gain("B11", B, 372.0, "active damping, lower body to ankle torque"),
+        _gain("B12", B, 64.0, "active damping, lower body to hip torque"),
+        _gain("B21", B, 41.0, "active damping, hip angle to ankle torque"),
+        _gain("B22", B, 29.5, "active damping, hip angle to hip torque"),
+        _gain("Kpas1", K, 146.0, "passive stiffness of the ankle"),
+        _gain("Kpas2", K, 69.0, "passive stiffness of the hip"),
+        _delay("Td1", 0.080, "time delay of active ankle torque"),
+        _delay("Td2", 0.092, "time delay of active hip torque"),
+    )
+
+    def active(row: str, sense: str, k: str, b: str, delay: str) -> tuple[Term, Term]:
+        return (
+            Term(row, sense, (k,), 0, delay, noisy=True),
+            Term(row, sense, (b,), 1, delay, noisy=True),
+        )
+
+    terms = (
+        *body.terms(),
+        *active("hip", "theta1", "K12", "B12", "Td2"),
+        *active("hip", "theta2", "K22", "B22", "Td2"),
+        Term("hip", "theta2", ("Kpas2",)),
+        *active("ankle", "theta1", "K11", "B11", "Td1"),
+        *active("ankle", "theta2", "K21", "B21", "Td1"),
+        Term("ankle", "theta1", ("Kpas1",)),
+        *stimulus_terms(stimulus, body),
+    )
+    return Model(
+        "two_segment",
+        parameters,
+        terms,
+        stimulus_unit=STIMULI[stimulus],
+        provenance=TRUTH_PROVENANCE,
+    )
+
+
+def one_segment(body: Body | None = None) -> Model:
+    """Single inverted pendulum with delayed PD control and passive stiffness (the form of Peterka 2002).
+
+    The body is the two-segment body with a locked hip; gains are those of the ankle loop of `two_segment`.
+    """
+    body = body or Body()
+    parameters = (
+        _gain("K", "N m/rad", 1057.0, "active stiffness"),
+        _gain("B", "N m s/rad", 372.0, "active damping"),
+        _gain("Kpas", "N m/rad", 146.0, "passive stiffness"),
+        _delay("Td", 0.080, "time delay of active torque"),
+    )
+    terms = (
+        Term("ankle", "theta1", order=2, coefficient=body.J1 + body.C2),
+        Term("ankle", "theta1", coefficient=-body.mgh),
+        Term("ankle", "theta1", ("K",), 0, "Td", noisy=True),
+        Term("ankle", "theta1", ("B",), 1, "Td", noisy=True),
+        Term("ankle", "theta1", ("Kpas",)),
+        Term("ankle", "stimulus"),
+    )
+    return Model("one_segment", parameters, terms, provenance=TRUTH_PROVENANCE)

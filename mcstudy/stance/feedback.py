@@ -1,0 +1,325 @@
+"""The closed loop as a table of terms.
+
+Both rows of the equations of motion are linear in the joint angles, so the whole model is the 2 x 2 matrix
+
+    A(s) = sum over terms of  coefficient * gain * e_row * sense^T * s^order * exp(-delay s) * filters(s)
+    A(s) theta(s) = b(s) u(s)
+
+with theta = (theta1, theta2) the joint angles and u the stimulus. Inertia, gravity, passive stiffness, every
+neural controller and the stimulus itself are rows of one table (terms that sense ``"stimulus"`` make b(s)). The
+closed form, its exact derivatives, the compiled fit kernel, the stability test and the time-domain simulator all
+read this table; no equation of the model is written anywhere else.
+
+Source of the model: Goodworth & Peterka 2018, Appendix and Fig. 1B (the instances are in `mcstudy.stance.body`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from mcstudy.errors import ModelError
+
+ROWS = ("hip", "ankle")
+"""Names of the two torque balances, in the order of the rows of A(s)."""
+
+ANGLES = ("theta1", "theta2")
+"""Names of the two joint angles, in the order of the columns of A(s)."""
+
+SENSES: dict[str, tuple[float, float, float]] = {
+    "theta1": (1.0, 0.0, 0.0),
+    "theta2": (0.0, 1.0, 0.0),
+    "theta2s": (1.0, 1.0, 0.0),
+    "stimulus": (0.0, 0.0, -1.0),
+}
+"""What a term may sense, as weights on (theta1, theta2, stimulus). theta2s is the upper body in space."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One unknown of the model.
+
+    Attributes
+    ----------
+    name: field name, e.g. ``"K11"``.
+    unit: unit as it is written to the cube, e.g. ``"N m/rad"``.
+    value: nominal ("true") value in that unit.
+    lower, upper: bounds of the fit and of the uniform starts, in that unit.
+    meaning: one line for people.
+    """
+
+    name: str
+    unit: str
+    value: float
+    lower: float
+    upper: float
+    meaning: str = ""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.value, self.lower, self.upper]).all() and self.lower < self.upper):
+            raise ModelError(
+                f"parameter {self.name}: bounds must be finite with lower < upper, got [{self.lower}, {self.upper}]"
+            )
+        if not self.lower <= self.value <= self.upper:
+            raise ModelError(
+                f"parameter {self.name}: value {self.value} lies outside its bounds [{self.lower}, {self.upper}]"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Monomial:
+    """``coefficient * s**order * product(parameter**power)``: one piece of a filter's numerator or denominator."""
+
+    coefficient: float
+    order: int
+    powers: tuple[tuple[str, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """A rational filter ``sum(numerator) / sum(denominator)`` whose coefficients are monomials of parameters."""
+
+    name: str
+    numerator: tuple[Monomial, ...]
+    denominator: tuple[Monomial, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One row of the table; see the module's equation.
+
+    Attributes
+    ----------
+    row: torque balance it enters, one of the model's ``rows``.
+    sense: what it senses, a key of `SENSES` or a name of the model's ``angles``.
+    gain: names of parameters whose product multiplies the term (none, one or two).
+    order: power of s: -1 integral, 0 angle, 1 rate, 2 acceleration.
+    delay: name of the parameter holding its delay in s, or None.
+    filters: names of filters it passes through.
+    coefficient: constant factor.
+    noisy: whether sensor noise enters the loop here (the active feedback).
+    """
+
+    row: str
+    sense: str
+    gain: tuple[str, ...] = ()
+    order: int = 0
+    delay: str | None = None
+    filters: tuple[str, ...] = ()
+    coefficient: float = 1.0
+    noisy: bool = False
+
+
+@dataclass(frozen=True)
+class Model:
+    """A closed loop: parameters, terms, filters.
+
+    ``output_filters`` names, per angle, a filter between the true and the measured angle (a sensor lag), or None.
+    A one-segment model simply has no term in the first row; that row is then padded with the identity.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    terms: tuple[Term, ...]
+    filters: tuple[Filter, ...] = ()
+    output_filters: tuple[str | None, str | None] = (None, None)
+    rows: tuple[str, str] = ROWS
+    angles: tuple[str, str] = ANGLES
+    stimulus_unit: str = "N m"
+    provenance: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        names = [p.name for p in self.parameters]
+        for duplicate in {n for n in names if names.count(n) > 1}:
+            raise ModelError(f"model {self.name}: parameter {duplicate} is declared twice")
+        known, filters = set(names), {f.name for f in self.filters}
+        for term in self.terms:
+            where = f"model {self.name}: term {term.row} <- {term.sense}"
+            if term.row not in self.rows:
+                raise ModelError(f"{where}: row must be one of {self.rows}")
+            if term.sense not in self.senses:
+                raise ModelError(f"{where}: sense must be one of {sorted(self.senses)}")
+            if term.order not in (-1, 0, 1, 2):
+                raise ModelError(f"{where}: order must be -1, 0, 1 or 2, got {term.order}")
+            if len(term.gain) > 2:
+                raise ModelError(f"{where}: at most two gains may multiply, got {term.gain}")
+            for unknown in set(term.gain) | ({term.delay} if term.delay else set()):
+                if unknown not in known:
+                    raise ModelError(f"{where}: unknown parameter {unknown!r}")
+            for unknown in set(term.filters) - filters:
+                raise ModelError(f"{where}: unknown filter {unknown!r}")
+        for name in self.output_filters:
+            if name is not None and name not in filters:
+                raise ModelError(f"model {self.name}: unknown output filter {name!r}")
+        for filt in self.filters:
+            for monomial in (*filt.numerator, *filt.denominator):
+                for parameter, _ in monomial.powers:
+                    if parameter not in known:
+                        raise ModelError(f"model {self.name}: filter {filt.name}: unknown parameter {parameter!r}")
+
+    @property
+    def senses(self) -> dict[str, tuple[float, float, float]]:
+        """Weights on (first angle, second angle, stimulus) by name; the model's own angle names included."""
+        own = {self.angles[0]: (1.0, 0.0, 0.0), self.angles[1]: (0.0, 1.0, 0.0)}
+        return {**SENSES, **own}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameter names, in the order of every parameter axis."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def truth(self) -> np.ndarray:
+        """Nominal parameter values, shape (P,)."""
+        return np.array([p.value for p in self.parameters])
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower bounds, shape (P,)."""
+        return np.array([p.lower for p in self.parameters])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Upper bounds, shape (P,)."""
+        return np.array([p.upper for p in self.parameters])
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Parameter units, shape (P,)."""
+        return tuple(p.unit for p in self.parameters)
+
+    @property
+    def delays(self) -> tuple[str, ...]:
+        """Names of the parameters that are delays."""
+        used = {t.delay for t in self.terms}
+        return tuple(n for n in self.names if n in used)
+
+    def with_values(self, values: Mapping[str, float]) -> Model:
+        """This model with other nominal values (bounds unchanged); raises `ModelError` on an unknown name."""
+        self._check_names(values)
+        return replace(
+            self, parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
+        )
+
+    def with_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> Model:
+        """This model with other bounds; raises `ModelError` on an unknown name or a value left outside."""
+        self._check_names(bounds)
+        return replace(
+            self,
+            parameters=tuple(
+                replace(p, lower=bounds[p.name][0], upper=bounds[p.name][1]) if p.name in bounds else p
+                for p in self.parameters
+            ),
+        )
+
+    def with_terms(
+        self,
+        parameters: Iterable[Parameter] = (),
+        terms: Iterable[Term] = (),
+        filters: Iterable[Filter] = (),
+        name: str | None = None,
+    ) -> Model:
+        """This model with more parameters, terms and filters: how an unmodelled effect is added."""
+        return replace(
+            self,
+            name=name or self.name,
+            parameters=(*self.parameters, *parameters),
+            terms=(*self.terms, *terms),
+            filters=(*self.filters, *filters),
+        )
+
+    def _check_names(self, names: Iterable[str]) -> None:
+        for name in names:
+            if name not in self.names:
+                raise ModelError(f"unknown parameter {name!r}; the model has {', '.join(self.names)}")
+
+    @cached_property
+    def table(self) -> Table:
+        """The flat numeric form of this model."""
+        return Table.of(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A `Model` as arrays, for the code that evaluates it. E terms, G groups, F filters, M monomials.
+
+    A *group* is a distinct (delay, filters) pair; terms of one group share the factor exp(-delay s) * filters(s).
+
+    Attributes
+    ----------
+    entry: (E, 5) int64 - row, order, group, first gain, second gain (parameter indices, -1 none).
+    weight: (E, 4) float64 - coefficient, then weights on (theta1, theta2, stimulus).
+    noisy: (E,) bool - whether sensor noise enters the term.
+    group_delay: (G,) int64 - parameter index of the delay, -1 none.
+    group_filters: (G, 4) int64 - filter indices, -1 none.
+    monomial: (M, 6) int64 - filter, 0 numerator / 1 denominator, order, power of the second parameter,
+        first parameter, second parameter (-1 none); the first parameter's power is in ``monomial_power``.
+    monomial_power: (M,) int64 - power of the first parameter.
+    monomial_coefficient: (M,) float64.
+    output_filter: (2,) int64 - filter index per angle, -1 none.
+    n_parameters, n_filters: sizes.
+    """
+
+    entry: np.ndarray
+    weight: np.ndarray
+    noisy: np.ndarray
+    group_delay: np.ndarray
+    group_filters: np.ndarray
+    monomial: np.ndarray
+    monomial_power: np.ndarray
+    monomial_coefficient: np.ndarray
+    output_filter: np.ndarray
+    n_parameters: int
+    n_filters: int
+
+    @classmethod
+    def of(cls, model: Model) -> Table:
+        """Flatten a model; pads the first row with the identity when no term enters it."""
+        index = {name: i for i, name in enumerate(model.names)}
+        filter_index = {f.name: i for i, f in enumerate(model.filters)}
+        terms = list(model.terms)
+        if not any(t.row == model.rows[0] for t in terms):
+            terms.append(Term(model.rows[0], model.angles[1]))
+        groups: dict[tuple[int, tuple[int, ...]], int] = {}
+        entry, weight, noisy = [], [], []
+        for term in terms:
+            delay = index[term.delay] if term.delay else -1
+            key = (delay, tuple(filter_index[f] for f in term.filters))
+            group = groups.setdefault(key, len(groups))
+            gains = [index[g] for g in term.gain] + [-1, -1]
+            entry.append((model.rows.index(term.row), term.order, group, gains[0], gains[1]))
+            weight.append((term.coefficient, *model.senses[term.sense]))
+            noisy.append(term.noisy)
+        group_filters = np.full((len(groups), 4), -1, dtype=np.int64)
+        for (_, members), g in groups.items():
+            if len(members) > 4:
+                raise ModelError(f"model {model.name}: a term may pass through at most four filters")
+            group_filters[g, : len(members)] = members
+        monomial, power, coefficient = [], [], []
+        for f, filt in enumerate(model.filters):
+            for side, monomials in enumerate((filt.numerator, filt.denominator)):
+                for m in monomials:
+                    if len(m.powers) > 2:
+                        raise ModelError(f"filter {filt.name}: a monomial may hold at most two parameters")
+                    names = [index[n] for n, _ in m.powers] + [-1, -1]
+                    powers = [p for _, p in m.powers] + [0, 0]
+                    monomial.append((f, side, m.order, powers[1], names[0], names[1]))
+                    power.append(powers[0])
+                    coefficient.append(m.coefficient)
+        output = [filter_index[name] if name is not None else -1 for name in model.output_filters]
+        return cls(
+            entry=np.array(entry, dtype=np.int64).reshape(-1, 5),
+            weight=np.array(weight, dtype=np.float64).reshape(-1, 4),
+            noisy=np.array(noisy, dtype=bool),
+            group_delay=np.array([d for d, _ in groups], dtype=np.int64),
+            group_filters=group_filters,
+            monomial=np.array(monomial, dtype=np.int64).reshape(-1, 6),
+            monomial_power=np.array(power, dtype=np.int64),
+            monomial_coefficient=np.array(coefficient, dtype=np.float64),
+            output_filter=np.array(output, dtype=np.int64),
+            n_parameters=len(model.parameters),
+            n_filters=len(model.filters),
+        )

@@ -1,0 +1,167 @@
+"""Closed-form frequency responses of a model table, with exact derivatives.
+
+The reference evaluation, in plain numpy and batched over parameter vectors; the compiled fit kernel reads the same
+table and is tested against this module.
+
+Conventions: ``theta`` has shape (..., P), frequencies ``f`` in Hz have shape (N,), s = 2 pi i f; results keep the
+batch axes first. FRFs are angle per unit of stimulus (rad per N m for a torque).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mcstudy.stance.feedback import Model, Table
+
+
+def _filters(table: Table, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Filter values (..., F, N) and their logarithmic derivatives (..., F, P, N)."""
+    batch = theta.shape[:-1]
+    sides = np.zeros((2, *batch, table.n_filters, s.size), dtype=complex)
+    slopes = np.zeros((2, *batch, table.n_filters, table.n_parameters, s.size), dtype=complex)
+    for (f, side, order, power2, p1, p2), power1, c in zip(
+        table.monomial, table.monomial_power, table.monomial_coefficient, strict=True
+    ):
+        a = theta[..., p1, None] if p1 >= 0 else np.ones((*batch, 1))
+        b = theta[..., p2, None] if p2 >= 0 else np.ones((*batch, 1))
+        base = c * s**order
+        sides[side, ..., f, :] += base * a**power1 * b**power2
+        if p1 >= 0:
+            slopes[side, ..., f, p1, :] += base * power1 * a ** (power1 - 1) * b**power2
+        if p2 >= 0:
+            slopes[side, ..., f, p2, :] += base * a**power1 * power2 * b ** (power2 - 1)
+    numerator, denominator = sides
+    log_slope = slopes[0] / numerator[..., None, :] - slopes[1] / denominator[..., None, :]
+    return numerator / denominator, log_slope
+
+
+def _group_values(table: Table, theta: np.ndarray, s: np.ndarray, filters: np.ndarray) -> np.ndarray:
+    """exp(-delay s) * filters(s) per group, (..., G, N)."""
+    out = np.ones((*theta.shape[:-1], table.group_delay.size, s.size), dtype=complex)
+    for g, delay in enumerate(table.group_delay):
+        if delay >= 0:
+            out[..., g, :] *= np.exp(-theta[..., delay, None] * s)
+        for k in table.group_filters[g]:
+            if k >= 0:
+                out[..., g, :] *= filters[..., k, :]
+    return out
+
+
+def _gain(table: Table, theta: np.ndarray, e: int) -> np.ndarray:
+    gain = np.full(theta.shape[:-1], table.weight[e, 0])
+    for p in table.entry[e, 3:]:
+        if p >= 0:
+            gain = gain * theta[..., p]
+    return gain
+
+
+def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A(s) of shape (..., N, 2, 2) and b(s) of shape (..., N, 2) at complex ``s`` of shape (N,)."""
+    table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
+    groups = _group_values(table, theta, s, _filters(table, theta, s)[0])
+    A = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
+    b = np.zeros((*theta.shape[:-1], s.size, 2), dtype=complex)
+    for e, (row, order, group, _, _) in enumerate(table.entry):
+        value = _gain(table, theta, e)[..., None] * s**order * groups[..., group, :]
+        for column in (0, 1):
+            A[..., row, column] += table.weight[e, 1 + column] * value
+        b[..., row] -= table.weight[e, 3] * value
+    return A, b
+
+
+def frf(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Stimulus-to-angle FRFs H, shape (..., N, 2); columns are the model's angles as measured (output filters on)."""
+    theta, s = np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
+    A, b = system(model, theta, s)
+    H = np.linalg.solve(A, b[..., None])[..., 0]
+    return H * _output(model, theta, s)[0]
+
+
+def _output(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Output filters per angle (..., N, 2) and their logarithmic derivatives (..., N, 2, P)."""
+    table = model.table
+    value = np.ones((*theta.shape[:-1], s.size, 2), dtype=complex)
+    slope = np.zeros((*theta.shape[:-1], s.size, 2, table.n_parameters), dtype=complex)
+    if (table.output_filter >= 0).any():
+        filters, log_slope = _filters(table, theta, s)
+        for angle, k in enumerate(table.output_filter):
+            if k >= 0:
+                value[..., angle] = filters[..., k, :]
+                slope[..., angle, :] = np.moveaxis(log_slope[..., k, :, :], -1, -2)
+    return value, slope
+
+
+def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """FRFs (..., N, 2) and their exact derivatives (..., N, 2, P) in every parameter.
+
+    Derived: dH = -A^-1 (dA H - db), with dA and db read term by term from the table.
+    """
+    table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
+    filters, log_slope = _filters(table, theta, s)
+    groups = _group_values(table, theta, s, filters)
+    A, b = system(model, theta, s)
+    inverse = np.linalg.inv(A)
+    H = np.einsum("...ij,...j->...i", inverse, b)
+    force = np.zeros((*theta.shape[:-1], s.size, 2, table.n_parameters), dtype=complex)
+    for e, (row, order, group, g1, g2) in enumerate(table.entry):
+        w = table.weight[e]
+        sensed = w[1] * H[..., 0] + w[2] * H[..., 1] + w[3]
+        unit = w[0] * s**order * groups[..., group, :] * sensed
+        first = theta[..., g1, None] if g1 >= 0 else 1.0
+        second = theta[..., g2, None] if g2 >= 0 else 1.0
+        if g1 >= 0:
+            force[..., row, g1] += unit * second
+        if g2 >= 0:
+            force[..., row, g2] += unit * first
+        total = unit * first * second
+        delay = table.group_delay[group]
+        if delay >= 0:
+            force[..., row, delay] += -s * total
+        for k in table.group_filters[group]:
+            if k >= 0:
+                for p in range(table.n_parameters):
+                    force[..., row, p] += total * log_slope[..., k, p, :]
+    dH = -np.einsum("...ij,...jp->...ip", inverse, force)
+    value, slope = _output(model, theta, s)
+    return H * value, dH * value[..., None] + (H * value)[..., None] * slope
+
+
+def noise_response(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Response of the angles to noise on each sensed angle, (..., N, angle, source).
+
+    Noise adds to what the ``noisy`` terms sense, so theta = -A^-1 N(s) n with N the noisy part of A.
+    """
+    theta, s = np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
+    A, _ = system(model, theta, s)
+    N = active(model, theta, s)
+    return -np.linalg.solve(A, N) * _output(model, theta, s)[0][..., None]
+
+
+def active(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """The noisy (active, delayed) part of A(s), shape (..., N, 2, 2)."""
+    table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
+    groups = _group_values(table, theta, s, _filters(table, theta, s)[0])
+    N = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
+    for e, (row, order, group, _, _) in enumerate(table.entry):
+        if table.noisy[e]:
+            value = _gain(table, theta, e)[..., None] * s**order * groups[..., group, :]
+            for column in (0, 1):
+                N[..., row, column] += table.weight[e, 1 + column] * value
+    return N
+
+
+def neural_controllers(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Active plus passive feedback FRFs, shape (..., N, row, angle): torque on each row per sensed angle.
+
+    For the two-segment model these are the paper's four controllers T12, T22 (hip row) and T11, T21 (ankle row),
+    every term that carries a gain and is neither inertia, gravity nor stimulus (Goodworth & Peterka 2018, Methods).
+    """
+    table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
+    groups = _group_values(table, theta, s, _filters(table, theta, s)[0])
+    NC = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
+    for e, (row, order, group, g1, _) in enumerate(table.entry):
+        if g1 >= 0 and table.weight[e, 3] == 0:
+            value = _gain(table, theta, e)[..., None] * s**order * groups[..., group, :]
+            for column in (0, 1):
+                NC[..., row, column] += table.weight[e, 1 + column] * value
+    return NC

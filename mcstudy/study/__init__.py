@@ -1,0 +1,1 @@
+"""Studies: the study file, the Dask graph, the Zarr cube."""

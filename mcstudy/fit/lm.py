@@ -1,0 +1,148 @@
+"""The compiled bounded Levenberg-Marquardt solver, from `Problem`s to `Fits`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.errors import ModelError
+from mcstudy.fit import kernel
+from mcstudy.fit.lanes import WIDTH
+from mcstudy.fit.problem import Fits, Problem
+from mcstudy.stance.feedback import Model
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A model table at fixed frequencies, in the form the kernel reads.
+
+    Terms without parameters are summed once into ``constant`` (N, 12): A(s) by rows, then b(s), re and im in turn.
+    ``entry`` (E, 7): row, order, group, first gain, second gain, index into ``sensed``, whether its group carries a
+    delay or filter parameter. ``sensed`` lists the distinct (row, sense) pairs.
+    """
+
+    model: Model
+    omega: np.ndarray
+    constant: np.ndarray
+    entry: np.ndarray
+    weight: np.ndarray
+    sensed: np.ndarray
+    sensed_weight: np.ndarray
+    filter_pair: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, f: np.ndarray) -> Plan:
+        """Prepare ``model`` for frequencies ``f`` in Hz."""
+        table, omega = model.table, 2 * np.pi * np.asarray(f, dtype=float)
+        if (table.monomial_power < 0).any() or (table.monomial[:, 3] < 0).any():
+            raise ModelError(f"model {model.name}: filter coefficients may not hold negative powers of parameters")
+        varies = (table.entry[:, 3] >= 0) | (table.group_delay[table.entry[:, 2]] >= 0)
+        varies |= (table.group_filters[table.entry[:, 2]] >= 0).any(axis=1)
+        constant = np.zeros((omega.size, 12))
+        for (row, order, *_), (c, w0, w1, w2) in zip(table.entry[~varies], table.weight[~varies], strict=True):
+            value = c * (1j * omega) ** order
+            for slot, factor in ((4 * row, w0), (4 * row + 2, w1), (8 + 2 * row, -w2)):
+                constant[:, slot] += factor * value.real
+                constant[:, slot + 1] += factor * value.imag
+        entry, weight = table.entry[varies], table.weight[varies]
+        pairs = [(int(e[0]), *map(float, w[1:])) for e, w in zip(entry, weight, strict=True)]
+        distinct = list(dict.fromkeys(pairs))
+        in_group = (table.group_delay >= 0) | (table.group_filters >= 0).any(axis=1)
+        columns = [
+            [distinct.index(p) for p in pairs],
+            in_group[entry[:, 2]],
+        ]
+        filter_pair = sorted(
+            {(int(m[0]), int(p)) for m in table.monomial for p in m[4:] if p >= 0}
+        )
+        return cls(
+            model=model,
+            omega=omega,
+            constant=constant,
+            entry=np.ascontiguousarray(np.column_stack([entry, *columns]).astype(np.int64).reshape(-1, 7)),
+            weight=np.ascontiguousarray(weight),
+            sensed=np.array([p[0] for p in distinct], dtype=np.int64),
+            sensed_weight=np.array([p[1:] for p in distinct], dtype=float).reshape(-1, 3),
+            filter_pair=np.array(filter_pair, dtype=np.int64).reshape(-1, 2),
+        )
+
+    def tables(self) -> tuple[np.ndarray, ...]:
+        """The kernel's trailing arguments."""
+        table = self.model.table
+        return (
+            self.omega,
+            self.constant,
+            self.entry,
+            self.weight,
+            self.sensed,
+            self.sensed_weight,
+            table.group_delay,
+            table.group_filters,
+            self.filter_pair,
+            table.monomial,
+            table.monomial_power,
+            table.monomial_coefficient,
+            table.output_filter,
+        )
+
+    def workspace(self) -> tuple[np.ndarray, tuple[int, ...]]:
+        """Zeroed workspace and the first slots of x, trial, Gram, trial Gram, held, matrix, step, damping, data, scratch."""
+        P, E, G = len(self.model.parameters), self.entry.shape[0], self.model.table.group_delay.size
+        triangle = (P + 1) * (P + 2) // 2
+        scratch = 8 + 4 + 2 * G + 3 * E + 8 + 4 * self.sensed.size + 4 * G + 4 * (P + 1)
+        scratch += 4 * (self.model.table.monomial.shape[0] + 1) + 4 * self.filter_pair.shape[0]
+        sizes = (P, P, triangle, triangle, P, triangle, P, 1, 8 * self.omega.size, scratch)
+        first = np.concatenate([[0], np.cumsum(sizes)])
+        return np.zeros(int(first[-1]) * WIDTH), tuple(int(k) for k in first[:-1])
+
+
+def _pack(problem: Problem) -> np.ndarray:
+    """Data and weights of one problem in the kernel's order, (8 N,)."""
+    y, W = problem.data, problem.weight
+    columns = (y[:, 0].real, y[:, 0].imag, y[:, 1].real, y[:, 1].imag)
+    columns += (W[:, 0, 0].real, W[:, 1, 1].real, W[:, 1, 0].real, W[:, 1, 0].imag)
+    return np.stack(columns, axis=1).ravel()
+
+
+def lm_many(problems: Sequence[Problem], starts: np.ndarray, tolerance: float, max_iterations: int) -> list[Fits]:
+    """Fit R problems that share model and frequencies, each from its own S starts, in one queue.
+
+    Parameters
+    ----------
+    problems: R problems; their model and ``f`` must be the same.
+    starts: (R, S, P).
+    tolerance: predicted relative decrease of the cost at which a fit has converged.
+    max_iterations: most evaluations of model and derivatives a fit may take.
+    """
+    R, S, P = starts.shape
+    model = problems[0].model
+    plan = Plan.of(model, problems[0].f)
+    w, layout = plan.workspace()
+    estimate, cost = np.full((R * S, P), np.nan), np.full(R * S, np.nan)
+    status, iterations = np.zeros(R * S, dtype=np.int64), np.zeros(R * S, dtype=np.int64)
+    if R * S:
+        kernel.levenberg_marquardt(
+            w,
+            layout,
+            np.stack([_pack(p) for p in problems]),
+            np.ascontiguousarray(starts.reshape(R * S, P)),
+            np.repeat(np.arange(R), S),
+            model.lower,
+            model.upper,
+            tolerance,
+            max_iterations,
+            estimate,
+            cost,
+            status,
+            iterations,
+            *plan.tables(),
+        )
+    parts = (a.reshape(R, S, *a.shape[1:]) for a in (estimate, cost, status, iterations))
+    return [Fits.of(model, *one) for one in zip(*parts, strict=True)]
+
+
+def lm(problem: Problem, starts: np.ndarray, tolerance: float, max_iterations: int) -> Fits:
+    """Fit one problem from S starts (S, P) with the compiled kernel."""
+    return lm_many([problem], starts[None], tolerance, max_iterations)[0]

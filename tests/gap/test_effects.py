@@ -136,5 +136,5 @@ def test_declarations_are_complete() -> None:
         assert (e.kind == "linear") == (e.rule is None) == (e.contrast is None)
         for s in e.sizes:
             assert s.lower <= s.published[0] <= s.published[1] <= s.upper
-            assert s.companion or s.lower <= s.null <= s.upper
+            assert s.null is None or s.lower <= s.null <= s.upper
     assert all(e.name in effects.table_text() for e in effects.LIBRARY)

@@ -1,0 +1,145 @@
+"""What every statistic of the diagnosis starts from: FRFs at frequency lines, with their covariance.
+
+`Lines` is the common form of all recordings: a periodic one gives its excited lines (`mcstudy.gap.periodic`), any
+other the lines of overlapping segments (`mcstudy.gap.segments`), a published FRF itself (`mcstudy.gap.frf_only`).
+`mcstudy.gap.measure.measure` chooses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+
+@dataclass(frozen=True)
+class EvenLines:
+    """Lines the stimulus does not excite, M of them: nothing but noise, unless the body has an even nonlinearity.
+
+    Attributes
+    ----------
+    f: (M,) Hz. mean: (M, 2) Fourier coefficients of the mean over repeats, rad. variance: (M, 2) of that mean,
+    rad^2, from the scatter of the repeats. repeats: how many.
+    """
+
+    f: np.ndarray
+    mean: np.ndarray
+    variance: np.ndarray
+    repeats: int
+
+    def excess(self, low: float = 0.0, high: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+        """Mean of |mean|^2 / variance over the lines of a band, per angle (2,), and its p-value (2,).
+
+        1 when only noise is there; F-distributed with (2 M, 2 M (repeats - 1)) degrees of freedom for independent
+        Gaussian repeats. nan without a line in the band or with a single repeat.
+        """
+        inside = (self.f >= low) & (self.f <= high)
+        m = int(inside.sum())
+        if m == 0 or self.repeats < 2:
+            return np.full(2, np.nan), np.full(2, np.nan)
+        ratio = (np.abs(self.mean[inside]) ** 2).mean(axis=0) / self.variance[inside].mean(axis=0)
+        return ratio, stats.f.sf(ratio, 2 * m, 2 * m * (self.repeats - 1))
+
+
+@dataclass(frozen=True)
+class Lines:
+    """FRFs of a recording at N lines, from R independent repeats.
+
+    Attributes
+    ----------
+    f: (N,) Hz.
+    y: (N, 2) complex, mean FRF in rad per unit of the stimulus: sum over repeats of ``weight`` * ``repeats``.
+    C: (N, 2, 2) complex Hermitian, E[e e^H] of the error of ``y``.
+    dof: (N,) complex degrees of freedom of the estimate ``C`` (a complex Wishart matrix of that many outer products).
+    repeats: (R, N, 2) complex FRFs whose errors are independent of each other (cycles, or blocks of segments).
+    weight: (R, N) share of each repeat in the mean, columns sum to 1; the covariance of repeat r is C / weight[r].
+    trial, cycle: (R,) which trial and which cycle (or block) a repeat is.
+    amplitude: (R,) peak amplitude of the repeat's trial, unit of the stimulus.
+    power: (N,) mean squared Fourier coefficient of the stimulus per repeat, unit^2: the sway at line n has mean
+        square 2 power |y|^2 per angle (for segments: the power of the band that belongs to the line).
+    remnant: (N, 2, 2) one-sided spectral density of the sway the stimulus does not explain, rad^2/Hz.
+    even: the lines that are not excited, None when there are none.
+    harmonic: (N,) harmonic number of each line, None when not periodic.
+    """
+
+    f: np.ndarray
+    y: np.ndarray
+    C: np.ndarray
+    dof: np.ndarray
+    repeats: np.ndarray
+    weight: np.ndarray
+    trial: np.ndarray
+    cycle: np.ndarray
+    amplitude: np.ndarray
+    power: np.ndarray
+    remnant: np.ndarray
+    even: EvenLines | None = None
+    harmonic: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return int(self.f.size)
+
+    def repeat_covariance(self, r: int) -> np.ndarray:
+        """Covariance (N, 2, 2) of the error of one repeat."""
+        return self.C / self.weight[r][:, None, None]
+
+    def subset(self, repeats: np.ndarray) -> Lines:
+        """The mean over some of the repeats only (indices or mask), same estimate of the noise."""
+        weight = self.weight[repeats]
+        total = weight.sum(axis=0)
+        return Lines(
+            f=self.f,
+            y=np.einsum("rn,rnj->nj", weight / total, self.repeats[repeats]),
+            C=self.C / total[:, None, None],
+            dof=self.dof,
+            repeats=self.repeats[repeats],
+            weight=weight / total,
+            trial=self.trial[repeats],
+            cycle=self.cycle[repeats],
+            amplitude=self.amplitude[repeats],
+            power=self.power,
+            remnant=self.remnant,
+            even=self.even,
+            harmonic=self.harmonic,
+        )
+
+    def below(self, fmax: float) -> Lines:
+        """The lines up to ``fmax`` (Hz)."""
+        keep = self.f <= fmax
+        return Lines(
+            f=self.f[keep],
+            y=self.y[keep],
+            C=self.C[keep],
+            dof=self.dof[keep],
+            repeats=self.repeats[:, keep],
+            weight=self.weight[:, keep],
+            trial=self.trial,
+            cycle=self.cycle,
+            amplitude=self.amplitude,
+            power=self.power[keep],
+            remnant=self.remnant[keep],
+            even=self.even,
+            harmonic=None if self.harmonic is None else self.harmonic[keep],
+        )
+
+    def halves(self) -> tuple[Lines, Lines] | None:
+        """First and last cycles of the trials (a middle one in neither), or None when no trial has two repeats."""
+        first, last = np.zeros(self.trial.size, dtype=bool), np.zeros(self.trial.size, dtype=bool)
+        for t in np.unique(self.trial):
+            own = np.flatnonzero(self.trial == t)
+            n = own.size // 2
+            own = own[np.argsort(self.cycle[own], kind="stable")]
+            first[own[:n]] = True
+            last[own[own.size - n :]] = True
+        return (self.subset(first), self.subset(last)) if first.any() else None
+
+    def by_amplitude(self, tolerance: float = 0.1) -> list[tuple[float, Lines]]:
+        """(amplitude, lines) for every distinct amplitude, ascending; amplitudes within ``tolerance`` are one."""
+        groups: list[list[int]] = []
+        for r in np.argsort(self.amplitude, kind="stable"):
+            if groups and self.amplitude[r] <= self.amplitude[groups[-1][0]] * (1 + tolerance):
+                groups[-1].append(int(r))
+            else:
+                groups.append([int(r)])
+        return [(float(self.amplitude[g].mean()), self.subset(np.array(sorted(g)))) for g in groups]

@@ -1,0 +1,176 @@
+"""FRFs with their covariance: from simulated noise on an ideal response, or from a periodic recording.
+
+- `SpectralExperiment` is the paper's "sim" FRF (Goodworth & Peterka 2018, Methods): ideal response plus the spectrum of
+  noise-evoked sway, over the ideal stimulus spectrum, averaged over the lines of each point. One noise realization
+  serves every stimulus amplitude, since the noise does not depend on it.
+- `frf_from_recording` estimates the same thing from measured sway.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mcstudy.errors import InputError, RecordingError
+from mcstudy.spectra import periods
+from mcstudy.spectra.bands import Bands
+from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf
+from mcstudy.stance.simulate_spectral import NoiseSway
+from mcstudy.stance.stimulus import Prts
+
+
+@dataclass(frozen=True)
+class LineNoise:
+    """Noise on the mean spectrum of one realization, at the lines of the bands.
+
+    Attributes
+    ----------
+    coefficients: Fourier coefficients, rad, (L, 2) complex.
+    covariance: their covariance estimated from the even lines, rad^2, (L, 2, 2) complex.
+    """
+
+    coefficients: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
+class FrfEstimate:
+    """An FRF at N frequency points.
+
+    Attributes
+    ----------
+    f: frequencies, Hz, (N,).
+    frf: stimulus-to-angle FRFs, rad per unit of stimulus, (N, 2) complex.
+    covariance: E[r r^H] of their errors, (N, 2, 2) complex.
+    dof: equivalent independent complex lines behind each covariance, averaged over the point's lines, (N,).
+    """
+
+    f: np.ndarray
+    frf: np.ndarray
+    covariance: np.ndarray
+    dof: np.ndarray
+
+
+def frf_from_noise(
+    response: np.ndarray, noise: LineNoise, stimulus: np.ndarray, bands: Bands
+) -> tuple[np.ndarray, np.ndarray]:
+    """Band means of H + N/U and their covariance: (N, 2) and (N, 2, 2).
+
+    Parameters
+    ----------
+    response: ideal FRF at the bands' lines, (L, 2).
+    noise: noise on the mean spectrum at those lines.
+    stimulus: Fourier coefficients of the stimulus at those lines, (L,).
+    bands: the points.
+    """
+    data = bands.average(response + noise.coefficients / stimulus[:, None])
+    return data, bands.average_covariance(noise.covariance / np.abs(stimulus[:, None, None]) ** 2)
+
+
+class SpectralExperiment:
+    """The paper's experiment on one subject, in the frequency domain; build once, draw many realizations.
+
+    Parameters
+    ----------
+    model, theta: the subject and its true parameters, (P,).
+    prts: the stimulus; its own amplitude is not used, every call names one.
+    noise: sensor noise.
+    bands: frequency points, on harmonics of the stimulus' period.
+    cycles, discard: recorded cycles, and how many are dropped at the start.
+    spectrum: `periods.raw` (the paper) or `periods.ramp_removed`.
+
+    Raises `InputError` when the bands do not fit the stimulus or no cycle is left.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        theta: np.ndarray,
+        prts: Prts,
+        noise: SensorNoise,
+        bands: Bands,
+        cycles: int = 6,
+        discard: int = 1,
+        spectrum: periods.Spectrum = periods.raw,
+    ) -> None:
+        check_period(bands, prts.period_s)
+        if not 0 <= discard < cycles:
+            raise InputError(f"cycles: expected more than the {discard} discarded, got {cycles}")
+        self.bands, self.discard, self.spectrum = bands, discard, spectrum
+        self.period = prts.samples
+        self.true_frf = frf(model, theta, bands.f)
+        """The closed form at the points' frequencies, (N, 2): what the paper's noise-free fits use as data."""
+        self._response = frf(model, theta, bands.line_f)
+        self._unit_stimulus = replace(prts, amplitude=1.0).coefficients()[bands.lines]
+        self._sway = NoiseSway(model, theta, noise, cycles * prts.samples, prts.rate_hz)
+        self._covariance = EvenLineCovariance(bands.lines, prts.samples // 2)
+        self.dof = bands.weights @ self._covariance.dof
+        """Equivalent independent complex lines behind each point's covariance, (N,)."""
+
+    def realization(self, rng: np.random.Generator) -> LineNoise:
+        """One draw of the noise; shared by all amplitudes."""
+        coefficients = self.spectrum(self._sway.sample(rng), self.period, self.discard)
+        return LineNoise(coefficients[self.bands.lines], self._covariance(coefficients))
+
+    def noise_free(self) -> np.ndarray:
+        """Band means of the ideal FRF, (N, 2): differs from `true_frf` by the averaging alone."""
+        return self.bands.average(self._response)
+
+    def frf(self, noise: LineNoise, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
+        """The "sim" FRF (N, 2) and its covariance (N, 2, 2) at a stimulus amplitude (in the stimulus' convention)."""
+        return frf_from_noise(self._response, noise, amplitude * self._unit_stimulus, self.bands)
+
+
+def check_period(bands: Bands, period_s: float) -> None:
+    """Raise `InputError` unless the bands are harmonics of this period (s)."""
+    if not np.isclose(bands.period_s, period_s, rtol=1e-6, atol=0.0):
+        raise InputError(f"bands: expected harmonics of the stimulus' {period_s:g} s cycle, got {bands.period_s:g} s")
+
+
+def frf_from_recording(
+    theta: np.ndarray,
+    stimulus: np.ndarray,
+    rate_hz: float,
+    bands: Bands,
+    discard: int = 1,
+    spectrum: periods.Spectrum = periods.ramp_removed,
+) -> FrfEstimate:
+    """FRFs from sway recorded under a periodic stimulus.
+
+    Parameters
+    ----------
+    theta: angles, rad, (n, 2), or (T, n, 2) for trials with the same stimulus, whose spectra are averaged.
+    stimulus: the stimulus, (n,), or (T, n).
+    rate_hz: sampling rate, Hz; the bands' period must be a whole number of samples.
+    bands: frequency points.
+    discard: cycles dropped at the start.
+    spectrum: `periods.ramp_removed` or `periods.raw`, applied to the sway (the stimulus is periodic).
+
+    Raises `RecordingError` when the period does not fit the rate, the record is too short, or the stimulus has no
+    power at a line of the bands.
+    """
+    theta, stimulus = np.asarray(theta, dtype=float), np.asarray(stimulus, dtype=float)
+    period = round(bands.period_s * rate_hz)
+    if abs(period - bands.period_s * rate_hz) > 1e-6 * period:
+        raise RecordingError(f"recording rate_hz: a period of {bands.period_s:g} s is no whole number of samples")
+    trials = theta[None] if theta.ndim == 2 else theta
+    inputs = np.atleast_2d(stimulus)
+    if trials.shape[1] != inputs.shape[1]:
+        raise RecordingError(f"recording: sway has {trials.shape[1]} samples, the stimulus {inputs.shape[1]}")
+    sway = np.stack([spectrum(trial, period, discard) for trial in trials])
+    drive = np.mean([periods.raw(u, period, discard) for u in inputs], axis=0)
+    if bands.lines.max() >= drive.size:
+        raise RecordingError(f"recording rate_hz: harmonic {bands.lines.max()} lies above half the sampling rate")
+    u = drive[bands.lines]
+    silent = np.abs(u) <= 1e-6 * np.abs(drive[1:]).max()
+    if silent.any():
+        where = bands.line_f[silent][0]
+        raise RecordingError(f"recording stimulus: no power at {where:.3f} Hz, a line of a {bands.period_s:g} s period")
+    estimator = EvenLineCovariance(bands.lines, drive.size - 1)
+    noise = LineNoise(np.zeros((u.size, sway.shape[-1])), estimator(sway))
+    data, covariance = frf_from_noise(sway.mean(axis=0)[bands.lines] / u[:, None], noise, u, bands)
+    return FrfEstimate(bands.f, data, covariance, bands.weights @ estimator.dof * len(trials))

@@ -5,7 +5,9 @@ Fourier coefficient k of a period of P samples is (1/P) * sum x[n] exp(-2 pi i k
 Sway is not periodic: the noise-evoked part of it starts and ends a cycle at different values, and the rectangular DFT
 of that step leaks ~ 1/k into every line. At 4 to 8 Hz, where true sway is tiny, the leak is most of the spectrum, and
 the same number at all neighbouring lines. Subtracting the single straight ramp that joins the two ends removes it
-(derived): it turns the DFT into that of the *increments* of the signal, whose spectrum is flat enough not to leak.
+(derived): it turns the DFT into that of the *increments* of the signal, whose spectrum is flat enough not to leak. With
+the stand-in truth, noise variance over its true density in the mean of five cycles is, for the lower body, 2.8 at 4 Hz
+and 47 at 8 Hz raw (five times that in a single cycle), and 1.0 without the ramp.
 
 - `raw`: the plain DFT of the mean cycle; what the paper did.
 - `ramp_removed`: the better estimator, used in every statistical test.
@@ -54,32 +56,29 @@ def raw(x: np.ndarray, period: int, discard: int) -> np.ndarray:
 
 
 def ramp_removed(x: np.ndarray, period: int, discard: int) -> np.ndarray:
-    """Fourier coefficients of the mean period after removing the ramp that joins its two ends; see `Spectrum`.
+    """Fourier coefficients of the mean period without the ramp that joins its two ends; see `Spectrum`.
 
-    The mean of the ramps of consecutive cycles is the ramp over all of them, divided by their number. The ramp needs
-    one sample more than the cycles hold: the sample before them when a cycle was discarded, else the one after.
-    Raises `RecordingError` when the record has neither.
+    With d = x[end + 1] - x[start] over the analysed cycles, equal to subtracting d * n / (cycles * period) from the
+    mean period, but computed from increments: the difference of a periodic signal has coefficients (1 - w) times its
+    own, w = exp(-2 pi i k / period), so the DFT of the increments is divided by that. The mean (k = 0) is the raw one.
+
+    Needs one sample more than the analysed cycles hold: the one before them when a cycle was discarded, else the one
+    after. Raises `RecordingError` when the record has neither.
     """
     x = np.asarray(x)
     cycles = cut(x, period, discard).shape[0]
     start, stop = discard * period, (discard + cycles) * period
+    w = np.exp(-2j * np.pi * np.arange(1, period // 2 + 1) / period)
     if start > 0:
-        start, stop = start - 1, stop - 1
-    elif stop >= x.shape[0]:
+        start, step = start - 1, 1.0 - w
+    elif stop < x.shape[0]:
+        stop, step = stop + 1, 1.0 / w - 1.0
+    else:
         raise RecordingError(
             "recording: removing the ramp needs one sample before or after the analysed periods; discard one period"
         )
-    change = (x[stop] - x[start]) / cycles
-    return raw(x, period, discard) - change * _ramp_coefficients(period, discard > 0, x.ndim - 1)
-
-
-def _ramp_coefficients(period: int, ahead: bool, n_trailing: int) -> np.ndarray:
-    """Coefficients of the ramp n / period, one sample further along (``ahead``) when measured from the sample before.
-
-    Closed form of the geometric sum: 1 / (period * (w - 1)) with w = exp(-2 pi i k / period); the mean is left in x.
-    """
-    k = np.arange(1, period // 2 + 1)
-    w = np.exp(-2j * np.pi * k / period)
-    out = np.zeros(period // 2 + 1, dtype=complex)
-    out[1:] = (w if ahead else 1.0) / (period * (w - 1.0))
-    return out.reshape(-1, *(1,) * n_trailing)
+    increments = np.diff(x[start:stop], axis=0).reshape(cycles, period, *x.shape[1:])
+    out = coefficients(increments.mean(axis=0))
+    out[0] = mean_period(x, period, discard).mean(axis=0)
+    out[1:] /= step.reshape(-1, *(1,) * (x.ndim - 1))
+    return out

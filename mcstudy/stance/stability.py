@@ -1,0 +1,190 @@
+"""Stability of the closed loop: the rightmost characteristic root of the delay system.
+
+`growth_rate` is what a study calls for every fit: a compiled root search that proves its answer with the argument
+principle (`mcstudy.stance.stability_kernel`). The few vectors whose proof fails are restarted from the eigenvalues of
+`roots_chebyshev`, which is also the independent reference: the Chebyshev collocation of the infinitesimal generator
+of the delay equation (Breda, Maset & Vermiglio 2005, SIAM J Sci Comput 27:482-495), built from the same realisation
+as the time simulator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from mcstudy.errors import ModelError
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.realize import Realisation, rational_rows, realise
+from mcstudy.stance.stability_kernel import CERTIFIED, CHAIN, rightmost
+
+FALLBACK_ORDER = 32
+"""Chebyshev order of the fallback: 1e-8 and better for every root inside 60 rad/s at the delays of balance."""
+
+
+class Proof(IntEnum):
+    """How a rightmost root was established."""
+
+    SEARCH = 0
+    """Found by the compiled search; no root lies right of it (argument principle)."""
+    RESTART = 1
+    """The same, after more starts taken from a first certificate that found roots missing."""
+    CHEBYSHEV = 2
+    """Found from the Chebyshev eigenvalues, then polished and certified."""
+    CHAIN = 3
+    """Neutral system (delayed acceleration): the abscissa of its root chain, or a root within 0.1 1/s of it."""
+    UNCERTAIN = 4
+    """Polished Chebyshev eigenvalue without a certificate (for example a nearly double root)."""
+    NONE = 5
+    """No answer: parameters not finite."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rightmost:
+    """Rightmost characteristic roots.
+
+    Attributes
+    ----------
+    root: (...) complex, 1/s, imaginary part >= 0 (NaN where only the chain's abscissa is known).
+    proof: (...) int8, values of `Proof`.
+    """
+
+    root: np.ndarray
+    proof: np.ndarray
+
+
+def rightmost_root(model: Model, theta: np.ndarray) -> Rightmost:
+    """Rightmost characteristic root of the closed loop for every parameter vector ``theta`` (..., P).
+
+    Poles of filters inside the loop and integrators count as roots (an integral term with zero gain does not); filters
+    on the stimulus or on measured angles do not. Rows with NaN or infinite parameters give NaN.
+
+    Raises
+    ------
+    ModelError: the model has no inertia, a negative delay, or a delayed term of higher order than the inertia.
+    """
+    theta = np.asarray(theta, dtype=float)
+    if theta.shape[-1:] != (len(model.parameters),):
+        raise ModelError(f"model {model.name}: expected {len(model.parameters)} parameters, got {theta.shape}")
+    flat = np.ascontiguousarray(theta.reshape(-1, theta.shape[-1]))
+    root = np.full(len(flat), np.nan + 1j * np.nan)
+    proof = np.full(len(flat), Proof.NONE, dtype=np.int8)
+    finite = np.isfinite(flat).all(axis=1)
+    if finite.any():
+        root[finite], proof[finite] = _search(model, flat[finite])
+    return Rightmost(root.reshape(theta.shape[:-1]), proof.reshape(theta.shape[:-1]))
+
+
+def growth_rate(model: Model, theta: np.ndarray) -> np.ndarray:
+    """Real part of the rightmost characteristic root in 1/s, (..., P) -> (...); negative is stable.
+
+    See `rightmost_root` for what counts as a root and for the errors.
+    """
+    return rightmost_root(model, theta).root.real
+
+
+def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    entries = _in_loop(model)
+    rows = rational_rows(model, theta, entries)
+    numerator = np.ascontiguousarray(rows.numerator[..., :2, :])
+    root = np.empty(len(theta), dtype=complex)
+    outcome, rounds = np.empty(len(theta), dtype=np.int8), np.empty(len(theta), dtype=np.int8)
+    rightmost(numerator, rows.delay, np.empty((len(theta), 0), dtype=complex), root, outcome, rounds)
+    proof = np.where(rounds > 1, Proof.RESTART, Proof.SEARCH).astype(np.int8)
+    proof[outcome == CHAIN] = Proof.CHAIN
+    for b in np.flatnonzero((outcome != CERTIFIED) & (outcome != CHAIN)):
+        eigenvalues = roots_chebyshev(model, theta[b], FALLBACK_ORDER)
+        hints = eigenvalues[eigenvalues.imag >= 0][None, :12].copy()
+        rightmost(numerator[b : b + 1], rows.delay[b : b + 1], hints, root[b : b + 1], outcome[b : b + 1], rounds[:1])
+        proof[b] = {CERTIFIED: Proof.CHEBYSHEV, CHAIN: Proof.CHAIN}.get(int(outcome[b]), Proof.UNCERTAIN)
+        if proof[b] == Proof.UNCERTAIN and not root[b].real >= hints[0, 0].real - 1e-6:
+            root[b] = hints[0, 0]
+    return root, proof
+
+
+def _in_loop(model: Model) -> np.ndarray:
+    """Entries of the table that sense an angle."""
+    return (model.table.weight[:, 1:3] != 0.0).any(axis=1)
+
+
+def roots_chebyshev(model: Model, theta: np.ndarray, order: int = 40) -> np.ndarray:
+    """Approximate characteristic roots of one parameter vector ``theta`` (P,), rightmost first.
+
+    Collocates the generator of the delay equation on ``order`` + 1 Chebyshev points over the longest delay: the
+    derivative along the history, and the closed loop itself at the present. Delayed acceleration (neutral equations)
+    enters as a delayed mass. Converges spectrally for roots with |s| * delay well below ``order``; the others,
+    mostly far left, are artefacts.
+
+    Raises
+    ------
+    ModelError: as `mcstudy.stance.realize.realise`.
+    """
+    mass, state = _first_order(realise(model, theta, _in_loop(model)))
+    delay = rational_rows(model, np.asarray(theta, dtype=float), _in_loop(model)).delay
+    size = mass.shape[1]
+    if delay.max() == 0.0:
+        roots = np.linalg.eigvals(np.linalg.solve(mass.sum(axis=0), state.sum(axis=0)))
+        return roots[np.argsort(-roots.real, kind="stable")]
+    unit = np.cos(np.pi * np.arange(order + 1) / order)  # 1 (present) ... -1 (longest delay)
+    differentiate = _differentiation(unit) * (2.0 / delay.max())
+    left, right = np.eye((order + 1) * size), np.kron(differentiate, np.eye(size))
+    left[:size] = right[:size] = 0.0
+    for g, d in enumerate(delay):
+        weights = _lagrange(unit, 1.0 - 2.0 * d / delay.max())
+        left[:size] += np.kron(weights, mass[g])
+        right[:size] += np.kron(weights, state[g])
+    roots = np.linalg.eigvals(np.linalg.solve(left, right))
+    return roots[np.argsort(-roots.real, kind="stable")]
+
+
+def _first_order(loop: Realisation) -> tuple[np.ndarray, np.ndarray]:
+    """The closed loop as sum_g mass_g x'(t - delay_g) = sum_g state_g x(t - delay_g), each (G, n, n).
+
+    x holds the angles, their rates and the filter states; angles held by padded rows are left out.
+    """
+    sizes = [d.size for d in loop.denominator]
+    n, groups = 4 + sum(sizes), loop.delay.size
+    mass, state = np.zeros((groups, n, n)), np.zeros((groups, n, n))
+    mass[0] = np.eye(n)
+    state[0, 0:2, 2:4] = np.eye(2)
+    mass[0, 2:4, 2:4] = 0.0
+    mass[:, 2:4, 2:4] = loop.direct[:, :, :2, 2]
+    state[:, 2:4, 0:2] = -loop.direct[:, :, :2, 0]
+    state[:, 2:4, 2:4] = -loop.direct[:, :, :2, 1]
+    at = 4
+    for row, size in enumerate(sizes):
+        if size:
+            block = slice(at, at + size)
+            state[0, 2 + row, at] = -1.0
+            state[0, block, at] = -loop.denominator[row][::-1]
+            state[0, block, block] += np.eye(size, k=1)
+            state[:, block, 0:2] += np.swapaxes(loop.filtered[:, row, :2, :size], 1, 2)
+            at += size
+    locked = {int(c) for c in loop.locks if c >= 0}
+    padded = {2 + int(r) for r in np.flatnonzero(loop.locks >= 0)}
+    equations = [i for i in range(n) if i not in locked | padded]
+    states = [i for i in range(n) if i >= 4 or i % 2 not in locked]
+    return mass[:, equations][:, :, states], state[:, equations][:, :, states]
+
+
+def _differentiation(x: np.ndarray) -> np.ndarray:
+    """Differentiation matrix on Chebyshev extreme points (negative row sums on the diagonal)."""
+    n = x.size - 1
+    weight = np.where((np.arange(n + 1) == 0) | (np.arange(n + 1) == n), 2.0, 1.0) * (-1.0) ** np.arange(n + 1)
+    gap = x[:, None] - x[None, :] + np.eye(n + 1)
+    matrix = np.outer(weight, 1.0 / weight) / gap
+    np.fill_diagonal(matrix, 0.0)
+    np.fill_diagonal(matrix, -matrix.sum(axis=1))
+    return matrix
+
+
+def _lagrange(x: np.ndarray, at: float) -> np.ndarray:
+    """Barycentric interpolation weights from Chebyshev extreme points ``x`` to one point, shape (1, n + 1)."""
+    n = x.size - 1
+    gap = at - x
+    hit = np.abs(gap) < 1e-14
+    if hit.any():
+        return hit[None, :].astype(float)
+    weight = np.where((np.arange(n + 1) == 0) | (np.arange(n + 1) == n), 0.5, 1.0) * (-1.0) ** np.arange(n + 1) / gap
+    return (weight / weight.sum())[None, :]

@@ -1,0 +1,109 @@
+"""The scheduler a run submits to: threads of this process, or a cluster someone else started."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import logging
+import os
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import dask
+from distributed import Client, LocalCluster
+from distributed.security import Security
+
+from mcstudy.errors import InputError
+
+CONNECT_S = 10
+
+
+@dataclass(frozen=True)
+class ClusterOptions:
+    """Where to run.
+
+    Attributes
+    ----------
+    workers: threads of the local scheduler; None for one a core.
+    scheduler: address of a running scheduler, or None for the local one.
+    dashboard: whether the local scheduler serves its dashboard, on 127.0.0.1 only.
+    insecure: whether an unencrypted scheduler on another machine is accepted.
+    tls_ca, tls_cert, tls_key: certificate files for a ``tls://`` scheduler.
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+    dashboard: bool = False
+    insecure: bool = False
+    tls_ca: Path | None = None
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+
+    @property
+    def threads(self) -> int:
+        """Threads of the local scheduler."""
+        return self.workers or len(os.sched_getaffinity(0))
+
+
+def _loopback(host: str) -> bool:
+    try:
+        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
+    except OSError:
+        return False
+    return bool(addresses) and all(ipaddress.ip_address(a).is_loopback for a in addresses)
+
+
+def _security(options: ClusterOptions) -> Security | None:
+    files = {"--tls-ca": options.tls_ca, "--tls-cert": options.tls_cert, "--tls-key": options.tls_key}
+    if not any(files.values()):
+        return None
+    for flag, file in files.items():
+        if file is None or not file.is_file():
+            raise InputError(f"{flag}: expected a readable PEM file, got {file}")
+    return Security(
+        tls_ca_file=str(options.tls_ca),
+        tls_client_cert=str(options.tls_cert),
+        tls_client_key=str(options.tls_key),
+        require_encryption=True,
+    )
+
+
+@contextlib.contextmanager
+def connect(options: ClusterOptions) -> Iterator[Client]:
+    """A client of the local or the given scheduler; raises `InputError` when the latter is not usable."""
+    if options.scheduler is None:
+        logging.getLogger("distributed").setLevel(logging.ERROR)
+        # Blocks have their own attempt limit; the scheduler's would also condemn blocks that were merely nearby.
+        with (
+            dask.config.set({"distributed.scheduler.allowed-failures": 1_000_000}),
+            LocalCluster(
+                n_workers=1,
+                threads_per_worker=options.threads,
+                processes=False,
+                dashboard_address="127.0.0.1:8787" if options.dashboard else None,
+                memory_limit=0,
+                silence_logs=logging.ERROR,
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+        return
+    address = urlsplit(options.scheduler)
+    if address.scheme not in ("tcp", "tls") or not address.hostname or not address.port:
+        raise InputError(f"--scheduler: expected tcp://HOST:PORT or tls://HOST:PORT, got {options.scheduler}")
+    if address.scheme == "tcp" and not options.insecure and not _loopback(address.hostname):
+        raise InputError(
+            f"--scheduler: expected tls:// for {address.hostname}, which is another machine "
+            "(anyone who reaches an unencrypted scheduler can run code; --insecure accepts that)"
+        )
+    security = _security(options)
+    try:
+        client = Client(options.scheduler, security=security, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, TypeError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"--scheduler: expected a running scheduler at {options.scheduler} ({reason})") from None
+    with client:
+        yield client

@@ -1,0 +1,105 @@
+"""Files that are there, whole, after a power cut - or not there at all.
+
+Zarr's local store renames a finished file into place but never asks the disk to keep it. Here the content of a file
+is synced before the rename, and folders are synced before anything is written that says their files exist.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fcntl
+import os
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+from zarr.core.buffer import Buffer
+from zarr.storage import LocalStore
+
+from mcstudy.errors import StoreError
+
+PARTIAL = ".partial"
+"""Suffix of a file that is being written; leftovers of a killed run carry it and are swept by the next."""
+
+
+def write(path: Path, content: bytes | memoryview) -> None:
+    """Write one file atomically, its content synced; never creates a folder (a deleted store must not come back)."""
+    partial = path.with_name(f"{path.name}.{uuid.uuid4().hex}{PARTIAL}")
+    try:
+        with partial.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            partial.unlink()
+        raise
+
+
+def sync_folder(path: Path) -> None:
+    """Make the names in a folder survive a power cut."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def sync_tree(root: Path) -> None:
+    """Sync every file and folder below ``root``, and its entry in the parent folder."""
+    for folder, _, files in os.walk(root):
+        for name in files:
+            with (Path(folder) / name).open("rb") as file:
+                os.fsync(file.fileno())
+        sync_folder(Path(folder))
+    sync_folder(root.parent)
+
+
+def sweep(root: Path) -> int:
+    """Remove files a killed run left half written below ``root``; returns how many."""
+    leftovers = [path for path in root.rglob(f"*{PARTIAL}") if path.is_file()]
+    for path in leftovers:
+        path.unlink(missing_ok=True)
+    return len(leftovers)
+
+
+class DurableStore(LocalStore):
+    """Zarr's local store, with `write` for every value."""
+
+    async def set(self, key: str, value: Buffer) -> None:
+        """Write one value; see `write`."""
+        await asyncio.to_thread(self.set_sync, key, value)
+
+    def set_sync(self, key: str, value: Buffer) -> None:
+        """Write one value; see `write`."""
+        self._check_writable()
+        write(self.root / key, memoryview(value.as_buffer_like()))
+
+
+def log_folder(path: Path) -> Path:
+    """Folder beside a cube for what is not part of the results: lock, run log."""
+    return path.with_name(path.name + ".log")
+
+
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold a cube for writing; raises `StoreError` when another process holds it.
+
+    The lock is the kernel's, so it ends with the process that holds it, however that ends.
+    """
+    folder = log_folder(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise StoreError(f"{path}: expected a folder that can be written ({error.strerror})") from None
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise StoreError(f"{path}: another run is writing this store; expected to be the only one") from None
+        yield
+    finally:
+        os.close(handle)

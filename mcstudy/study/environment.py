@@ -1,0 +1,37 @@
+"""What numbers may depend on besides the study file: versions and the CPU's features. No host names, paths or times."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+from typing import Any
+
+PACKAGES = ("mcstudy", "numpy", "scipy", "numba", "llvmlite", "zarr", "numcodecs", "dask", "distributed")
+
+
+def environment() -> dict[str, Any]:
+    """Versions and CPU, as stored in a cube's attributes."""
+    from llvmlite import binding  # not needed to open a cube
+
+    features = sorted(name for name, on in binding.get_host_cpu_features().items() if on)
+    return {
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "machine": platform.machine(),
+        "cpu": binding.get_host_cpu_name(),
+        "cpu_features": features,
+    }
+
+
+def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
+    """What differs between two environments, as ``field: old -> new`` lines."""
+    lines = []
+    for name in sorted({*old.get("versions", {}), *new["versions"]}):
+        a, b = old.get("versions", {}).get(name), new["versions"].get(name)
+        if a != b:
+            lines.append(f"versions.{name}: {a} -> {b}")
+    lines += [f"{k}: {old.get(k)} -> {new[k]}" for k in ("machine", "cpu") if old.get(k) != new[k]]
+    gone = sorted(set(old.get("cpu_features", [])) - set(new["cpu_features"]))
+    come = sorted(set(new["cpu_features"]) - set(old.get("cpu_features", [])))
+    if gone or come:
+        lines.append("cpu_features: " + " ".join([*("-" + f for f in gone), *("+" + f for f in come)]))
+    return lines

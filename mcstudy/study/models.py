@@ -1,0 +1,73 @@
+"""The model a study file describes: a registered kind with its truth, body and bounds replaced."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields, replace
+
+from mcstudy.errors import DesignError, ModelError
+from mcstudy.stance.body import Body, one_segment, two_segment
+from mcstudy.stance.feedback import Model, Parameter
+from mcstudy.study.design import BoundsSection, Group
+
+
+def build_model(group: Group) -> Model:
+    """The model of a group.
+
+    Raises
+    ------
+    DesignError: with a message that starts with the field, relative to the group.
+    """
+    section = group.model
+    body_fields = [f.name for f in fields(Body)]
+    for name in section.body:
+        if name not in body_fields:
+            raise DesignError(f"model.body.{name}: unknown key, expected one of {', '.join(body_fields)}")
+    body = Body(**section.body)
+    if section.kind == "one_segment":
+        if group.stimulus.kind != "ankle_torque":
+            raise DesignError(f"stimulus.kind: expected 'ankle_torque' for one_segment, got {group.stimulus.kind!r}")
+        model = one_segment(body)
+    else:
+        model = two_segment(body, group.stimulus.kind)
+    for field, names in (("truth", section.truth), ("bounds.absolute", section.bounds.absolute)):
+        for name in names:
+            if name not in model.names:
+                raise DesignError(f"model.{field}.{name}: unknown parameter, expected one of {', '.join(model.names)}")
+    parameters = tuple(
+        _parameter(p, section.truth.get(p.name, p.value), p.name in model.delays, section.bounds)
+        for p in model.parameters
+    )
+    replaced = [p.name for p, own in zip(model.parameters, parameters, strict=True) if p.value != own.value]
+    note = "; replaced by the study file: " + ", ".join(replaced) if replaced else ""
+    return replace(model, parameters=parameters, provenance=model.provenance + note)
+
+
+def with_model_values(group: Group) -> Group:
+    """The group with every true value and body constant written out, so that a study never depends on ours changing."""
+    model = build_model(group)
+    truth = {p.name: p.value for p in model.parameters}
+    section = group.model.model_copy(update={"truth": truth, "body": asdict(Body(**group.model.body))})
+    return group.model_copy(update={"model": section})
+
+
+def _parameter(parameter: Parameter, value: float, is_delay: bool, bounds: BoundsSection) -> Parameter:
+    name = parameter.name
+    if name in bounds.absolute:
+        lower, upper = bounds.absolute[name]
+        where = f"model.bounds.absolute.{name}"
+    elif is_delay:
+        lower, upper = value - bounds.delay_margin_s, value + bounds.delay_margin_s
+        where = "model.bounds.delay_margin_s"
+        if lower < 0:
+            raise DesignError(f"{where}: expected at most the delay {name} = {value} s, got {bounds.delay_margin_s}")
+    else:
+        lower, upper = sorted((bounds.lower * value, bounds.upper * value))
+        where = "model.bounds"
+    if not lower < upper:
+        raise DesignError(f"{where}: expected lower < upper, got [{lower}, {upper}] for {name}")
+    if not lower <= value <= upper:
+        raise DesignError(f"model.truth.{name}: expected a value inside its bounds [{lower}, {upper}], got {value}")
+    try:
+        return replace(parameter, value=value, lower=lower, upper=upper)
+    except ModelError as error:
+        raise DesignError(f"model: {error}") from None

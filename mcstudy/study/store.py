@@ -1,0 +1,230 @@
+"""The results cube on disk: a Zarr v3 group tree, one group per group of the study.
+
+- Opened by anyone with ``xarray.open_zarr(path, group=...)``; here written with zarr alone.
+- Every chunk is one file; zstd, then CRC-32C, so that a flipped byte is an error and never a number.
+- A chunk's ``status`` is written after all its other files are on disk; status 0 is "pending".
+- The tree holds no time, host, or trace of who wrote what: the same study gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import warnings
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from zarr.codecs import Crc32cCodec, ZstdCodec
+from zarr.errors import ZarrUserWarning
+
+from mcstudy.errors import DesignError, StoreError
+from mcstudy.fit.status import Status
+from mcstudy.study import schema
+from mcstudy.study.design import Study
+from mcstudy.study.durable import DurableStore, sync_folder, sync_tree
+from mcstudy.study.environment import environment
+from mcstudy.study.experiment import Experiment
+from mcstudy.study.layout import ArraySpec, Chunk, Layout, layout
+from mcstudy.study.study_file import parse_study, to_toml
+
+SCHEMA = "study_cube"
+CODECS = [ZstdCodec(level=3), Crc32cCodec()]
+
+
+class GroupStore:
+    """One group of a cube: reading and writing whole chunks."""
+
+    def __init__(self, path: Path, name: str, experiment: Experiment) -> None:
+        self.path, self.name, self.experiment = path / name, name, experiment
+        self.layout: Layout = layout(
+            experiment.group, experiment.model, experiment.f, experiment.n_frequencies, experiment.true_frf
+        )
+
+    @cached_property
+    def _arrays(self) -> dict[str, zarr.Array[Any]]:
+        group = zarr.open_group(DurableStore(self.path), mode="r+", zarr_format=3, use_consolidated=False)
+        return {name: group[name].with_config({"write_empty_chunks": True}) for name in self.layout.results}  # type: ignore[union-attr]
+
+    def write(self, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
+        """Write one chunk: everything, then folders, then status; returns when all of it is on disk."""
+        *first, last = self.layout.results
+        for name in first:
+            self._arrays[name][self.layout.region(name, chunk)] = data[name]
+        for name in first:
+            sync_folder(self.path / name)
+        self._arrays[last][self.layout.region(last, chunk)] = data[last]
+        sync_folder(self.path / last)
+
+    def read(self, name: str, chunk: Chunk) -> np.ndarray:
+        """One array of a chunk, fill values where it was never written; raises `StoreError` when it is damaged."""
+        try:
+            return np.asarray(self._arrays[name][self.layout.region(name, chunk)])
+        except Exception as error:  # any codec may fail on damaged bytes, each in its own way
+            raise StoreError(f"{self.chunk_file(name, chunk)}: damaged ({_reason(error)})") from None
+
+    def chunk_file(self, name: str, chunk: Chunk) -> Path:
+        """The file of one array's chunk."""
+        return self.path / name / self.layout.key(name, chunk)
+
+    def pending(self, chunk: Chunk) -> int:
+        """Number of fits of a chunk still to run; a damaged or missing file makes it all of them."""
+        if not all(self.chunk_file(name, chunk).is_file() for name in self.layout.results):
+            return self.layout.fits(chunk)
+        try:
+            return int(np.count_nonzero(self.read("status", chunk) == Status.PENDING))
+        except StoreError:
+            return self.layout.fits(chunk)
+
+    def existing(self, chunk: Chunk) -> dict[str, np.ndarray]:
+        """What a chunk already holds, or all fill values when any part of it is missing or damaged."""
+        try:
+            if all(self.chunk_file(name, chunk).is_file() for name in self.layout.results):
+                return {name: self.read(name, chunk) for name in self.layout.results}
+        except StoreError:
+            pass
+        return self.layout.empty(chunk)
+
+
+class Cube:
+    """A cube on disk and the study it belongs to."""
+
+    def __init__(self, path: Path, study: Study, attributes: dict[str, Any]) -> None:
+        self.path, self.study, self.attributes = path, study, attributes
+
+    @cached_property
+    def groups(self) -> dict[str, GroupStore]:
+        """The groups, in the order of the study file."""
+        return {
+            name: GroupStore(self.path, name, Experiment(group, self.study.study.seed))
+            for name, group in self.study.group.items()
+        }
+
+    @classmethod
+    def create(cls, path: Path, study: Study) -> Cube:
+        """Make an empty cube; it appears at ``path`` complete and on disk, or not at all.
+
+        Raises `StoreError` when the place cannot be written.
+        """
+        building = path.with_name(f".{path.name}.creating")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if building.exists():
+                shutil.rmtree(building)
+            attributes = _root_attributes(study)
+            cube = cls(building, study, attributes)
+            root = zarr.create_group(building, zarr_format=3, attributes=attributes)
+            for name, group in cube.groups.items():
+                node = root.create_group(name, attributes=_group_attributes(group))
+                for spec in group.layout.arrays.values():
+                    _create(node, spec)
+            with warnings.catch_warnings():
+                # inline metadata is not in the v3 specification; it is what lets a plain xarray.open_zarr be silent
+                warnings.simplefilter("ignore", ZarrUserWarning)
+                for name in cube.groups:
+                    zarr.consolidate_metadata(root.store, path=name)
+                zarr.consolidate_metadata(root.store)
+            schema.validate(SCHEMA, describe(building), str(path))
+            sync_tree(building)
+            building.rename(path)
+            sync_folder(path.parent)
+        except OSError as error:
+            raise StoreError(f"{path}: expected a folder that can be written ({error.strerror})") from None
+        return cls(path, study, attributes)
+
+    @classmethod
+    def open(cls, path: Path) -> Cube:
+        """Open an existing cube; raises `StoreError` when it is not one this version can use."""
+        description = describe(path)
+        found = description["attributes"].get("schema")
+        if found != schema.identifier(SCHEMA):
+            raise StoreError(f"{path}: expected a cube of schema {schema.identifier(SCHEMA)!r}, found {found!r}")
+        schema.validate(SCHEMA, description, str(path))
+        attributes = description["attributes"]
+        try:
+            study = parse_study(attributes["study"])
+        except DesignError as error:
+            raise StoreError(f"{path}: attribute study: {error}") from None
+        if study.fingerprint != attributes["fingerprint"]:
+            raise StoreError(f"{path}: attribute fingerprint: expected {study.fingerprint}, the study's own hash")
+        return cls(path, study, attributes)
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """The metadata documents of a cube as one JSON value: what the schema describes.
+
+    ``{"attributes": ..., "groups": {name: {"attributes": ..., "arrays": {name: document}}}}``
+    """
+    root = _document(path)
+    groups = {}
+    for folder in _folders(path):
+        arrays = {array.name: _document(array) for array in _folders(folder)}
+        groups[folder.name] = {"attributes": _document(folder).get("attributes"), "arrays": arrays}
+    return {"attributes": root.get("attributes", {}), "groups": groups}
+
+
+def _folders(path: Path) -> list[Path]:
+    return sorted(p for p in path.iterdir() if p.is_dir())
+
+
+def _document(path: Path) -> dict[str, Any]:
+    try:
+        with (path / "zarr.json").open("rb") as file:
+            if os.fstat(file.fileno()).st_size > 100_000_000:
+                raise StoreError(f"{path / 'zarr.json'}: expected less than 100 MB of metadata")
+            document = json.load(file)
+    except OSError as error:
+        raise StoreError(f"{path}: expected a results cube ({error.strerror}: zarr.json)") from None
+    except (ValueError, RecursionError):
+        raise StoreError(f"{path / 'zarr.json'}: expected a JSON document") from None
+    if not isinstance(document, dict) or not isinstance(document.get("attributes", {}), dict):
+        raise StoreError(f"{path / 'zarr.json'}: expected Zarr metadata")
+    document.pop("consolidated_metadata", None)
+    return document
+
+
+def _root_attributes(study: Study) -> dict[str, Any]:
+    return {
+        "schema": schema.identifier(SCHEMA),
+        "title": study.study.name,
+        "study": to_toml(study),
+        "fingerprint": study.fingerprint,
+        "seed": study.study.seed,
+        "environment": environment(),
+    }
+
+
+def _group_attributes(group: GroupStore) -> dict[str, Any]:
+    model = group.experiment.model
+    return {
+        "design": group.experiment.group.model_dump(mode="json"),
+        "model": model.name,
+        "truth_provenance": model.provenance,
+        "stimulus_unit": model.stimulus_unit,
+        "realizations_a_chunk": group.layout.realizations_a_chunk,
+    }
+
+
+def _create(node: zarr.Group, spec: ArraySpec) -> None:
+    array = node.create_array(
+        spec.name,
+        shape=spec.shape,
+        chunks=spec.chunks,
+        dtype=str if spec.dtype == "string" else spec.dtype,
+        fill_value=spec.fill,
+        compressors=CODECS,
+        dimension_names=spec.dims,
+        attributes=spec.attributes,
+        # one folder an array: a chunk costs one file and one folder entry to sync
+        chunk_key_encoding={"name": "default", "separator": "."},
+        config={"write_empty_chunks": True},
+    )
+    if spec.values is not None:
+        array[...] = spec.values
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

@@ -1,0 +1,125 @@
+"""One task of a run: fill some chunks of the cube.
+
+A task is a pure function of the design and of coordinates; where and when it runs leaves no trace in the result.
+Chunks that a stopped run left half done are completed fit by fit, since no fit depends on its neighbours.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from mcstudy.fit.problem import Fits
+from mcstudy.fit.solvers import Options, fit
+from mcstudy.fit.status import Status
+from mcstudy.stance.stability import growth_rate
+from mcstudy.study.design import Study
+from mcstudy.study.experiment import Experiment
+from mcstudy.study.layout import Chunk
+from mcstudy.study.store import GroupStore
+
+STARTS_A_CALL = {"lm": 256}
+"""Starts handed to a solver at once; SciPy's are slow, and a stop request is looked at only between calls."""
+
+OTHERS_A_CALL = 8
+
+STOP: dict[str, threading.Event] = {}
+"""Stop requests by run, for tasks that run in the process that may be interrupted."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker needs to know: the cube, the study (as JSON), and which chunks of which group."""
+
+    run: str
+    path: str
+    study: str
+    group: str
+    chunks: tuple[Chunk, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a task did: fits run now by status, whether it filled its chunks, seconds it took."""
+
+    counts: Counter[int] = field(default_factory=Counter)
+    complete: bool = True
+    seconds: float = 0.0
+
+    @property
+    def fits(self) -> int:
+        """Number of fits run now."""
+        return sum(self.counts.values())
+
+
+@lru_cache(maxsize=16)
+def open_group(path: str, study: str, group: str) -> GroupStore:
+    """The group of a cube with its experiment prepared; kept by the worker for its next task."""
+    resolved = Study.from_json(study)
+    return GroupStore(Path(path), group, Experiment(resolved.group[group], resolved.study.seed))
+
+
+def run_task(task: Task) -> Report:
+    """Fill the chunks of a task and write each as soon as it is complete."""
+    begun = time.perf_counter()
+    store = open_group(task.path, task.study, task.group)
+    stop = STOP.get(task.run, threading.Event())
+    counts: Counter[int] = Counter()
+    complete = True
+    for chunk in task.chunks:
+        if stop.is_set():
+            complete = False
+            break
+        data = store.existing(chunk)
+        before = data["status"] != Status.PENDING
+        fill(store, chunk, data, stop.is_set)
+        new = data["status"][~before]
+        counts.update(new[new != Status.PENDING].tolist())
+        complete = complete and bool((data["status"] != Status.PENDING).all())
+        store.write(chunk, data)
+    return Report(counts, complete, time.perf_counter() - begun)
+
+
+def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: Callable[[], bool]) -> None:
+    """Run every pending fit of a chunk, in place in ``data``, until done or ``stopped()``."""
+    experiment, group = store.experiment, store.experiment.group
+    amplitude = group.amplitude[chunk.amplitude]
+    for r, realization in enumerate(store.layout.realizations(chunk)):
+        if (data["status"][0, :, r] != Status.PENDING).all():
+            continue
+        measurement = experiment.measure(amplitude, realization)
+        data["frf"][0, r] = measurement.frf
+        if measurement.covariance is not None:
+            data["noise_covariance"][0, r] = measurement.covariance
+        for k, fmax in enumerate(group.fmax):
+            problem = experiment.problem(measurement, fmax)
+            starts = experiment.starts(problem, realization)
+            data["initial"][0, k, r] = starts
+            pending = np.flatnonzero(data["status"][0, k, r] == Status.PENDING)
+            step = STARTS_A_CALL.get(group.fit.solver, OTHERS_A_CALL)
+            for first in range(0, pending.size, step):
+                if stopped():
+                    return
+                which = pending[first : first + step]
+                options = Options(group.fit.tolerance, group.fit.max_iterations)
+                fits = fit(problem, starts[which], group.fit.solver, options)
+                _put(data, (0, k, r, which), fits, experiment)
+
+
+def _put(
+    data: dict[str, np.ndarray], place: tuple[int, int, int, np.ndarray], fits: Fits, experiment: Experiment
+) -> None:
+    usable = np.isin(fits.status, [s for s in Status if s.usable])
+    growth = np.full(len(fits.cost), np.nan)
+    if usable.any():
+        growth[usable] = growth_rate(experiment.model, fits.estimate[usable])
+    data["growth_rate"][place] = growth
+    for name in ("estimate", "cost", "iterations", "at_bound", "status"):
+        data[name][place] = getattr(fits, name)

@@ -11,7 +11,8 @@ the odd lines without gap or overlap, each starting where the one before ends - 
 25 < {27, 29} there is exactly one such tiling, and its widths grow as the paper says, "approximately equally spaced on
 a logarithmic scale": 2 5 4 8 7 10 9 17 15 21 13 11 10 20 20 lines. The last set reaches harmonic 369 (8.44 Hz).
 
-Two printed values do not round from these numbers: 1.00 Hz (44 gives 1.006) and 8.00 Hz (350 gives 8.005).
+Three printed values do not round from these numbers: 0.275 Hz (12 gives 0.2745, the mean of its two lines after each
+was rounded), 1.00 Hz (44 gives 1.006) and 8.00 Hz (350 gives 8.005). We keep the numbers.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ EXCEPTION = (19, 21, 23)
 """Harmonics the paper leaves unaveraged between averaged neighbours (0.435-0.526 Hz)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bands:
     """Frequency points as sets of harmonics of one period.
 

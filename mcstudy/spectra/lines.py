@@ -17,7 +17,12 @@ undone exactly at the odd line (prewhitening and recolouring; the combination is
 
 The window is parabolic with a half-width of 10 + k/5 lines, at most 30, at line k: narrow at low lines where the
 spectrum still bends after whitening, wide where it is smooth. ``dof`` states its equivalent number of independent
-complex lines (twice as many real degrees of freedom).
+complex lines (twice as many real degrees of freedom): 4 at the first line, 26 from 4 Hz up.
+
+Found with the stand-in truth, ramp removed: mean estimate over true covariance is 0.84-1.2 in every direction from line
+3 up (0.85-1.05 at line 1) although the two directions differ by 30 dB; a plain average over +-10 lines is off by 0.2 to
+5. Weighting a fit by it costs 6 % in standard deviation over the true covariance, the plain average 23 %. Step 1
+presumes sway-like noise: were it white at the lowest lines, line 1 alone would come out four times too large.
 """
 
 from __future__ import annotations
@@ -26,7 +31,7 @@ import numpy as np
 
 from mcstudy.errors import InputError
 
-MAX_ORDER = 8
+MAX_ORDER = 10
 """Largest order of the vector autoregression; fewer even lines than 6 per order reduce it."""
 
 
@@ -57,7 +62,8 @@ class EvenLineCovariance:
             raise InputError("noise covariance: expected odd harmonics from 1 up")
         if self.lines.max() > n_harmonics:
             raise InputError(f"noise covariance: harmonic {self.lines.max()} is above the highest, {n_harmonics}")
-        top = int(self.lines.max() + half_width(self.lines.max()))
+        # A tenth more than the window needs: at the edge of its band a real autoregression is forced flat and in phase.
+        top = int(1.1 * self.lines.max() + half_width(self.lines.max()))
         self.even = np.arange(2, min(top, n_harmonics) + 1, 2)
         if self.even.size < 4:
             raise InputError(f"noise covariance: expected at least four even harmonics, got {self.even.size}")

@@ -20,16 +20,17 @@ class EvenLines:
     Attributes
     ----------
     f: (M,) Hz. mean: (M, 2) Fourier coefficients of the mean over repeats, rad. variance: (M, 2) of that mean,
-    rad^2, from the scatter of the repeats. repeats: how many.
+    rad^2, from the scatter of the repeats. level: (M, 2) the same from the smoothed spectrum. repeats: how many.
     """
 
     f: np.ndarray
     mean: np.ndarray
     variance: np.ndarray
+    level: np.ndarray
     repeats: int
 
     def excess(self, low: float = 0.0, high: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
-        """Mean of |mean|^2 / variance over the lines of a band, per angle (2,), and its p-value (2,).
+        """Sum of |mean|^2 / level over sum of variance / level in a band, per angle (2,), and its p-value (2,).
 
         1 when only noise is there; F-distributed with (2 M, 2 M (repeats - 1)) degrees of freedom for independent
         Gaussian repeats. nan without a line in the band or with a single repeat.
@@ -38,7 +39,9 @@ class EvenLines:
         m = int(inside.sum())
         if m == 0 or self.repeats < 2:
             return np.full(2, np.nan), np.full(2, np.nan)
-        ratio = (np.abs(self.mean[inside]) ** 2).mean(axis=0) / self.variance[inside].mean(axis=0)
+        level = self.level[inside]
+        power = (np.abs(self.mean[inside]) ** 2 / level).sum(axis=0)
+        ratio = power / (self.variance[inside] / level).sum(axis=0)
         return ratio, stats.f.sf(ratio, 2 * m, 2 * m * (self.repeats - 1))
 
 

@@ -1,0 +1,186 @@
+"""What makes a recording usable: complete, uniform in time, in the stated units, periodic as stated.
+
+Every check raises `RecordingError` naming the trial and the field. `mcstudy.gap.plausible` goes further and compares
+the responses with what a standing body can do.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mcstudy.errors import RecordingError
+from mcstudy.gap.recording import MINIMUM_CYCLES, Recording, Suspicion, Trial
+
+LARGEST_SWAY = 1.0
+"""Angles beyond this (rad, 57 deg) are not sway."""
+
+LARGEST_STIMULUS = {"N m": 300.0, "m": 1.0}
+"""Stimuli beyond this are not in the stated unit."""
+
+PERIODIC = 0.05
+"""Root-mean-square difference between periods, relative to the stimulus, up to which it counts as periodic."""
+
+AMPLITUDE = 0.10
+"""Relative difference between a stated amplitude and the waveform's that passes: nominal values are rounded."""
+
+STUCK_S = 2.0
+"""An angle that does not change at all for this long (s) comes from a sensor that is stuck."""
+
+
+def rate_of(time: np.ndarray, stated: float | None, where: str) -> float:
+    """Sampling rate (Hz) of a time column (n,), s; it must be uniform and agree with the stated rate.
+
+    Raises `RecordingError` for a value that is not a number, time that does not increase, a gap, or another rate.
+    """
+    if not np.isfinite(time).all():
+        row = int(np.flatnonzero(~np.isfinite(time))[0])
+        raise RecordingError(f"{where}: time: not a number in row {row + 1}")
+    if time.size < 10:
+        raise RecordingError(f"{where}: time: expected at least 10 samples, got {time.size}")
+    steps = np.diff(time)
+    if (steps <= 0).any():
+        row = int(np.flatnonzero(steps <= 0)[0])
+        raise RecordingError(f"{where}: time: does not increase after t = {time[row]:g} s (row {row + 1})")
+    step = float(np.median(steps))
+    wide = np.flatnonzero(steps > 1.5 * step)
+    if wide.size:
+        row = int(wide[0])
+        raise RecordingError(
+            f"{where}: time: gap of {steps[row]:g} s after t = {time[row]:g} s; expected steps of {step:g} s"
+        )
+    drift = time - np.linspace(time[0], time[-1], time.size)
+    if np.abs(drift).max() > 1.5 * step:
+        raise RecordingError(f"{where}: time: not uniform; it strays {np.abs(drift).max():g} s from a constant rate")
+    rate = float((time.size - 1) / (time[-1] - time[0]))
+    if stated is not None and abs(rate / stated - 1) > 1e-3:
+        raise RecordingError(f"{where}: rate_hz: stated {stated:g} Hz, but the time column runs at {rate:.6g} Hz")
+    return stated or (round(rate) if abs(rate / round(rate) - 1) < 1e-4 else rate)
+
+
+def check(recording: Recording) -> tuple[Suspicion, ...]:
+    """Raise `RecordingError` on what cannot be analysed; return what is merely odd."""
+    suspicions: list[Suspicion] = []
+    for k, trial in enumerate(recording.trials, start=1):
+        where = f"{recording.name}: trial {k}"
+        for name, values in _channels(trial):
+            _finite(values, recording.rate_hz, f"{where}: {name}")
+        for name, values in _channels(trial):
+            if np.ptp(values) == 0:
+                raise RecordingError(f"{where}: {name}: constant ({values[0]:g}) over the whole trial")
+        if np.array_equal(trial.theta[:, 0], trial.theta[:, 1]):
+            raise RecordingError(f"{where}: theta2: identical to theta1")
+        _ranges(recording, trial, where)
+        suspicions += _stuck(recording, trial, where)
+        _periodic(recording, trial, where)
+        suspicions += _amplitude(recording, trial, where)
+    return tuple(suspicions)
+
+
+def _channels(trial: Trial) -> tuple[tuple[str, np.ndarray], ...]:
+    return ("stimulus", trial.stimulus), ("theta1", trial.theta[:, 0]), ("theta2", trial.theta[:, 1])
+
+
+def _finite(values: np.ndarray, rate: float, where: str) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise RecordingError(
+            f"{where}: {bad.size} of {values.size} values are not numbers, the first at t = {bad[0] / rate:g} s"
+        )
+
+
+def _ranges(recording: Recording, trial: Trial, where: str) -> None:
+    for c, name in enumerate(("theta1", "theta2")):
+        half = np.ptp(trial.theta[:, c]) / 2
+        if half > LARGEST_SWAY:
+            raise RecordingError(
+                f"{where}: {name}: sways ±{half:.3g} rad (±{np.rad2deg(half):.3g} deg), which no standing person does; "
+                "are the values in deg but declared rad?"
+            )
+    limit = LARGEST_STIMULUS[recording.stimulus_unit]
+    if trial.peak > limit:
+        raise RecordingError(
+            f"{where}: stimulus: reaches ±{trial.peak:.3g} {recording.stimulus_unit}; expected less than {limit:g} "
+            f"for {recording.stimulus}; is the unit right?"
+        )
+
+
+def _stuck(recording: Recording, trial: Trial, where: str) -> list[Suspicion]:
+    found = []
+    for c, name in enumerate(("theta1", "theta2")):
+        changes = np.flatnonzero(np.diff(trial.theta[:, c]) != 0)
+        edges = np.concatenate([[0], changes + 1, [trial.samples]])
+        longest = np.diff(edges).max() / recording.rate_hz
+        if longest > STUCK_S:
+            found.append(Suspicion("stuck", name, f"{where}: {name}: does not change at all for {longest:.1f} s"))
+    return found
+
+
+def _periodic(recording: Recording, trial: Trial, where: str) -> None:
+    period = recording.period
+    if period is None or recording.period_s is None:
+        return
+    cycles = trial.samples / period
+    if cycles < MINIMUM_CYCLES:
+        raise RecordingError(
+            f"{where}: period_s: expected at least {MINIMUM_CYCLES} cycles of {recording.period_s:g} s, got {cycles:.2f}"
+        )
+    u = trial.stimulus - trial.stimulus.mean()
+    size = np.sqrt(np.mean(u**2))
+    difference = np.sqrt(np.mean((u[period:] - u[:-period]) ** 2) / 2) / size
+    if difference > PERIODIC:
+        found = _true_period(u)
+        hint = f"it repeats every {found / recording.rate_hz:g} s" if found else "no period found; leave period_s out"
+        raise RecordingError(
+            f"{where}: period_s: the stimulus does not repeat every {recording.period_s:g} s "
+            f"(periods differ by {100 * difference:.0f} %); {hint}"
+        )
+    for divisor in range(2, 9):
+        part = period // divisor
+        if part * divisor == period and np.sqrt(np.mean((u[part:] - u[:-part]) ** 2) / 2) / size < 0.01:
+            raise RecordingError(
+                f"{where}: period_s: {recording.period_s:g} s holds {divisor} periods of the stimulus; "
+                f"expected {recording.period_s / divisor:g} s"
+            )
+
+
+def _true_period(u: np.ndarray) -> int | None:
+    """Lag in samples at which a zero-mean stimulus repeats, or None."""
+    n = u.size
+    spectrum = np.fft.rfft(u, 2 * n)
+    lags = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
+    energy = np.cumsum(u**2)
+    overlap = np.sqrt(np.maximum(energy[::-1] * (energy[-1] - np.concatenate([[0.0], energy[:-1]])), 1e-300))
+    agreement = (lags / overlap)[: int(n * 0.75)]
+    below = np.flatnonzero(agreement < 0.5)
+    if below.size == 0:
+        return None
+    candidates = np.flatnonzero(agreement[below[0] :] > 0.995) + below[0]
+    if candidates.size == 0:
+        return None
+    first = candidates[0]
+    near = candidates[candidates < first + max(2, first // 50)]
+    return int(near[np.argmax(agreement[near])])
+
+
+def _amplitude(recording: Recording, trial: Trial, where: str) -> list[Suspicion]:
+    """The stated amplitude against the waveform read both ways."""
+    if trial.amplitude is None:
+        return []
+    unit = recording.stimulus_unit
+    u = trial.stimulus - np.median(trial.stimulus)
+    peaks = {"peak": (float(np.abs(u).max()), trial.peak), "peak_to_peak": (2 * trial.peak,)}
+
+    def fits(convention: str) -> bool:
+        return any(abs(p / trial.amplitude - 1) < AMPLITUDE for p in peaks[convention])
+
+    if fits(recording.convention):
+        return []
+    other = "peak" if recording.convention == "peak_to_peak" else "peak_to_peak"
+    waveform = f"the waveform has a peak of {trial.peak:.4g} {unit} (peak to peak {2 * trial.peak:.4g})"
+    if fits(other):
+        raise RecordingError(
+            f"{where}: amplitude: {trial.amplitude:g} {unit} is stated as {recording.convention}, but {waveform}; "
+            f"the convention is {other}"
+        )
+    message = f"{where}: amplitude: {trial.amplitude:g} {unit} is stated as {recording.convention}, but {waveform}"
+    return [Suspicion("amplitude", "stimulus", message)]

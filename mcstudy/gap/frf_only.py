@@ -1,0 +1,99 @@
+"""A published FRF as a recording: lines with standard deviations and no time series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mcstudy.errors import RecordingError
+from mcstudy.gap.lines import Lines
+from mcstudy.stance.body import Body, one_segment, two_segment
+from mcstudy.stance.feedback import Model
+
+LARGE_DOF = 1e6
+"""Degrees of freedom of a covariance that was published instead of estimated here."""
+
+
+@dataclass(frozen=True)
+class FrfRecording:
+    """FRFs of one person or a group, with their covariance.
+
+    Attributes
+    ----------
+    lines: with one repeat, so nothing can be cross-validated. stimulus: kind; body: inertia and gravity.
+    single: whether only the first angle (a centre-of-mass or leg angle) was published; the one-segment model is then
+        the base, and the second angle is zero in data and model.
+    """
+
+    lines: Lines
+    stimulus: str = "ankle_torque"
+    body: Body = field(default_factory=Body)
+    single: bool = False
+    name: str = "frf"
+    provenance: str = ""
+
+    def base_model(self) -> Model:
+        """The model without effects for these data."""
+        return one_segment(self.body) if self.single else two_segment(self.body, self.stimulus)
+
+
+def lines_of(f: np.ndarray, y: np.ndarray, C: np.ndarray, name: str = "frf", amplitude: float = np.nan) -> Lines:
+    """Lines from frequencies (N,), FRFs (N, 2) and their covariance (N, 2, 2).
+
+    Raises `RecordingError` for shapes that do not fit, values that are not finite, or a covariance that is not
+    positive definite.
+    """
+    n = f.size
+    if f.shape != (n,) or y.shape != (n, 2) or C.shape != (n, 2, 2) or n < 4:
+        raise RecordingError(f"{name}: expected at least 4 lines, f (N,), y (N, 2), C (N, 2, 2)")
+    for label, values in (("f", f), ("y", y), ("C", C)):
+        if not np.isfinite(values).all():
+            raise RecordingError(f"{name}: {label}: a value is not finite")
+    if (f <= 0).any() or (np.diff(f) <= 0).any():
+        raise RecordingError(f"{name}: f: frequencies must be positive and increasing")
+    if (np.linalg.eigvalsh(C)[:, 0] <= 0).any():
+        raise RecordingError(f"{name}: C: the covariance must be positive definite; expected standard deviations > 0")
+    one = np.ones(n)
+    return Lines(
+        f=f,
+        y=y.astype(complex),
+        C=C.astype(complex),
+        dof=LARGE_DOF * one,
+        repeats=y[None].astype(complex),
+        weight=one[None],
+        trial=np.zeros(1, dtype=int),
+        cycle=np.zeros(1, dtype=int),
+        amplitude=np.array([amplitude]),
+        power=np.nan * one,
+        remnant=np.full((n, 2, 2), np.nan, dtype=complex),
+    )
+
+
+def lines_of_columns(columns: dict[str, np.ndarray], scale: float, name: str) -> tuple[Lines, bool]:
+    """Lines from named columns, and whether only one angle is there.
+
+    Columns: ``f``; per angle k = 1, 2 either ``re<k>`` and ``im<k>`` or ``gain<k>`` and ``phase<k>`` (deg); ``sd<k>``,
+    the root of E|error|^2 of the mean; optionally ``c12_re`` and ``c12_im``, the cross-covariance. ``scale`` turns
+    the FRFs' angle unit into rad. Raises `RecordingError` naming a missing column.
+    """
+
+    def need(key: str) -> np.ndarray:
+        if key not in columns:
+            raise RecordingError(f"{name}: column {key!r} is missing; found {', '.join(columns)}")
+        return columns[key]
+
+    single = not {"re2", "gain2"} & set(columns)
+    f = need("f")
+    y, C = np.zeros((f.size, 2), dtype=complex), np.zeros((f.size, 2, 2), dtype=complex)
+    C[:, 1, 1] = 1.0
+    for k in (1,) if single else (1, 2):
+        if f"re{k}" in columns:
+            y[:, k - 1] = scale * (need(f"re{k}") + 1j * need(f"im{k}"))
+        else:
+            y[:, k - 1] = scale * need(f"gain{k}") * np.exp(1j * np.deg2rad(need(f"phase{k}")))
+        C[:, k - 1, k - 1] = (scale * need(f"sd{k}")) ** 2
+    if not single and "c12_re" in columns:
+        C[:, 0, 1] = scale**2 * (need("c12_re") + 1j * need("c12_im"))
+        C[:, 1, 0] = C[:, 0, 1].conj()
+    return lines_of(f, y, C, name), single

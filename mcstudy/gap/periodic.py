@@ -1,0 +1,199 @@
+"""Lines of a recording with a periodic stimulus: one FRF per cycle, their mean, and the covariance of that mean.
+
+Every cycle is freed from leakage (`mcstudy.gap.leakage`). The FRF of a line is sum U* Theta / sum |U|^2 over all cycles of all trials. The noise
+covariance comes from even lines when only odd lines are excited, otherwise from the differences between cycles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mcstudy.errors import InputError, RecordingError
+from mcstudy.gap.leakage import best_orders, difference_coefficients
+from mcstudy.gap.lines import EvenLines, Lines
+from mcstudy.gap.recording import MINIMUM_CYCLES, Recording
+from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.periods import coefficients
+
+NEIGHBOURS = 6
+"""A line's excitation is judged against the strongest of this many lines on either side."""
+
+EXCITED = 0.2
+"""Share of the strongest neighbour from which a line counts as excited."""
+
+SILENT = 0.02
+"""Root-mean-square excitation of the even lines, relative to the odd ones, below which they count as silent."""
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Fourier coefficients of every analysed cycle, R of them, at harmonics 0 ... K - 1.
+
+    Attributes: stimulus (R, K); theta (R, K, 2), or (orders, R, K, 2) as long as no order of `leakage` is chosen;
+    trial, cycle, amplitude: (R,).
+    """
+
+    stimulus: np.ndarray
+    theta: np.ndarray
+    trial: np.ndarray
+    cycle: np.ndarray
+    amplitude: np.ndarray
+
+
+def cycle_coefficients(recording: Recording, fmax: float, discard: int) -> Cycles:
+    """Coefficients of every cycle but the first ``discard`` of each trial, up to well above ``fmax`` (Hz), all orders.
+
+    Raises `RecordingError` when a trial has too few cycles or its sampling does not reach ``fmax``.
+    """
+    period = recording.period
+    if period is None or recording.period_s is None:
+        raise RecordingError(f"{recording.name}: period_s: expected the period of the stimulus, s")
+    if discard < 1:
+        raise RecordingError(f"{recording.name}: discard: expected at least one cycle, got {discard}")
+    if fmax > recording.rate_hz / 2.2:
+        raise RecordingError(
+            f"{recording.name}: rate_hz: {recording.rate_hz:g} Hz does not reach lines up to {fmax:g} Hz"
+        )
+    top = min(period // 2, int(fmax * recording.period_s) + 60) + 1
+    u, y, where = [], [], []
+    for t, (trial, cycles) in enumerate(zip(recording.trials, recording.cycles, strict=True)):
+        least = max(MINIMUM_CYCLES, discard + 2)
+        if cycles < least:
+            raise RecordingError(
+                f"{recording.name}: trial {t + 1}: expected at least {least} cycles of "
+                f"{recording.period_s:g} s, got {trial.samples / period:.2f}"
+            )
+        for c in range(discard, cycles):
+            start = c * period
+            u.append(coefficients(trial.stimulus[start : start + period])[:top])
+            y.append(difference_coefficients(trial.theta, start, period, top))
+            where.append((t, c))
+    trial_index, cycle_index = np.array(where).T
+    return Cycles(np.array(u), np.stack(y, axis=1), trial_index, cycle_index, recording.amplitudes[trial_index])
+
+
+def excited_lines(stimulus: np.ndarray) -> np.ndarray:
+    """Harmonics that a stimulus with coefficients (R, K) excites, ascending; harmonic 0 never is."""
+    magnitude = np.sqrt(np.mean(np.abs(stimulus) ** 2, axis=0))
+    magnitude[0] = 0.0
+    padded = np.pad(magnitude, NEIGHBOURS)
+    strongest = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1).max(axis=1)
+    floor = 1e-9 * magnitude.max()
+    return np.flatnonzero((magnitude >= EXCITED * strongest) & (magnitude > floor))
+
+
+def only_odd(stimulus: np.ndarray, lines: np.ndarray) -> bool:
+    """Whether all excited ``lines`` are odd and the even lines between them are silent, coefficients (R, K)."""
+    if lines.size == 0 or (lines % 2 == 0).any():
+        return False
+    magnitude = np.sqrt(np.mean(np.abs(stimulus) ** 2, axis=0))
+    even = np.arange(2, lines[-1], 2)
+    odd = (magnitude[even - 1] + magnitude[even + 1]) / 2
+    return bool(np.sqrt(np.mean((magnitude[even] / np.maximum(odd, 1e-300)) ** 2)) < SILENT)
+
+
+def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) -> Lines:
+    """Lines of a periodic recording.
+
+    Parameters
+    ----------
+    fmax: highest frequency, Hz.
+    discard: cycles at the start of every trial that hold the transient.
+
+    Raises `RecordingError` for too few cycles or when no line below ``fmax`` is excited.
+    """
+    cycles = cycle_coefficients(recording, fmax, discard)
+    period_s = float(recording.period_s or 0.0)
+    excited = excited_lines(cycles.stimulus)
+    wanted = excited[excited <= fmax * period_s + 0.5]
+    if wanted.size < 4:
+        raise RecordingError(f"{recording.name}: stimulus: fewer than 4 lines below {fmax:g} Hz are excited")
+    odd = only_odd(cycles.stimulus, excited)
+    noise = _from_even_lines if odd else _from_differences
+    cycles, single, dof = _without_leakage(recording.name, cycles, wanted, noise)
+    u = cycles.stimulus[:, wanted]
+    power = np.abs(u) ** 2
+    total = power.sum(axis=0)
+    repeats = cycles.theta[:, wanted] / u[..., None]
+    weight = power / total
+    return Lines(
+        f=wanted / period_s,
+        y=np.einsum("rn,rnj->nj", weight, repeats),
+        C=single / total[:, None, None],
+        dof=dof,
+        repeats=repeats,
+        weight=weight,
+        trial=cycles.trial,
+        cycle=cycles.cycle,
+        amplitude=cycles.amplitude,
+        power=power.mean(axis=0),
+        remnant=2 * period_s * single,
+        even=_even_lines(cycles, period_s, wanted, single) if odd else None,
+        harmonic=wanted,
+    )
+
+
+def _without_leakage(
+    name: str, cycles: Cycles, wanted: np.ndarray, noise: Callable[[str, Cycles, np.ndarray], tuple]
+) -> tuple[Cycles, np.ndarray, np.ndarray]:
+    """The cycles with one order of difference chosen per line, their noise covariance and its degrees of freedom."""
+    candidates = [replace(cycles, theta=theta) for theta in cycles.theta]
+    cost = [np.linalg.slogdet(noise(name, c, wanted)[0])[1] for c in candidates]
+    path = best_orders(np.array(cost), wanted)
+    order = path[np.abs(np.arange(cycles.stimulus.shape[1])[:, None] - wanted).argmin(axis=1)]
+    chosen = np.take_along_axis(cycles.theta, order[None, None, :, None], axis=0)[0]
+    cycles = replace(cycles, theta=chosen)
+    return cycles, *noise(name, cycles, wanted)
+
+
+def _from_even_lines(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (N, 2, 2) of the noise on one cycle's coefficients, and its degrees of freedom.
+
+    The mean over a trial's cycles is scaled to the variance of one cycle, so that the correlation between consecutive
+    cycles is in the estimate and trials of unequal length can be pooled.
+    """
+    scaled = []
+    for t in np.unique(cycles.trial):
+        own = cycles.theta[cycles.trial == t]
+        scaled.append(own.mean(axis=0) * np.sqrt(own.shape[0]))
+    return _local(name, np.array(scaled), wanted)
+
+
+def _from_differences(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same from orthonormal differences between the cycles of each trial, where no line is silent.
+
+    Line k of the differences is put at the even harmonic 2k of the estimator and wanted at 2k - 1 and 2k + 1.
+    """
+    noise = []
+    for t in np.unique(cycles.trial):
+        own = cycles.theta[cycles.trial == t]
+        n = own.shape[0]
+        basis = np.linalg.qr(np.eye(n) - np.full((n, n), 1.0 / n))[0][:, : n - 1]
+        noise.extend(np.einsum("rd,rkj->dkj", basis, own))
+    stretched = np.zeros((len(noise), 2 * noise[0].shape[0], 2), dtype=complex)
+    stretched[:, ::2] = noise
+    below, dof = _local(name, stretched, 2 * wanted - 1)
+    above, _ = _local(name, stretched, 2 * wanted + 1)
+    return (below + above) / 2, dof
+
+
+def _local(name: str, trials: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        estimator = EvenLineCovariance(wanted, trials.shape[1] - 1)
+    except InputError as error:
+        raise RecordingError(f"{name}: {error}") from error
+    return estimator(trials) * len(trials), estimator.dof * len(trials)
+
+
+def _even_lines(cycles: Cycles, period_s: float, wanted: np.ndarray, single: np.ndarray) -> EvenLines:
+    even = np.arange(2, wanted[-1], 2)
+    theta = cycles.theta[:, even]
+    n = theta.shape[0]
+    mean = theta.mean(axis=0)
+    variance = (np.abs(theta - mean) ** 2).sum(axis=0) / (n * (n - 1))
+    level = np.einsum("nii->ni", single).real / n
+    level = np.stack([np.interp(np.log(even), np.log(wanted), np.log(c)) for c in level.T], axis=1)
+    return EvenLines(even / period_s, mean, variance, np.exp(level), n)

@@ -86,22 +86,30 @@ class Bands:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """Means as a matrix: point values = weights @ line values, (N, L)."""
+        """The means as a matrix: point values = weights @ line values, (N, L)."""
         w = np.zeros((len(self), self.lines.size))
         for row, members in zip(w, self.members, strict=True):
             row[np.searchsorted(self.lines, members)] = 1.0 / members.size
         return w
 
+    @cached_property
+    def _gather(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions of all members in `lines`, where each point starts among them, and its number of members."""
+        counts = np.array([m.size for m in self.members])
+        return np.searchsorted(self.lines, np.concatenate(self.members)), np.cumsum(counts) - counts, counts
+
     def average(self, values: np.ndarray) -> np.ndarray:
         """Means over members of values at `lines`, (..., L, A) -> (..., N, A)."""
-        return np.einsum("nl,...la->...na", self.weights, values)
+        position, start, count = self._gather
+        return np.add.reduceat(values[..., position, :], start, axis=-2) / count[:, None]
 
     def average_covariance(self, covariance: np.ndarray) -> np.ndarray:
         """Covariance of each point's mean, (L, 2, 2) -> (N, 2, 2), for errors independent from line to line.
 
         Points that share lines are correlated with each other; that correlation is not in this array.
         """
-        return np.einsum("nl,lij->nij", self.weights**2, covariance)
+        position, start, count = self._gather
+        return np.add.reduceat(covariance[position], start, axis=0) / (count**2)[:, None, None]
 
     def below(self, fmax: float) -> Bands:
         """The points up to ``fmax`` (Hz) plus half a line spacing; raises `InputError` when none is left.

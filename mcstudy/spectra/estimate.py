@@ -108,7 +108,7 @@ class SpectralExperiment:
         self._unit_stimulus = replace(prts, amplitude=1.0).coefficients()[bands.lines]
         self._sway = NoiseSway(model, theta, noise, cycles * prts.samples, prts.rate_hz)
         self._covariance = EvenLineCovariance(bands.lines, prts.samples // 2)
-        self.dof = bands.weights @ self._covariance.dof
+        self.dof = bands.average(self._covariance.dof[:, None])[:, 0]
         """Equivalent independent complex lines behind each point's covariance, (N,)."""
 
     def realization(self, rng: np.random.Generator) -> LineNoise:
@@ -173,4 +173,5 @@ def frf_from_recording(
     estimator = EvenLineCovariance(bands.lines, drive.size - 1)
     noise = LineNoise(np.zeros((u.size, sway.shape[-1])), estimator(sway))
     data, covariance = frf_from_noise(sway.mean(axis=0)[bands.lines] / u[:, None], noise, u, bands)
-    return FrfEstimate(bands.f, data, covariance, bands.weights @ estimator.dof * len(trials))
+    dof = bands.average(estimator.dof[:, None])[:, 0] * len(trials)
+    return FrfEstimate(bands.f, data, covariance, dof)

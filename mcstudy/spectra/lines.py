@@ -17,12 +17,13 @@ undone exactly at the odd line (prewhitening and recolouring; the combination is
 
 The window is parabolic with a half-width of 10 + k/5 lines, at most 30, at line k: narrow at low lines where the
 spectrum still bends after whitening, wide where it is smooth. ``dof`` states its equivalent number of independent
-complex lines (twice as many real degrees of freedom): 4 at the first line, 26 from 4 Hz up.
+complex lines (twice as many real degrees of freedom): 4.6 at the first line, 26 from 4 Hz up.
 
-Found with the stand-in truth, ramp removed: mean estimate over true covariance is 0.84-1.2 in every direction from line
-3 up (0.85-1.05 at line 1) although the two directions differ by 30 dB; a plain average over +-10 lines is off by 0.2 to
-5. Weighting a fit by it costs 6 % in standard deviation over the true covariance, the plain average 23 %. Step 1
-presumes sway-like noise: were it white at the lowest lines, line 1 alone would come out four times too large.
+Found with the stand-in truth, lines drawn from its sway density: mean estimate over true covariance is 0.87-1.12 in
+every direction at every line, although the two directions differ by 30 dB; a plain average over +-10 lines is off by
+factors of 0.2 to 5. Weighting a fit by the estimate costs 7 % in standard deviation against the true covariance, the
+plain average 22 %. Step 1 presumes sway-like noise: were it white at the lowest lines, line 1 alone would come out
+four times too large.
 """
 
 from __future__ import annotations

@@ -58,10 +58,10 @@ def raw(x: np.ndarray, period: int, discard: int) -> np.ndarray:
 def ramp_removed(x: np.ndarray, period: int, discard: int) -> np.ndarray:
     """Fourier coefficients of the mean period without the ramp that joins its two ends; see `Spectrum`.
 
-    Equal to subtracting d * n / (cycles * period) from the mean period, with d = x[end + 1] - x[start] over the analysed
-    cycles (x[end] - x[start - 1] when the sample before is used), but computed from increments: the difference of a
-    periodic signal has coefficients (1 - w) times its own, w = exp(-2 pi i k / period), so the DFT of the increments is
-    divided by that. The mean (k = 0) is the raw one.
+    Equal to subtracting d * n / (cycles * period) from the mean period, with d = x[end + 1] - x[start] over the
+    analysed cycles (x[end] - x[start - 1] when the sample before is used), but computed from increments: the difference
+    of a periodic signal has coefficients (1 - w) times its own, w = exp(-2 pi i k / period), so the DFT of the
+    increments is divided by that. The mean (k = 0) is the raw one.
 
     Needs one sample more than the analysed cycles hold: the one before them when a cycle was discarded, else the one
     after. Raises `RecordingError` when the record has neither.

@@ -63,6 +63,7 @@ def test_means_and_their_covariance():
     assert points.f == pytest.approx([0.1, 0.4, 0.6])
     values = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0]])
     assert points.average(values).tolist() == [[1, 2], [4, 5], [6, 7]]
+    assert points.weights @ values == pytest.approx(points.average(values))
     covariance = np.arange(1, 5)[:, None, None] * np.array([[2.0, 1j], [-1j, 1.0]])
     assert points.average_covariance(covariance)[1] == pytest.approx((covariance[1] + covariance[2]) / 4)
 

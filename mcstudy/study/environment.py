@@ -3,10 +3,28 @@
 from __future__ import annotations
 
 import platform
+from functools import cache
+from hashlib import sha256
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 PACKAGES = ("mcstudy", "numpy", "scipy", "numba", "llvmlite", "zarr", "numcodecs", "dask", "distributed")
+
+
+LAYERS = ("stance", "spectra", "fit", "study")
+"""Folders of this package that numbers depend on."""
+
+
+@cache
+def source() -> str:
+    """SHA-256 of the source the numbers come from: a version number does not tell an edited copy."""
+    package, digest = Path(__file__).resolve().parent.parent, sha256()
+    for layer in LAYERS:
+        for file in sorted((package / layer).rglob("*.py")):
+            digest.update(file.relative_to(package).as_posix().encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def environment() -> dict[str, Any]:
@@ -16,6 +34,7 @@ def environment() -> dict[str, Any]:
     features = sorted(name for name, on in binding.get_host_cpu_features().items() if on)
     return {
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "source": source(),
         "machine": platform.machine(),
         "cpu": binding.get_host_cpu_name(),
         "cpu_features": features,
@@ -29,7 +48,7 @@ def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
         a, b = old.get("versions", {}).get(name), new["versions"].get(name)
         if a != b:
             lines.append(f"versions.{name}: {a} -> {b}")
-    lines += [f"{k}: {old.get(k)} -> {new[k]}" for k in ("machine", "cpu") if old.get(k) != new[k]]
+    lines += [f"{k}: {old.get(k)} -> {new[k]}" for k in ("source", "machine", "cpu") if old.get(k) != new[k]]
     gone = sorted(set(old.get("cpu_features", [])) - set(new["cpu_features"]))
     come = sorted(set(new["cpu_features"]) - set(old.get("cpu_features", [])))
     if gone or come:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import zarr
+from google_crc32c import value as crc32c
 from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.errors import ZarrUserWarning
 
@@ -70,22 +71,29 @@ class GroupStore:
         """The file of one array's chunk."""
         return self.path / name / self.layout.key(name, chunk)
 
-    def pending(self, chunk: Chunk) -> int:
-        """Number of fits of a chunk still to run; a damaged or missing file makes it all of them."""
-        if not all(self.chunk_file(name, chunk).is_file() for name in self.layout.results):
-            return self.layout.fits(chunk)
+    def intact(self, name: str, chunk: Chunk) -> bool:
+        """Whether an array's chunk is on disk and its checksum is right; reads the file, decodes nothing."""
         try:
-            return int(np.count_nonzero(self.read("status", chunk) == Status.PENDING))
-        except StoreError:
+            content = self.chunk_file(name, chunk).read_bytes()
+        except OSError:
+            return False
+        # The checksum is the outermost codec: four bytes, little-endian, of everything before them.
+        return len(content) > 4 and crc32c(content[:-4]) == int.from_bytes(content[-4:], "little")
+
+    def complete(self, chunk: Chunk) -> bool:
+        """Whether every array of a chunk is intact."""
+        return all(self.intact(name, chunk) for name in self.layout.results)
+
+    def pending(self, chunk: Chunk) -> int:
+        """Number of fits of a chunk still to run; all of them when any part of it is missing or damaged."""
+        if not self.complete(chunk):
             return self.layout.fits(chunk)
+        return int(np.count_nonzero(self.read("status", chunk) == Status.PENDING))
 
     def existing(self, chunk: Chunk) -> dict[str, np.ndarray]:
         """What a chunk already holds, or all fill values when any part of it is missing or damaged."""
-        try:
-            if all(self.chunk_file(name, chunk).is_file() for name in self.layout.results):
-                return {name: self.read(name, chunk) for name in self.layout.results}
-        except StoreError:
-            pass
+        if self.complete(chunk):
+            return {name: self.read(name, chunk) for name in self.layout.results}
         return self.layout.empty(chunk)
 
 
@@ -104,17 +112,18 @@ class Cube:
         }
 
     @classmethod
-    def create(cls, path: Path, study: Study) -> Cube:
+    def create(cls, path: Path, study: Study, made_in: dict[str, Any] | None = None) -> Cube:
         """Make an empty cube; it appears at ``path`` complete and on disk, or not at all.
 
-        Raises `StoreError` when the place cannot be written.
+        ``made_in`` is the environment to note, by default this one. Raises `StoreError` when ``path`` cannot be
+        written.
         """
         building = path.with_name(f".{path.name}.creating")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if building.exists():
                 shutil.rmtree(building)
-            attributes = _root_attributes(study)
+            attributes = _root_attributes(study, made_in or environment())
             cube = cls(building, study, attributes)
             root = zarr.create_group(building, zarr_format=3, attributes=attributes)
             for name, group in cube.groups.items():
@@ -143,7 +152,19 @@ class Cube:
         if found != schema.identifier(SCHEMA):
             raise StoreError(f"{path}: expected a cube of schema {schema.identifier(SCHEMA)!r}, found {found!r}")
         schema.validate(SCHEMA, description, str(path))
-        attributes = description["attributes"]
+        return cls._of(path, description["attributes"])
+
+    @classmethod
+    def open_unchecked(cls, path: Path) -> Cube:
+        """Open a cube whose metadata may be damaged, by the study it names; raises `StoreError` without one."""
+        attributes = _document(path).get("attributes", {})
+        for name, kind in (("study", str), ("fingerprint", str), ("environment", dict)):
+            if not isinstance(attributes.get(name), kind):
+                raise StoreError(f"{path}: attribute {name}: expected the {name} of the study")
+        return cls._of(path, attributes)
+
+    @classmethod
+    def _of(cls, path: Path, attributes: dict[str, Any]) -> Cube:
         try:
             study = parse_study(attributes["study"])
         except DesignError as error:
@@ -186,14 +207,14 @@ def _document(path: Path) -> dict[str, Any]:
     return document
 
 
-def _root_attributes(study: Study) -> dict[str, Any]:
+def _root_attributes(study: Study, made_in: dict[str, Any]) -> dict[str, Any]:
     return {
         "schema": schema.identifier(SCHEMA),
         "title": study.study.name,
         "study": to_toml(study),
         "fingerprint": study.fingerprint,
         "seed": study.study.seed,
-        "environment": environment(),
+        "environment": made_in,
     }
 
 

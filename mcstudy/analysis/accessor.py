@@ -1,0 +1,147 @@
+"""``dataset.mc``: the analysis as methods of a cube, for people in a notebook.
+
+    tree = mcstudy.open_results("cube.zarr")
+    cube = tree["accuracy"].to_dataset()
+    cube.mc.bias()                          # value, mcse, n, left_out
+    cube.mc.best().mc.combined().mc.cv()    # active and passive stiffness summed
+
+Every method works on a cube (it takes the best start first) and on cells (`best` or a derivative of it); those that
+need all starts say so. Nothing is computed before it is asked for.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis import accuracy, basins, context, convergence, efficiency, minimum_curve, neural, selection
+from mcstudy.analysis import sensitivity as sensitivities
+from mcstudy.errors import InputError
+from mcstudy.stance.feedback import Model
+
+
+@xr.register_dataset_accessor("mc")
+class MonteCarlo:
+    """Statistics of one group of a cube, each with its Monte Carlo standard error."""
+
+    def __init__(self, data: xr.Dataset) -> None:
+        self._data = data
+
+    @cached_property
+    def model(self) -> Model:
+        """The model that was fitted."""
+        return context.model_of(self._data)
+
+    @property
+    def _cells(self) -> xr.Dataset:
+        return self.best() if "start" in self._data.dims else self._data
+
+    @property
+    def _cube(self) -> xr.Dataset:
+        if "start" not in self._data.dims:
+            raise InputError("start: expected a cube with all its starts, got best fits only")
+        return self._data
+
+    def best(self, allowed: xr.DataArray | None = None) -> xr.Dataset:
+        """Lowest-cost usable fit per cell; see `mcstudy.analysis.selection.best`. Needs all starts."""
+        return selection.best(self._cube, allowed)
+
+    def only(self, mask: xr.DataArray) -> xr.Dataset:
+        """Best fits where ``mask`` (e.g. ``cells.mc.stable()``) holds, the rest left out: conditional statistics."""
+        return selection.only(self._cells, mask)
+
+    def stable(self) -> xr.DataArray:
+        """Mask of cells whose best fit is a stable loop."""
+        return selection.stable(self._cells)
+
+    def inside_bounds(self) -> xr.DataArray:
+        """Mask of cells whose best fit touches no bound."""
+        return selection.inside_bounds(self._cells)
+
+    def combined(self) -> xr.Dataset:
+        """Best fits with active and passive stiffness summed: the paper's 10 numbers."""
+        return selection.combined(self._cells)
+
+    def outcomes(self) -> xr.DataArray:
+        """Counts of fits by status. Needs all starts."""
+        return selection.outcomes(self._cube)
+
+    def realizations(self) -> xr.Dataset:
+        """Counts of realizations used, not run, not finite, failed. Needs all starts."""
+        return selection.realizations(self._cube)
+
+    def bias(self) -> xr.Dataset:
+        """Mean estimate minus truth, in units."""
+        return accuracy.bias(self._cells)
+
+    def absolute_bias_percent(self) -> xr.Dataset:
+        """The paper's bias, with its noise floor."""
+        return accuracy.absolute_bias_percent(self._cells)
+
+    def mean_absolute_bias_percent(self) -> xr.Dataset:
+        """The paper's bias averaged over parameters, with its noise floor."""
+        return accuracy.mean_absolute_bias_percent(self._cells)
+
+    def sd(self) -> xr.Dataset:
+        """Standard deviation over realizations, in units."""
+        return accuracy.sd(self._cells)
+
+    def cv(self) -> xr.Dataset:
+        """Coefficient of variation."""
+        return accuracy.cv(self._cells)
+
+    def rmse(self) -> xr.Dataset:
+        """Root mean squared error, in units."""
+        return accuracy.rmse(self._cells)
+
+    def at_bound(self) -> xr.Dataset:
+        """Fraction of best fits on a bound, by side."""
+        return accuracy.at_bound(self._cells)
+
+    def unstable(self) -> xr.Dataset:
+        """Fraction of best fits that are unstable."""
+        return accuracy.unstable(self._cells)
+
+    def j_nc(self) -> xr.DataArray:
+        """Error of the neural controllers of every fit held (all starts, or the best), at all frequencies."""
+        return neural.j_nc(self._data, self.model)
+
+    def j_nc_within(self) -> xr.DataArray:
+        """The same at the fitted frequencies only."""
+        return neural.j_nc_within(self._data, self.model)
+
+    def sensitivity(self) -> xr.Dataset:
+        """J_true when each parameter of the truth changes by 10 %, in three frequency ranges."""
+        return sensitivities.sensitivity(self.model, self._data["truth"].values, self._data["frequency"].values)
+
+    def efficiency(self, covariance: xr.DataArray | None = None) -> xr.Dataset:
+        """Cramér-Rao variance over the variance found.
+
+        ``covariance`` (amplitude, frequency, angle, angle_2) of the FRF errors; the stored ones, averaged, by default.
+        """
+        cells = self._cells
+        covariance = efficiency.measured_covariance(cells) if covariance is None else covariance
+        overlap = efficiency.overlap_of(context.points_of(cells))
+        return efficiency.efficiency(cells, efficiency.bounds_on_sd(cells, self.model, covariance, overlap))
+
+    def starts_needed(self, confidence: float = 0.95) -> xr.Dataset:
+        """Starts that find the pool's minimum, per realization. Needs all starts."""
+        return convergence.starts_needed(self._cube, confidence)
+
+    def starts_needed_quantiles(self, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
+        """Quantiles of `starts_needed` over realizations. Needs all starts."""
+        return convergence.starts_needed_quantiles(self.starts_needed(), q)
+
+    def minimum_curve(self, drawn: np.ndarray | None = None) -> xr.Dataset:
+        """The paper's Fig. 3B, averaged over realizations. Needs all starts."""
+        return minimum_curve.average_curve(minimum_curve.minimum_curve(self._cube, drawn))
+
+    def asymptote(self, tolerance: float = 0.01) -> xr.Dataset:
+        """Where Fig. 3B flattens. Needs all starts."""
+        return minimum_curve.asymptote(minimum_curve.minimum_curve(self._cube), tolerance)
+
+    def basins(self, most: int = 10) -> xr.Dataset:
+        """The lowest local minima of every cell, and how often they are reached. Needs all starts."""
+        return basins.basins(self._cube, most)

@@ -1,0 +1,105 @@
+"""How good the estimates are: bias, spread, bound hits and stability of the best fits, each with its Monte Carlo error.
+
+All functions take *cells* (`mcstudy.analysis.selection.best` of a cube, possibly `combined` or restricted with
+`only`) and return a Dataset ``value``, ``mcse``, ``n``, ``left_out`` with dims (amplitude, fmax, parameter) unless
+said otherwise, in the parameters' own units unless the name says percent. Lazy where the cells are.
+
+Definitions of bias and variability: Goodworth & Peterka 2018, note to Table II and Results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis.montecarlo import Moments, Statistic, fraction, jackknife, moments
+
+
+def statistic_of(cells: xr.Dataset, statistic: Statistic) -> xr.Dataset:
+    """Any function of the cells' moments, with its Monte Carlo standard error."""
+    return jackknife(cells["estimate"], cells["truth"], statistic)
+
+
+def bias(cells: xr.Dataset) -> xr.Dataset:
+    """Mean estimate minus truth."""
+    return statistic_of(cells, lambda m: m.mean - m.truth)
+
+
+def sd(cells: xr.Dataset) -> xr.Dataset:
+    """Standard deviation over realizations (divisor n - 1)."""
+    return statistic_of(cells, lambda m: m.sd)
+
+
+def cv(cells: xr.Dataset) -> xr.Dataset:
+    """Coefficient of variation: standard deviation over absolute mean estimate."""
+    return statistic_of(cells, cv_of)
+
+
+def rmse(cells: xr.Dataset) -> xr.Dataset:
+    """Root mean squared error about the truth."""
+    return statistic_of(cells, lambda m: m.mse**0.5)
+
+
+def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
+    """The paper's bias, ``100 |mean estimate - truth| / |truth|``, with ``floor``.
+
+    An absolute value cannot average out: with no true bias at all its expectation is ``floor`` =
+    sqrt(2/pi) SD / sqrt(n) (in percent of the truth; the folded normal), not zero. Compare every value with its floor.
+    """
+    return statistic_of(cells, absolute_bias_of).assign(floor=_floor(cells))
+
+
+def mean_absolute_bias_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
+    """The paper's bias averaged over the dims ``over`` (parameters, and amplitudes if wanted), with its ``floor``.
+
+    ``floor`` is what the average would be expected to show if every parameter were unbiased. The standard error
+    takes the correlation of parameters and amplitudes within a realization into account; where the true biases are
+    far below their errors it overstates (an absolute value varies less than what is inside it).
+    """
+    out = statistic_of(cells, lambda m: absolute_bias_of(m).mean(list(over)))
+    return out.assign(floor=_floor(cells).mean(list(over)))
+
+
+def mean_spread_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
+    """Standard deviation in percent of the truth, averaged over parameters: the paper's 'average variability'."""
+    return statistic_of(cells, lambda m: relative_sd_of(m).mean(list(over)))
+
+
+def absolute_bias_of(m: Moments) -> xr.DataArray:
+    """Absolute bias in percent of the truth; NaN where the truth is zero."""
+    return 100 * abs(m.mean - m.truth) / abs(m.truth.where(m.truth != 0))
+
+
+def relative_sd_of(m: Moments) -> xr.DataArray:
+    """Standard deviation in percent of the truth; NaN where the truth is zero."""
+    return 100 * m.sd / abs(m.truth.where(m.truth != 0))
+
+
+def cv_of(m: Moments) -> xr.DataArray:
+    """Coefficient of variation; NaN where the mean estimate is zero."""
+    return m.sd / abs(m.mean.where(m.mean != 0))
+
+
+def _floor(cells: xr.Dataset) -> xr.DataArray:
+    m = moments(cells["estimate"], cells["truth"])
+    return np.sqrt(2 / np.pi) * relative_sd_of(m) / np.sqrt(m.n.where(m.n > 0))
+
+
+def at_bound(cells: xr.Dataset) -> xr.Dataset:
+    """Fraction of best fits in which a parameter ended on a bound, by ``side`` (lower, upper), with Wilson interval.
+
+    Bounds centred on the truth hide bias: what the data do not determine scatters between them and averages to the
+    truth. A large fraction here says that the bias of that parameter means little.
+    """
+    sides = xr.DataArray([-1, 1], dims="side", coords={"side": ["lower", "upper"]})
+    return fraction(cells["at_bound"] == sides, cells["estimate"].notnull())
+
+
+def unstable(cells: xr.Dataset) -> xr.Dataset:
+    """Fraction of best fits whose loop is unstable (growth rate above zero), dims (amplitude, fmax), Wilson interval.
+
+    A fit without a growth rate counts as left out.
+    """
+    return fraction(cells["growth_rate"] > 0, cells["growth_rate"].notnull())

@@ -1,0 +1,135 @@
+"""How many starts a fit needs: exact, per realization. (The paper's own curve: `mcstudy.analysis.minimum_curve`.)
+
+A *pool* is the set of fits of one cell. A fit *hits* when its cost is within `HIT_TOLERANCE` of the pool's minimum;
+the pool's minimum stands for the global one, so a minimum that no start of the pool reached goes unnoticed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from scipy.special import gammaln
+
+from mcstudy.analysis.montecarlo import quantiles, wilson
+from mcstudy.analysis.selection import usable
+from mcstudy.fit.status import Status
+
+HIT_TOLERANCE = 1e-3
+"""Relative excess of cost that still counts as the same minimum (a difference no recording could tell)."""
+
+COST_FLOOR = 1e-12
+"""Excess of cost that counts as none: without noise the minimum is rounding, and no ratio to it means anything.
+The paper's cost is 1 for a model that predicts no sway at all, so the floor is on a scale of 1."""
+
+_EQUAL = 1 + 1e-9  # a probability that equals its limit up to rounding has reached it
+
+
+def hits(cube: xr.Dataset, tolerance: float = HIT_TOLERANCE, floor: float = COST_FLOOR) -> xr.Dataset:
+    """Per pool: ``hits`` among ``starts`` attempted, the pool's ``minimum``; dims (amplitude, fmax, realization).
+
+    A failed fit is a start spent without a hit; a pending one has not been spent.
+    """
+    cost = cube["cost"].where(usable(cube))
+    minimum = cost.min("start")
+    return xr.Dataset(
+        {
+            "hits": (cost <= minimum * (1 + tolerance) + floor).sum("start"),
+            "starts": (cube["status"] != int(Status.PENDING)).sum("start"),
+            "minimum": minimum,
+        }
+    )
+
+
+def miss_probability(hits: np.ndarray, starts: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """Probability that ``drawn`` of ``starts`` fits, taken without replacement, hold none of the ``hits``.
+
+    C(n - k, s) / C(n, s), hypergeometric; zero once s exceeds n - k. Integer arrays, broadcast.
+    """
+    k, n, s = np.broadcast_arrays(hits, starts, drawn)
+    possible = s <= n - k
+    s = np.where(possible, s, 0)
+    log = gammaln(n - k + 1) - gammaln(n - k - s + 1) - gammaln(n + 1) + gammaln(n - s + 1)
+    return np.where(possible, np.exp(log), 0.0)
+
+
+def success_curve(pool: xr.Dataset, drawn: np.ndarray) -> xr.DataArray:
+    """Probability that the best of ``drawn`` starts is a hit, per pool (`hits`), dims (..., drawn)."""
+    s = xr.DataArray(np.asarray(drawn), dims="drawn", coords={"drawn": np.asarray(drawn)})
+    missed = xr.apply_ufunc(
+        miss_probability, pool["hits"], pool["starts"], s, dask="parallelized", output_dtypes=[float]
+    )
+    return (1.0 - missed).where(pool["hits"] > 0)
+
+
+def fewest_starts(hits: np.ndarray, starts: np.ndarray, confidence: float) -> np.ndarray:
+    """Fewest starts, drawn from the pool without replacement, that hold a hit with this confidence; NaN at no hit."""
+    out = np.full(np.shape(hits), np.nan)
+    pairs, inverse = np.unique(np.stack([np.ravel(hits), np.ravel(starts)]), axis=1, return_inverse=True)
+    needed = np.full(pairs.shape[1], np.nan)
+    for j, (k, n) in enumerate(pairs.T):
+        if k > 0:
+            missed = miss_probability(k, n, np.arange(1, n - k + 2))
+            needed[j] = 1 + np.argmax(missed <= (1 - confidence) * _EQUAL)
+    out[...] = needed[inverse].reshape(out.shape)
+    return out
+
+
+def fewest_independent_starts(p: np.ndarray, confidence: float) -> np.ndarray:
+    """The same for endless starts that hit with probability ``p``: ln(1 - confidence) / ln(1 - p), rounded up."""
+    p = np.asarray(p, dtype=float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        exact = np.log1p(-confidence) / np.log1p(-p)
+    return np.where(p >= 1, 1.0, np.where(p > 0, np.maximum(np.ceil(exact / _EQUAL), 1.0), np.nan))
+
+
+def starts_needed(
+    cube: xr.Dataset, confidence: float = 0.95, tolerance: float = HIT_TOLERANCE, floor: float = COST_FLOOR
+) -> xr.Dataset:
+    """Starts that find the pool's minimum with the given confidence, per realization.
+
+    Returns
+    -------
+    Dataset with dims (amplitude, fmax, realization): ``value`` (exact, from the pool without replacement), ``mcse``
+    (of ``independent``, by the delta method from the hit rate), ``independent`` (for endless starts) with ``lower``
+    and ``upper`` (from the hit rate's Wilson interval), ``hit_rate``, ``hits``, ``starts``.
+    """
+    pool = hits(cube, tolerance, floor)
+    rate = wilson(pool["hits"], pool["starts"])
+
+    def independent(p: xr.DataArray) -> xr.DataArray:
+        return xr.apply_ufunc(
+            fewest_independent_starts,
+            p,
+            kwargs={"confidence": confidence},
+            dask="parallelized",
+            output_dtypes=[float],
+        ).where(pool["hits"] > 0)
+
+    value = xr.apply_ufunc(
+        fewest_starts,
+        pool["hits"],
+        pool["starts"],
+        kwargs={"confidence": confidence},
+        dask="parallelized",
+        output_dtypes=[float],
+    )
+    p = rate["value"].where((pool["hits"] > 0) & (rate["value"] < 1))
+    slope = abs(np.log1p(-confidence)) / ((1 - p) * np.log1p(-p) ** 2)
+    error = slope * (p * (1 - p) / pool["starts"]) ** 0.5
+    return xr.Dataset(
+        {
+            "value": value,
+            "mcse": error.where(rate["value"] < 1, 0.0).where(pool["hits"] > 0),
+            "independent": independent(rate["value"]),
+            "lower": independent(rate["upper"]),
+            "upper": independent(rate["lower"]),
+            "hit_rate": rate["value"],
+            "hits": pool["hits"],
+            "starts": pool["starts"],
+        }
+    )
+
+
+def starts_needed_quantiles(needed: xr.Dataset, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
+    """Quantiles of `starts_needed` over realizations, with standard error and order-statistic interval."""
+    return quantiles(needed["value"], q)

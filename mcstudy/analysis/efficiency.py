@@ -1,0 +1,141 @@
+"""How close the estimates come to the best that any unbiased estimator could do.
+
+The FRF errors at the points of a group are circular complex Gaussian with covariance C; with J the exact Jacobian of
+the FRFs at the truth, the information is 2 Re(J^H C^-1 J) and its inverse, the Cramér-Rao bound, limits the covariance
+of unbiased estimates. Weighted least squares with other weights (the paper's cost) has the *linearised* covariance
+A^-1 B A^-1 with A = Re(J^H W^H W J), B = Re(J^H W^H W C W^H W J) / 2 (the sandwich). Both hold to first order in the
+noise and with no bound active; where fits end on bounds, the spread can even fall below them. Derived.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis.accuracy import at_bound, statistic_of
+from mcstudy.analysis.montecarlo import REALIZATION
+from mcstudy.errors import InputError
+from mcstudy.fit.problem import paper_cost
+from mcstudy.spectra.bands import Bands
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf, frf_jacobian
+from mcstudy.stance.simulate_spectral import sway_psd
+
+
+def expected_line_covariance(
+    model: Model, theta: np.ndarray, noise: SensorNoise, f: np.ndarray, drive: np.ndarray, duration_s: float
+) -> np.ndarray:
+    """Covariance of the FRF errors at single lines, (N, 2, 2), from theory; no leakage.
+
+    A Fourier coefficient over ``duration_s`` (all averaged cycles together) of sway with one-sided density S has
+    variance S / (2 duration); ``drive`` (N,) are the stimulus' Fourier coefficients at the same lines.
+    """
+    return sway_psd(model, theta, noise, f) / (2 * duration_s) / (np.abs(drive) ** 2)[:, None, None]
+
+
+def measured_covariance(cells: xr.Dataset) -> xr.DataArray:
+    """Stored noise covariances averaged over realizations, dims (amplitude, frequency, angle, angle_2).
+
+    Raises `InputError` for a group without noise.
+    """
+    if "noise_covariance" not in cells:
+        raise InputError("noise_covariance: the group has none (it was simulated without noise)")
+    return cells["noise_covariance"].mean(REALIZATION)
+
+
+def joint_covariance(covariance: np.ndarray, overlap: np.ndarray | None = None) -> np.ndarray:
+    """Covariance of all points together, (2N, 2N), from that of each point (N, 2, 2).
+
+    ``overlap`` (N, N) is the correlation of neighbouring points that share lines (`overlap_of`); none by default.
+    """
+    n = len(covariance)
+    root = np.linalg.cholesky(covariance)
+    overlap = np.eye(n) if overlap is None else overlap
+    return np.einsum("nij,nm,mkj->nimk", root, overlap, root.conj()).reshape(2 * n, 2 * n)
+
+
+def overlap_of(bands: Bands) -> np.ndarray:
+    """Correlation of the points' errors through shared lines, (N, N); exact where the lines' noise is alike."""
+    gram = bands.weights @ bands.weights.T
+    scale = np.sqrt(np.diag(gram))
+    return gram / scale[:, None] / scale[None, :]
+
+
+def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
+    """Cramér-Rao bound on the covariance of unbiased estimates, (P, P), for FRF errors ``joint`` (2N, 2N).
+
+    Raises `InputError` where the points do not determine the parameters.
+    """
+    _, J = frf_jacobian(model, theta, f)
+    scale = model.upper - model.lower
+    white = np.linalg.solve(np.linalg.cholesky(joint), J.reshape(-1, theta.size) * scale)
+    # QR instead of the normal matrix: the condition number at low Fmax is not squared
+    R = np.asarray(np.linalg.qr(np.sqrt(2) * np.concatenate([white.real, white.imag]), mode="r"))
+    diagonal = np.abs(np.diag(R))
+    if R.shape[0] < theta.size or diagonal.min() <= 1e-13 * diagonal.max():
+        raise InputError(f"frequency: {f.size} points do not determine {theta.size} parameters")
+    inverse = np.linalg.inv(R) * scale[:, None]
+    return inverse @ inverse.T
+
+
+def linearised(model: Model, theta: np.ndarray, f: np.ndarray, weight: np.ndarray, joint: np.ndarray) -> np.ndarray:
+    """First-order covariance (P, P) of least squares with weights ``weight`` (N, 2, 2) for FRF errors ``joint``."""
+    _, J = frf_jacobian(model, theta, f)
+    scale = model.upper - model.lower
+    weighted = np.einsum("nij,njp->nip", weight, J * scale)
+    G = np.einsum("nji,njp->nip", weight.conj(), weighted).reshape(-1, theta.size)
+    A = np.einsum("nip,niq->pq", weighted.conj(), weighted).real
+    B = (G.conj().T @ joint @ G).real / 2
+    half = np.linalg.solve(A, B)
+    return np.linalg.solve(A, half.T) * scale[:, None] * scale[None, :]
+
+
+def bounds_on_sd(
+    cells: xr.Dataset, model: Model, covariance: xr.DataArray, overlap: np.ndarray | None = None
+) -> xr.Dataset:
+    """Smallest possible standard deviations, dims (amplitude, fmax, parameter).
+
+    Parameters
+    ----------
+    cells: needs ``truth``, ``n_frequencies`` and the coords amplitude, fmax, frequency.
+    covariance: of the FRF errors, dims (amplitude, frequency, angle, angle_2), e.g. `measured_covariance`.
+    overlap: see `joint_covariance`.
+
+    Returns
+    -------
+    Dataset ``cramer_rao`` and ``paper_cost`` (linearised, what the paper's weights cost), in the parameters' units.
+    """
+    f, truth = cells["frequency"].values, cells["truth"].values
+    shape = (cells.sizes["amplitude"], cells.sizes["fmax"], truth.size)
+    bound, paper = np.full(shape, np.nan), np.full(shape, np.nan)
+    weight = paper_cost(model, f, frf(model, truth, f)).weight
+    for a, C in enumerate(covariance.transpose("amplitude", "frequency", "angle", "angle_2").values):
+        for b, n in enumerate(cells["n_frequencies"].values):
+            joint = joint_covariance(C[:n], None if overlap is None else overlap[:n, :n])
+            bound[a, b] = np.sqrt(np.diag(cramer_rao(model, truth, f[:n], joint)))
+            paper[a, b] = np.sqrt(np.diag(linearised(model, truth, f[:n], weight[:n], joint)))
+    dims = ("amplitude", "fmax", "parameter")
+    coords = {d: cells[d] for d in dims}
+    return xr.Dataset({"cramer_rao": (dims, bound), "paper_cost": (dims, paper)}, coords=coords)
+
+
+def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
+    """Cramér-Rao variance over the variance found, per (amplitude, fmax, parameter): 1 is perfect.
+
+    Parameters
+    ----------
+    cells: best fits. bounds: from `bounds_on_sd`.
+
+    Returns
+    -------
+    Dataset ``value``, ``mcse`` (of the variance found; the bound's own error is far smaller), ``n``, ``left_out``,
+    ``cramer_rao_sd``, ``paper_cost_sd`` and ``at_bound``, the fraction of fits with the parameter on a bound: where
+    that is not near zero the Cramér-Rao bound does not apply.
+    """
+    out = statistic_of(cells, lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2)
+    return out.assign(
+        cramer_rao_sd=bounds["cramer_rao"],
+        paper_cost_sd=bounds["paper_cost"],
+        at_bound=at_bound(cells)["value"].sum("side", skipna=False),
+    )

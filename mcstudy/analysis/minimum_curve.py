@@ -1,0 +1,184 @@
+"""The paper's Fig. 3B: the lowest cost to be expected of x starts, from order statistics instead of resampling.
+
+The paper drew x costs at random from a pool of 500 fits, 500 times, and plotted mean and SD of their minimum,
+averaged over 20 realizations. The limit of endless draws is a weighted sum of the sorted pool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+import xarray as xr
+from scipy.special import gammaln
+
+from mcstudy.analysis.montecarlo import REALIZATION
+from mcstudy.analysis.selection import usable
+
+Weights = Callable[[int, tuple[int, ...]], np.ndarray]
+"""(pool size n, draws x) -> (x, n) probabilities that the minimum of x draws is the i-th smallest of the pool."""
+
+
+@lru_cache(maxsize=32)
+def weights_without_replacement(n: int, drawn: tuple[int, ...]) -> np.ndarray:
+    """C(n-i, x-1) / C(n, x), shape (len(drawn), n); more draws than the pool holds are the whole pool."""
+    x, i = np.minimum(np.array(drawn), n)[:, None], np.arange(1, n + 1)[None, :]
+    possible = x - 1 <= n - i
+    m = np.where(possible, n - i, x - 1)
+    log_rest = gammaln(m + 1) - gammaln(x) - gammaln(m - x + 2)
+    log_all = gammaln(n + 1) - gammaln(x + 1) - gammaln(n - x + 1)
+    return np.where(possible, np.exp(log_rest - log_all), 0.0)
+
+
+@lru_cache(maxsize=32)
+def weights_with_replacement(n: int, drawn: tuple[int, ...]) -> np.ndarray:
+    """((n-i+1)^x - (n-i)^x) / n^x, shape (len(drawn), n), written so that small weights keep their digits."""
+    x, above = np.array(drawn)[:, None], n - np.arange(1, n + 1)[None, :]
+    with np.errstate(divide="ignore"):
+        ratio = np.log(above / (above + 1.0))
+    return np.exp(x * np.log((above + 1.0) / n)) * -np.expm1(x * ratio)
+
+
+def minimum_curve(
+    cube: xr.Dataset, drawn: np.ndarray | None = None, weights: Weights = weights_without_replacement
+) -> xr.Dataset:
+    """Mean and SD of the lowest cost among ``drawn`` usable fits of each pool.
+
+    Parameters
+    ----------
+    cube: with dims (amplitude, fmax, realization, start).
+    drawn: numbers of starts x; 1 to 500 (or to the size of the pool) by default.
+    weights: `weights_without_replacement` or `weights_with_replacement`. The paper does not say which it used; they
+        differ as x nears the pool's size.
+
+    Returns
+    -------
+    Dataset ``mean``, ``sd`` with dims (amplitude, fmax, realization, drawn), and ``minimum`` of each pool.
+    """
+    drawn = np.arange(1, min(cube.sizes["start"], 500) + 1) if drawn is None else np.asarray(drawn)
+    cost = cube["cost"].where(usable(cube))
+    if cost.chunks is not None:
+        cost = cost.chunk({"start": -1})
+    mean, sd = xr.apply_ufunc(
+        _curve_of_pool,
+        cost,
+        input_core_dims=[["start"]],
+        output_core_dims=[["drawn"], ["drawn"]],
+        kwargs={"drawn": tuple(int(x) for x in drawn), "weights": weights},
+        vectorize=True,
+        dask="parallelized",
+        output_dtypes=[float, float],
+        dask_gufunc_kwargs={"output_sizes": {"drawn": drawn.size}},
+    )
+    return xr.Dataset({"mean": mean, "sd": sd, "minimum": cost.min("start")}).assign_coords(drawn=drawn)
+
+
+def _curve_of_pool(cost: np.ndarray, drawn: tuple[int, ...], weights: Weights) -> tuple[np.ndarray, np.ndarray]:
+    cost = np.sort(cost[np.isfinite(cost)])
+    if cost.size == 0:
+        return np.full(len(drawn), np.nan), np.full(len(drawn), np.nan)
+    w = weights(cost.size, drawn)
+    mean = w @ cost
+    return mean, np.sqrt((w * (cost - mean[:, None]) ** 2).sum(1))
+
+
+def average_curve(curve: xr.Dataset) -> xr.Dataset:
+    """Fig. 3B itself: a `minimum_curve` averaged over realizations.
+
+    Dataset ``value`` (mean of the means), ``sd`` (mean of the SDs, the paper's bars), ``mcse`` (standard error of
+    ``value`` over realizations), ``n``, ``left_out``; dims (amplitude, fmax, drawn).
+    """
+    mean = curve["mean"]
+    n = mean.notnull().sum(REALIZATION)
+    value = mean.mean(REALIZATION)
+    ss = ((mean - value) ** 2).sum(REALIZATION)
+    mcse = np.sqrt(ss / (n * (n - 1)).where(n > 1))
+    left_out = mean.sizes[REALIZATION] - n
+    return xr.Dataset({"value": value, "sd": curve["sd"].mean(REALIZATION), "mcse": mcse, "n": n, "left_out": left_out})
+
+
+def descent_left(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
+    """Part of the descent from one start to the pools' minima that is still to be made; has no scale. (B, x), (B,)."""
+    drop = mean[:, :1] - minimum[:, None]
+    return (mean - minimum[:, None]) / np.where(drop > 0, drop, 1.0)
+
+
+def excess(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
+    """Relative excess over the pools' minima; not meaningful without noise, where those are rounding. (B, x), (B,)."""
+    return mean / np.where(minimum > 0, minimum, np.nan)[:, None] - 1.0
+
+
+def asymptote(
+    curve: xr.Dataset,
+    tolerance: float = 0.01,
+    left: Callable[[np.ndarray, np.ndarray], np.ndarray] = descent_left,
+    resamples: int = 400,
+    confidence: float = 0.95,
+) -> xr.Dataset:
+    """Where the averaged curve has flattened: the first x at which ``left`` is no more than ``tolerance``.
+
+    Parameters
+    ----------
+    curve: from `minimum_curve`.
+    left: `descent_left` (all but 1 % of the way down: serves curves with and without noise) or `excess` (within a
+        fraction of the mean pool minimum: the stricter reading).
+    resamples: of a bootstrap over realizations, from a fixed stream.
+
+    Returns
+    -------
+    Dataset ``value``, ``mcse``, ``lower``, ``upper``, ``n``, ``left_out`` with dims (amplitude, fmax). NaN where the
+    curve does not get there.
+    """
+    mean, minimum = curve["mean"], curve["minimum"]
+    if mean.chunks is not None:
+        mean, minimum = mean.chunk({REALIZATION: -1}), minimum.chunk({REALIZATION: -1})
+    names = ("value", "mcse", "lower", "upper")
+    parts = xr.apply_ufunc(
+        _asymptote_of_pools,
+        mean,
+        minimum,
+        input_core_dims=[[REALIZATION, "drawn"], [REALIZATION]],
+        output_core_dims=[[]] * len(names),
+        kwargs={
+            "drawn": curve["drawn"].values.astype(float),
+            "tolerance": tolerance,
+            "left": left,
+            "resamples": resamples,
+            "confidence": confidence,
+        },
+        vectorize=True,
+        dask="parallelized",
+        output_dtypes=[float] * len(names),
+    )
+    n = minimum.notnull().sum(REALIZATION)
+    out = xr.Dataset(dict(zip(names, parts, strict=True)))
+    return out.assign(n=n, left_out=minimum.sizes[REALIZATION] - n)
+
+
+def _asymptote_of_pools(
+    mean: np.ndarray,
+    minimum: np.ndarray,
+    drawn: np.ndarray,
+    tolerance: float,
+    left: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    resamples: int,
+    confidence: float,
+) -> tuple[float, float, float, float]:
+    keep = np.isfinite(minimum)
+    mean, minimum = mean[keep], minimum[keep]
+    if not keep.any():
+        return np.nan, np.nan, np.nan, np.nan
+    n = minimum.size
+    rng = np.random.Generator(np.random.Philox(key=20180114))
+    resampled = rng.multinomial(n, np.full(n, 1 / n), size=resamples) / n
+    weights = np.vstack([np.full((1, n), 1 / n), resampled])
+    there = left(weights @ mean, weights @ minimum) <= tolerance
+    first = np.where(there.any(1), drawn[np.argmax(there, axis=1)], np.nan)
+    found = first[1:][np.isfinite(first[1:])]
+    # one pool tells nothing about others; a bootstrap that often fails to arrive tells nothing about its spread
+    if n < 2 or found.size < 0.9 * resamples:
+        return float(first[0]), np.nan, np.nan, np.nan
+    tail = (1 - confidence) / 2
+    lower, upper = np.quantile(found, [tail, 1 - tail])
+    return float(first[0]), float(found.std(ddof=1)), float(lower), float(upper)

@@ -1,0 +1,78 @@
+"""J_NC: how well a fit recovers the four neural controllers themselves, not only the sway they make.
+
+J_NC = 1/(4 n) sum over frequencies and controllers of |true - fit|^2 / |true|^2 (Goodworth & Peterka 2018, Methods),
+computed in closed form from the stored estimates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import neural_controllers
+
+_BLOCK = 4096  # parameter vectors evaluated at once: about 30 MB of controllers at 28 frequencies
+
+
+def j_nc(fits: xr.Dataset, model: Model) -> xr.DataArray:
+    """J_NC over all frequencies of the group, whatever Fmax was fitted, so that values compare across Fmax.
+
+    Parameters
+    ----------
+    fits: a cube (J_NC of every start) or cells (of the best); needs ``estimate``, ``truth`` and coord ``frequency``.
+    model: whose neural controllers; its own truth and bounds are not used.
+
+    Returns
+    -------
+    DataArray with the dims of ``estimate`` less ``parameter``; NaN where there is no estimate. Lazy where fits are.
+    """
+    counts = xr.DataArray(np.array([fits.sizes["frequency"]]), dims="_n")
+    return _errors(fits, model, counts).isel(_n=0)
+
+
+def j_nc_within(fits: xr.Dataset, model: Model) -> xr.DataArray:
+    """J_NC over the fitted frequencies only, those up to each Fmax (variable ``n_frequencies``)."""
+    counts = fits["n_frequencies"].reset_coords(drop=True).rename(fmax="_n")
+    every = _errors(fits, model, counts)
+    layers = [every.isel(_n=i, fmax=i) for i in range(fits.sizes["fmax"])]
+    return xr.concat(layers, dim=fits["fmax"]).transpose(*(d for d in fits["estimate"].dims if d != "parameter"))
+
+
+def _errors(fits: xr.Dataset, model: Model, counts: xr.DataArray) -> xr.DataArray:
+    estimate = fits["estimate"]
+    if estimate.chunks is not None:
+        estimate = estimate.chunk({"parameter": -1})
+    return xr.apply_ufunc(
+        j_nc_of,
+        estimate,
+        input_core_dims=[["parameter"]],
+        output_core_dims=[["_n"]],
+        kwargs={
+            "truth": fits["truth"].values,
+            "model": model,
+            "f": fits["frequency"].values,
+            "counts": counts.values,
+        },
+        dask="parallelized",
+        output_dtypes=[float],
+        dask_gufunc_kwargs={"output_sizes": {"_n": counts.size}},
+    )
+
+
+def j_nc_of(theta: np.ndarray, truth: np.ndarray, model: Model, f: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """J_NC of parameter vectors (..., P) over the first ``counts`` (C,) of frequencies ``f`` in Hz: (..., C).
+
+    Controllers that the model does not have (zero at the truth) are left out of the mean.
+    """
+    true = neural_controllers(model, truth, f)
+    present = np.abs(true) > 0
+    scale = np.where(present, np.abs(true), 1.0)
+    flat = theta.reshape(-1, theta.shape[-1])
+    out = np.full((flat.shape[0], counts.size), np.nan)
+    controllers = present.sum((1, 2)).cumsum()
+    for begin in range(0, flat.shape[0], _BLOCK):
+        error = np.where(present, (neural_controllers(model, flat[begin : begin + _BLOCK], f) - true) / scale, 0.0)
+        total = (np.abs(error) ** 2).sum((-2, -1)).cumsum(-1)
+        out[begin : begin + _BLOCK] = total[:, counts - 1] / controllers[counts - 1]
+    return out.reshape(*theta.shape[:-1], counts.size)

@@ -1,0 +1,152 @@
+"""Which fits count: the best start of every cell, and an account of every fit that was not used.
+
+A *cell* is one (amplitude, fmax, realization); its starts are as many attempts at one problem. A *cube* is a
+Dataset with the dim ``start``; `best` reduces it to *cells*, on which all accuracy statistics work.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.errors import InputError
+from mcstudy.fit.status import Status
+
+USABLE = tuple(int(s) for s in Status if s.usable)
+NON_FINITE = (int(Status.NON_FINITE_MODEL), int(Status.NON_FINITE_DATA))
+
+COMBINED: dict[str, tuple[str, ...]] = {
+    "K11+Kpas1": ("K11", "Kpas1"),
+    "K22+Kpas2": ("K22", "Kpas2"),
+    "K+Kpas": ("K", "Kpas"),
+}
+"""Sums of the active and the passive stiffness of a joint (Goodworth & Peterka 2018, Fig. 6)."""
+
+
+def usable(cube: xr.Dataset) -> xr.DataArray:
+    """Which fits mean something: the solver ran and returned a finite cost. Dims of ``status``."""
+    return cube["status"].isin(USABLE) & np.isfinite(cube["cost"])
+
+
+def best(cube: xr.Dataset, allowed: xr.DataArray | None = None) -> xr.Dataset:
+    """The usable fit of lowest cost in each cell; of equal costs the first start wins.
+
+    Parameters
+    ----------
+    cube: with dims (amplitude, fmax, realization, start, parameter) in any order.
+    allowed: which starts may win (e.g. ``cube.growth_rate < 0``, the stable ones); all by default.
+
+    Returns
+    -------
+    The cube without its starts: ``estimate``, ``cost``, ``status``, ``at_bound``, ``growth_rate``, ``iterations`` of
+    the winner, ``best_start`` (label, -1 where no start was usable, and the floats are then NaN) and
+    ``usable_starts``; variables without starts are passed through. Lazy where the cube is.
+    """
+    ok = usable(cube) if allowed is None else usable(cube) & allowed
+    any_ok = ok.any("start")
+    index = _whole_starts(cube["cost"].where(ok, np.inf)).argmin("start")
+    out = cube.drop_dims("start")
+    for name in ("estimate", "cost", "growth_rate"):
+        if name in cube:
+            out[name] = take(cube[name], index).where(any_ok)
+    for name in ("status", "at_bound", "iterations"):
+        if name in cube:
+            out[name] = take(cube[name], index)
+    label = take(cube["start"].broadcast_like(index), index) if "start" in cube.coords else index
+    out["best_start"] = label.where(any_ok, -1).astype("int64")
+    out["usable_starts"] = ok.sum("start")
+    return out
+
+
+def _whole_starts(x: xr.DataArray) -> xr.DataArray:
+    return x if x.chunks is None else x.chunk({"start": -1})
+
+
+def take(values: xr.DataArray, index: xr.DataArray) -> xr.DataArray:
+    """``values`` at one start per cell, without moving more than a chunk of them."""
+    out = xr.apply_ufunc(
+        _take_block,
+        _whole_starts(values),
+        index,
+        input_core_dims=[["start"], []],
+        dask="parallelized",
+        output_dtypes=[values.dtype],
+        keep_attrs=True,
+    )
+    order = [d for d in values.dims if d != "start"]
+    return out.transpose(*order)
+
+
+def _take_block(values: np.ndarray, index: np.ndarray) -> np.ndarray:
+    index = np.broadcast_to(index[..., None], (*values.shape[:-1], 1))
+    return np.take_along_axis(values, index.astype(np.intp), axis=-1)[..., 0]
+
+
+def outcomes(cube: xr.Dataset) -> xr.DataArray:
+    """Number of fits per (amplitude, fmax, outcome); outcomes are the names of `Status`, all of them kept apart."""
+    counts = [(cube["status"] == int(s)).sum(["realization", "start"]) for s in Status]
+    return xr.concat(counts, dim=xr.DataArray([s.name.lower() for s in Status], dims="outcome", name="outcome"))
+
+
+def realizations(cube: xr.Dataset) -> xr.Dataset:
+    """What became of the realizations, dims (amplitude, fmax): ``used``, ``not_run``, ``non_finite``, ``failed``.
+
+    A realization is used when one start is usable; else it is not run when a start is still pending; else its data
+    or model were not finite for every start; else the solver failed.
+    """
+    status = cube["status"]
+    used = usable(cube).any("start")
+    pending = ~used & (status == int(Status.PENDING)).any("start")
+    non_finite = ~used & ~pending & status.isin(NON_FINITE).all("start")
+    failed = ~used & ~pending & ~non_finite
+    groups = {"used": used, "not_run": pending, "non_finite": non_finite, "failed": failed}
+    return xr.Dataset({name: which.sum("realization") for name, which in groups.items()})
+
+
+def stable(cells: xr.Dataset) -> xr.DataArray:
+    """Which cells' best fit is a stable loop (rightmost root left of zero): a mask for conditional statistics."""
+    return cells["growth_rate"] < 0
+
+
+def inside_bounds(cells: xr.Dataset) -> xr.DataArray:
+    """Which cells' best fit touches no bound: a mask for conditional statistics."""
+    return (cells["at_bound"] == 0).all("parameter")
+
+
+def only(cells: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
+    """The cells where ``mask`` holds; the others' estimates become NaN and are counted as left out.
+
+    Statistics of the result are *conditional* on the mask, those of ``cells`` itself are over all replicates.
+    """
+    out = cells.copy()
+    for name in ("estimate", "cost", "growth_rate"):
+        if name in cells:
+            out[name] = cells[name].where(mask)
+    return out
+
+
+def combined(cells: xr.Dataset) -> xr.Dataset:
+    """Cells with the active and passive stiffness of each joint replaced by their sum: 12 parameters become 10.
+
+    Keeps ``estimate`` and ``truth`` (and the other variables without parameters); bounds of a sum are not defined.
+
+    Raises
+    ------
+    InputError: when the model has no such pair.
+    """
+    names = [str(n) for n in cells["parameter"].values]
+    pairs = {new: old for new, old in COMBINED.items() if set(old) <= set(names)}
+    if not pairs:
+        raise InputError(f"parameter: no active and passive stiffness to combine among {', '.join(names)}")
+    gone = {n for old in pairs.values() for n in old}
+    groups = [*pairs.items(), *((n, (n,)) for n in names if n not in gone)]
+    weights = xr.DataArray(
+        [[float(n in old) for n in names] for _, old in groups],
+        dims=("combined", "parameter"),
+        coords={"combined": [new for new, _ in groups], "parameter": cells["parameter"].values},
+    )
+    out = cells.drop_dims("parameter")
+    for name in ("estimate", "truth"):
+        total = xr.dot(cells[name], weights, dim="parameter").rename(combined="parameter")
+        out[name] = total.transpose(*cells[name].dims).assign_attrs(cells[name].attrs)
+    return out

@@ -1,0 +1,120 @@
+"""The Cramér-Rao bound and the linearised covariance, against simulated linear problems and known cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mcstudy.analysis import efficiency
+from mcstudy.analysis.selection import best
+from mcstudy.errors import InputError
+from mcstudy.fit.problem import paper_cost
+from mcstudy.spectra.bands import odd_lines, published
+from mcstudy.stance.body import two_segment
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf, frf_jacobian
+from mcstudy.stance.simulate_spectral import NoiseSway
+from mcstudy.stance.stimulus import Prts
+
+Cube = Callable[..., xr.Dataset]
+MODEL = two_segment()
+
+
+def random_covariance(rng: np.random.Generator, f: np.ndarray) -> np.ndarray:
+    """Covariances with correlated angles, a thousandth of the FRFs in size."""
+    H = frf(MODEL, MODEL.truth, f)
+    G = rng.standard_normal((f.size, 2, 2)) + 1j * rng.standard_normal((f.size, 2, 2)) + 2 * np.eye(2)
+    G *= 1e-3 * np.abs(H)[:, :, None]
+    return G @ G.conj().transpose(0, 2, 1)
+
+
+def linear_estimates(weight: np.ndarray, C: np.ndarray, f: np.ndarray, rng: np.random.Generator, n: int) -> np.ndarray:
+    """Errors (n, P) of weighted least squares in the linearised model, FRF errors drawn from C."""
+    _, J = frf_jacobian(MODEL, MODEL.truth, f)
+    scale = MODEL.upper - MODEL.lower
+    root = np.linalg.cholesky(C)
+    white = (rng.standard_normal((n, f.size, 2)) + 1j * rng.standard_normal((n, f.size, 2))) / np.sqrt(2)
+    error = np.einsum("nij,...nj->...ni", weight, np.einsum("nij,...nj->...ni", root, white)).reshape(n, -1)
+    design = np.einsum("nij,njp->nip", weight, J * scale).reshape(-1, scale.size)
+    real = np.concatenate([design.real, design.imag])
+    rhs = np.concatenate([error.real, error.imag], axis=1)
+    return np.linalg.lstsq(real, rhs.T, rcond=None)[0].T * scale
+
+
+def test_the_best_weights_reach_the_bound_and_the_papers_weights_their_sandwich() -> None:
+    rng, f = np.random.default_rng(0), odd_lines(2.0).f
+    C = random_covariance(rng, f)
+    joint = efficiency.joint_covariance(C)
+    bound = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint)
+    ml = np.linalg.inv(np.linalg.cholesky(C))
+    paper = paper_cost(MODEL, f, frf(MODEL, MODEL.truth, f)).weight
+    sandwich = efficiency.linearised(MODEL, MODEL.truth, f, paper, joint)
+    np.testing.assert_allclose(efficiency.linearised(MODEL, MODEL.truth, f, ml, joint), bound, rtol=1e-5)
+    for weight, expected in ((ml, bound), (paper, sandwich)):
+        sd = linear_estimates(weight, C, f, rng, 3000).std(axis=0)
+        np.testing.assert_allclose(sd, np.sqrt(np.diag(expected)), rtol=0.06)
+    assert (np.diag(sandwich) >= np.diag(bound) * (1 - 1e-9)).all()
+
+
+def test_points_that_share_lines_say_less_than_independent_ones() -> None:
+    f, rng = published().below(1.2).f, np.random.default_rng(1)
+    C = random_covariance(rng, f)
+    overlap = efficiency.overlap_of(published().below(1.2))
+    assert overlap[3, 4] == pytest.approx(0.5)  # harmonics 7, 9 and 9, 11
+    assert overlap[0, 1] == 0
+    joint = efficiency.joint_covariance(C, overlap)
+    np.testing.assert_allclose(joint, joint.conj().T)
+    np.testing.assert_allclose(joint[6:8, 6:8], C[3])
+    assert np.linalg.eigvalsh(joint).min() > 0
+
+
+def test_too_few_points_are_refused() -> None:
+    f = published().f[:2]
+    with pytest.raises(InputError, match="2 points do not determine 12 parameters"):
+        efficiency.cramer_rao(
+            MODEL, MODEL.truth, f, efficiency.joint_covariance(random_covariance(np.random.default_rng(2), f))
+        )
+
+
+def test_the_expected_covariance_is_that_of_simulated_lines() -> None:
+    prts, noise, cycles = Prts(stages=4), SensorNoise(), 3
+    lines = np.array([1, 3, 5])
+    f = lines / prts.period_s
+    drive = prts.coefficients()[lines]
+    n = prts.samples * cycles
+    expected = efficiency.expected_line_covariance(MODEL, MODEL.truth, noise, f, drive, n / prts.rate_hz)
+    sway = NoiseSway(MODEL, MODEL.truth, noise, n, prts.rate_hz)
+    rng = np.random.default_rng(4)
+    error = np.stack([sway.coefficients(rng)[lines * cycles] for _ in range(2000)]) / drive[:, None]
+    measured = np.einsum("rni,rnj->nij", error, error.conj()) / 2000
+    scale = np.sqrt(np.einsum("nii,njj->nij", expected, expected).real)
+    assert (np.abs(measured - expected) / scale).max() < 0.1
+
+
+def test_efficiency_is_one_for_estimates_that_scatter_like_the_bound(make_cube: Cube) -> None:
+    cube = make_cube(realizations=400, starts=1)
+    cells = best(cube)
+    f = cells["frequency"].values
+    C = random_covariance(np.random.default_rng(5), f)
+    dims = ("amplitude", "frequency", "angle", "angle_2")
+    covariance = xr.DataArray(np.stack([C, C * 9 / 25]), dims=dims)
+    bounds = efficiency.bounds_on_sd(cells, MODEL, covariance)
+    z = cells["estimate"].copy(data=np.random.default_rng(6).standard_normal(cells["estimate"].shape))
+    cells["estimate"] = cells["truth"] + z * bounds["cramer_rao"]
+    cells["estimate"] = cells["estimate"].transpose("amplitude", "fmax", "realization", "parameter")
+    out = efficiency.efficiency(cells, bounds)
+    deviation = (out["value"] - 1) / out["mcse"]
+    assert abs(deviation).max() < 4.5
+    assert 0.8 < float(deviation.std()) < 1.25
+    np.testing.assert_allclose(
+        bounds["cramer_rao"].isel(amplitude=1), bounds["cramer_rao"].isel(amplitude=0) * 3 / 5, rtol=1e-9
+    )
+    assert (bounds["cramer_rao"].diff("fmax") <= 0).all()
+
+
+def test_a_group_without_noise_has_no_bound(make_cube: Cube) -> None:
+    with pytest.raises(InputError, match="without noise"):
+        efficiency.measured_covariance(best(make_cube(simulator="none")))

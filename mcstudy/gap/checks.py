@@ -122,7 +122,8 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
     cycles = trial.samples / period
     if cycles < MINIMUM_CYCLES:
         raise RecordingError(
-            f"{where}: period_s: expected at least {MINIMUM_CYCLES} cycles of {recording.period_s:g} s, got {cycles:.2f}"
+            f"{where}: period_s: expected at least {MINIMUM_CYCLES} cycles of {recording.period_s:g} s, "
+            f"got {cycles:.2f}"
         )
     u = trial.stimulus - trial.stimulus.mean()
     size = np.sqrt(np.mean(u**2))
@@ -164,14 +165,15 @@ def _true_period(u: np.ndarray) -> int | None:
 
 def _amplitude(recording: Recording, trial: Trial, where: str) -> list[Suspicion]:
     """The stated amplitude against the waveform read both ways."""
-    if trial.amplitude is None:
+    stated = trial.amplitude
+    if stated is None:
         return []
     unit = recording.stimulus_unit
     u = trial.stimulus - np.median(trial.stimulus)
     peaks = {"peak": (float(np.abs(u).max()), trial.peak), "peak_to_peak": (2 * trial.peak,)}
 
     def fits(convention: str) -> bool:
-        return any(abs(p / trial.amplitude - 1) < AMPLITUDE for p in peaks[convention])
+        return any(abs(p / stated - 1) < AMPLITUDE for p in peaks[convention])
 
     if fits(recording.convention):
         return []
@@ -179,8 +181,8 @@ def _amplitude(recording: Recording, trial: Trial, where: str) -> list[Suspicion
     waveform = f"the waveform has a peak of {trial.peak:.4g} {unit} (peak to peak {2 * trial.peak:.4g})"
     if fits(other):
         raise RecordingError(
-            f"{where}: amplitude: {trial.amplitude:g} {unit} is stated as {recording.convention}, but {waveform}; "
+            f"{where}: amplitude: {stated:g} {unit} is stated as {recording.convention}, but {waveform}; "
             f"the convention is {other}"
         )
-    message = f"{where}: amplitude: {trial.amplitude:g} {unit} is stated as {recording.convention}, but {waveform}"
+    message = f"{where}: amplitude: {stated:g} {unit} is stated as {recording.convention}, but {waveform}"
     return [Suspicion("amplitude", "stimulus", message)]

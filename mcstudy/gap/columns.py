@@ -51,9 +51,7 @@ class TextTable:
             for k, line in numbered:
                 cells = line.split(delimiter)
                 if len(cells) != width:
-                    raise RecordingError(
-                        f"{self.path}: line {k}: expected {width} columns, got {len(cells)}"
-                    ) from None
+                    raise RecordingError(f"{self.path}: line {k}: expected {width} columns, got {len(cells)}") from None
                 for c, cell in enumerate(cells):
                     if not _is_number(cell):
                         label = self.names[c] if self.names else str(c)

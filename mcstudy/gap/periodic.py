@@ -1,7 +1,8 @@
 """Lines of a recording with a periodic stimulus: one FRF per cycle, their mean, and the covariance of that mean.
 
-Every cycle is freed from leakage (`mcstudy.gap.leakage`). The FRF of a line is sum U* Theta / sum |U|^2 over all cycles of all trials. The noise
-covariance comes from even lines when only odd lines are excited, otherwise from the differences between cycles.
+Every cycle is freed from leakage (`mcstudy.gap.leakage`). The FRF of a line is sum U* Theta / sum |U|^2 over all
+cycles of all trials. The noise covariance comes from even lines when only odd lines are excited, otherwise from the
+differences between cycles.
 """
 
 from __future__ import annotations

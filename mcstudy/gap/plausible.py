@@ -11,6 +11,7 @@ logarithm of the odds against the reading as labelled. Derived.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def band_means(lines: Lines, model: Model) -> tuple[np.ndarray, np.ndarray, np.n
     magnitude first and averaged with inverse-variance weights."""
     H = frf(model, model.truth, lines.f)
     f, y, h, C = [], [], [], []
-    for low, high in zip(EDGES_HZ[:-1], EDGES_HZ[1:], strict=True):
+    for low, high in pairwise(EDGES_HZ):
         inside = (lines.f >= low) & (lines.f < high)
         if not inside.any():
             continue

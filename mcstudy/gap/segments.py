@@ -9,6 +9,8 @@ window are correlated by 2/3, every second one by 1/6; every second bin is a lin
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy import signal
 
@@ -103,10 +105,7 @@ def _blocks(recording: Recording, n: int) -> list[tuple[int, int, Trial]]:
     for t, trial in enumerate(recording.trials):
         k = max(1, min(each, trial.samples // (2 * n)))
         edges = np.linspace(0, trial.samples, k + 1).astype(int)
-        parts += [
-            (t, b, Trial(trial.stimulus[i:j], trial.theta[i:j]))
-            for b, (i, j) in enumerate(zip(edges[:-1], edges[1:], strict=True))
-        ]
+        parts += [(t, b, Trial(trial.stimulus[i:j], trial.theta[i:j])) for b, (i, j) in enumerate(pairwise(edges))]
     return parts
 
 

@@ -20,6 +20,4 @@ def factor(unit: str, target: str, where: str) -> float:
     try:
         return FACTORS[target][unit.strip()]
     except KeyError:
-        raise RecordingError(
-            f"{where}: unit: expected one of {', '.join(FACTORS[target])}, got {unit!r}"
-        ) from None
+        raise RecordingError(f"{where}: unit: expected one of {', '.join(FACTORS[target])}, got {unit!r}") from None

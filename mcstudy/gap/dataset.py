@@ -1,0 +1,242 @@
+"""Recordings as labelled datasets: NetCDF (through h5netcdf) and Zarr, written and read by xarray.
+
+Dimensions ``trial, time, angle``; variables ``stimulus (trial, time)``, ``theta (trial, time, angle)``, ``amplitude
+(trial)`` and ``samples (trial)``, the length of every trial (shorter ones are padded with nan). A reader also takes
+files without ``trial``. `results_schema/recording/1.0.0.json` states the attributes.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.errors import RecordingError
+from mcstudy.gap.checks import rate_of
+from mcstudy.gap.recording import Recording, Trial
+from mcstudy.gap.units import factor
+from mcstudy.stance.body import STIMULI, Body
+from mcstudy.stance.feedback import ANGLES
+
+SCHEMA = "mcstudy-recording/1.0.0"
+"""What the ``schema`` attribute of a recording says."""
+
+LARGEST = 1 << 31
+"""Bytes a recording may hold in memory; a header that claims more is refused before anything is read."""
+
+BODY = ("J1", "J2", "C1", "C2", "A1", "A2", "g")
+
+
+def to_dataset(recording: Recording) -> xr.Dataset:
+    """The recording as a dataset, angles in rad."""
+    n = max(t.samples for t in recording.trials)
+    stimulus = np.full((len(recording.trials), n), np.nan)
+    theta = np.full((len(recording.trials), n, 2), np.nan)
+    for k, trial in enumerate(recording.trials):
+        stimulus[k, : trial.samples] = trial.stimulus
+        theta[k, : trial.samples] = trial.theta
+    stated = [np.nan if t.amplitude is None else t.amplitude for t in recording.trials]
+    unit = recording.stimulus_unit
+    attrs: dict[str, Any] = {
+        "schema": SCHEMA,
+        "name": recording.name,
+        "provenance": recording.provenance,
+        "rate_hz": recording.rate_hz,
+        "stimulus_kind": recording.stimulus,
+        "convention": recording.convention,
+        "body": json.dumps(asdict(recording.body)),
+    }
+    if recording.period_s is not None:
+        attrs["period_s"] = recording.period_s
+    return xr.Dataset(
+        {
+            "stimulus": (("trial", "time"), stimulus, {"units": unit, "long_name": recording.stimulus}),
+            "theta": (("trial", "time", "angle"), theta, {"units": "rad", "long_name": "joint angles"}),
+            "amplitude": ("trial", np.array(stated), {"units": unit, "long_name": "stated stimulus amplitude"}),
+            "samples": ("trial", np.array([t.samples for t in recording.trials]), {"long_name": "length of the trial"}),
+        },
+        coords={
+            "trial": np.arange(1, len(recording.trials) + 1),
+            "time": ("time", np.arange(n) / recording.rate_hz, {"units": "s", "long_name": "time"}),
+            "angle": list(ANGLES),
+        },
+        attrs=attrs,
+    )
+
+
+def write_netcdf(recording: Recording, path: Path) -> None:
+    """Write a NetCDF-4 file; an existing one is replaced."""
+    to_dataset(recording).to_netcdf(path, engine="h5netcdf")
+
+
+def write_zarr(recording: Recording, path: Path) -> None:
+    """Write a Zarr v3 store of fixed-length types; an existing one is replaced."""
+    dataset = to_dataset(recording)
+    # Strings have no Zarr v3 specification yet: the names of the angles go into an attribute.
+    dataset = dataset.drop_vars("angle").assign_attrs(angles=list(ANGLES))
+    dataset.to_zarr(path, mode="w", zarr_format=3, consolidated=False)
+
+
+def write_csv(recording: Recording, folder: Path) -> Path:
+    """Write ``recording.toml`` and one CSV per trial into a folder; returns the path of the TOML file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    body = ", ".join(f"{n} = {getattr(recording.body, n)!r}" for n in BODY)
+    lines = [
+        f"name = {json.dumps(recording.name)}",
+        f"provenance = {json.dumps(recording.provenance)}",
+        f"rate_hz = {recording.rate_hz!r}",
+        *([f"period_s = {recording.period_s!r}"] if recording.period_s is not None else []),
+        f'stimulus = "{recording.stimulus}"',
+        f'convention = "{recording.convention}"',
+        f'units = {{time = "s", stimulus = "{recording.stimulus_unit}", angle = "deg"}}',
+        f"body = {{{body}}}",
+    ]
+    for k, trial in enumerate(recording.trials, start=1):
+        name = f"trial{k}.csv"
+        lines += ["", "[[trials]]", f'file = "{name}"']
+        lines += [f"amplitude = {trial.amplitude!r}"] if trial.amplitude is not None else []
+        time = np.arange(trial.samples) / recording.rate_hz
+        table = np.column_stack([time, trial.stimulus, np.rad2deg(trial.theta)])
+        header = "time,stimulus,theta1,theta2"
+        np.savetxt(folder / name, table, fmt="%.12g", delimiter=",", header=header, comments="")
+    path = folder / "recording.toml"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def read_dataset(path: Path) -> Recording:
+    """Read a NetCDF file or a Zarr store (by its name's ending); structure and units, `RecordingError` otherwise."""
+    options: dict[str, Any] = {"decode_times": False, "decode_timedelta": False, "mask_and_scale": False}
+    try:
+        if path.suffix == ".zarr" or path.is_dir():
+            dataset = xr.open_zarr(path, consolidated=False, chunks=None, **options)
+        else:
+            dataset = xr.open_dataset(path, engine="h5netcdf", **options)
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError, zipfile.BadZipFile) as error:
+        raise RecordingError(f"{path}: expected NetCDF or Zarr: {str(error).splitlines()[0]}") from error
+    with dataset:
+        return from_dataset(dataset, str(path))
+
+
+def from_dataset(dataset: xr.Dataset, where: str = "dataset") -> Recording:
+    """A recording from a dataset, opened lazily or in memory; `RecordingError` names what is missing or wrong."""
+    stimulus, theta = (
+        _variable(dataset, "stimulus", ("time",), where),
+        _variable(dataset, "theta", ("time", "angle"), where),
+    )
+    if "angle" in theta.coords and tuple(map(str, theta["angle"].values)) != ANGLES:
+        raise RecordingError(
+            f"{where}: angle: expected theta1, theta2, got {', '.join(map(str, theta['angle'].values))}"
+        )
+    if theta.sizes["angle"] != 2 or theta.sizes["time"] != stimulus.sizes["time"]:
+        raise RecordingError(
+            f"{where}: theta: expected (trial, time, 2) matching the stimulus, got {dict(theta.sizes)}"
+        )
+    if theta.sizes["trial"] != stimulus.sizes["trial"]:
+        raise RecordingError(
+            f"{where}: theta: {theta.sizes['trial']} trials, but the stimulus has {stimulus.sizes['trial']}"
+        )
+    attrs = dataset.attrs
+    kind = str(_attribute(attrs, "stimulus_kind", where))
+    if kind not in STIMULI:
+        raise RecordingError(f"{where}: stimulus_kind: expected one of {', '.join(STIMULI)}, got {kind!r}")
+    u = _values(stimulus, where) * factor(
+        str(stimulus.attrs.get("units", "missing")), STIMULI[kind], f"{where}: stimulus"
+    )
+    y = _values(theta, where) * factor(str(theta.attrs.get("units", "missing")), "rad", f"{where}: theta")
+    samples = _per_trial(dataset, "samples", u.shape[0], float(u.shape[1]), where)
+    stated = _per_trial(dataset, "amplitude", u.shape[0], np.nan, where)
+    trials = []
+    for k in range(u.shape[0]):
+        n = int(samples[k])
+        if not 1 <= n <= u.shape[1]:
+            raise RecordingError(f"{where}: samples: trial {k + 1} states {n} of {u.shape[1]}")
+        trials.append(Trial(u[k, :n], y[k, :n], float(stated[k]) if np.isfinite(stated[k]) else None))
+    period = attrs.get("period_s")
+    return Recording(
+        tuple(trials),
+        _rate(dataset, attrs, where),
+        None if period is None else _number(period, "period_s", where),
+        kind,
+        _body(attrs, where),
+        str(attrs.get("convention", "peak")),
+        str(attrs.get("name", Path(where).stem)),
+        str(attrs.get("provenance", "")),
+    )
+
+
+def _variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], where: str) -> xr.DataArray:
+    if name not in dataset:
+        raise RecordingError(f"{where}: {name}: missing; found {', '.join(map(str, dataset.data_vars)) or 'nothing'}")
+    array = dataset[name]
+    if array.dtype.kind not in "fiu":
+        raise RecordingError(f"{where}: {name}: expected numbers, got {array.dtype}")
+    if "trial" not in array.dims:
+        array = array.expand_dims("trial")
+    if set(array.dims) != {"trial", *dims}:
+        raise RecordingError(f"{where}: {name}: expected dimensions trial, {', '.join(dims)}, got {array.dims}")
+    if array.size * 8 > LARGEST:
+        raise RecordingError(f"{where}: {name}: claims {array.size * 8} bytes; expected less than {LARGEST}")
+    if array.size == 0:
+        raise RecordingError(f"{where}: {name}: empty")
+    return array.transpose("trial", *dims)
+
+
+def _values(array: xr.DataArray, where: str) -> np.ndarray:
+    try:
+        return np.asarray(array.values, dtype=float)
+    except (OSError, ValueError, RuntimeError, KeyError, MemoryError) as error:
+        raise RecordingError(f"{where}: {array.name}: cannot be read: {str(error).splitlines()[0]}") from error
+
+
+def _per_trial(dataset: xr.Dataset, name: str, n: int, default: float, where: str) -> np.ndarray:
+    if name not in dataset:
+        return np.full(n, default)
+    array = dataset[name]
+    if array.dtype.kind not in "fiu" or array.size != n:
+        raise RecordingError(f"{where}: {name}: expected one number per trial ({n})")
+    return np.asarray(array.values, dtype=float).ravel()
+
+
+def _attribute(attrs: dict[Any, Any], name: str, where: str) -> Any:
+    if name not in attrs:
+        raise RecordingError(f"{where}: attribute {name!r} is missing; found {', '.join(map(str, attrs)) or 'none'}")
+    return attrs[name]
+
+
+def _number(value: Any, name: str, where: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not (np.isfinite(number) and number > 0):
+        raise RecordingError(f"{where}: {name}: expected a positive number, got {value!r}")
+    return number
+
+
+def _rate(dataset: xr.Dataset, attrs: dict[Any, Any], where: str) -> float:
+    stated = None if "rate_hz" not in attrs else _number(attrs["rate_hz"], "rate_hz", where)
+    if "time" not in dataset.coords or dataset["time"].dtype.kind != "f":
+        if stated is None:
+            raise RecordingError(f"{where}: rate_hz: expected an attribute or a time coordinate in s")
+        return stated
+    time = np.asarray(dataset["time"].values, dtype=float)
+    unit = str(dataset["time"].attrs.get("units", "s"))
+    return rate_of(time * factor(unit, "s", f"{where}: time"), stated, where)
+
+
+def _body(attrs: dict[Any, Any], where: str) -> Body:
+    text = _attribute(attrs, "body", where)
+    try:
+        given = json.loads(text) if isinstance(text, str) else dict(text)
+        values = {n: float(given[n]) for n in BODY if n in given or n != "g"}
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordingError(f"{where}: body: expected JSON with {', '.join(BODY)}: {error!r}") from error
+    if any(not (np.isfinite(v) and v > 0) for v in values.values()):
+        raise RecordingError(f"{where}: body: expected positive numbers, got {values}")
+    return Body(**values)

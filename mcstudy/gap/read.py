@@ -1,0 +1,78 @@
+"""Reading and writing recordings: the format follows from the name's ending."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from mcstudy.errors import RecordingError
+from mcstudy.gap.checks import check
+from mcstudy.gap.dataset import read_dataset, write_csv, write_netcdf, write_zarr
+from mcstudy.gap.frf_only import FrfRecording
+from mcstudy.gap.measure import measure
+from mcstudy.gap.plausible import plausibility, refuse
+from mcstudy.gap.recording import Recording
+from mcstudy.gap.sheet import read_sheet
+
+NETCDF = (".nc", ".nc4", ".h5")
+
+
+def read_recording(
+    path: str | Path, data: str | Path | None = None, accept: Iterable[str] = ()
+) -> Recording | FrfRecording:
+    """A checked recording from NetCDF (.nc), Zarr (.zarr), or a TOML file (.toml, or a .csv with one beside it).
+
+    Parameters
+    ----------
+    data: folder of the files a TOML file names; its own folder when None.
+    accept: codes of suspicions (`mcstudy.gap.plausible.READINGS`) that the user wants to keep.
+
+    What is odd but not refused is in ``suspicions``. Raises `RecordingError`, one line that names file and field.
+    """
+    path = Path(path)
+    recording = _structure(path, None if data is None else Path(data))
+    return recording if isinstance(recording, FrfRecording) else checked(recording, accept)
+
+
+def checked(recording: Recording, accept: Iterable[str] = ()) -> Recording:
+    """The recording after every check, with the suspicions found; `RecordingError` on what cannot be analysed."""
+    found = check(recording)
+    doubts = plausibility(recording, measure(recording, fmax=min(8.0, recording.rate_hz / 2.5)))
+    refuse(doubts, accept)
+    return replace(recording, suspicions=(*found, *doubts))
+
+
+def _structure(path: Path, data: Path | None) -> Recording | FrfRecording:
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file")
+    if path.suffix == ".csv":
+        sheet = path.with_suffix(".toml")
+        if not sheet.exists():
+            raise RecordingError(f"{path}: expected {sheet.name} beside it with rate, units, stimulus and body")
+        return read_sheet(sheet, data)
+    if path.suffix == ".toml":
+        return read_sheet(path, data)
+    if path.suffix in NETCDF or path.suffix == ".zarr":
+        return read_dataset(path)
+    raise RecordingError(f"{path}: expected a name ending in {', '.join(NETCDF)}, .zarr, .toml or .csv")
+
+
+def write_recording(recording: Recording, path: str | Path) -> Path:
+    """Write NetCDF (.nc), Zarr (.zarr) or, for a name without ending, a folder of CSV with ``recording.toml``.
+
+    Returns the path to read it back from. Raises `RecordingError` for another ending or an unwritable path.
+    """
+    path = Path(path)
+    try:
+        if path.suffix in NETCDF:
+            write_netcdf(recording, path)
+        elif path.suffix == ".zarr":
+            write_zarr(recording, path)
+        elif path.suffix == "":
+            return write_csv(recording, path)
+        else:
+            raise RecordingError(f"{path}: expected a name ending in {', '.join(NETCDF)}, .zarr or none (CSV folder)")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
+    return path

@@ -79,27 +79,27 @@ def _characteristic(
 
 
 @_compiled
-def _evaluate(s: complex, loop: Loop) -> tuple[complex, complex]:
-    """f(s) and f'(s)."""
+def _evaluate(s: complex, loop: Loop) -> tuple[complex, complex, complex]:
+    """f(s), f'(s) and the undelayed part of f(s)."""
     coefficient, exponent, first, second, degree, delay, factor = loop
     for g in range(1, delay.size):
         size, phase = math.exp(-delay[g] * s.real), -delay[g] * s.imag
         factor[g] = complex(size * math.cos(phase), size * math.sin(phase))
-    f, df = 0j, 0j
+    f, df, undelayed = 0j, 0j, 0j
     for k in range(exponent.size):
         p, dp = 0j, 0j
         for j in range(degree[k], -1, -1):
             dp = dp * s + p
             p = p * s + coefficient[k, j]
         if k == 0:
-            f, df = p, dp
+            f, df, undelayed = p, dp, p
         else:
             e = factor[second[k]]
             if first[k] > 0:
                 e *= factor[first[k]]
             f += e * p
             df += e * (dp - exponent[k] * p)
-    return f, df
+    return f, df, undelayed
 
 
 @_compiled
@@ -122,7 +122,7 @@ def _deflation(s: complex, roots: np.ndarray, found: int) -> tuple[complex, comp
 def _newton(s: complex, roots: np.ndarray, found: int, loop: Loop) -> tuple[bool, complex]:
     """Newton's iteration, roots found divided out until it has nearly converged; returns (converged, root)."""
     for _ in range(40):
-        f, df = _evaluate(s, loop)
+        f, df, _ = _evaluate(s, loop)
         if f == 0.0:
             break
         total, _ = _deflation(s, roots, found)
@@ -144,7 +144,7 @@ def _newton(s: complex, roots: np.ndarray, found: int, loop: Loop) -> tuple[bool
         s = complex(s.real, 0.0)
     last = 1e300
     for _ in range(8):  # polish on f itself: quadratic, so a few steps reach rounding
-        f, df = _evaluate(s, loop)
+        f, df, _ = _evaluate(s, loop)
         if f == 0.0:
             break
         step = f / df
@@ -179,7 +179,7 @@ def _scan(c: float, starts: np.ndarray, loop: Loop) -> int:
     previous = complex(c, 0.0)
     for i in range(int(SCAN_END / SCAN_STEP) + 2):
         s = complex(c, i * SCAN_STEP)
-        f, df = _evaluate(s, loop)
+        f, df, _ = _evaluate(s, loop)
         size = abs(f) / abs(df)
         if i > 0 and one <= two and one < size and count < starts.size:
             starts[count] = previous
@@ -222,22 +222,24 @@ def _count_right(sigma: float, roots: np.ndarray, found: int, starts: np.ndarray
     end = 1.0
     while not _dominated(end, sigma, loop):
         end *= 1.25
-        if end > 1e7:
+        if end > 1e12:
             return -1, 0
     omega, phase, stored = 0.0, 0.0, 0
     s = complex(sigma, 0.0)
-    f, df = _evaluate(s, loop)
+    f, df, _ = _evaluate(s, loop)
     total, product = _deflation(s, roots, found)
     value, slope = f / product, df / f - total
     if not abs(slope) < 1e300:
         return -1, 0
     two, one = 0.0, 0.0
     previous = s
-    step = widest
+    step, delayed = widest, math.inf
     for _ in range(MAX_MARCH):
-        step = min(step, widest, 1.0 / abs(slope), end - omega)
+        step = min(step, 1.0 / abs(slope), end - omega)
+        if delayed > 0.1:
+            step = min(step, widest)
         s = complex(sigma, omega + step)
-        f, df = _evaluate(s, loop)
+        f, df, undelayed = _evaluate(s, loop)
         total, product = _deflation(s, roots, found)
         new_value, new_slope = f / product, df / f - total
         ratio = new_value * value.conjugate()
@@ -255,13 +257,14 @@ def _count_right(sigma: float, roots: np.ndarray, found: int, starts: np.ndarray
         phase += change
         omega += step
         value, slope = new_value, new_slope
+        delayed = abs(f - undelayed) / abs(undelayed)
         if omega >= end * (1.0 - 1e-12):
             break
         step *= 3.0
     else:
         return -1, 0
     s = complex(sigma, omega)
-    f, df = _evaluate(s, loop)
+    f, df, _ = _evaluate(s, loop)
     for j in range(found):
         d = s - roots[j]
         phase += math.atan2(d.imag, d.real)

@@ -2,12 +2,13 @@
 
 Dimensions ``trial, time, angle``; variables ``stimulus (trial, time)``, ``theta (trial, time, angle)``, ``amplitude
 (trial)`` and ``samples (trial)``, the length of every trial (shorter ones are padded with nan). A reader also takes
-files without ``trial``. `results_schema/recording/1.0.0.json` states the attributes.
+files without ``trial``. `results_schema/1.0.0/recording.json` states the attributes.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
@@ -22,9 +23,7 @@ from mcstudy.gap.recording import Recording, Trial
 from mcstudy.gap.units import factor
 from mcstudy.stance.body import STIMULI, Body
 from mcstudy.stance.feedback import ANGLES
-
-SCHEMA = "mcstudy-recording/1.0.0"
-"""What the ``schema`` attribute of a recording says."""
+from mcstudy.study import schema
 
 LARGEST = 1 << 31
 """Bytes a recording may hold in memory; a header that claims more is refused before anything is read."""
@@ -43,7 +42,7 @@ def to_dataset(recording: Recording) -> xr.Dataset:
     stated = [np.nan if t.amplitude is None else t.amplitude for t in recording.trials]
     unit = recording.stimulus_unit
     attrs: dict[str, Any] = {
-        "schema": SCHEMA,
+        "schema": schema.identifier("recording"),
         "name": recording.name,
         "provenance": recording.provenance,
         "rate_hz": recording.rate_hz,
@@ -53,7 +52,7 @@ def to_dataset(recording: Recording) -> xr.Dataset:
     }
     if recording.period_s is not None:
         attrs["period_s"] = recording.period_s
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             "stimulus": (("trial", "time"), stimulus, {"units": unit, "long_name": recording.stimulus}),
             "theta": (("trial", "time", "angle"), theta, {"units": "rad", "long_name": "joint angles"}),
@@ -67,6 +66,24 @@ def to_dataset(recording: Recording) -> xr.Dataset:
         },
         attrs=attrs,
     )
+    schema.validate("recording", header(dataset), recording.name)
+    return dataset
+
+
+def header(dataset: xr.Dataset) -> dict[str, Any]:
+    """What the schema describes: sizes, variables (dims, dtype, units) and attributes."""
+    return {
+        "sizes": {str(k): int(v) for k, v in dataset.sizes.items()},
+        "variables": {
+            str(name): {
+                "dims": list(map(str, v.dims)),
+                "dtype": str(v.dtype),
+                **({"units": v.attrs["units"]} if "units" in v.attrs else {}),
+            }
+            for name, v in dataset.data_vars.items()
+        },
+        "attrs": dict(dataset.attrs),
+    }
 
 
 def write_netcdf(recording: Recording, path: Path) -> None:
@@ -111,7 +128,12 @@ def write_csv(recording: Recording, folder: Path) -> Path:
 
 def read_dataset(path: Path) -> Recording:
     """Read a NetCDF file or a Zarr store (by its name's ending); structure and units, `RecordingError` otherwise."""
-    options: dict[str, Any] = {"decode_times": False, "decode_timedelta": False, "mask_and_scale": False}
+    # No indexes: building one would read a coordinate before its size is checked.
+    options: dict[str, Any] = {
+        "decode_times": False,
+        "decode_timedelta": False,
+        "create_default_indexes": False,
+    }
     try:
         if path.suffix == ".zarr" or path.is_dir():
             dataset = xr.open_zarr(path, consolidated=False, chunks=None, **options)
@@ -125,22 +147,14 @@ def read_dataset(path: Path) -> Recording:
 
 def from_dataset(dataset: xr.Dataset, where: str = "dataset") -> Recording:
     """A recording from a dataset, opened lazily or in memory; `RecordingError` names what is missing or wrong."""
-    stimulus, theta = (
-        _variable(dataset, "stimulus", ("time",), where),
-        _variable(dataset, "theta", ("time", "angle"), where),
-    )
-    if "angle" in theta.coords and tuple(map(str, theta["angle"].values)) != ANGLES:
-        raise RecordingError(
-            f"{where}: angle: expected theta1, theta2, got {', '.join(map(str, theta['angle'].values))}"
-        )
-    if theta.sizes["angle"] != 2 or theta.sizes["time"] != stimulus.sizes["time"]:
-        raise RecordingError(
-            f"{where}: theta: expected (trial, time, 2) matching the stimulus, got {dict(theta.sizes)}"
-        )
-    if theta.sizes["trial"] != stimulus.sizes["trial"]:
-        raise RecordingError(
-            f"{where}: theta: {theta.sizes['trial']} trials, but the stimulus has {stimulus.sizes['trial']}"
-        )
+    stimulus = _variable(dataset, "stimulus", ("time",), where)
+    theta = _variable(dataset, "theta", ("time", "angle"), where)
+    for dim, size in {"trial": stimulus.sizes["trial"], "time": stimulus.sizes["time"], "angle": 2}.items():
+        if theta.sizes[dim] != size:
+            raise RecordingError(f"{where}: theta: expected {size} along {dim}, got {theta.sizes[dim]}")
+    named = tuple(map(str, theta["angle"].values)) if "angle" in theta.coords else ANGLES
+    if named != ANGLES:
+        raise RecordingError(f"{where}: angle: expected {', '.join(ANGLES)}, got {', '.join(named)}")
     attrs = dataset.attrs
     kind = str(_attribute(attrs, "stimulus_kind", where))
     if kind not in STIMULI:
@@ -180,8 +194,10 @@ def _variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], where: str)
         array = array.expand_dims("trial")
     if set(array.dims) != {"trial", *dims}:
         raise RecordingError(f"{where}: {name}: expected dimensions trial, {', '.join(dims)}, got {array.dims}")
-    if array.size * 8 > LARGEST:
-        raise RecordingError(f"{where}: {name}: claims {array.size * 8} bytes; expected less than {LARGEST}")
+    chunks = array.encoding.get("chunks") or array.encoding.get("chunksizes") or ()
+    claimed = 8 * max(array.size, math.prod(int(c) for c in chunks))
+    if claimed > LARGEST:
+        raise RecordingError(f"{where}: {name}: claims {claimed} bytes; expected less than {LARGEST}")
     if array.size == 0:
         raise RecordingError(f"{where}: {name}: empty")
     return array.transpose("trial", *dims)

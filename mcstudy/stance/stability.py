@@ -16,7 +16,8 @@ import numpy as np
 
 from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.realize import Realisation, rational_rows, realise
+from mcstudy.stance.rational import rational_rows
+from mcstudy.stance.realize import FILTERS, Realisation, realise
 from mcstudy.stance.stability_kernel import CERTIFIED, CHAIN, rightmost
 
 FALLBACK_ORDER = 32
@@ -85,9 +86,8 @@ def growth_rate(model: Model, theta: np.ndarray) -> np.ndarray:
 
 
 def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    entries = _in_loop(model)
-    rows = rational_rows(model, theta, entries)
-    numerator = np.ascontiguousarray(rows.numerator[..., :2, :])
+    rows = rational_rows(model, theta, _in_loop(model))
+    numerator = np.ascontiguousarray(rows.folded()[..., :2, :])
     root = np.empty(len(theta), dtype=complex)
     outcome, rounds = np.empty(len(theta), dtype=np.int8), np.empty(len(theta), dtype=np.int8)
     rightmost(numerator, rows.delay, np.empty((len(theta), 0), dtype=complex), root, outcome, rounds)
@@ -120,8 +120,9 @@ def roots_chebyshev(model: Model, theta: np.ndarray, order: int = 40) -> np.ndar
     ------
     ModelError: as `mcstudy.stance.realize.realise`.
     """
-    mass, state = _first_order(realise(model, theta, _in_loop(model)))
-    delay = rational_rows(model, np.asarray(theta, dtype=float), _in_loop(model)).delay
+    loop = realise(model, theta, _in_loop(model))
+    mass, state = _first_order(loop)
+    delay = loop.delay
     size = mass.shape[1]
     if delay.max() == 0.0:
         roots = np.linalg.eigvals(np.linalg.solve(mass.sum(axis=0), state.sum(axis=0)))
@@ -141,30 +142,34 @@ def roots_chebyshev(model: Model, theta: np.ndarray, order: int = 40) -> np.ndar
 def _first_order(loop: Realisation) -> tuple[np.ndarray, np.ndarray]:
     """The closed loop as sum_g mass_g x'(t - delay_g) = sum_g state_g x(t - delay_g), each (G, n, n).
 
-    x holds the angles, their rates and the filter states; angles held by padded rows are left out.
+    x holds the angles, their rates and the filter states; angles held by padded rows and output filters
+    are left out.
     """
-    sizes = [d.size for d in loop.denominator]
-    n, groups = 4 + sum(sizes), loop.delay.size
+    n, groups = 4 + loop.head.size, loop.delay.size
     mass, state = np.zeros((groups, n, n)), np.zeros((groups, n, n))
     mass[0] = np.eye(n)
+    mass[0, 2:4, 2:4] = loop.mass
     state[0, 0:2, 2:4] = np.eye(2)
-    mass[0, 2:4, 2:4] = 0.0
-    mass[:, 2:4, 2:4] = loop.direct[:, :, :2, 2]
-    state[:, 2:4, 0:2] = -loop.direct[:, :, :2, 0]
-    state[:, 2:4, 2:4] = -loop.direct[:, :, :2, 1]
-    at = 4
-    for row, size in enumerate(sizes):
-        if size:
-            block = slice(at, at + size)
-            state[0, 2 + row, at] = -1.0
-            state[0, block, at] = -loop.denominator[row][::-1]
-            state[0, block, block] += np.eye(size, k=1)
-            state[:, block, 0:2] += np.swapaxes(loop.filtered[:, row, :2, :size], 1, 2)
-            at += size
+    for (signal, destination), gain in zip(loop.link, loop.gain, strict=True):
+        _, g, angle, order = loop.signal[signal]
+        row, sign = (2 + destination % 2, -1.0) if destination < FILTERS else (4 + destination - FILTERS, 1.0)
+        if order == 2:
+            mass[g, row, 2 + angle] -= sign * gain
+        else:
+            state[g, row, angle + 2 * order] += sign * gain
+    for i, (head, last, torque) in enumerate(zip(loop.head, loop.last, loop.torque_of, strict=True)):
+        state[0, 4 + i, 4 + head] -= loop.coefficient[i]
+        if not last:
+            state[0, 4 + i, 5 + i] += 1.0
+        if torque >= 0:
+            state[0, 2 + torque % 2, 4 + i] -= 1.0
     locked = {int(c) for c in loop.locks if c >= 0}
     padded = {2 + int(r) for r in np.flatnonzero(loop.locks >= 0)}
     equations = [i for i in range(n) if i not in locked | padded]
     states = [i for i in range(n) if i >= 4 or i % 2 not in locked]
+    measuring = {4 + i for i, head in enumerate(loop.head) if loop.torque_of[head] < 0}
+    equations = [i for i in equations if i not in measuring]
+    states = [i for i in states if i not in measuring]
     return mass[:, equations][:, :, states], state[:, equations][:, :, states]
 
 

@@ -6,10 +6,12 @@ contribution to the Gram matrix J^T J and gradient J^T r; nothing of size (frequ
 `levenberg_marquardt` keeps eight fits in lanes, and hands a lane the next start of the queue as soon as its fit has
 ended, so the lanes stay full over all starts of all problems of a call.
 
-Method. Each step solves min ||r + J p||^2 + lambda ||D p||^2 inside the bounds by an active set: parameters on a
-bound whose gradient points outwards are held, parameters that the step would carry across a bound are put on it and
-the rest is solved again. D^2 = diag(J^T J) (Marquardt 1963), lambda follows the gain ratio (Nielsen 1999). A fit has
-converged when the step predicts a relative decrease of the cost below the tolerance.
+Method. Each step solves min ||r + J p||^2 + lambda c ||p / width||^2 by an active set inside the bounds and inside a
+box of a quarter of their widths: parameters on a bound whose gradient points outwards are held, parameters that the
+step would carry across a side are put on it and the rest is solved again. Damping is in units of the bounds' widths
+(c is the mean curvature in these units), so that parameters the data hardly feel do not run to a bound early; lambda
+follows the gain ratio (Nielsen 1999). A fit has converged when the step predicts a relative decrease of the cost
+below the tolerance, and so does moving any parameter alone.
 
 Slots of the workspace are counted in lanes (`mcstudy.fit.lanes`).
 """
@@ -23,9 +25,10 @@ from mcstudy.fit.lanes import WIDTH, fma, fnma, load, nearest, negative, splat, 
 
 CONVERGED, STALLED, ITERATION_LIMIT, NON_FINITE_MODEL = 1, 2, 3, 4
 
-LAMBDA_START = 1e-3
+LAMBDA_START = 1e-2
 LAMBDA_LEAST = 1e-14
 LAMBDA_MOST = 1e12
+LONGEST = 0.25  # longest step of one parameter, in widths of its bounds
 ROUNDING = 1e-28  # of the squared norm of the weighted data: a cost below this is rounding
 
 # pi/2 in three pieces (Cody & Waite 1980), so that x - k pi/2 is exact to rounding for every delay times frequency
@@ -396,13 +399,16 @@ def evaluate(  # type: ignore[no-untyped-def]
 def _step(w, x, trial, gram, held, matrix, step, lower, upper, damping, n_parameters, outer):  # type: ignore[no-untyped-def]
     """One damped Gauss-Newton step inside the bounds for every lane; returns nothing, fills ``step`` and ``trial``.
 
-    ``held`` is 1 where a parameter sits on a bound. Parameters that a step would carry across a bound are put on the
-    bound and held, and the others are solved again, at most ``outer`` times.
+    ``held`` is 1 where a parameter sits on a bound or has been put on a side of the box of allowed steps; the others
+    are then solved again, at most ``outer`` times.
     """
     P = n_parameters
     one, zero = splat(1.0), splat(0.0)
     gradient = gram + P * (P + 1) // 2
-    ridge = one + load(w, damping)
+    curvature = zero
+    for i in range(P):
+        curvature = fma(load(w, gram + i * (i + 1) // 2 + i), splat((upper[i] - lower[i]) ** 2 / P), curvature)
+    ridge = curvature * load(w, damping)
     for i in range(P):  # held from the start: on a bound, and downhill is outside
         at, g = load(w, x + i), load(w, gradient + i)
         low, high = splat(lower[i]), splat(upper[i])
@@ -425,7 +431,7 @@ def _step(w, x, trial, gram, held, matrix, step, lower, upper, damping, n_parame
                 store(w, at + j, load(w, row + j) * (free_i * (one - load(w, held + j))))
             diagonal = load(w, row + i)
             diagonal = where_less(zero, diagonal, diagonal, splat(1e-300))
-            store(w, at + i, fma(free_i, diagonal * ridge, hold_i))
+            store(w, at + i, fma(free_i, fma(ridge, splat((upper[i] - lower[i]) ** -2), diagonal), hold_i))
         # L D L^T in place, then the two substitutions in ``trial``
         for i in range(P):
             ri = matrix + i * (i + 1) // 2
@@ -454,6 +460,9 @@ def _step(w, x, trial, gram, held, matrix, step, lower, upper, damping, n_parame
         for i in range(P):
             at, hold = load(w, x + i), load(w, held + i)
             to_low, to_high = splat(lower[i]) - at, splat(upper[i]) - at
+            longest = splat(LONGEST * (upper[i] - lower[i]))
+            to_low = where_less(to_low, negative(longest), negative(longest), to_low)
+            to_high = where_less(longest, to_high, longest, to_high)
             full = load(w, trial + i)
             clipped = where_less(full, to_low, to_low, where_less(to_high, full, to_high, full))
             moved = where_less(zero, hold, load(w, step + i), clipped)

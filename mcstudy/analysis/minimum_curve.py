@@ -13,8 +13,12 @@ import numpy as np
 import xarray as xr
 from scipy.special import gammaln
 
+from mcstudy.analysis.convergence import COST_FLOOR
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import usable
+
+ROUNDING = 12**-0.5
+"""Standard error of a whole number that nothing else moves."""
 
 Weights = Callable[[int, tuple[int, ...]], np.ndarray]
 """(pool size n, draws x) -> (x, n) probabilities that the minimum of x draws is the i-th smallest of the pool."""
@@ -105,14 +109,15 @@ def descent_left(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
 
 
 def excess(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
-    """Relative excess over the pools' minima; not meaningful without noise, where those are rounding. (B, x), (B,)."""
-    return mean / np.where(minimum > 0, minimum, np.nan)[:, None] - 1.0
+    """Relative excess over the pools' minima; excesses below `COST_FLOOR` are none (no noise: only rounding is left)."""
+    over = np.maximum(mean - minimum[:, None] - COST_FLOOR, 0.0)
+    return over / np.maximum(minimum, np.finfo(float).tiny)[:, None]
 
 
 def asymptote(
     curve: xr.Dataset,
     tolerance: float = 0.01,
-    left: Callable[[np.ndarray, np.ndarray], np.ndarray] = descent_left,
+    left: Callable[[np.ndarray, np.ndarray], np.ndarray] = excess,
     resamples: int = 400,
     confidence: float = 0.95,
 ) -> xr.Dataset:
@@ -121,14 +126,14 @@ def asymptote(
     Parameters
     ----------
     curve: from `minimum_curve`.
-    left: `descent_left` (all but 1 % of the way down: serves curves with and without noise) or `excess` (within a
-        fraction of the mean pool minimum: the stricter reading).
+    left: `excess` (within a fraction of the mean pool minimum, as one reads the paper's logarithmic axis) or
+        `descent_left` (all but a fraction of the way down; a single rare, very poor fit decides it).
     resamples: of a bootstrap over realizations, from a fixed stream.
 
     Returns
     -------
     Dataset ``value``, ``mcse``, ``lower``, ``upper``, ``n``, ``left_out`` with dims (amplitude, fmax). NaN where the
-    curve does not get there.
+    curve does not get there. Starts are counted in whole numbers, so ``mcse`` is at least `ROUNDING`.
     """
     mean, minimum = curve["mean"], curve["minimum"]
     if mean.chunks is not None:
@@ -181,4 +186,4 @@ def _asymptote_of_pools(
         return float(first[0]), np.nan, np.nan, np.nan
     tail = (1 - confidence) / 2
     lower, upper = np.quantile(found, [tail, 1 - tail])
-    return float(first[0]), float(found.std(ddof=1)), float(lower), float(upper)
+    return float(first[0]), max(float(found.std(ddof=1)), ROUNDING), float(lower), float(upper)

@@ -64,6 +64,7 @@ def test_every_method_is_lazy_and_gives_the_numbers_of_a_cube_in_memory(make_cub
 def test_statistics_of_a_large_cube_hold_a_few_chunks_in_memory(make_cube: Cube) -> None:
     cube = make_cube(realizations=80, starts=1000, fmax=(1.2, 8.0), amplitude=(3.0,))
     size = cube["estimate"].nbytes
+    assert len(on_disk(cube)["estimate"].data.chunks[2]) == 40
     lazy = on_disk(cube)
     wanted = {
         "bias": lazy.mc.bias(),
@@ -78,7 +79,7 @@ def test_statistics_of_a_large_cube_hold_a_few_chunks_in_memory(make_cube: Cube)
             result.compute()
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        assert peak < size / 3, name
+        assert peak < size / 2, name  # about 40 chunks of graph and bookkeeping, and a few of data
 
 
 def test_reading_the_whole_cube_at_once_would_have_been_noticed(make_cube: Cube) -> None:
@@ -118,5 +119,6 @@ def test_the_model_is_that_of_the_design(make_cube: Cube) -> None:
 
 
 def test_sensitivity_is_at_the_groups_truth_and_frequencies(make_cube: Cube) -> None:
-    out = make_cube(fmax=(1.2,)).mc.sensitivity()
-    assert list(out["range"].values) == ["low", "mid"]
+    plain, other = make_cube().mc.sensitivity(), make_cube(model={"truth": {"K12": 300.0}}).mc.sensitivity()
+    assert list(plain["range"].values) == ["low", "mid", "high"]
+    assert (plain["value"] != other["value"]).all()

@@ -69,13 +69,22 @@ def test_the_averaged_curves_error_is_that_of_a_mean_over_realizations(make_cube
 def test_the_asymptote_is_where_one_percent_of_the_descent_is_left(make_cube: Cube) -> None:
     cube = make_cube(realizations=20, starts=100, hit_rate=0.3, fmax=(1.2,), amplitude=(3.0,))
     curve = mc.minimum_curve(cube)
-    out = mc.asymptote(curve).squeeze()
+    out = mc.asymptote(curve, left=mc.descent_left).squeeze()
     mean, minimum = curve["mean"].mean("realization").squeeze(), float(curve["minimum"].mean())
     left = (mean - minimum) / (mean[0] - minimum)
     assert float(out["value"]) == int(left["drawn"][int(np.argmax((left <= 0.01).values))])
     # two basins, hit rate 0.3: the descent left after x starts is about 0.7^(x - 1)
     assert 10 <= float(out["value"]) <= 16
     assert float(out["lower"]) <= float(out["value"]) <= float(out["upper"])
+
+
+def test_the_asymptote_is_within_one_percent_of_the_mean_minimum_or_at_rounding_without_noise(make_cube: Cube) -> None:
+    cube = make_cube(realizations=20, starts=100, hit_rate=0.3, fmax=(1.2,), amplitude=(3.0,))
+    curve = mc.minimum_curve(cube)
+    mean, minimum = curve["mean"].mean("realization").squeeze(), float(curve["minimum"].mean())
+    assert float(mc.asymptote(curve)["value"]) == 1 + int((mean > 1.01 * minimum).sum())
+    noise_free = one_pool(make_cube, np.array([1e-31, 1e-28, 1e-25, 1e-3]))
+    assert float(mc.asymptote(mc.minimum_curve(noise_free))["value"]) == 2
 
 
 def test_the_asymptotes_error_is_its_scatter_over_repeated_studies(make_cube: Cube) -> None:

@@ -1,0 +1,140 @@
+"""Every number of Goodworth & Peterka 2018 (J Neurosci Methods 296:44-56) that this program is compared with.
+
+One place, each with where it stands in the paper. Nothing here is computed; `mcstudy.analysis.paper_rows` pairs each
+entry of `RESULTS` with what a cube gives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+PAPER = "Goodworth & Peterka 2018, J Neurosci Methods 296:44-56"
+
+Criterion = Literal["equal", "at most", "above zero", "none"]
+"""How a published statement is checked, always within 3 Monte Carlo standard errors of ours.
+
+equal: ours is the published number. at most: ours is no larger (the paper's number is the residue of its solver).
+above zero: the paper states an order; ours is the margin by which it holds, in percent of the nearer value: how far
+the last that should be first is ahead of the first that should be behind. none: stated without a number.
+"""
+
+
+@dataclass(frozen=True)
+class Published:
+    """One published result.
+
+    Attributes
+    ----------
+    key: name by which a row is found. label: what it is, for a table. unit: of ``value``.
+    value: the number; 0 for an order; NaN where the paper states none.
+    shown: the statement as a table prints it. where: figure, table or section. criterion: see `Criterion`.
+    """
+
+    key: str
+    label: str
+    unit: str
+    value: float
+    shown: str
+    where: str
+    criterion: Criterion = "equal"
+
+
+BIAS, VARIABILITY, GUESSES, THEORY = (
+    "Results, Bias errors",
+    "Results, Variability",
+    "Results, Multiple initial guesses",
+    "Results, Fits without noise",
+)
+
+LOWEST_CV = ("K12", "K22", "K21")
+HIGHEST_CV = ("B21", "Kpas1", "Kpas2")
+LEAST_INFLUENTIAL = ("Kpas1", "Kpas2", "B21")
+LARGEST_BIAS = ("Kpas1", "Kpas2", "B21")
+BETTER_AT_8HZ = ("Td1", "Td2", "Kpas1", "Kpas2")
+WORSE_AT_8HZ = ("K11", "K12", "K21", "K22", "B11", "B12", "B21", "B22")
+COMBINED_STIFFNESS = ("K11+Kpas1", "K22+Kpas2")
+WORST_WITHOUT_NOISE = "Kpas2"
+
+FMAX_HZ = (0.41, 1.2, 8.0)
+AMPLITUDES_NM = (3.0, 5.0)
+REALIZATIONS, STARTS = 50, 50
+CONVERGENCE_REALIZATIONS, CONVERGENCE_STARTS, CONVERGENCE_FMAX_HZ = 20, 500, 1.2
+
+_UNORDERED = "no systematic effect"
+_ORDER: Criterion = "above zero"
+_TABLE, _GUESSES, _FIG3C = f"{BIAS}; Table II", f"{GUESSES}; Fig. 3B", f"{GUESSES}; Fig. 3C"
+_FIG7B, _SENSITIVITY, _FIG7C = f"{VARIABILITY}; Fig. 7B", "Results, Sensitivity", "Results, Sensitivity; Fig. 7C"
+
+_RESULTS = (
+    Published("theory_mean_error", "no noise, best of 50: mean error", "%", 0.008, "0.008", THEORY, "at most"),
+    Published("theory_max_error", "no noise, best of 50: largest error", "%", 0.039, "0.039", THEORY, "at most"),
+    Published("theory_cost", "no noise, best of 50: J", "1", 1e-11, "order of 1e-11", f"{THEORY}; Fig. 3A", "at most"),
+    Published("bias_12_0.41", "mean |bias|, 12 parameters, 0.41 Hz", "%", 11.6, "11.6", _TABLE),
+    Published("bias_12_1.2", "mean |bias|, 12 parameters, 1.2 Hz", "%", 5.8, "5.8", f"{_TABLE}; Fig. 7A"),
+    Published("bias_12_8", "mean |bias|, 12 parameters, 8 Hz", "%", 20.0, "20", _TABLE),
+    Published("bias_10_0.41", "mean |bias|, stiffness combined (10), 0.41 Hz", "%", 7.6, "7.6", f"Abstract; {_TABLE}"),
+    Published("bias_10_1.2", "mean |bias|, stiffness combined (10), 1.2 Hz", "%", 4.4, "4.4", f"Abstract; {_TABLE}"),
+    Published("bias_10_8", "mean |bias|, stiffness combined (10), 8 Hz", "%", 11.8, "11.8", _TABLE),
+    Published("bias_2_0.41", "mean |bias|, combined stiffnesses (2), 0.41 Hz", "%", 1.3, "1.3", _TABLE),
+    Published("bias_2_1.2", "mean |bias|, combined stiffnesses (2), 1.2 Hz", "%", 1.9, "1.9", _TABLE),
+    Published("bias_amplitude", "mean |bias| at 3 less at 5 N m, all Fmax", "%", 0.0, _UNORDERED, BIAS),
+    Published("largest_bias", "largest |bias| at 1.2 Hz: Kpas1, Kpas2, B21", "%", 0.0, "> 0", _SENSITIVITY, _ORDER),
+    Published("spread_fmax", "spread at 1.2 below 0.41 Hz, 12 parameters", "%", 10.0, "10", f"{VARIABILITY}; Fig. 5"),
+    Published("spread_fmax_10", "spread at 1.2 below 0.41 Hz, combined (10)", "%", 41.0, "41", VARIABILITY),
+    Published("spread_fmax_2", "the same, other reading: combined (2)", "%", 41.0, "41", f"{VARIABILITY}; Fig. 6"),
+    Published("spread_amplitude_0.41", "spread at 5 below 3 N m, 0.41 Hz", "%", 38.0, "38", VARIABILITY),
+    Published("spread_amplitude_1.2", "spread at 5 below 3 N m, 1.2 Hz", "%", 21.0, "21", VARIABILITY),
+    Published("spread_amplitude_8", "spread at 5 below 3 N m, 8 Hz", "%", 9.4, "9.4", VARIABILITY),
+    Published("spread_8hz_better", "delays, passive: spread at 8 below 1.2 Hz", "%", 0.0, "> 0", VARIABILITY, _ORDER),
+    Published("spread_8hz_worse", "the others: spread at 1.2 below 8 Hz", "%", 0.0, "> 0", VARIABILITY, _ORDER),
+    Published("lowest_cv", "lowest CV at 1.2 Hz: K12, K22, K21", "%", 0.0, "> 0", _FIG7B, _ORDER),
+    Published("highest_cv", "highest CV at 1.2 Hz: B21, Kpas1, Kpas2", "%", 0.0, "> 0", _FIG7B, _ORDER),
+    Published("combined_cv_lowest", "combined stiffnesses' CV below any single one's", "%", 0.0, "> 0", _FIG7B, _ORDER),
+    Published("combined_cv_ratio", "combined stiffness' CV over K11's, K22's", "1", 0.5, "about 0.5", VARIABILITY),
+    Published("least_influential", "least influential: Kpas1, Kpas2, B21", "%", 0.0, "> 0", _FIG7C, _ORDER),
+    Published("unstable_8", "unstable best fits at 8 Hz", "%", float("nan"), "not unusual", _FIG3C, "none"),
+    Published("starts_noise_free", "starts to the asymptote, no noise", "starts", 20.0, "about 20", _GUESSES),
+    Published("starts_5", "starts to the asymptote, 5 N m", "starts", 20.0, "about 20", _GUESSES),
+    Published("starts_3", "starts to the asymptote, 3 N m", "starts", 20.0, "about 20", _GUESSES),
+)  # fmt: skip
+
+RESULTS: dict[str, Published] = {p.key: p for p in _RESULTS}
+"""Published results by key, in the order of the paper."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A published claim about a changed study, to be checked between two cubes; the paper gives no number."""
+
+    study: str
+    claim: str
+    where: str
+
+
+_CONSIDERATIONS = "Discussion, Parameter estimation considerations"
+VARIANTS = (
+    Variant("lower_bound_half", "lower bounds at half the truth improve fits to 1.2 and 8 Hz", _CONSIDERATIONS),
+    Variant("no_averaging_exception", "averaging 0.435-0.526 Hz too: more bias, less variance", _CONSIDERATIONS),
+    Variant("without_8hz", "leaving out the 8 Hz point: more often stable, closer to the truth", GUESSES),
+)
+"""Claims that other pipelines regenerate."""
+
+METHODS: dict[str, tuple[object, str, str]] = {
+    "torque amplitudes": (AMPLITUDES_NM, "N m", "Methods: peak-to-peak; caption of Fig. 2: peak"),
+    "cycle": (43.72, "s", "Methods, Simulations with sensor noise"),
+    "record": (262.32, "s", "Methods, Simulations with sensor noise"),
+    "cycles averaged": (5, "1", "Methods, Simulations with sensor noise"),
+    "sampling rate": (200.0, "Hz", "Methods, Simulations with sensor noise"),
+    "stimulus bandwidth": ((0.023, 16.7), "Hz", "Methods, Simulations with sensor noise"),
+    "sensor noise PSD at 0.5 Hz": ((4e-4, 7e-5), "deg^2/Hz", "Methods, Simulations with sensor noise"),
+    "noise low-pass": (0.15, "Hz", "Methods, Simulations with sensor noise"),
+    "noise-evoked sway RMS": ((0.11, 0.08), "deg", "Methods, Simulations with sensor noise"),
+    "bounds of gains": ((0.0, 2.0), "of the truth", "Methods"),
+    "bounds of delays": (0.030, "s either side", "Methods"),
+    "solver resolution": (1e-16, "1", "Methods"),
+    "frequency points": (28, "1", "Methods"),
+    "sensitivity change": (0.10, "of the truth", "Methods, Sensitivity"),
+    "influential parameters' CV": (0.2, "1", "Results, Sensitivity: below this they are among the most influential"),
+}
+"""Settings the paper states: (value, unit, where). The study file holds them; here they are for reference."""

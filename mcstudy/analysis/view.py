@@ -1,0 +1,114 @@
+"""A whole study as the tables see it: its groups, their best fits read once, and which group answers what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis.context import group_of, model_of, nearest, points_of, provenance_of
+from mcstudy.analysis.efficiency import bounds_on_sd, measured_covariance, overlap_of
+from mcstudy.analysis.selection import best, combined
+from mcstudy.errors import InputError
+from mcstudy.stance.feedback import Model
+from mcstudy.study.design import Group
+
+_NEEDED = (
+    "estimate",
+    "cost",
+    "status",
+    "at_bound",
+    "growth_rate",
+    "best_start",
+    "truth",
+    "lower",
+    "upper",
+    "n_frequencies",
+)
+
+
+class GroupView:
+    """One group: the cube (lazy), and its best fits (in memory: they are smaller by the number of starts)."""
+
+    def __init__(self, name: str, cube: xr.Dataset) -> None:
+        self.name, self.cube = name, cube
+        self.group: Group = group_of(cube)
+        self.model: Model = model_of(cube)
+        self.provenance = provenance_of(cube)
+
+    @cached_property
+    def cells(self) -> xr.Dataset:
+        """Best start of every cell."""
+        cells = best(self.cube)
+        return cells[[n for n in _NEEDED if n in cells]].compute().assign_coords(frequency=self.cube["frequency"])
+
+    @cached_property
+    def combined(self) -> xr.Dataset | None:
+        """`cells` with the stiffnesses combined; None for a model without such pairs."""
+        try:
+            return combined(self.cells)
+        except InputError:
+            return None
+
+    @cached_property
+    def bounds_on_sd(self) -> xr.Dataset | None:
+        """Cramér-Rao and linearised standard deviations; None where the group has no (complete) noise covariance."""
+        if "noise_covariance" not in self.cube:
+            return None
+        covariance = measured_covariance(self.cube).compute()
+        if not bool(np.isfinite(covariance).all()):
+            return None
+        return bounds_on_sd(self.cells, self.model, covariance, overlap_of(points_of(self.cube)))
+
+    @property
+    def noisy(self) -> bool:
+        """Whether realizations differ by noise (else they are pools of starts for the same data)."""
+        return self.group.simulator != "none"
+
+    def fmax(self, wanted: float) -> float | None:
+        """The group's Fmax nearest to ``wanted``, or None."""
+        return nearest(self.cube["fmax"].values, wanted)
+
+    def amplitude(self, wanted: float) -> float | None:
+        """The group's amplitude nearest to ``wanted``, or None."""
+        return nearest(self.cube["amplitude"].values, wanted)
+
+    def at(self, cells: xr.Dataset, fmax: Sequence[float], amplitude: Sequence[float]) -> xr.Dataset:
+        """``cells`` at those Fmax and amplitudes, relabelled with exactly the values asked for."""
+        chosen = cells.sel(fmax=[self.fmax(f) for f in fmax], amplitude=[self.amplitude(a) for a in amplitude])
+        return chosen.assign_coords(fmax=list(fmax), amplitude=list(amplitude))
+
+    def comparable(self, fmax: Iterable[float], amplitude: Iterable[float]) -> bool:
+        """Whether the paper's numbers at these Fmax and amplitudes speak about this group."""
+        return (
+            self.group.model.kind == "two_segment"
+            and self.group.stimulus.kind == "ankle_torque"
+            and self.group.fit.cost == "paper"
+            and all(self.fmax(f) is not None for f in fmax)
+            and all(self.amplitude(a) is not None for a in amplitude)
+        )
+
+
+class StudyView:
+    """All groups of a cube that have something in them."""
+
+    def __init__(self, tree: xr.DataTree) -> None:
+        self.attributes = dict(tree.attrs)
+        self.groups = {name: GroupView(name, node.to_dataset()) for name, node in tree.children.items()}
+
+    def accuracy(self, fmax: Sequence[float], amplitude: Sequence[float]) -> GroupView | None:
+        """The comparable group with noise and the most realizations."""
+        fit = [g for g in self.groups.values() if g.noisy and g.comparable(fmax, amplitude)]
+        return max(fit, key=lambda g: g.group.realizations, default=None)
+
+    def pools(self, fmax: float, amplitude: float, least: int) -> GroupView | None:
+        """The comparable group with noise and the most starts, at least ``least``."""
+        fit = [g for g in self.groups.values() if g.noisy and g.comparable([fmax], [amplitude])]
+        return max((g for g in fit if g.group.starts >= least), key=lambda g: g.group.starts, default=None)
+
+    def noise_free(self, fmax: float, least: int) -> GroupView | None:
+        """The comparable group without noise and the most realizations (pools) of at least ``least`` starts."""
+        fit = [g for g in self.groups.values() if not g.noisy and g.comparable([fmax], [])]
+        return max((g for g in fit if g.group.starts >= least), key=lambda g: g.group.realizations, default=None)

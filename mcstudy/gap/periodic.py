@@ -19,11 +19,11 @@ from mcstudy.gap.recording import MINIMUM_CYCLES, Recording
 from mcstudy.spectra.lines import EvenLineCovariance
 from mcstudy.spectra.periods import coefficients
 
-NEIGHBOURS = 6
+NEIGHBOURS = 3
 """A line's excitation is judged against the strongest of this many lines on either side."""
 
-EXCITED = 0.2
-"""Share of the strongest neighbour from which a line counts as excited."""
+EXCITED = 0.05
+"""Share of the strongest neighbour from which a line counts as excited; stimuli may fall as 1/k^2."""
 
 SILENT = 0.02
 """Root-mean-square excitation of the even lines, relative to the odd ones, below which they count as silent."""
@@ -80,10 +80,9 @@ def excited_lines(stimulus: np.ndarray) -> np.ndarray:
     """Harmonics that a stimulus with coefficients (R, K) excites, ascending; harmonic 0 never is."""
     magnitude = np.sqrt(np.mean(np.abs(stimulus) ** 2, axis=0))
     magnitude[0] = 0.0
-    padded = np.pad(magnitude, NEIGHBOURS)
-    strongest = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1).max(axis=1)
-    floor = 1e-9 * magnitude.max()
-    return np.flatnonzero((magnitude >= EXCITED * strongest) & (magnitude > floor))
+    strongest = np.lib.stride_tricks.sliding_window_view(np.pad(magnitude, NEIGHBOURS), 2 * NEIGHBOURS + 1).max(axis=1)
+    repeats = np.abs(stimulus.mean(axis=0)) > magnitude / 2  # a recorded stimulus has noise of its own
+    return np.flatnonzero((magnitude >= EXCITED * strongest) & (magnitude > 1e-5 * magnitude.max()) & repeats)
 
 
 def only_odd(stimulus: np.ndarray, lines: np.ndarray) -> bool:

@@ -30,8 +30,8 @@ REPEATS = 6
 HANN_OVERLAP = 1.0 / (1.0 + 2.0 / 36.0)
 """Equivalent share of independent segments at half overlap: neighbours' coefficients correlate by 1/6."""
 
-COHERENT = 1e-4
-"""Lines with less than this share of the strongest stimulus line's power per decade are not excited."""
+ROUNDING = 1e-14
+"""Power of the stimulus at a line, relative to its strongest line, that single-precision files may make up."""
 
 
 def segment_seconds(recording: Recording) -> float:
@@ -119,9 +119,9 @@ def _transform(trial: Trial, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _excited(bins: np.ndarray, u: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Without the lines where the stimulus has vanished: displacement falls by 1/f^4 in power, so beyond that only."""
-    level = (np.abs(u) ** 2).mean(axis=0) * bins.astype(float) ** 4
-    keep = level > COHERENT * level.max()
+    """Without the lines where the stimulus is nothing but rounding; a weak one only has a large covariance."""
+    power = (np.abs(u) ** 2).mean(axis=0)
+    keep = power > ROUNDING * power.max()
     return bins[keep], u[:, keep], theta[:, keep]
 
 

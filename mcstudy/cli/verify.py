@@ -16,6 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Check; returns 0 when nothing is wrong, 2 otherwise."""
     from mcstudy.cli import BAD_INPUT, DONE
+    from mcstudy.study.durable import tree_digest
     from mcstudy.study.verify import verify
 
     verdict = verify(args.out, args.cells, args.seed)
@@ -27,4 +28,5 @@ def main(args: argparse.Namespace) -> int:
         f"{args.out}: {len(verdict.damage)} damaged; {verdict.chunks} chunks read, "
         f"{verdict.recomputed} fits recomputed, {verdict.pending} not run yet"
     )
+    print(f"sha256 of the tree: {tree_digest(args.out)}")
     return BAD_INPUT if verdict.damage else DONE

@@ -78,8 +78,9 @@ def check(group: Group) -> None:
     points, half_line = frequency_points(group).f, 0.5 / prts.period_s
     if group.fmax[0] < points[0] - half_line:
         raise DesignError(f"fmax: expected at least {points[0]:.4g} Hz, the first frequency, got {group.fmax[0]}")
-    if group.fmax[-1] > points[-1] + half_line:
-        raise DesignError(f"fmax: expected at most {points[-1]:.4g} Hz, the last frequency, got {group.fmax[-1]}")
+    last = max(points[-1], HIGHEST_HZ)
+    if group.fmax[-1] > last + half_line:
+        raise DesignError(f"fmax: expected at most {last:.4g} Hz, the last frequency, got {group.fmax[-1]}")
     for f in group.spectra.exclude_hz:
         if np.abs(points - f).min() > half_line:
             raise DesignError(f"spectra.exclude_hz: expected frequencies of the FRF, got {f}")

@@ -3,27 +3,45 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
 from mcstudy.study.store import Cube
 
+FITS_A_PIECE = 200_000
+"""Fits in one Dask chunk: about 20 MB of estimates, a few tens of pieces for millions of fits."""
 
-def open_results(path: str | Path, chunks: Any = "auto") -> xr.DataTree:
+
+def open_results(path: str | Path, lazy: bool = True) -> xr.DataTree:
     """A results cube as an `xarray.DataTree`, one node a group of the study.
 
-    Nothing is read but coordinates until values are asked for, so a cube may be larger than memory.
+    Coordinates and constants (truth, bounds) are read at once; results stay on disk until they are asked for, so a
+    cube may be larger than memory.
 
     Parameters
     ----------
     path: the cube (``OUT`` of ``mcstudy run``).
-    chunks: passed to xarray; "auto" gives Dask arrays of whole stored chunks, None plain lazy arrays.
+    lazy: whether results are Dask arrays, in pieces of whole stored chunks; else they are read now.
 
     Raises
     ------
     StoreError: not a cube, or one of another schema version.
     """
     path = Path(path)
-    Cube.open(path)
-    return xr.open_datatree(path, engine="zarr", consolidated=False, chunks=chunks)
+    cube = Cube.open(path)
+    root = xr.open_datatree(path, engine="zarr", consolidated=False, chunks=None)
+    groups = {}
+    for name, store in cube.groups.items():
+        group, depth = store.layout.group, store.layout.realizations_a_chunk
+        per_chunk = len(group.fmax) * group.starts * depth
+        piece = depth * max(1, FITS_A_PIECE // per_chunk)
+        data = root[name].to_dataset()
+        if lazy:
+            results = {k: data[k].chunk(amplitude=1, realization=piece) for k in store.layout.results}
+            data = data.drop_vars(list(results)).load().assign(results)
+        else:
+            data = data.load()
+        groups[name] = data[list(root[name].data_vars)]
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs.update(root.attrs)
+    return tree

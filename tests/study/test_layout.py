@@ -1,0 +1,71 @@
+"""The cube's layout follows from the design alone."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mcstudy.study.design import Group
+from mcstudy.study.experiment import Experiment
+from mcstudy.study.layout import FITS_A_CHUNK, Layout, layout, realizations_a_chunk
+from mcstudy.study.study_file import parse_study, read_study
+
+PIPELINES = Path(__file__).parents[2] / "pipelines"
+
+
+def layout_of(group: Group) -> Layout:
+    e = Experiment(group, 1)
+    return layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf)
+
+
+def test_every_fit_lies_in_exactly_one_chunk(tiny: str, small_chunks: None) -> None:
+    group_layout = layout_of(parse_study(tiny).group["noisy"])
+    status = group_layout.arrays["status"]
+    seen = np.zeros(status.shape, dtype=int)
+    for chunk in group_layout.chunks:
+        seen[group_layout.region("status", chunk)] += 1
+    assert len(group_layout.chunks) > 4
+    assert (seen == 1).all()
+
+
+def test_chunk_files_are_named_once(tiny: str, small_chunks: None) -> None:
+    group_layout = layout_of(parse_study(tiny).group["noisy"])
+    names = [(n, group_layout.key(n, c)) for n, c in product(group_layout.results, group_layout.chunks)]
+    assert len(set(names)) == len(names)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(1, 200_000), st.integers(1, 5000), st.integers(1, 6))
+def test_a_chunk_holds_a_sane_number_of_fits(realizations: int, starts: int, n_fmax: int) -> None:
+    group = Group.model_construct(
+        realizations=realizations, starts=starts, fmax=(1.0,) * n_fmax, amplitude=(3.0, 5.0), simulator="spectral"
+    )
+    depth = realizations_a_chunk(group)
+    assert 1 <= depth <= realizations
+    # At least one realization, else never more than about the largest chunk that is wanted.
+    assert depth == 1 or depth * starts * n_fmax <= 1.5 * FITS_A_CHUNK[1]
+
+
+def test_a_million_fits_make_a_few_thousand_files() -> None:
+    (group,) = read_study(PIPELINES / "large.toml").group.values()
+    group_layout = layout_of(group)
+    assert len(group_layout.chunks) * len(group_layout.results) < 10_000
+
+
+def test_status_is_the_last_result() -> None:
+    for group in read_study(PIPELINES / "goodworth2018.toml").group.values():
+        assert layout_of(group).results[-1] == "status"
+
+
+@pytest.mark.parametrize("name", ["status", "estimate", "cost", "frf"])
+def test_an_empty_chunk_holds_the_fill_values_of_its_arrays(tiny: str, name: str) -> None:
+    group_layout = layout_of(parse_study(tiny).group["noisy"])
+    chunk = group_layout.chunks[-1]
+    values = group_layout.empty(chunk)[name]
+    assert values.dtype == np.dtype(group_layout.arrays[name].dtype)
+    assert (values == 0).all() if name == "status" else np.isnan(values).all()

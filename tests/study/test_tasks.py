@@ -1,0 +1,136 @@
+"""A chunk's content depends on its coordinates alone, not on how often it was interrupted or how fits were batched."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcstudy.fit.status import Status
+from mcstudy.study import tasks
+from mcstudy.study.durable import tree_digest
+from mcstudy.study.experiment import Measurement
+from mcstudy.study.layout import Chunk
+from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.study_file import parse_study
+from mcstudy.study.tasks import Task, fill, run_task
+
+
+@pytest.fixture(autouse=True)
+def fresh_worker() -> Iterator[None]:
+    tasks.open_group.cache_clear()
+    yield
+    tasks.open_group.cache_clear()
+
+
+def cube_of(path: Path, text: str) -> Cube:
+    return Cube.create(path, parse_study(text))
+
+
+def task(cube: Cube, group: str = "noisy") -> Task:
+    return Task("test", str(cube.path), cube.study.to_json(), group, tuple(cube.groups[group].layout.chunks))
+
+
+def filled(store: GroupStore, chunk: Chunk) -> dict[str, np.ndarray]:
+    data = store.layout.empty(chunk)
+    fill(store, chunk, data, lambda: False)
+    return data
+
+
+def test_a_task_leaves_no_fit_pending_and_no_hole(tmp_path: Path, tiny: str) -> None:
+    cube = cube_of(tmp_path / "a.zarr", tiny)
+    report = run_task(task(cube))
+    assert report.complete
+    assert report.fits == cube.study.group["noisy"].fits == 120
+    store = cube.groups["noisy"]
+    for chunk in store.layout.chunks:
+        data = store.existing(chunk)
+        assert (data["status"] != Status.PENDING).all()
+        assert all(np.isfinite(data[name]).all() for name in ("estimate", "cost", "initial", "frf", "growth_rate"))
+        assert (data["estimate"] >= store.experiment.model.lower).all()
+        assert (data["estimate"] <= store.experiment.model.upper).all()
+
+
+def test_without_noise_the_truth_is_found(tmp_path: Path, tiny: str) -> None:
+    store = cube_of(tmp_path / "a.zarr", tiny).groups["ideal"]
+    data = filled(store, store.layout.chunks[0])
+    best = data["estimate"].reshape(-1, 12)[np.argmin(data["cost"])]
+    np.testing.assert_allclose(best, store.experiment.model.truth, rtol=1e-6)
+
+
+@pytest.mark.parametrize("calls", [0, 1, 3, 7])
+def test_a_stopped_chunk_is_completed_to_the_same_bytes(
+    tmp_path: Path, tiny: str, calls: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(tasks.STARTS_A_CALL, "lm", 4)
+    whole, stopped = cube_of(tmp_path / "a.zarr", tiny), cube_of(tmp_path / "b.zarr", tiny)
+    run_task(task(whole))
+    left = iter(range(calls))
+
+    class StopAfter(threading.Event):
+        def is_set(self) -> bool:
+            return next(left, None) is None
+
+    monkeypatch.setitem(tasks.STOP, "test", StopAfter())
+    first = run_task(task(stopped))
+    assert not first.complete
+    monkeypatch.delitem(tasks.STOP, "test")
+    second = run_task(task(stopped))
+    assert first.fits + second.fits == 120
+    assert tree_digest(stopped.path) == tree_digest(whole.path)
+
+
+@pytest.mark.parametrize("batch", [1, 5, 8, 100])
+def test_a_fit_does_not_depend_on_its_neighbours(
+    tmp_path: Path, tiny: str, batch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = cube_of(tmp_path / "a.zarr", tiny.replace("starts = 6", "starts = 21")).groups["noisy"]
+    reference = filled(store, store.layout.chunks[0])
+    monkeypatch.setitem(tasks.STARTS_A_CALL, "lm", batch)
+    for name, values in filled(store, store.layout.chunks[0]).items():
+        assert values.tobytes() == reference[name].tobytes(), name
+
+
+def test_more_starts_and_fmax_keep_every_fit_bit_identical(tmp_path: Path, tiny: str) -> None:
+    small = cube_of(tmp_path / "a.zarr", tiny).groups["noisy"]
+    grown = tiny.replace("starts = 6", "starts = 11").replace("[0.41, 1.2]", "[0.41, 0.9, 1.2]")
+    large = cube_of(tmp_path / "b.zarr", grown).groups["noisy"]
+    chunk = small.layout.chunks[0]
+    before, after = filled(small, chunk), filled(large, chunk)
+    for name in ("estimate", "cost", "status", "growth_rate", "iterations"):
+        assert after[name][:, [0, 2], :, :6].tobytes() == before[name].tobytes()
+
+
+def test_data_that_are_not_finite_are_an_outcome_with_a_reason(tmp_path: Path, tiny: str) -> None:
+    store = cube_of(tmp_path / "a.zarr", tiny).groups["noisy"]
+    good = store.experiment.measure
+
+    def broken(amplitude: float, realization: int) -> Measurement:
+        data = good(amplitude, realization)
+        return Measurement(data.frf * (np.nan if realization == 1 else 1.0), data.covariance)
+
+    store.experiment.measure = broken
+    data = filled(store, store.layout.chunks[0])
+    assert (data["status"][:, :, 1] == Status.NON_FINITE_DATA).all()
+    assert np.isnan(data["estimate"][:, :, 1]).all()
+    assert (data["status"][:, :, [0, 2, 3, 4]] == Status.CONVERGED).any()
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        "[fit]\nsolver = 'trf'",
+        "[group.noisy.fit]\ncost = 'ml'",
+        "[spectra]\nramp = 'remove'",
+        "[spectra]\npoints = 'averaged'",
+    ],
+)
+def test_every_choice_of_the_study_file_runs(tmp_path: Path, tiny: str, section: str) -> None:
+    few = tiny.replace("realizations = 5", "realizations = 1").replace("starts = 6", "starts = 2")
+    cube = cube_of(tmp_path / "a.zarr", f"{few}\n{section}\n")
+    report = run_task(task(cube))
+    assert report.complete
+    assert all(Status(s).usable for s in report.counts)

@@ -227,16 +227,14 @@ def _add_part(
 
 
 def _lock_padding(build: _Builder) -> np.ndarray:
-    """Turn a row that reads only ``constant * angle = 0`` (the padding of one-segment models) into theta'' = 0."""
+    """Turn a first row that is only ``constant * angle = 0`` (the padding of one-segment models) into theta'' = 0."""
     locks = np.full(2, -1, dtype=np.int64)
-    for r in (0, 1):
-        torques = (PASSIVE + r, ACTIVE + r)
-        mine = [signal for signal, to in build.parts if to in torques]
-        static = len(mine) == 1 and mine[0][::3] == (ANGLE, 0) and mine[0][1] == 0.0
-        if static and not build.mass[r].any() and not set(torques) & set(build.torque_of):
-            locks[r] = mine[0][2]
-            build.mass[r, locks[r]] = 1.0
-            del build.parts[mine[0], PASSIVE + r]
+    mine = [signal for signal, to in build.parts if to in (PASSIVE, ACTIVE)]
+    static = len(mine) == 1 and mine[0][::3] == (ANGLE, 0) and mine[0][1] == 0.0
+    if static and not build.mass[0].any() and not {PASSIVE, ACTIVE} & set(build.torque_of):
+        locks[0] = mine[0][2]
+        build.mass[0, locks[0]] = 1.0
+        del build.parts[mine[0], PASSIVE]
     return locks
 
 

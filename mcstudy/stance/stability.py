@@ -87,16 +87,18 @@ def growth_rate(model: Model, theta: np.ndarray) -> np.ndarray:
 
 def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     rows = rational_rows(model, theta, _in_loop(model))
-    numerator = np.ascontiguousarray(rows.folded()[..., :2, :])
+    # One memory layout, so that numba compiles once.
+    numerator, delay = np.ascontiguousarray(rows.folded()[..., :2, :]), np.ascontiguousarray(rows.delay)
     root = np.empty(len(theta), dtype=complex)
     outcome, rounds = np.empty(len(theta), dtype=np.int8), np.empty(len(theta), dtype=np.int8)
-    rightmost(numerator, rows.delay, np.empty((len(theta), 0), dtype=complex), root, outcome, rounds)
+    rightmost(numerator, delay, np.empty((len(theta), 0), dtype=complex), root, outcome, rounds)
     proof = np.where(rounds > 1, Proof.RESTART, Proof.SEARCH).astype(np.int8)
     proof[outcome == CHAIN] = Proof.CHAIN
     for b in np.flatnonzero((outcome != CERTIFIED) & (outcome != CHAIN)):
         eigenvalues = roots_chebyshev(model, theta[b], FALLBACK_ORDER)
         hints = eigenvalues[eigenvalues.imag >= 0][None, :12].copy()
-        rightmost(numerator[b : b + 1], rows.delay[b : b + 1], hints, root[b : b + 1], outcome[b : b + 1], rounds[:1])
+        one = slice(b, b + 1)
+        rightmost(numerator[one], delay[one], hints, root[one], outcome[one], rounds[one])
         proof[b] = {CERTIFIED: Proof.CHEBYSHEV, CHAIN: Proof.CHAIN}.get(int(outcome[b]), Proof.UNCERTAIN)
         if proof[b] == Proof.UNCERTAIN and not root[b].real >= hints[0, 0].real - 1e-6:
             root[b] = hints[0, 0]

@@ -1,6 +1,6 @@
 """Compiled search for the rightmost root of a delay system, with a certificate (all compiled code of stability).
 
-The characteristic function of `mcstudy.stance.realize.RationalRows` is a quasi-polynomial
+The characteristic function of `mcstudy.stance.rational.RationalRows` is a quasi-polynomial
 
     f(s) = sum_k q_k(s) exp(-T_k s),   q_k real,  T_0 = 0,
 
@@ -322,8 +322,8 @@ def rightmost(
 ) -> None:
     """Rightmost root of each delay system.
 
-    numerator (B, G, 2, 2, L), delay (B, G) as in `RationalRows`; hints (B, Q) complex, more starts (NaN: none).
-    Writes root (B,) complex with Im >= 0, outcome (B,) and rounds (B,), the certificates tried.
+    numerator (B, G, 2, 2, L), the angles' part of `RationalRows.folded`; delay (B, G); hints (B, Q) complex, more
+    starts (NaN: none). Writes root (B,) complex with Im >= 0, outcome (B,) and rounds (B,), the certificates tried.
     """
     batch, groups, length = numerator.shape[0], numerator.shape[1], numerator.shape[4]
     pairs = groups * (groups + 1) // 2

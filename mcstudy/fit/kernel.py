@@ -39,7 +39,7 @@ _HALF_PI_3 = 2.0222662487959506e-21
 
 
 @njit(nogil=True, inline="always")
-def _sin_cos(x):  # type: ignore[no-untyped-def]
+def _sin_cos(x):
     """Sine and cosine of lanes by Taylor series on [-pi/4, pi/4]; no library call, so the same bits everywhere."""
     k = nearest(x * splat(_TWO_OVER_PI))
     r = fnma(k, splat(_HALF_PI_1), x)
@@ -75,20 +75,20 @@ def _sin_cos(x):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, inline="always")
-def _times(ar, ai, br, bi):  # type: ignore[no-untyped-def]
+def _times(ar, ai, br, bi):
     """Complex product."""
     return fnma(ai, bi, ar * br), fma(ai, br, ar * bi)
 
 
 @njit(nogil=True, inline="always")
-def _over(ar, ai, br, bi):  # type: ignore[no-untyped-def]
+def _over(ar, ai, br, bi):
     """Complex quotient."""
     scale = splat(1.0) / fma(bi, bi, br * br)
     return fma(ai, bi, ar * br) * scale, fnma(ar, bi, ai * br) * scale
 
 
 @njit(nogil=True, inline="always")
-def _times_s(re, im, order, omega):  # type: ignore[no-untyped-def]
+def _times_s(re, im, order, omega):
     """Product with s**order at s = i omega."""
     if order == 0:
         return re, im
@@ -101,7 +101,7 @@ def _times_s(re, im, order, omega):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _evaluate_filters(w, x, at, slope_at, omega, filter_pair, monomial, power1, coefficient):  # type: ignore[no-untyped-def]
+def _evaluate_filters(w, x, at, slope_at, omega, filter_pair, monomial, power1, coefficient):
     """Value of every filter and its logarithmic derivative in every (filter, parameter) pair that it holds.
 
     Slots: ``at + 4 k`` numerator and denominator of filter k, overwritten by its value; ``slope_at + 4 q`` likewise
@@ -158,8 +158,8 @@ def _evaluate_filters(w, x, at, slope_at, omega, filter_pair, monomial, power1, 
         store(w, slot + 1, im)
 
 
-@njit(nogil=True)
-def evaluate(  # type: ignore[no-untyped-def]
+@njit(nogil=True, cache=True)
+def evaluate(
     w,
     x,
     gram,
@@ -396,7 +396,7 @@ def evaluate(  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _step(w, x, trial, gram, held, matrix, step, lower, upper, damping, n_parameters, outer):  # type: ignore[no-untyped-def]
+def _step(w, x, trial, gram, held, matrix, step, lower, upper, damping, n_parameters, outer):
     """One damped Gauss-Newton step inside the bounds for every lane; returns nothing, fills ``step`` and ``trial``.
 
     ``held`` is 1 where a parameter sits on a bound or has been put on a side of the box of allowed steps; the others
@@ -486,7 +486,7 @@ def _step(w, x, trial, gram, held, matrix, step, lower, upper, damping, n_parame
 
 
 @njit(nogil=True)
-def _predicted(w, gram, step, n_parameters):  # type: ignore[no-untyped-def]
+def _predicted(w, gram, step, n_parameters):
     """Decrease of the cost that the quadratic model predicts for ``step``: -(2 g + G p) . p, per lane."""
     P = n_parameters
     gradient = gram + P * (P + 1) // 2
@@ -501,7 +501,7 @@ def _predicted(w, gram, step, n_parameters):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _steepest(w, lane, x, gram, lower, upper):  # type: ignore[no-untyped-def]
+def _steepest(w, lane, x, gram, lower, upper):
     """Most that moving one parameter alone, inside its bounds, is predicted to lower the cost."""
     P = lower.size
     most = 0.0
@@ -515,7 +515,7 @@ def _steepest(w, lane, x, gram, lower, upper):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _begin(w, lane, at_trial, at_data, at_damping, start, packed, lower, upper):  # type: ignore[no-untyped-def]
+def _begin(w, lane, at_trial, at_data, at_damping, start, packed, lower, upper):
     """Put one start and its problem into a lane; returns the cost below which only rounding is left."""
     for p in range(start.size):
         w[(at_trial + p) * WIDTH + lane] = min(max(start[p], lower[p]), upper[p])
@@ -531,7 +531,7 @@ def _begin(w, lane, at_trial, at_data, at_damping, start, packed, lower, upper):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def levenberg_marquardt(  # type: ignore[no-untyped-def]
+def levenberg_marquardt(
     w,
     layout,
     packed,
@@ -575,7 +575,9 @@ def levenberg_marquardt(  # type: ignore[no-untyped-def]
     running = 0
     for lane in range(WIDTH):  # every lane begins with some start, so that idle lanes hold finite numbers
         index = min(next_fit, n_fits - 1)
-        floor[lane] = _begin(w, lane, at_trial, at_data, at_damping, starts[index], packed[problem[index]], lower, upper)
+        floor[lane] = _begin(
+            w, lane, at_trial, at_data, at_damping, starts[index], packed[problem[index]], lower, upper
+        )
         if next_fit < n_fits:
             fit[lane], fresh[lane] = next_fit, True
             next_fit += 1
@@ -638,9 +640,9 @@ def levenberg_marquardt(  # type: ignore[no-untyped-def]
                 continue
             predicted[lane] = w[at_matrix * WIDTH + lane]
             least = tolerance * w[at_cost * WIDTH + lane]
-            if outcome[lane] == 0 and predicted[lane] <= least and w[at_damping * WIDTH + lane] <= 1.0:
-                if _steepest(w, lane, at_x, at_gram, lower, upper) <= least:
-                    outcome[lane] = CONVERGED
+            settled = predicted[lane] <= least and w[at_damping * WIDTH + lane] <= 1.0
+            if outcome[lane] == 0 and settled and _steepest(w, lane, at_x, at_gram, lower, upper) <= least:
+                outcome[lane] = CONVERGED
             if outcome[lane] == 0 and evaluations[lane] >= max_iterations:
                 outcome[lane] = ITERATION_LIMIT
             if outcome[lane] == 0:

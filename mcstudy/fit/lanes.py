@@ -47,7 +47,7 @@ def _pointer(context: Any, builder: Any, array_type: Any, array: Any, slot: Any)
 
 
 @intrinsic
-def load(_context: Any, array: Any, slot: Any) -> Any:
+def load(_context: Any, array: Any, _slot: Any) -> Any:
     """The lanes in a workspace slot."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -57,7 +57,7 @@ def load(_context: Any, array: Any, slot: Any) -> Any:
 
 
 @intrinsic
-def store(_context: Any, array: Any, slot: Any, value: Any) -> Any:
+def store(_context: Any, array: Any, _slot: Any, value: Any) -> Any:
     """Write lanes to a workspace slot."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -68,7 +68,7 @@ def store(_context: Any, array: Any, slot: Any, value: Any) -> Any:
 
 
 @intrinsic
-def splat(_context: Any, value: Any) -> Any:
+def splat(_context: Any, _value: Any) -> Any:
     """The same number in every lane."""
 
     def code(_c: Any, builder: Any, _s: Any, args: Any) -> Any:

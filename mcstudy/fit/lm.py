@@ -54,9 +54,7 @@ class Plan:
             [distinct.index(p) for p in pairs],
             in_group[entry[:, 2]],
         ]
-        filter_pair = sorted(
-            {(int(m[0]), int(p)) for m in table.monomial for p in m[4:] if p >= 0}
-        )
+        filter_pair = sorted({(int(m[0]), int(p)) for m in table.monomial for p in m[4:] if p >= 0})
         return cls(
             model=model,
             omega=omega,
@@ -88,7 +86,7 @@ class Plan:
         )
 
     def workspace(self) -> tuple[np.ndarray, tuple[int, ...]]:
-        """Zeroed workspace and the first slots of x, trial, Gram, trial Gram, held, matrix, step, damping, data, scratch."""
+        """Zeroed workspace and the first slots of its parts, in the order in which the kernel unpacks its layout."""
         P, E, G = len(self.model.parameters), self.entry.shape[0], self.model.table.group_delay.size
         triangle = (P + 1) * (P + 2) // 2
         scratch = 8 + 4 + 2 * G + 3 * E + 8 + 4 * self.sensed.size + 4 * G + 4 * (P + 1)
@@ -101,9 +99,9 @@ class Plan:
 def _pack(problem: Problem) -> np.ndarray:
     """Data and weights of one problem in the kernel's order, (8 N,)."""
     y, W = problem.data, problem.weight
-    columns = (y[:, 0].real, y[:, 0].imag, y[:, 1].real, y[:, 1].imag)
-    columns += (W[:, 0, 0].real, W[:, 1, 1].real, W[:, 1, 0].real, W[:, 1, 0].imag)
-    return np.stack(columns, axis=1).ravel()
+    data = (y[:, 0].real, y[:, 0].imag, y[:, 1].real, y[:, 1].imag)
+    weights = (W[:, 0, 0].real, W[:, 1, 1].real, W[:, 1, 0].real, W[:, 1, 0].imag)
+    return np.stack((*data, *weights), axis=1).ravel()
 
 
 def lm_many(problems: Sequence[Problem], starts: np.ndarray, tolerance: float, max_iterations: int) -> list[Fits]:
@@ -146,3 +144,26 @@ def lm_many(problems: Sequence[Problem], starts: np.ndarray, tolerance: float, m
 def lm(problem: Problem, starts: np.ndarray, tolerance: float, max_iterations: int) -> Fits:
     """Fit one problem from S starts (S, P) with the compiled kernel."""
     return lm_many([problem], starts[None], tolerance, max_iterations)[0]
+
+
+def normal_equations(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the kernel computes at parameter vectors ``theta`` (S, P): cost (S,), J^T r (S, P), J^T J (S, P, P)."""
+    plan = Plan.of(problem.model, problem.f)
+    w, (at_x, _, at_gram, *_, at_data, at_scratch) = plan.workspace()
+    slots, packed = w.reshape(-1, WIDTH), _pack(problem)
+    S, P = theta.shape
+    lower = np.tril_indices(P)
+    cost, gradient, gram = np.empty(S), np.empty((S, P)), np.empty((S, P, P))
+    slots[at_data : at_data + packed.size] = packed[:, None]
+    for first in range(0, S, WIDTH):
+        batch = theta[first : first + WIDTH]
+        slots[at_x : at_x + P] = batch[-1][:, None]
+        slots[at_x : at_x + P, : len(batch)] = batch.T
+        kernel.evaluate(w, at_x, at_gram, at_data, at_scratch, P, *plan.tables())
+        done = slice(first, first + len(batch))
+        triangle = slots[at_gram : at_gram + P * (P + 1) // 2, : len(batch)].T
+        gram[done][:, lower[0], lower[1]] = triangle
+        gram[done][:, lower[1], lower[0]] = triangle
+        gradient[done] = slots[at_gram + P * (P + 1) // 2 :][:P, : len(batch)].T
+        cost[done] = slots[at_gram + (P + 1) * (P + 2) // 2 - 1, : len(batch)]
+    return cost, gradient, gram

@@ -66,22 +66,24 @@ def _real(z: np.ndarray) -> np.ndarray:
 
 
 def paper_cost(model: Model, f: np.ndarray, data: np.ndarray) -> Problem:
-    """The paper's J: mean squared error relative to the data's own magnitude, over both angles."""
+    """The paper's J: mean squared error relative to the data's own magnitude, over the model's angles."""
     data = np.asarray(data, dtype=complex)
     weight = np.zeros((data.shape[0], 2, 2), dtype=complex)
     with np.errstate(divide="ignore", invalid="ignore"):
-        for k in (0, 1):
-            weight[:, k, k] = 1.0 / (np.abs(data[:, k]) * np.sqrt(2 * data.shape[0]))
+        for k in range(model.n_angles):
+            weight[:, k, k] = 1.0 / (np.abs(data[:, k]) * np.sqrt(model.n_angles * data.shape[0]))
     return Problem(model, np.asarray(f, dtype=float), data, weight)
 
 
 def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarray) -> Problem:
     """Maximum likelihood: V = sum r^H C^-1 r, with ``covariance`` (N, 2, 2) Hermitian E[r r^H] of the FRF errors."""
     data = np.asarray(data, dtype=complex)
+    weight = np.zeros((data.shape[0], 2, 2), dtype=complex)
+    angles = np.s_[:, : model.n_angles, : model.n_angles]
     if np.isfinite(covariance).all():
-        weight = np.linalg.inv(np.linalg.cholesky(covariance))
+        weight[angles] = np.linalg.inv(np.linalg.cholesky(covariance[angles]))
     else:
-        weight = np.full(covariance.shape, np.nan, dtype=complex)
+        weight[angles] = np.nan
     return Problem(model, np.asarray(f, dtype=float), data, weight)
 
 
@@ -110,7 +112,7 @@ class Fits:
         return cls(estimate, cost, status.astype(np.uint8), iterations.astype(np.int32), at_bound)
 
     @classmethod
-    def failed(cls, model: Model, starts: np.ndarray, status: Status) -> Fits:
+    def failed(cls, starts: np.ndarray, status: Status) -> Fits:
         """Fits that could not be attempted, all with one status."""
         n = starts.shape[0]
         return cls(

@@ -41,7 +41,7 @@ def fit(problem: Problem, starts: np.ndarray, solver: str = "lm", options: Optio
     options = options or Options()
     starts = np.ascontiguousarray(starts, dtype=float)
     if not problem.finite:
-        return Fits.failed(problem.model, starts, Status.NON_FINITE_DATA)
+        return Fits.failed(starts, Status.NON_FINITE_DATA)
     return SOLVERS[solver](problem, starts, options.tolerance, options.max_iterations)
 
 
@@ -57,7 +57,7 @@ def fit_many(
     if solver != "lm":
         return [fit(p, x0, solver, options) for p, x0 in zip(problems, starts, strict=True)]
     finite = [r for r, p in enumerate(problems) if p.finite]
-    fits = [Fits.failed(p.model, x0, Status.NON_FINITE_DATA) for p, x0 in zip(problems, starts, strict=True)]
+    fits = [Fits.failed(x0, Status.NON_FINITE_DATA) for x0 in starts]
     if finite:
         done = lm_many([problems[r] for r in finite], starts[finite], options.tolerance, options.max_iterations)
         for r, one in zip(finite, done, strict=True):

@@ -192,6 +192,11 @@ class Model:
         return tuple(p.unit for p in self.parameters)
 
     @property
+    def n_angles(self) -> int:
+        """2, or 1 for a one-segment model (no term in the first row), whose second angle is identically zero."""
+        return 2 if any(t.row == self.rows[0] for t in self.terms) else 1
+
+    @property
     def delays(self) -> tuple[str, ...]:
         """Names of the parameters that are delays."""
         used = {t.delay for t in self.terms}
@@ -200,9 +205,7 @@ class Model:
     def with_values(self, values: Mapping[str, float]) -> Model:
         """This model with other nominal values (bounds unchanged); raises `ModelError` on an unknown name."""
         self._check_names(values)
-        return replace(
-            self, parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
-        )
+        return replace(self, parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in self.parameters))
 
     def with_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> Model:
         """This model with other bounds; raises `ModelError` on an unknown name or a value left outside."""
@@ -281,7 +284,7 @@ class Table:
         index = {name: i for i, name in enumerate(model.names)}
         filter_index = {f.name: i for i, f in enumerate(model.filters)}
         terms = list(model.terms)
-        if not any(t.row == model.rows[0] for t in terms):
+        if model.n_angles == 1:
             terms.append(Term(model.rows[0], model.angles[1]))
         groups: dict[tuple[int, tuple[int, ...]], int] = {}
         entry, weight, noisy = [], [], []

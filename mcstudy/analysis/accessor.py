@@ -1,9 +1,8 @@
 """``dataset.mc``: the analysis as methods of a cube, for people in a notebook.
 
     tree = mcstudy.open_results("cube.zarr")
-    cube = tree["accuracy"].to_dataset()
-    cube.mc.bias()                          # value, mcse, n, left_out
-    cube.mc.best().mc.combined().mc.cv()    # active and passive stiffness summed
+    tree["accuracy"].mc.bias()              # value, mcse, n, left_out
+    tree["accuracy"].mc.combined().mc.cv()  # active and passive stiffness summed
 
 Every method works on a cube (it takes the best start first) and on cells (`best` or a derivative of it); those that
 need all starts say so. Nothing is computed before it is asked for.
@@ -145,3 +144,11 @@ class MonteCarlo:
     def basins(self, most: int = 10) -> xr.Dataset:
         """The lowest local minima of every cell, and how often they are reached. Needs all starts."""
         return basins.basins(self._cube, most)
+
+
+@xr.register_datatree_accessor("mc")
+class MonteCarloOfNode(MonteCarlo):
+    """The same on a node of the tree: ``tree["accuracy"].mc.bias()``."""
+
+    def __init__(self, node: xr.DataTree) -> None:
+        super().__init__(node.to_dataset())

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 _STARTS = (
-    "A property of the solver: with exact derivatives and bounds scaled to one, more than two thirds of our starts reach "
-    "the minimum; the paper's fmincon estimated its gradients and needed more."
+    "A property of the solver: with exact derivatives and parameters scaled by their bounds most of our starts reach "
+    "the minimum; the paper's fmincon (which estimates derivatives unless given them) needed more."
 )
 _BOUNDS_SET_SPREAD = (
-    "At 0.41 Hz our spread is that of estimates scattered between their bounds (see the fractions on bounds), and hardly "
-    "feels the noise; how soon that happens depends on the true values, which are a stand-in."
+    "At 0.41 Hz our spread is that of estimates scattered between their bounds (see the fractions on bounds) and "
+    "hardly feels the noise; how soon that happens depends on the true values, which are a stand-in."
 )
 _HIGH_FREQUENCY = (
-    "Not settled. The paper does not say which lines its points above 3 Hz average (ours tile all of them, which lowers "
-    "their noise), and a solver that stops short of the minimum of J adds bias; true values are a stand-in."
+    "Not settled. The paper does not say which lines its points above 3 Hz average (ours tile all of them, which "
+    "lowers noise), and a solver that stops short of the minimum of J adds bias; true values are a stand-in."
 )
 _STAND_IN = "True values are a stand-in for the lost Table I, and were not matched to this number."
 

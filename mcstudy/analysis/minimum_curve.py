@@ -109,7 +109,7 @@ def descent_left(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
 
 
 def excess(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
-    """Relative excess over the pools' minima; excesses below `COST_FLOOR` are none (no noise: only rounding is left)."""
+    """Relative excess over the pools' minima; none below `COST_FLOOR` (without noise it is rounding)."""
     over = np.maximum(mean - minimum[:, None] - COST_FLOOR, 0.0)
     return over / np.maximum(minimum, np.finfo(float).tiny)[:, None]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,7 +14,8 @@ from mcstudy.analysis.efficiency import bounds_on_sd, measured_covariance, overl
 from mcstudy.analysis.selection import best, combined
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
-from mcstudy.study.design import Group
+from mcstudy.study.design import SECTIONS, Group
+from mcstudy.study.models import with_model_values
 
 _NEEDED = (
     "estimate",
@@ -67,6 +69,15 @@ class GroupView:
         """Whether realizations differ by noise (else they are pools of starts for the same data)."""
         return self.group.simulator != "none"
 
+    @property
+    def differences(self) -> list[str]:
+        """Settings in which the group differs from the paper's (the defaults of a study file), ``field = value``."""
+        paper = Group(realizations=1, starts=1, fmax=self.group.fmax, amplitude=self.group.amplitude)
+        if self.group.model.kind == paper.model.kind:
+            paper = with_model_values(paper)
+        theirs, ours = (dict(_flat("", {s: getattr(g, s).model_dump() for s in SECTIONS})) for g in (paper, self.group))
+        return [f"{field} = {value}" for field, value in ours.items() if field in theirs and theirs[field] != value]
+
     def fmax(self, wanted: float) -> float | None:
         """The group's Fmax nearest to ``wanted``, or None."""
         return nearest(self.cube["fmax"].values, wanted)
@@ -89,6 +100,14 @@ class GroupView:
             and all(self.fmax(f) is not None for f in fmax)
             and all(self.amplitude(a) is not None for a in amplitude)
         )
+
+
+def _flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict) and value:
+        for key, inner in value.items():
+            yield from _flat(f"{path}.{key}" if path else key, inner)
+    else:
+        yield path, value
 
 
 class StudyView:

@@ -1,0 +1,46 @@
+"""``mcstudy show``: the tables of a results cube, beside the paper's where it has something to say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from mcstudy.analysis.summary import SCHEMA, summary
+from mcstudy.analysis.text import render
+from mcstudy.analysis.view import StudyView
+from mcstudy.study.results import open_results
+from mcstudy.study.schema import validate
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a cube says; ``data`` conforms to ``results_schema/<version>/show.json``."""
+
+    data: dict[str, Any]
+
+    def text(self) -> str:
+        """Tables for a terminal."""
+        return render(self.data)
+
+    def json(self) -> str:
+        """The same as JSON, validated."""
+        return json.dumps(self.data, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def show(path: str | Path) -> Report:
+    """Tables of the cube at ``path``; complete or not (what is missing is counted as left out).
+
+    Raises `StoreError` when it is not a cube of this version.
+    """
+    return report_of(open_results(path))
+
+
+def report_of(tree: xr.DataTree) -> Report:
+    """Tables of an open cube."""
+    data = summary(StudyView(tree))
+    validate(SCHEMA, data, "show")
+    return Report(data)

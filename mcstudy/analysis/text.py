@@ -1,0 +1,164 @@
+"""The tables of ``show`` as text for a terminal."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+WIDTH = 118
+_MARK = {True: "yes", False: "NO", None: "-"}
+
+
+def render(data: dict[str, Any]) -> str:
+    """All tables of a `mcstudy.analysis.summary.summary`."""
+    study = data["study"]
+    parts = [f"Study {study['title']} (seed {study['seed']}, fingerprint {str(study['fingerprint'])[:12]})"]
+    for provenance in dict.fromkeys(g["truth_provenance"] for g in data["groups"].values()):
+        parts.append(textwrap.fill(f"True values: {provenance}.", WIDTH))
+    if data["paper"]["rows"]:
+        parts.append(_paper(data["paper"]))
+    parts += [_group(name, group) for name, group in data["groups"].items()]
+    return "\n\n".join(parts)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number to ``digits`` significant digits, or a dash."""
+    if value is None:
+        return "-"
+    if value != 0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{digits - 1}e}"
+    decimals = digits - 1 - (math.floor(math.log10(abs(value))) if value else 0)
+    return f"{round(value, decimals):.{max(decimals, 0)}f}"
+
+
+def with_error(value: float | None, mcse: float | None) -> str:
+    """``value ± mcse``, both to the second digit of the error."""
+    if value is None or mcse is None or mcse <= 0:
+        return number(value)
+    if not 1e-3 <= max(abs(value), mcse) < 1e5:
+        return f"{number(value, 2)} ± {number(mcse, 2)}"
+    decimals = max(1 - math.floor(math.log10(mcse)), 0)
+    if decimals > 4:
+        return f"{number(value)} ± {number(mcse, 2)}"
+    return f"{value:.{decimals}f} ± {mcse:.{decimals}f}"
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Columns as wide as they need be; the first to the left, the others to the right."""
+    widths = [max(len(line[i]) for line in (header, *rows)) for i in range(len(header))]
+
+    def line(cells: Sequence[str]) -> str:
+        aligned = (c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(cells, widths, strict=True)))
+        return "  ".join(aligned).rstrip()
+
+    return "\n".join([line(header), line(["-" * w for w in widths]), *(line(r) for r in rows)])
+
+
+def _paper(paper: dict[str, Any]) -> str:
+    body, notes = [], []
+    for row in paper["rows"]:
+        mark = _MARK[row["agrees"]]
+        if row["explanation"]:
+            if row["explanation"] not in notes:
+                notes.append(row["explanation"])
+            mark += f" [{notes.index(row['explanation']) + 1}]"
+        ours = with_error(row["value"], row["mcse"]) + (f" {row['unit']}" if row["unit"] not in ("1", "starts") else "")
+        body.append([row["label"], row["paper_text"], ours, number(row["floor"], 2), mark])
+    lines = [
+        f"Beside the paper ({paper['reference']}); ± is one Monte Carlo standard error (MCSE)",
+        "",
+        table(["", "paper", "ours ± MCSE", "floor", "within 3 MCSE"], body),
+        "",
+        "floor: what a mean |bias| shows with no bias at all. Rows without noise: 'yes' is no larger than the paper's.",
+        "A row with paper '> 0' states an order: ours is the margin by which it holds, 'yes' means not contradicted.",
+        "'-': the paper gives no number, or ours has no standard error.",
+    ]
+    for row in paper["rows"]:
+        if row["detail"]:
+            lines.append(f"{row['label']}; ours: {row['detail']}")
+    for i, note in enumerate(notes, 1):
+        lines.append(textwrap.fill(f"[{i}] {note}", WIDTH, subsequent_indent="    "))
+    return "\n".join(lines)
+
+
+def _group(name: str, group: dict[str, Any]) -> str:
+    d = group["design"]
+    what = "pools" if d["simulator"] == "none" else "realizations"
+    fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in group["fits"].items() if n)
+    head = (
+        f"Group {name}: {d['realizations']} {what} x {d['starts']} starts; model {d['model']}, cost {d['cost']}, "
+        f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
+    )
+    if group["differences"]:
+        differences = f"Differs from the paper's setting in: {'; '.join(group['differences'])}"
+        head += "\n" + textwrap.fill(differences, WIDTH, subsequent_indent="    ")
+    parts = [head, _overview(d, group["cells"])]
+    if d["simulator"] != "none":
+        parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]
+    return "\n\n".join(parts)
+
+
+def _count(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}"
+
+
+def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
+    def stat(s: dict[str, Any], factor: float = 1.0) -> str:
+        return with_error(*(None if s[k] is None else factor * s[k] for k in ("value", "mcse")))
+
+    rows = []
+    for cell in cells:
+        r = cell["realizations"]
+        bias = cell["mean_absolute_bias_percent"]
+        rows.append(
+            [
+                f"{cell['amplitude']:g} {design['amplitude_unit']}, {cell['fmax']:g} Hz",
+                f"{r['used']}/{sum(r.values())}",
+                stat(bias),
+                number(bias["floor"], 2),
+                stat(cell["mean_spread_percent"]),
+                stat(cell["unstable"], 100.0),
+                stat(cell["inside_bounds"], 100.0),
+                number(cell["median_cost"]["value"]),
+                number(cell["median_j_nc"]["value"]),
+                number(cell["hit_rate"], 2),
+                "/".join(_count(cell[f"starts_needed_{q}"]["value"]) for q in ("median", "90th")),
+            ]
+        )
+    header = ["", "used", "|bias| %", "floor", "spread %", "unstable %", "inside %", "cost", "J_NC", "hits", "starts"]
+    return table(header, rows) + (
+        "\nMean over parameters of |bias| and SD in % of the truth; best fits unstable, inside all bounds; median cost,"
+        "\nJ_NC; fraction of starts that hit the lowest cost; starts for 95 % certainty, median/90th percentile."
+    )
+
+
+def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
+    here = [c for c in cells if c["fmax"] == fmax]
+    efficient = any(_efficiency(c, p) != "-" for c in here for p in c["parameters"])
+    header = [f"{fmax:g} Hz", "truth"]
+    for c in here:
+        a = f"{c['amplitude']:g} {design['amplitude_unit']}"
+        header += [f"bias % ({a})", "CV", "on bound %"] + ["efficiency"] * efficient
+    rows = []
+    for i, first in enumerate(here[0]["parameters"]):
+        line = [first["name"], f"{number(first['truth'])} {first['unit']}"]
+        for c in here:
+            p = c["parameters"][i]
+            scale = 100 / abs(p["truth"]) if p["truth"] else None
+            bias = [None if scale is None or p["bias"][k] is None else scale * p["bias"][k] for k in ("value", "mcse")]
+            bounds = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
+            on = number(100 * sum(bounds), 2) if bounds and None not in bounds else "-"
+            line += [with_error(*bias), with_error(p["cv"]["value"], p["cv"]["mcse"]), on]
+            line += [_efficiency(c, p)] * efficient
+        rows.append(line)
+    return table(header, rows)
+
+
+def _efficiency(cell: dict[str, Any], parameter: dict[str, Any]) -> str:
+    """Shown only where nearly all fits are off every bound: elsewhere the Cramér-Rao bound does not apply."""
+    inside = cell["inside_bounds"]["value"]
+    if "efficiency" not in parameter or inside is None or inside < 0.9:
+        return "-"
+    return with_error(parameter["efficiency"]["value"], parameter["efficiency"]["mcse"])

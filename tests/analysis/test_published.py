@@ -1,0 +1,54 @@
+"""The paper's numbers, against the text of the paper where it is at hand."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcstudy.analysis import published
+from mcstudy.stance.body import two_segment
+
+TEXT = Path(__file__).parents[3] / "shared" / "paper.txt"
+
+
+def test_names_are_parameters_of_the_model() -> None:
+    names = set(two_segment().names)
+    for group in (published.LOWEST_CV, published.HIGHEST_CV, published.LEAST_INFLUENTIAL, published.LARGEST_BIAS):
+        assert set(group) <= names
+        assert len(set(group)) == 3
+    assert set(published.BETTER_AT_8HZ) | set(published.WORSE_AT_8HZ) == names
+    assert published.WORST_WITHOUT_NOISE in names
+
+
+def test_every_result_says_where_it_stands_and_how_it_is_judged() -> None:
+    for key, result in published.RESULTS.items():
+        assert result.key == key
+        assert result.where
+        assert np.isfinite(result.value) == (result.criterion != "none")
+
+
+@pytest.mark.skipif(not TEXT.is_file(), reason="the paper's text is not here")
+@pytest.mark.parametrize(
+    "statement",
+    [
+        r"11\.6% and 5\.8% for 0\.41 Hz and 1\.2 Hz",
+        r"average of 20% error",
+        r"7\.6% and 4\.4% for Fmax=0\.4 Hz and 1\.2 Hz",
+        r"combined parameter bias error was 11\.8%",
+        r"low at 1\.3%, and 1\.9%",
+        r"10% lower compared to Fmax=0\.41 Hz",
+        r"variability 41% lower",
+        r"38%, 21%, and 9\.4% lower",
+        r"about 0\.008%",
+        r"small overall at 0\.039%",
+        r"about 20 different initial random parameter",
+    ],
+)
+def test_the_numbers_stand_in_the_paper(statement: str) -> None:
+    assert re.search(statement, TEXT.read_text(encoding="utf-8"))
+    numbers = {float(x) for x in re.findall(r"\d+(?:\.\d+)?(?=%)", statement.replace("\\", ""))}
+    known = {r.value for r in published.RESULTS.values()}
+    assert numbers <= known

@@ -1,0 +1,206 @@
+"""What ``show`` says: the paper's rows beside ours, for any study, as text and as validated JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+import xarray as xr
+
+import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
+from mcstudy.analysis import published
+from mcstudy.analysis.paper_rows import rows
+from mcstudy.analysis.tables import Report, report_of
+from mcstudy.analysis.text import number, table, with_error
+from mcstudy.analysis.view import StudyView
+from mcstudy.fit.status import Status
+from mcstudy.study import schema
+
+Cube = Callable[..., xr.Dataset]
+
+
+def tree(**groups: xr.Dataset) -> xr.DataTree:
+    """A cube of named groups as `open_results` gives it."""
+    root = xr.Dataset(attrs={"title": "invented", "fingerprint": "f" * 64, "seed": 7})
+    return xr.DataTree.from_dict({"/": root, **groups})
+
+
+@pytest.fixture
+def paper_study(make_cube: Cube) -> xr.DataTree:
+    """All groups of the paper's study, with invented fits."""
+    accuracy = make_cube(realizations=50, starts=3, spread=0.3)
+    return tree(
+        theory=make_cube(realizations=1, starts=100, spread=0.0, simulator="none", fmax=(8.0,), amplitude=(5.0,)),
+        accuracy=accuracy,
+        convergence=make_cube(realizations=20, starts=120, fmax=(1.2,)),
+        convergence_noise_free=make_cube(realizations=5, starts=120, simulator="none", fmax=(1.2,), amplitude=(5.0,)),
+    )
+
+
+def test_every_published_number_has_a_row_in_the_papers_own_study(paper_study: xr.DataTree) -> None:
+    found = rows(StudyView(paper_study))
+    assert [r.published.key for r in found] == list(published.RESULTS)
+    for row in found:
+        assert np.isfinite(row.value), row.published.key
+        assert row.published.where
+        assert bool(row.note) == (row.agrees is False), row.published.key
+
+
+def test_a_row_agrees_within_three_standard_errors_and_not_beyond(make_cube: Cube) -> None:
+    cube = make_cube(realizations=50, starts=1, spread=0.3)
+    row = next(r for r in rows(StudyView(tree(a=cube))) if r.published.key == "spread_amplitude_8")
+    assert row.agrees == (abs(row.value - 9.4) <= 3 * row.mcse)
+    assert row.distance == pytest.approx((row.value - 9.4) / row.mcse)
+    assert abs(row.distance_both) == pytest.approx(abs(row.distance) / np.sqrt(2))
+    # half the spread at 5 N m: 50 % lower, far from the paper's 9.4
+    halved = cube.copy()
+    halved["estimate"] = (
+        halved["estimate"]
+        .where(halved["amplitude"] == 3.0, 0.5 * (halved["estimate"] + halved["truth"]))
+        .transpose(*cube["estimate"].dims)
+    )
+    row = next(r for r in rows(StudyView(tree(a=halved))) if r.published.key == "spread_amplitude_8")
+    assert 30 < row.value < 65
+    assert row.agrees is False
+    assert "stand-in" in row.note
+
+
+def test_bias_rows_average_over_both_amplitudes_and_carry_their_floor(make_cube: Cube) -> None:
+    cube = make_cube(realizations=50, starts=1, spread=0.3)
+    row = next(r for r in rows(StudyView(tree(a=cube))) if r.published.key == "bias_12_1.2")
+    x = cube["estimate"].sel(fmax=1.2).isel(start=0)
+    expected = 100 * abs(x.mean("realization") / cube["truth"] - 1).mean()
+    assert row.value == pytest.approx(float(expected))
+    assert row.floor == pytest.approx(100 * 0.3 / np.sqrt(50) * np.sqrt(2 / np.pi), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"fmax": (1.0, 2.0)},
+        {"amplitude": (1.0,)},
+        {"fit": {"cost": "ml"}},
+        {"model": {"kind": "one_segment"}},
+        {"stimulus": {"kind": "hip_torque"}},
+    ],
+)
+def test_a_study_the_paper_says_nothing_about_has_no_accuracy_rows(make_cube: Cube, settings: dict[str, Any]) -> None:
+    report = report_of(tree(mine=make_cube(**settings)))
+    keys = {r["key"] for r in report.data["paper"]["rows"]}
+    assert not {k for k in keys if k.startswith(("bias", "spread_fmax", "spread_amplitude", "lowest", "starts"))}
+    text = report.text()
+    assert "Group mine" in text
+    assert "stand-in" in text
+
+
+def test_what_differs_from_the_papers_settings_is_said(make_cube: Cube) -> None:
+    bounds = {"bounds": {"lower": 0.5}}
+    report = report_of(tree(a=make_cube(model=bounds), b=make_cube()))
+    assert report.data["groups"]["a"]["differences"] == ["model.bounds.lower = 0.5"]
+    assert report.data["groups"]["b"]["differences"] == []
+    assert "Differs from the paper's setting in: model.bounds.lower = 0.5" in report.text()
+
+
+def test_json_conforms_to_its_schema_and_holds_no_nan(paper_study: xr.DataTree) -> None:
+    report = report_of(paper_study)
+    document = json.loads(report.json(), parse_constant=lambda name: pytest.fail(f"{name} in the JSON"))
+    definition = schema.load("show")
+    jsonschema.Draft202012Validator.check_schema(definition)
+    jsonschema.Draft202012Validator(definition).validate(document)
+    assert document["schema"] == definition["$id"]
+
+
+def test_the_schema_refuses_what_it_does_not_know(paper_study: xr.DataTree) -> None:
+    data = json.loads(report_of(paper_study).json())
+    data["groups"]["accuracy"]["cells"][0]["bias"] = 1
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.Draft202012Validator(schema.load("show")).validate(data)
+
+
+def test_numbers_of_the_tables_are_those_of_the_accessor(make_cube: Cube) -> None:
+    cube = make_cube(realizations=10)
+    cell = report_of(tree(g=cube)).data["groups"]["g"]["cells"][4]
+    where = {"amplitude": cell["amplitude"], "fmax": cell["fmax"]}
+    assert (cell["amplitude"], cell["fmax"]) == (5.0, 1.2)
+    entry = next(p for p in cell["parameters"] if p["name"] == "B12")
+    for measure in ("bias", "sd", "cv", "rmse"):
+        there = getattr(cube.mc, measure)().sel(where).sel(parameter="B12")
+        assert entry[measure]["value"] == pytest.approx(float(there["value"]))
+        assert entry[measure]["mcse"] == pytest.approx(float(there["mcse"]))
+    assert cell["parameters"][-2]["name"] == "K11+Kpas1"
+
+
+@pytest.mark.parametrize("left", [0, 1])
+def test_an_unfinished_cube_shows_what_it_has(make_cube: Cube, left: int) -> None:
+    cube = make_cube(realizations=4)
+    cube["status"][:, :, left:] = Status.PENDING
+    for name in ("estimate", "cost", "growth_rate", "initial"):
+        cube[name][:, :, left:] = np.nan
+    cube["noise_covariance"][:, left:] = np.nan
+    report = report_of(tree(g=cube))
+    assert report.data["groups"]["g"]["cells"][0]["realizations"] == {
+        "used": left, "not_run": 4 - left, "non_finite": 0, "failed": 0,
+    }  # fmt: skip
+    assert f"{left}/4" in report.text()
+    assert "pending" in report.text()
+
+
+def test_a_failed_fit_is_named_in_the_text(make_cube: Cube) -> None:
+    cube = make_cube()
+    cube["status"][0, 0, 0, 0] = Status.SOLVER_ERROR
+    assert "1 solver error" in report_of(tree(g=cube)).text()
+
+
+def test_efficiency_is_shown_only_where_bounds_are_inactive(make_cube: Cube) -> None:
+    cube = make_cube(realizations=10)
+    assert "efficiency" in report_of(tree(g=cube)).text()
+    cube["at_bound"][..., 0] = 1
+    assert "efficiency" not in report_of(tree(g=cube)).text()
+
+
+def test_text_fits_a_terminal(paper_study: xr.DataTree) -> None:
+    text = report_of(paper_study).text()
+    head = text[: text.index("Group theory")]
+    assert max(map(len, head.splitlines())) <= 120
+    assert not any(line.endswith(" ") for line in text.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("value", "mcse", "expected"),
+    [
+        (5.8123, 0.4567, "5.81 ± 0.46"),
+        (-21.5, 12.3, "-22 ± 12"),
+        (1234.6, 250.0, "1235 ± 250"),
+        (0.0732, 0.0061, "0.0732 ± 0.0061"),
+        (3.2e-13, 1e-13, "3.2e-13 ± 1.0e-13"),
+        (4.0, 0.0, "4.00"),
+        (None, 1.0, "-"),
+        (2.5, None, "2.50"),
+    ],
+)
+def test_a_number_is_printed_to_the_second_digit_of_its_error(value: Any, mcse: Any, expected: str) -> None:
+    assert with_error(value, mcse) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(0.0, "0.00"), (999.96, "1000"), (0.041, "0.0410"), (1e-11, "1.00e-11")]
+)
+def test_plain_numbers(value: float, expected: str) -> None:
+    assert number(value) == expected
+
+
+def test_a_table_aligns_its_columns() -> None:
+    assert table(["", "paper"], [["bias", "5.8"], ["a longer name", "-"]]).splitlines() == [
+        "               paper",
+        "-------------  -----",
+        "bias             5.8",
+        "a longer name      -",
+    ]
+
+
+def test_a_report_is_its_data() -> None:
+    assert json.loads(Report({"a": 1}).json()) == {"a": 1}

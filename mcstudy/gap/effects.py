@@ -13,13 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from mcstudy.errors import InputError
 from mcstudy.gap import additions as add
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
+from mcstudy.stance.rules import Rules, reweighted
 
 Place = Literal["ankle", "hip", "stimulus", "sensor", "body"]
 PLACES: tuple[Place, ...] = ("ankle", "hip", "stimulus", "sensor", "body")
@@ -81,6 +82,24 @@ class Size:
 
 
 @dataclass(frozen=True)
+class TrialSetting:
+    """What a time-domain rule may depend on.
+
+    Attributes
+    ----------
+    model: the model simulated. amplitude, reference: peak of this trial's stimulus, and of the recording as a whole.
+    samples, rate_hz: length of the record and its rate. rng: randomness of this trial.
+    """
+
+    model: Model
+    amplitude: float
+    reference: float
+    samples: int
+    rate_hz: float
+    rng: np.random.Generator
+
+
+@dataclass(frozen=True)
 class Effect:
     """One declaration of the library.
 
@@ -95,7 +114,7 @@ class Effect:
     kind: "linear", "nonlinear" (depends on amplitude) or "nonstationary" (depends on time or is noise).
     contrast: comparison that reveals a nonlinear or nonstationary effect: between amplitudes, first against last
         cycles, or the remnant spectrum against the noise model.
-    rule: name of the time-domain rule that carries it in simulation, None for a linear effect.
+    rule: the fields of `Rules` that carry it in simulation, from its sizes and the trial; None for a linear effect.
     family: effects of one family are variants of one cause.
     """
 
@@ -108,7 +127,7 @@ class Effect:
     order: int = 0
     kind: Kind = "linear"
     contrast: Contrast | None = None
-    rule: str | None = None
+    rule: Callable[[Mapping[str, float], TrialSetting], dict[str, Any]] | None = None
     family: str = ""
 
     @property
@@ -156,6 +175,37 @@ def active_gain(error: str) -> Callable[[Model], Model]:
     """Build step: active feedback times (1 + error), the linear trace of every effect that changes its gain."""
     filt = Filter(error, (add.ONE, Monomial(1.0, 0, ((error, 1),))), (add.ONE,))
     return terms_filter(add.is_active, filt)
+
+
+RATE_PER_ANGLE = 0.33 / 0.07
+"""Threshold of angular rate over that of the angle, 1/s, as published."""
+
+HIP_SHARE = 0.3
+"""Motor noise at the hip relative to the ankle, about the ratio of the torques."""
+
+
+def _dead_zone(sizes: Mapping[str, float], _: TrialSetting) -> dict[str, Any]:
+    angle = sizes["dead_angle"]
+    rate = RATE_PER_ANGLE * angle
+    return {"dead_angle": (angle, angle), "dead_rate": (rate, rate)}
+
+
+def _reweighting(sizes: Mapping[str, float], trial: TrialSetting) -> dict[str, Any]:
+    return {"active_gain": reweighted(trial.amplitude, trial.reference, sizes["reweighting"])}
+
+
+def _drift(sizes: Mapping[str, float], trial: TrialSetting) -> dict[str, Any]:
+    gains = {g for t in trial.model.terms if t.noisy for g in t.gain[:1]}
+    return {"gain_drift": dict.fromkeys(sorted(gains), sizes["drift"])}
+
+
+def _saturation(sizes: Mapping[str, float], _: TrialSetting) -> dict[str, Any]:
+    return {"torque_limit": (np.inf, 1.0 / sizes["saturation"] if sizes["saturation"] > 0 else np.inf)}
+
+
+def _motor_noise(sizes: Mapping[str, float], trial: TrialSetting) -> dict[str, Any]:
+    scale = sizes["motor_noise"] * np.sqrt(trial.rate_hz / 2) * np.array([HIP_SHARE, 1.0])
+    return {"motor_noise": trial.rng.standard_normal((trial.samples, 2)) * scale}
 
 
 ACTIVATION_DAMPING = 1.15
@@ -388,19 +438,19 @@ LIBRARY: tuple[Effect, ...] = (
         order=2,
         kind="nonlinear",
         contrast="amplitude",
-        rule="dead_zone",
+        rule=_dead_zone,
     ),
     Effect(
         "amplitude_reweighting",
         "active gains x (amplitude / reference)^-p",
         ("ankle", "hip"),
         (Size("reweighting", "", 0.0, -0.5, 1.0, (0.1, 0.35), "exponent p of the gains against amplitude"),),
-        active_gain("gain_reweighting"),
+        active_gain("gain_amplitude_reweighting"),
         "sensory weight 0.8 to 0.4 over 0.5 to 4 deg, p = 1/3 (Peterka 2002, J Neurophysiol 88:1097)",
         order=2,
         kind="nonlinear",
         contrast="amplitude",
-        rule="reweighting",
+        rule=_reweighting,
     ),
     Effect(
         "gain_drift",
@@ -411,24 +461,24 @@ LIBRARY: tuple[Effect, ...] = (
                 "drift", "", 0.0, -0.8, 0.8, (0.1, 0.3), "relative change of the active gains over the recording", True
             ),
         ),
-        active_gain("gain_drift"),
+        active_gain("gain_gain_drift"),
         "no published figure; habituation over minutes",
         order=2,
         kind="nonstationary",
         contrast="time",
-        rule="drift",
+        rule=_drift,
     ),
     Effect(
         "torque_saturation",
         "active ankle torque limited to +- the limit",
         ("ankle",),
-        (Size("saturation", "1/(N m)", 0.0, 0.0, 0.5, (0.05, 0.2), "inverse of the torque limit"),),
-        active_gain("gain_saturation"),
-        "no published figure at these amplitudes",
+        (Size("saturation", "1/(N m)", 0.0, 0.0, 0.5, (0.08, 0.10), "inverse of the torque limit"),),
+        active_gain("gain_torque_saturation"),
+        "no published figure; active torque peaks at 12 N m under 5 N m, limits below 9 N m fall",
         order=2,
         kind="nonlinear",
         contrast="amplitude",
-        rule="saturation",
+        rule=_saturation,
     ),
     Effect(
         "motor_noise",
@@ -440,7 +490,7 @@ LIBRARY: tuple[Effect, ...] = (
         order=2,
         kind="nonstationary",
         contrast="remnant",
-        rule="motor_noise",
+        rule=_motor_noise,
     ),
 )
 """Every effect the program knows, in the order it is listed."""
@@ -473,15 +523,26 @@ def apply(model: Model, *names: str) -> Model:
 
 
 def trace(model: Model, name: str) -> Model:
-    """How a gain-changing effect looks to a linear fit: all active feedback times (1 + gain_<rule>).
+    """How a gain-changing effect looks to a linear fit: all active feedback times (1 + gain).
 
-    The added parameter is free between two sets of data (amplitudes, or first and last cycles) and zero in one.
+    The added parameter, ``gain_<name>``, is free in one of two sets of data (amplitudes, first and last cycles) and
+    zero in the other.
     """
     declared = effect(name)
     if declared.rule is None:
         raise InputError(f"effect {name!r} is linear: apply it instead")
-    change = Size(f"gain_{declared.rule}", "", 0.0, -0.9, 2.0, (0.05, 0.4), f"change of active gains by {name}")
+    change = Size(f"gain_{name}", "", 0.0, -0.9, 2.0, (0.05, 0.4), f"change of active gains by {name}")
     return _apply(model, [declared], [change])
+
+
+def rules(names: Iterable[str], sizes: Mapping[str, float], trial: TrialSetting) -> Rules:
+    """The time-domain rules of the named effects together; linear ones add none."""
+    fields: dict[str, Any] = {}
+    for name in names:
+        rule = effect(name).rule
+        if rule is not None:
+            fields |= rule(sizes, trial)
+    return Rules(**fields)
 
 
 def _apply(model: Model, effects: list[Effect], sizes: Iterable[Size]) -> Model:

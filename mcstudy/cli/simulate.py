@@ -1,0 +1,98 @@
+"""``mcstudy simulate``: a recording of a simulated body, with any effects of the library."""
+
+from __future__ import annotations
+
+import argparse
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("-o", "--output", required=True, help="rec.nc, rec.zarr, or a name without ending for CSV")
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME[=SIZE]",
+        help="an effect of `mcstudy gap effects`, at SIZE or drawn from its published range; may be repeated",
+    )
+    parser.add_argument("--stimulus", default="ankle_torque", help="ankle_torque, hip_torque or platform_translation")
+    parser.add_argument(
+        "--amplitude", type=float, nargs="+", default=[5.0, 5.0], help="per trial, N m or m (default: two of 5 N m)"
+    )
+    parser.add_argument("--convention", default="peak", help="peak or peak_to_peak")
+    parser.add_argument("--cycles", type=int, default=6, help="stimulus periods per trial")
+    parser.add_argument("--rate", type=float, default=200.0, help="sampling rate, Hz")
+    parser.add_argument("--aperiodic", action="store_true", help="a random stimulus that never repeats")
+    parser.add_argument("--noise", type=float, default=1.0, help="sensor noise relative to the paper's (amplitude)")
+    parser.add_argument(
+        "--parameter", action="append", default=[], metavar="NAME=VALUE", help="another value than the nominal one"
+    )
+    parser.add_argument("--seed", type=int, default=0)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Simulate and write; returns the exit code."""
+    import numpy as np
+
+    from mcstudy.errors import InputError
+    from mcstudy.gap.effects import effect
+    from mcstudy.gap.make_recording import Protocol, draw_case, simulate_recording
+    from mcstudy.gap.read import write_recording
+    from mcstudy.stance.body import STIMULI, two_segment
+    from mcstudy.stance.noise import SensorNoise
+    from mcstudy.stance.stimulus import Prts
+
+    if args.stimulus not in STIMULI:
+        raise InputError(f"--stimulus: expected one of {', '.join(STIMULI)}, got {args.stimulus!r}")
+    psd = SensorNoise().psd_deg2_hz
+    protocol = Protocol(
+        stimulus=args.stimulus,
+        waveform=Prts(rate_hz=args.rate, amplitude=args.amplitude[0], convention=args.convention),
+        amplitudes=tuple(args.amplitude),
+        cycles=args.cycles,
+        periodic=not args.aperiodic,
+        noise=SensorNoise((psd[0] * args.noise**2, psd[1] * args.noise**2)),
+    )
+    model = two_segment(stimulus=args.stimulus)
+    values = dict(_pair(p, "--parameter") for p in args.parameter)
+    unknown = set(values) - set(model.names)
+    if unknown:
+        raise InputError(f"--parameter: unknown {', '.join(sorted(unknown))}; the model has {', '.join(model.names)}")
+    theta = np.array([values.get(p.name, p.value) for p in model.parameters])
+    names, sizes = [], {}
+    drawing, running = np.random.default_rng(args.seed).spawn(2)
+    for word in args.effect:
+        name = word.split("=")[0]
+        names.append(name)
+        if "=" in word:
+            sizes[effect(name).size.name] = _pair(word, "--effect")[1]
+        else:
+            nominal = model.with_bounds(
+                {
+                    n: (min(v, p.lower), max(v, p.upper))
+                    for n, v, p in zip(model.names, theta, model.parameters, strict=True)
+                }
+            ).with_values(dict(zip(model.names, map(float, theta), strict=True)))
+            sizes |= draw_case(nominal, [name], drawing, spread=0.0, attempts=20)[1]
+    what = ", ".join(f"{k} = {v:.5g}" for k, v in sizes.items()) or "no effect"
+    recording = simulate_recording(
+        protocol,
+        theta,
+        running,
+        effects=names,
+        sizes=sizes,
+        provenance=f"simulated by mcstudy: {what}; seed {args.seed}",
+    )
+    path = write_recording(recording, args.output)
+    print(f"{path}: {len(recording.trials)} trials of {recording.duration_s / len(recording.trials):.0f} s; {what}")
+    return 0
+
+
+def _pair(word: str, option: str) -> tuple[str, float]:
+    from mcstudy.errors import InputError
+
+    name, _, text = word.partition("=")
+    try:
+        return name, float(text)
+    except ValueError:
+        raise InputError(f"{option} {word}: expected NAME=NUMBER") from None

@@ -1,0 +1,1 @@
+"""A benchmark of diagnoses on withheld causes: `make` cases, `answer` them without the key, `score` with it."""

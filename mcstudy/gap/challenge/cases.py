@@ -1,0 +1,172 @@
+"""Which cases a challenge has, and the truth of each: kind, effects, sizes, parameters.
+
+Everything follows from the challenge's seed, the series and the number of the case in it, so that any case can be
+remade alone. The order of cases in the data is a shuffle over all series: neither a case's name nor its neighbours say
+anything about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from mcstudy.errors import DesignError
+from mcstudy.gap import effects as library
+from mcstudy.gap.challenge.colour import noise_of
+from mcstudy.gap.challenge.design import KINDS, ChallengeFile, Kind, Series
+from mcstudy.gap.challenge.geometry import VISIBLE, Geometry, Probe, Setting, probes, size_for
+from mcstudy.gap.make_recording import Protocol
+from mcstudy.stance.body import two_segment
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.stability import growth_rate
+from mcstudy.study.streams import stream
+
+ATTEMPTS = 200
+"""Bodies that are tried for one case before the challenge is called impossible."""
+
+NIMBLE = 0.7
+"""Factor on the delays of the fastest bodies: some effects slow the loop so that only those stand with them."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case before it is made: ``name`` in the data, series, number in the series, kind."""
+
+    name: str
+    series: str
+    number: int
+    kind: Kind
+
+
+def list_cases(file: ChallengeFile) -> list[Case]:
+    """Every case in the order of its name."""
+    listed = []
+    for name, series in file.series.items():
+        kinds = _kinds(series)
+        order = stream(file.challenge.seed, f"challenge kinds {name}").permutation(len(kinds))
+        listed += [(name, k, kinds[i]) for k, i in enumerate(order)]
+    order = stream(file.challenge.seed, "challenge order").permutation(len(listed))
+    width = len(str(len(listed)))
+    return [Case(f"case{k + 1:0{width}d}", *listed[i]) for k, i in enumerate(order)]
+
+
+def _kinds(series: Series) -> list[Kind]:
+    """Exact numbers of every kind: largest remainders."""
+    wanted = np.array([series.mix.of(k) * series.cases for k in KINDS])
+    count = np.floor(wanted + 1e-9).astype(int)
+    for i in np.argsort(count - wanted, kind="stable")[: series.cases - count.sum()]:
+        count[i] += 1
+    return [k for k, n in zip(KINDS, count, strict=True) for _ in range(n)]
+
+
+def protocol_of(series: Series) -> Protocol:
+    """How the recordings of a series are made."""
+    return Protocol(
+        amplitudes=series.protocol.amplitudes, cycles=series.protocol.cycles, noise=noise_of(series.noise)
+    )
+
+
+@lru_cache(maxsize=64)
+def _shared(text: str) -> tuple[Setting, tuple[Probe, ...]]:
+    """What all cases of a series share: its lines, and the effects that show in them."""
+    series = Series.model_validate_json(text)
+    protocol, base = protocol_of(series), two_segment()
+    setting = Setting.of(protocol, series.protocol.fmax)
+    wanted = [n for n in series.sizes.effects or library.LINEAR if library.effect(n).kind == "linear"]
+    found = probes(Geometry(base, base.truth, setting, protocol.noise), wanted)
+    nimble = np.where(np.isin(base.names, base.delays), NIMBLE, 1.0) * base.truth
+    missing = [n for n in wanted if n not in {p.effect for p in found}]
+    found += probes(Geometry(base, nimble, setting, protocol.noise), missing)
+    return setting, tuple(found)
+
+
+def shared(series: Series) -> tuple[Setting, tuple[Probe, ...]]:
+    """Lines of a series and probes of every effect that is visible in them."""
+    return _shared(series.model_copy(update={"cases": 1}).model_dump_json())
+
+
+def pool(series: Series) -> list[str]:
+    """Effects that the cases of a series may hold: those named, or all visible linear ones."""
+    visible = list(dict.fromkeys(p.effect for p in shared(series)[1]))
+    named = series.sizes.effects
+    for name in named:
+        if library.effect(name).kind == "linear" and name not in visible:
+            raise DesignError(f"sizes.effects: {name} stays below a delta of {VISIBLE:g} within its bounds")
+    return list(named) or visible
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A drawn case with linear effects: parameters of the base model (12,) and sizes of the effects."""
+
+    theta: np.ndarray
+    effects: tuple[str, ...]
+    sizes: dict[str, float]
+
+
+def draw_body(series: Series, rng: np.random.Generator, shifted: bool, nimble: float = 1.0) -> np.ndarray:
+    """Parameters (12,) of a body that stands well: every mode decays faster than the challenge's ``decay``.
+
+    ``nimble`` multiplies the delays. Raises `DesignError` when none is found.
+    """
+    base = two_segment()
+    lag = np.isin(base.names, base.delays)
+    spread = series.body.shifted_spread if shifted else series.body.spread
+    for _ in range(ATTEMPTS):
+        change = rng.uniform(-spread, spread, lag.size)
+        if shifted:
+            change = np.where(np.abs(change) < spread / 2, np.copysign(spread, change) - change, change)
+        factor = 1 + change
+        factor[lag] *= nimble
+        theta = np.clip(base.truth * factor, base.lower, base.upper)
+        if float(growth_rate(base, theta)) < -series.body.decay:
+            return np.asarray(theta)
+    raise DesignError(f"body: none that stands found in {ATTEMPTS} draws with a spread of {spread:g}")
+
+
+def draw_delta(series: Series, rng: np.random.Generator) -> float:
+    """A delta from the strata."""
+    share = np.array([s.share for s in series.sizes.strata])
+    stratum = series.sizes.strata[int(rng.choice(share.size, p=share / share.sum()))]
+    return float(rng.uniform(stratum.low, stratum.high))
+
+
+def draw_linear(series: Series, rng: np.random.Generator, names: Sequence[str]) -> Truth | None:
+    """A body and sizes at which every one of the linear effects alone has a drawn delta; None when none stands.
+
+    The body is redrawn, with shorter delays from try to try, until each delta is within 10 % and the body stands with
+    all effects together.
+    """
+    setting, _ = shared(series)
+    for attempt in range(12):
+        nimble = 1.0 - (1.0 - NIMBLE) * min(1.0, attempt / 6)
+        theta = draw_body(series, rng, False, nimble)
+        geometry = Geometry(two_segment(), theta, setting, noise_of(series.noise))
+        sizes: dict[str, float] = {}
+        for name in names:
+            first, *companions = library.effect(name).sizes
+            at = {c.name: c.draw(rng) for c in companions}
+            limit = first.lower if first.signed and rng.random() < 0.5 else first.upper
+            wanted = draw_delta(series, rng)
+            size, delta = size_for(geometry, name, at, limit, wanted, series.body.decay)
+            if abs(delta / wanted - 1) > 0.1:
+                break
+            sizes |= {first.name: size, **at}
+        else:
+            if geometry.response(names, sizes, series.body.decay) is not None:
+                return Truth(theta, tuple(names), sizes)
+    return None
+
+
+def with_values(model: Model, theta: np.ndarray) -> Model:
+    """The model with other nominal values, its bounds widened where they must be."""
+    return replace(
+        model,
+        parameters=tuple(
+            replace(p, value=float(v), lower=min(p.lower, float(v)), upper=max(p.upper, float(v)))
+            for p, v in zip(model.parameters, theta, strict=True)
+        ),
+    )

@@ -1,0 +1,221 @@
+"""What a challenge is: how many cases of which kind, on which recordings, with which effects, sizes and noise.
+
+A challenge file is TOML. Sections at the top level hold for the main benchmark; ``[variant.NAME]`` adds a series of
+its own cases and may override any section key by key (``[variant.NAME.noise]``). Unless it says otherwise a variant
+has nothing missing: it measures false alarms. Every mistake is one line: ``file: field: what was expected``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field, ValidationError, model_validator
+
+from mcstudy.errors import DesignError
+from mcstudy.study.design import Name, Positive, Section
+
+MAIN = "main"
+"""Name of the series of cases that the targets are about."""
+
+Kind = Literal["none", "shifted", "known", "outsider", "pair"]
+KINDS: tuple[Kind, ...] = ("none", "known", "outsider", "pair", "shifted")
+"""Nothing missing; one effect of the library; one it does not hold; two of it; parameters far off, nothing missing."""
+
+NOTHING: tuple[Kind, ...] = ("none", "shifted")
+"""Kinds in which an alarm is false."""
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Challenge(Section):
+    """Name, seed and number of cases of the main series."""
+
+    name: Name
+    seed: int = Field(ge=0, lt=2**63)
+    cases: int = Field(ge=1, le=100_000)
+    description: str = ""
+
+
+class Mix(Section):
+    """Share of every kind of case; the shares sum to 1."""
+
+    none: Share = 0.25
+    known: Share = 0.45
+    outsider: Share = 0.15
+    pair: Share = 0.10
+    shifted: Share = 0.05
+
+    @model_validator(mode="after")
+    def _whole(self) -> Mix:
+        total = sum(self.of(k) for k in KINDS)
+        if abs(total - 1) > 1e-9:
+            raise ValueError(f"expected shares that sum to 1, got a sum of {total:g}")
+        return self
+
+    def of(self, kind: Kind) -> float:
+        """Share of one kind."""
+        return float(getattr(self, kind))
+
+
+class Body(Section):
+    """Truth of every case: nominal parameters times a factor uniform within ``spread`` (``shifted_spread`` at least
+    half used for shifted ones), redrawn until every mode decays faster than ``decay`` (1/s)."""
+
+    spread: Share = 0.15
+    shifted_spread: Share = 0.30
+    decay: float = Field(default=0.2, ge=0)
+
+
+class Stratum(Section):
+    """A share of the effects with delta uniform from ``low`` to ``high``."""
+
+    share: Share
+    low: Positive
+    high: Positive
+
+
+class Sizes(Section):
+    """How large effects are, as delta: the root of the noncentrality that an effect leaves after refitting the model.
+
+    ``effects``: names of the library to draw from; all that a linear analysis can see when empty.
+    """
+
+    effects: tuple[str, ...] = ()
+    outsiders: tuple[str, ...] = ()
+    strata: tuple[Stratum, ...] = (
+        Stratum(share=0.15, low=3.75, high=4.25),
+        Stratum(share=0.25, low=5.5, high=6.5),
+        Stratum(share=0.60, low=1.0, high=15.0),
+    )
+
+    @model_validator(mode="after")
+    def _whole(self) -> Sizes:
+        total = sum(s.share for s in self.strata)
+        if abs(total - 1) > 1e-9:
+            raise ValueError(f"expected strata whose shares sum to 1, got a sum of {total:g}")
+        for s in self.strata:
+            if s.high < s.low:
+                raise ValueError(f"expected low <= high, got {s.low:g} and {s.high:g}")
+        return self
+
+
+class Protocol(Section):
+    """The recording: one trial per amplitude (unit of the stimulus, peak), all of ``cycles`` periods, the first one
+    lost to the transient; lines are used up to ``fmax`` Hz."""
+
+    amplitudes: tuple[Positive, ...] = Field(default=(5.0, 5.0), min_length=1, max_length=100)
+    cycles: int = Field(default=6, ge=3, le=1000)
+    fmax: Positive = 8.0
+
+
+class Noise(Section):
+    """Sensor noise: one-sided PSD of theta1 and theta2 at 0.5 Hz in deg^2/Hz times ``level``, falling as f^-colour
+    before a first-order low-pass at ``corner_hz``."""
+
+    psd: tuple[Positive, Positive] = (4e-4, 7e-5)
+    level: Positive = 1.0
+    colour: float = Field(default=1.0, ge=0, le=3)
+    corner_hz: Positive = 0.15
+
+
+class Answering(Section):
+    """Who answers: the shipped diagnosis, asymptotic ("fast") or with its bootstrap ("bootstrap")."""
+
+    method: Literal["fast", "bootstrap"] = "fast"
+
+
+class Series(Section):
+    """One series of cases with everything it needs."""
+
+    cases: int = Field(ge=1, le=100_000)
+    mix: Mix = Mix()
+    body: Body = Body()
+    sizes: Sizes = Sizes()
+    protocol: Protocol = Protocol()
+    noise: Noise = Noise()
+
+
+SECTIONS = ("mix", "body", "sizes", "protocol", "noise")
+
+
+class ChallengeFile(Section):
+    """A resolved challenge: nothing is left to a default. The main series is `MAIN`."""
+
+    challenge: Challenge
+    answer: Answering = Answering()
+    series: dict[Name, Series]
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of everything that changes a case."""
+        plain = self.model_dump(mode="json", exclude={"challenge": {"description"}, "answer": True})
+        return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def total(self) -> int:
+        """Cases of all series."""
+        return sum(s.cases for s in self.series.values())
+
+
+def read_challenge(path: str | Path) -> ChallengeFile:
+    """The resolved challenge of a file; raises `DesignError` with one line."""
+    path = Path(path)
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DesignError(f"{path}: expected a readable challenge file ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise DesignError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
+    try:
+        return resolve(raw)
+    except DesignError as error:
+        raise DesignError(f"{path}: {error}") from None
+
+
+def resolve(raw: dict[str, Any]) -> ChallengeFile:
+    """The challenge of a parsed file; the one-line `DesignError` starts with the field."""
+    known = ("challenge", "answer", *SECTIONS, "variant")
+    for key, value in raw.items():
+        if key not in known:
+            raise DesignError(f"{key}: unknown key, expected one of {', '.join(known)}")
+        if not isinstance(value, dict):
+            raise DesignError(f"{key}: expected a table [{key}]")
+    if "challenge" not in raw:
+        raise DesignError("challenge: missing, expected a table [challenge] with name, seed and cases")
+    challenge = _validate(Challenge, raw["challenge"], "challenge")
+    shared = {k: raw[k] for k in SECTIONS if k in raw}
+    for key, value in shared.items():
+        _validate(Series.model_fields[key].annotation, value, key)
+    series = {MAIN: _validate(Series, {"cases": challenge.cases, **shared}, "")}
+    for name, own in raw.get("variant", {}).items():
+        if name == MAIN or not isinstance(own, dict):
+            raise DesignError(f"variant.{name}: expected a table [variant.NAME] with another name than {MAIN}")
+        merged: dict[str, Any] = {"mix": {k: float(k == "none") for k in KINDS}}
+        merged |= {k: {**v} for k, v in shared.items() if k != "mix"}
+        for key, value in own.items():
+            merged[key] = {**merged.get(key, {}), **value} if isinstance(value, dict) and key != "mix" else value
+        series[name] = _validate(Series, merged, f"variant.{name}")
+    answer = _validate(Answering, raw.get("answer", {}), "answer")
+    return _validate(ChallengeFile, {"challenge": challenge, "answer": answer, "series": series}, "")
+
+
+def _validate(model: Any, value: Any, where: str) -> Any:
+    try:
+        # through JSON because strict validation of JSON takes a list for a tuple and nothing else for anything else
+        return model.model_validate_json(json.dumps(value, default=_plain))
+    except TypeError:
+        raise DesignError(f"{where}: expected numbers, text, lists and tables only (no dates)") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join([*([where] if where else []), *(str(p) for p in first["loc"])]) or "file"
+        raise DesignError(f"{field}: {first['msg'].removeprefix('Value error, ')}") from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    raise TypeError(type(value).__name__)

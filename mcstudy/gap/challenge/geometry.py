@@ -1,0 +1,251 @@
+"""How visible effects are in a recording, and which look alike: the linear Gaussian space of its lines.
+
+The error of a mean FRF y at N odd lines is complex Gaussian with covariance C (E[e e^H]), so twice V = sum r^H C^-1 r
+is chi-squared with 4 N degrees of freedom. The *delta* of an effect is the root of the noncentrality it leaves after
+the model's own parameters have been refitted, delta^2 = min over theta of 2 V(noise-free y): the mean height, in
+standard deviations, of the best possible test for that effect. Its *signature* is the whitened residual it leaves, as
+a unit vector; it is taken at a finite size, because some effects (a low-pass on delayed feedback) have a derivative
+that the model's parameters absorb entirely and show only through their curvature. Derived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mcstudy.fit.problem import ml_cost
+from mcstudy.fit.solvers import fit
+from mcstudy.gap import effects as library
+from mcstudy.gap.make_recording import Protocol
+from mcstudy.gap.recording import Recording
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf
+from mcstudy.stance.simulate_spectral import sway_psd
+from mcstudy.stance.stability import growth_rate
+
+ALIKE = 0.95
+"""|cosine| of two signatures from which they are one ambiguity group."""
+
+KIN = 0.90
+"""|cosine| from which an answer that names both as one group is accepted as naming either."""
+
+VISIBLE = 2.0
+"""Largest delta an effect must reach within its bounds to be drawn, or to be a hypothesis of the ceiling."""
+
+INVISIBLE = 0.2
+"""Delta below which a probe of a visible effect says nothing about its direction."""
+
+DISCARD = 1
+"""Cycles at the start of a trial that hold the transient."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Lines of a protocol: f (N,) Hz, excited odd harmonics up to ``fmax``; energy (N,): sum of |U|^2 over all
+    analysed cycles; share (R,): share of each cycle in it."""
+
+    protocol: Protocol
+    harmonic: np.ndarray
+    f: np.ndarray
+    energy: np.ndarray
+    share: np.ndarray
+
+    @classmethod
+    def of(cls, protocol: Protocol, fmax: float) -> Setting:
+        """Setting of a periodic protocol."""
+        period_s = protocol.waveform.period_s
+        harmonic = np.arange(1, int(fmax * period_s + 0.5) + 1, 2)
+        unit = np.abs(protocol.waveform.coefficients()[harmonic] / protocol.waveform.amplitude) ** 2
+        squares = np.repeat(np.square(protocol.amplitudes), protocol.cycles - DISCARD)
+        return cls(protocol, harmonic, harmonic / period_s, unit * squares.sum(), squares / squares.sum())
+
+    def covariance(self, model: Model, theta: np.ndarray, noise: SensorNoise) -> np.ndarray:
+        """Covariance (N, 2, 2) of the mean FRF of a recording of this model."""
+        density = sway_psd(model, theta, noise, self.f)
+        return density / (2 * self.protocol.waveform.period_s) / self.energy[:, None, None]
+
+
+def cycle_responses(recording: Recording, setting: Setting) -> np.ndarray:
+    """FRFs (R, N, 2) of every analysed cycle, without leakage of the step between a cycle's ends."""
+    period = setting.protocol.waveform.samples
+    step = 1.0 - np.exp(-2j * np.pi * setting.harmonic / period)
+    out = []
+    for trial in recording.trials:
+        for start in range(DISCARD * period, trial.samples - period + 1, period):
+            u = np.fft.rfft(trial.stimulus[start : start + period])[setting.harmonic]
+            increments = np.diff(trial.theta[start - 1 : start + period], axis=0)
+            out.append(np.fft.rfft(increments, axis=0)[setting.harmonic] / (step * u)[:, None])
+    return np.array(out)
+
+
+def remaining(model: Model, starts: np.ndarray, f: np.ndarray, y: np.ndarray, C: np.ndarray) -> float:
+    """Noncentrality 2 V that the best fit of ``model`` from ``starts`` (S, P) leaves in noise-free FRFs y (N, 2)."""
+    inside = np.clip(np.atleast_2d(starts), model.lower, model.upper)
+    return 2.0 * float(np.nanmin(fit(ml_cost(model, f, y, C), inside, "lm").cost))
+
+
+def scatter(cycles: np.ndarray, share: np.ndarray, C: np.ndarray) -> float:
+    """Noncentrality of the differences between cycles (R, N, 2), which no time-invariant linear model explains."""
+    r = cycles - np.einsum("r,rnj->nj", share, cycles)
+    return 2.0 * float(np.einsum("r,rni,nij,rnj->", share, r.conj(), np.linalg.inv(C), r, optimize=True).real)
+
+
+@dataclass(frozen=True)
+class Probe:
+    """An effect at a size at which it is about as visible as effects of the benchmark are."""
+
+    effect: str
+    sizes: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One signature: unit vector (4 N,), and the probe it was taken at with its delta there."""
+
+    probe: Probe
+    unit: np.ndarray
+    delta: float
+
+    @property
+    def effect(self) -> str:
+        """Name of the effect."""
+        return self.probe.effect
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """The space of one body: base model, its true parameters (12,), lines and noise."""
+
+    base: Model
+    theta: np.ndarray
+    setting: Setting
+    noise: SensorNoise
+
+    @cached_property
+    def C(self) -> np.ndarray:
+        """Covariance of the mean FRF, (N, 2, 2)."""
+        return self.setting.covariance(self.base, self.theta, self.noise)
+
+    @cached_property
+    def _weight(self) -> np.ndarray:
+        return np.linalg.inv(np.linalg.cholesky(self.C))
+
+    def whiten(self, r: np.ndarray) -> np.ndarray:
+        """Residuals (N, 2) as real numbers (4 N,) of unit variance."""
+        z = np.einsum("nij,nj->ni", self._weight, r) * np.sqrt(2)
+        return np.concatenate([z.real.ravel(), z.imag.ravel()])
+
+    def unexplained(self, y: np.ndarray) -> np.ndarray:
+        """Whitened residual (4 N,) of noise-free FRFs y (N, 2) after refitting the base model; its norm is delta."""
+        done = fit(ml_cost(self.base, self.setting.f, y, self.C), self.theta[None], "lm")
+        return self.whiten(y - frf(self.base, done.estimate[0], self.setting.f))
+
+    def response(self, effects: Sequence[str], sizes: Mapping[str, float], decay: float) -> np.ndarray | None:
+        """FRFs (N, 2) with linear effects; None when the slowest mode decays more slowly than ``decay`` (1/s)."""
+        model = library.apply(self.base, *effects)
+        own = [sizes.get(s.name, s.parameter.value) for n in effects for s in library.effect(n).sizes]
+        theta = np.concatenate([self.theta, own])
+        return frf(model, theta, self.setting.f) if float(growth_rate(model, theta)) < -decay else None
+
+    def columns(self, probes: Sequence[Probe]) -> list[Column]:
+        """Signatures of the probes on this body, each shrunk until the body can stand with it."""
+        out = []
+        for probe in probes:
+            first = library.effect(probe.effect).size
+            for shrink in (1.0, 0.5, 0.25):
+                sizes = {**probe.sizes, first.name: probe.sizes[first.name] * shrink}
+                y = self.response([probe.effect], sizes, 0.0)
+                if y is not None:
+                    x = self.unexplained(y)
+                    delta = float(np.linalg.norm(x))
+                    if delta > INVISIBLE:
+                        out.append(Column(Probe(probe.effect, sizes), x / delta, delta))
+                    break
+        return out
+
+
+PROBED = 6.0
+"""Delta at which signatures are taken."""
+
+
+def probes(geometry: Geometry, names: Sequence[str]) -> list[Probe]:
+    """Sizes at which linear effects have a delta of `PROBED`, of either sign when people have it with either sign, at
+    three values of each companion. Effects that stay below `VISIBLE` within their bounds are left out."""
+    out = []
+    for name in names:
+        first, *companions = library.effect(name).sizes
+        grids: list[dict[str, float]] = [{}]
+        for c in companions:
+            low, high = c.published
+            grids = [{**g, c.name: v} for g in grids for v in (low, (low + high) / 2, high)]
+        for at in grids:
+            for limit in (first.upper, first.lower) if first.signed else (first.upper,):
+                size, delta = size_for(geometry, name, at, limit, PROBED)
+                if delta > VISIBLE:
+                    out.append(Probe(name, {first.name: size, **at}))
+    return out
+
+
+def size_for(
+    geometry: Geometry, name: str, companions: Mapping[str, float], limit: float, wanted: float, decay: float = 0.0
+) -> tuple[float, float]:
+    """Size between 0 and ``limit`` with a delta of ``wanted``, or as near as the body stands, and that delta.
+
+    Delta grows with size, but not in proportion: the interval that holds the wanted one is bisected on a log scale.
+    """
+    first = library.effect(name).size
+    low, high, best = 0.0, abs(limit), (0.0, 0.0)
+    size = high / 8
+    for _ in range(24):
+        y = geometry.response([name], {**companions, first.name: float(np.copysign(size, limit))}, decay)
+        delta = np.inf if y is None else float(np.linalg.norm(geometry.unexplained(y)))
+        if abs(delta - wanted) < abs(best[1] - wanted):
+            best = float(np.copysign(size, limit)), delta
+        if abs(delta / wanted - 1) < 0.01 or high / max(low, 1e-300) < 1.01:
+            break
+        if delta < wanted:
+            low = size
+            if size == high:
+                break
+        else:
+            high = size
+        guess = size * wanted / delta if 0 < delta < np.inf else 0.0
+        middle = np.sqrt(low * high) if low > 0 else high / 8
+        size = float(guess) if low < guess < high else (high if guess >= high else middle)
+    return best
+
+
+def likeness(columns: Sequence[Column]) -> tuple[list[str], np.ndarray]:
+    """Effects of the columns and the largest |cosine| between any two of their signatures, (E, E).
+
+    Variants of one cause count as equal.
+    """
+    names = list(dict.fromkeys(c.effect for c in columns))
+    S = np.column_stack([c.unit for c in columns])
+    cosine = np.abs(S.T @ S)
+    owner = np.array([names.index(c.effect) for c in columns])
+    out = np.zeros((len(names), len(names)))
+    for i in range(len(names)):
+        for j in range(len(names)):
+            same = library.effect(names[i]).cause == library.effect(names[j]).cause
+            out[i, j] = 1.0 if same else cosine[np.ix_(owner == i, owner == j)].max()
+    return names, out
+
+
+def groups(names: Sequence[str], cosine: np.ndarray, threshold: float = ALIKE) -> list[list[str]]:
+    """Connected sets of effects with |cosine| above the threshold, singletons included."""
+    left, out = list(range(len(names))), []
+    while left:
+        member, todo = [], [left.pop(0)]
+        while todo:
+            i = todo.pop()
+            member.append(i)
+            near = [j for j in left if cosine[i, j] > threshold]
+            left = [j for j in left if j not in near]
+            todo += near
+        out.append([names[i] for i in sorted(member)])
+    return out

@@ -1,0 +1,240 @@
+"""Recordings from the time-domain simulator: any model, any effects, from rest and with sensor noise.
+
+The closed form that is fitted is never used here. Every trial has its own random streams, so a recording of more trials
+begins with the same ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import fft
+
+from mcstudy.errors import InputError
+from mcstudy.gap import effects as library
+from mcstudy.gap.effects import TrialSetting
+from mcstudy.gap.recording import Recording, Trial
+from mcstudy.stance.body import STIMULI, Body, two_segment
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.rules import Rules
+from mcstudy.stance.simulate_time import Sway, simulate, with_derivatives
+from mcstudy.stance.stability import growth_rate
+from mcstudy.stance.stimulus import Prts
+
+PLATFORM_HZ = 6.0
+"""Corner of the fourth-order zero-phase low-pass that makes a platform's motion smooth, Hz."""
+
+LARGEST_SWAY = 1.0
+"""Simulated sway beyond this (rad) has fallen."""
+
+Torque = Callable[[Sway, float], np.ndarray]
+"""(sway, rate in Hz) -> additional torque (n, 2) by row (hip, ankle) in N m, on the side of the stimulus."""
+
+Measure = Callable[[np.ndarray, float], np.ndarray]
+"""(measured angles (n, 2), rate in Hz) -> what is recorded (n, 2)."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How a recording is made.
+
+    Attributes
+    ----------
+    stimulus: kind of stimulus. waveform: one PRTS period; its rate is the recording's, its convention is recorded.
+    amplitudes: per trial, in the stimulus' unit and the waveform's convention.
+    cycles: periods per trial. periodic: when False every trial has its own random waveform of the same length,
+        spectrum and amplitude that never repeats.
+    noise: sensor noise inside the loop.
+    """
+
+    stimulus: str = "ankle_torque"
+    waveform: Prts = field(default_factory=Prts)
+    amplitudes: tuple[float, ...] = (5.0, 5.0)
+    cycles: int = 6
+    periodic: bool = True
+    noise: SensorNoise = field(default_factory=SensorNoise)
+
+    def __post_init__(self) -> None:
+        if self.stimulus not in STIMULI:
+            raise InputError(f"stimulus: expected one of {', '.join(STIMULI)}, got {self.stimulus!r}")
+        if not self.amplitudes or min(self.amplitudes) <= 0:
+            raise InputError(f"amplitudes: expected at least one positive number, got {self.amplitudes!r}")
+        if self.cycles < 1:
+            raise InputError(f"cycles: expected at least 1, got {self.cycles}")
+
+
+def simulate_recording(
+    protocol: Protocol,
+    theta: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    effects: Sequence[str] = (),
+    sizes: Mapping[str, float] | None = None,
+    model: Model | None = None,
+    body: Body | None = None,
+    torque: Torque | None = None,
+    measure: Measure | None = None,
+    name: str = "simulated",
+    provenance: str = "mcstudy simulate",
+) -> Recording:
+    """A recording of a body whose workings are the model plus effects.
+
+    Parameters
+    ----------
+    theta: parameters of ``model`` without effects, (P,).
+    effects: names from the library; sizes: a value for every parameter they add (companions default to the middle of
+        their range).
+    model: `two_segment` of ``body`` when None. body: what the recording states as the body.
+    torque: a torque that depends on the sway itself (solved by iteration); measure: a distortion of the recorded
+        angles. Both are for effects that the library does not hold.
+
+    Raises `InputError` for an effect without a size, an unstable body, or one that falls.
+    """
+    body = body or Body()
+    model, theta = body_with_effects(model or two_segment(body, protocol.stimulus), theta, effects, sizes or {})
+    reference = float(np.exp(np.mean(np.log(protocol.amplitudes))))
+    trials = []
+    for amplitude, stream in zip(protocol.amplitudes, rng.spawn(len(protocol.amplitudes)), strict=True):
+        noise_stream, rule_stream, stimulus_stream = stream.spawn(3)
+        stimulus = _stimulus(protocol, amplitude, stimulus_stream)
+        n, rate = stimulus.shape[0], protocol.waveform.rate_hz
+        setting = TrialSetting(model, amplitude, reference, n, rate, rule_stream)
+        rules = library.rules(effects, dict(sizes or {}), setting)
+        noise = protocol.noise.sample(noise_stream, n, rate)
+        sway = _with_torque(model, theta, stimulus, rate, noise, rules, torque)
+        if not np.abs(sway.theta).max() < LARGEST_SWAY:
+            raise InputError(f"{name}: the body falls; reduce the size of {', '.join(effects) or 'the stimulus'}")
+        recorded = sway.theta if measure is None else measure(sway.theta, rate)
+        trials.append(Trial(stimulus if stimulus.ndim == 1 else stimulus[:, 0].copy(), recorded, amplitude))
+    period_s = protocol.waveform.period_s if protocol.periodic else None
+    convention = protocol.waveform.convention
+    return Recording(
+        tuple(trials), protocol.waveform.rate_hz, period_s, protocol.stimulus, body, convention, name, provenance
+    )
+
+
+def body_with_effects(
+    model: Model, theta: np.ndarray, effects: Sequence[str], sizes: Mapping[str, float]
+) -> tuple[Model, np.ndarray]:
+    """The model with its linear effects, and the parameters of all of it; `InputError` when it cannot stand.
+
+    Sizes of nonlinear effects are left to `mcstudy.gap.effects.rules`. A size may lie outside the bounds of a fit.
+    """
+    declared = [library.effect(n) for n in effects]
+    known = {s.name: s for e in declared for s in e.sizes}
+    for name in sizes:
+        if name not in known:
+            raise InputError(f"size {name!r}: expected one of {', '.join(known) or 'none (no effect given)'}")
+    for e in declared:
+        if e.size.name not in sizes:
+            raise InputError(f"effect {e.name!r}: expected its size {e.size.name} in {e.size.unit or 'no unit'}")
+    linear = [e for e in declared if e.kind == "linear"]
+    augmented = library.apply(model, *(e.name for e in linear))
+    added = [sizes.get(s.name, s.parameter.value) for e in linear for s in e.sizes]
+    theta = np.concatenate([np.asarray(theta, dtype=float), added])
+    if not float(growth_rate(augmented, theta)) < 0:
+        listed = ", ".join(f"{k} = {v:.4g}" for k, v in sizes.items())
+        raise InputError(f"the body cannot stand with {listed or 'these parameters'}: its closed loop is unstable")
+    return augmented, theta
+
+
+def draw_case(
+    model: Model,
+    effects: Sequence[str],
+    rng: np.random.Generator,
+    scale: float = 1.0,
+    spread: float = 0.10,
+    attempts: int = 400,
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Random parameters (P,) around the model's nominal ones and sizes for effects, of a body that can stand.
+
+    Parameters are uniform within ``spread`` of the nominal values; sizes are from the published ranges times
+    ``scale``. After every 20 unstable draws the sizes shrink by a quarter and delays may be up to a quarter shorter
+    (a body with slower muscles stands only with faster nerves). Raises `InputError` after ``attempts``.
+    """
+    lag = np.array([p.name in model.delays for p in model.parameters])
+    for attempt in range(attempts):
+        harder = attempt // 20
+        factor = rng.uniform(1 - spread, 1 + spread, len(model.parameters))
+        factor[lag] *= 1 - min(0.25, 0.05 * harder) * rng.random()
+        theta = np.clip(model.truth * factor, model.lower, model.upper)
+        size = scale * 0.75**harder
+        sizes = {s.name: s.draw(rng, size) for n in effects for s in library.effect(n).sizes}
+        try:
+            body_with_effects(model, theta, effects, sizes)
+        except InputError:
+            continue
+        return theta, sizes
+    raise InputError(f"effects {', '.join(effects)}: no stable body found in {attempts} draws")
+
+
+def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) -> np.ndarray:
+    """Whole record of one trial, (n,), or (n, 3) with derivatives for a platform."""
+    waveform = replace(protocol.waveform, amplitude=amplitude)
+    period, rate = waveform.waveform(), waveform.rate_hz
+    if not protocol.periodic:
+        spectrum = np.abs(fft.rfft(np.tile(period, protocol.cycles)))
+        smooth = np.interp(np.arange(spectrum.size), np.flatnonzero(spectrum > 1e-9), spectrum[spectrum > 1e-9])
+        draws = rng.standard_normal((2, spectrum.size))
+        coefficients = smooth * (draws[0] + 1j * draws[1])
+        coefficients[0] = 0.0
+        period = fft.irfft(coefficients, period.size * protocol.cycles)
+        period *= waveform.peak / np.abs(period).max()
+    if protocol.stimulus == "platform_translation":
+        coefficients = fft.rfft(period)
+        f = np.arange(coefficients.size) * rate / period.size
+        period = fft.irfft(coefficients / (1 + (f / PLATFORM_HZ) ** 4), period.size)
+        period *= waveform.peak / (np.ptp(period) / 2)
+        record = with_derivatives(period, rate)
+    else:
+        record = period
+    return (
+        np.tile(record, (protocol.cycles, *[1] * (record.ndim - 1)))[: _length(protocol)]
+        if protocol.periodic
+        else record
+    )
+
+
+def _length(protocol: Protocol) -> int:
+    return protocol.cycles * protocol.waveform.samples
+
+
+ITERATIONS = 60
+"""Most passes of the fixed point for a torque that depends on the sway."""
+
+CONVERGED = 1e-6
+"""Largest change of an angle between passes, relative to the sway, that counts as converged."""
+
+
+def _with_torque(
+    model: Model,
+    theta: np.ndarray,
+    stimulus: np.ndarray,
+    rate: float,
+    noise: np.ndarray,
+    rules: Rules,
+    torque: Torque | None,
+) -> Sway:
+    """One trial; an additional torque that follows from the sway is found by damped fixed-point iteration."""
+    sway = simulate(model, theta, stimulus, rate, noise=noise, rules=rules)
+    if torque is None:
+        return sway
+    own = np.zeros_like(noise) if rules.motor_noise is None else rules.motor_noise
+    extra, step, last = np.zeros_like(noise), 0.8, np.inf
+    for _ in range(ITERATIONS):
+        wanted = torque(sway, rate)
+        if not np.isfinite(wanted).all():
+            break
+        extra = extra + step * (wanted - extra)
+        after = simulate(model, theta, stimulus, rate, noise=noise, rules=replace(rules, motor_noise=own + extra))
+        change = float(np.abs(after.theta - sway.theta).max() / np.abs(after.theta).max())
+        sway = after
+        if change < CONVERGED:
+            return sway
+        if change > last:
+            step *= 0.6
+        last = change
+    raise InputError("the additional torque is too strong: its iteration does not settle")

@@ -24,12 +24,12 @@ def statistic_of(cells: xr.Dataset, statistic: Statistic) -> xr.Dataset:
 
 def bias(cells: xr.Dataset) -> xr.Dataset:
     """Mean estimate minus truth."""
-    return statistic_of(cells, lambda m: m.mean - m.truth)
+    return statistic_of(cells, bias_of)
 
 
 def sd(cells: xr.Dataset) -> xr.Dataset:
     """Standard deviation over realizations (divisor n - 1)."""
-    return statistic_of(cells, lambda m: m.sd)
+    return statistic_of(cells, sd_of)
 
 
 def cv(cells: xr.Dataset) -> xr.Dataset:
@@ -39,7 +39,7 @@ def cv(cells: xr.Dataset) -> xr.Dataset:
 
 def rmse(cells: xr.Dataset) -> xr.Dataset:
     """Root mean squared error about the truth."""
-    return statistic_of(cells, lambda m: m.mse**0.5)
+    return statistic_of(cells, rmse_of)
 
 
 def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
@@ -48,7 +48,7 @@ def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
     An absolute value cannot average out: with no true bias at all its expectation is ``floor`` =
     sqrt(2/pi) SD / sqrt(n) (in percent of the truth; the folded normal), not zero. Compare every value with its floor.
     """
-    return statistic_of(cells, absolute_bias_of).assign(floor=_floor(cells))
+    return statistic_of(cells, absolute_bias_of).assign(floor=floor_percent(cells))
 
 
 def mean_absolute_bias_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
@@ -59,12 +59,27 @@ def mean_absolute_bias_percent(cells: xr.Dataset, over: Sequence[str] = ("parame
     far below their errors it overstates (an absolute value varies less than what is inside it).
     """
     out = statistic_of(cells, lambda m: absolute_bias_of(m).mean(list(over)))
-    return out.assign(floor=_floor(cells).mean(list(over)))
+    return out.assign(floor=floor_percent(cells).mean(list(over)))
 
 
 def mean_spread_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
     """Standard deviation in percent of the truth, averaged over parameters: the paper's 'average variability'."""
     return statistic_of(cells, lambda m: relative_sd_of(m).mean(list(over)))
+
+
+def bias_of(m: Moments) -> xr.DataArray:
+    """Mean estimate minus truth."""
+    return m.mean - m.truth
+
+
+def sd_of(m: Moments) -> xr.DataArray:
+    """Standard deviation."""
+    return m.sd
+
+
+def rmse_of(m: Moments) -> xr.DataArray:
+    """Root mean squared error."""
+    return m.mse**0.5
 
 
 def absolute_bias_of(m: Moments) -> xr.DataArray:
@@ -82,7 +97,8 @@ def cv_of(m: Moments) -> xr.DataArray:
     return m.sd / abs(m.mean.where(m.mean != 0))
 
 
-def _floor(cells: xr.Dataset) -> xr.DataArray:
+def floor_percent(cells: xr.Dataset) -> xr.DataArray:
+    """Expectation of the absolute bias, in percent of the truth, when there is none: sqrt(2/pi) SD / sqrt(n)."""
     m = moments(cells["estimate"], cells["truth"])
     return np.sqrt(2 / np.pi) * relative_sd_of(m) / np.sqrt(m.n.where(m.n > 0))
 

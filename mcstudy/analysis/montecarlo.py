@@ -51,24 +51,27 @@ Statistic = Callable[[Moments], xr.DataArray]
 
 def moments(x: xr.DataArray, truth: xr.DataArray) -> Moments:
     """Moments over realizations; NaN entries of ``x`` are realizations that are left out."""
-    return _with_deleted(x, truth)[0]
+    return _moments(x, truth)[0]
+
+
+def _moments(x: xr.DataArray, truth: xr.DataArray) -> tuple[Moments, xr.DataArray, xr.DataArray]:
+    """Moments, and the deviations from the mean and squared errors they are made of (zero where left out)."""
+    n = x.notnull().sum(REALIZATION)
+    mean = x.fillna(0.0).sum(REALIZATION) / n.where(n > 0)
+    deviation, error2 = (x - mean).fillna(0.0), ((x - truth) ** 2).fillna(0.0)
+    sd = ((deviation**2).sum(REALIZATION) / (n - 1).where(n > 1)) ** 0.5
+    return Moments(mean, sd, error2.sum(REALIZATION) / n.where(n > 0), truth, n), deviation, error2
 
 
 def _with_deleted(x: xr.DataArray, truth: xr.DataArray) -> tuple[Moments, Moments]:
     """Moments of each cell, and the same with each realization deleted in turn (those keep the realization dim)."""
-    used = x.notnull()
-    n = used.sum(REALIZATION)
-    mean = x.fillna(0.0).sum(REALIZATION) / n.where(n > 0)
-    deviation = (x - mean).fillna(0.0)
-    error2 = ((x - truth) ** 2).fillna(0.0)
-    ss, se2 = (deviation**2).sum(REALIZATION), error2.sum(REALIZATION)
-    full = Moments(mean, (ss / (n - 1).where(n > 1)) ** 0.5, se2 / n.where(n > 0), truth, n)
-    n1 = n - used
+    full, deviation, error2 = _moments(x, truth)
+    n1 = full.n - x.notnull()
     some, several = n1.where(n1 > 0), (n1 - 1).where(n1 > 1)
     # deleting i moves the mean, so the sum of squares about the new mean drops by y_i^2 n / (n - 1)
-    ss1 = (ss - deviation**2 * n / some).clip(min=0.0)
-    deleted = Moments(mean - deviation / some, (ss1 / several) ** 0.5, (se2 - error2) / some, truth, n1)
-    return full, deleted
+    ss1 = ((deviation**2).sum(REALIZATION) - deviation**2 * full.n / some).clip(min=0.0)
+    mse1 = (error2.sum(REALIZATION) - error2) / some
+    return full, Moments(full.mean - deviation / some, (ss1 / several) ** 0.5, mse1, truth, n1)
 
 
 def jackknife(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic) -> xr.Dataset:

@@ -238,10 +238,10 @@ def _theory(of: Callable[[xr.Dataset], xr.DataArray]) -> Compute:
         view = study.noise_free(8.0, published.STARTS)
         if view is None:
             return None
-        cube, size = view.cube.sel(fmax=view.fmax(8.0)).isel(amplitude=0), published.STARTS
-        firsts = range(0, cube.sizes["start"] - size + 1, size)
-        blocks = [of(best(cube.isel(start=slice(i, i + size)))) for i in firsts]
-        x = xr.concat(blocks, dim="block", coords="minimal", compat="override").compute()
+        cube = view.cube[["estimate", "cost", "status", "truth"]].drop_vars("start")
+        cube = cube.sel(fmax=view.fmax(8.0)).isel(amplitude=0).compute()
+        blocks = cube.coarsen(start=published.STARTS, boundary="trim").construct(start=("block", "start"))
+        x = of(best(blocks))
         x = x.stack(all=("block", "realization"))
         n = int(x.notnull().sum())
         mcse = x.std(ddof=1) / np.sqrt(n) if n > 1 else x.max() * np.nan

@@ -14,7 +14,7 @@ from scipy import fft
 
 from mcstudy.errors import InputError
 from mcstudy.gap import effects as library
-from mcstudy.gap.effects import TrialSetting
+from mcstudy.gap.declare import TrialSetting
 from mcstudy.gap.recording import Recording, Trial
 from mcstudy.stance.body import STIMULI, Body, two_segment
 from mcstudy.stance.feedback import Model

@@ -8,6 +8,7 @@ import pytest
 from mcstudy.errors import InputError, ModelError
 from mcstudy.gap import effects
 from mcstudy.gap.additions import body_of, trunk_mass
+from mcstudy.gap.declare import PLACES
 from mcstudy.stance.body import Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
@@ -130,7 +131,7 @@ def test_declarations_are_complete() -> None:
     names = [s.name for e in effects.LIBRARY for s in e.sizes]
     assert len(set(names)) == len(names)
     for e in effects.LIBRARY:
-        assert set(e.place) <= set(effects.PLACES)
+        assert set(e.place) <= set(PLACES)
         assert e.source
         assert not e.size.companion
         assert (e.kind == "linear") == (e.rule is None) == (e.contrast is None)

@@ -299,3 +299,32 @@ def test_a_published_frf_is_a_recording_too(tmp_path: Path) -> None:
     (tmp_path / "frf.csv").write_text("f,gain1,phase1\n0.1,1,2\n")
     with pytest.raises(RecordingError, match="column 'sd1' is missing"):
         read_recording(path)
+
+
+WANG = Path(__file__).parents[3] / "shared" / "real" / "wang"
+
+WANG_SHEET = """
+name = "one person on a translating platform"
+rate_hz = 100
+stimulus = "platform_translation"
+units = {angle = "deg"}
+body = {file = "Para_Winter_Subj05.txt", order = ["L1", "h1", "h2", "m1", "m2", "I1", "I2"]}
+[[trials]]
+time = {file = "Sway0003.txt", column = 0}
+stimulus = {file = "Sway0003.txt", column = 1}
+theta1 = {file = "JointsGF0003.txt", column = 1}
+theta2 = {file = "JointsGF0003.txt", column = 2}
+"""
+
+
+@pytest.mark.skipif(not WANG.is_dir(), reason="the recording of Wang & van den Bogert is not in ../shared/real/wang")
+def test_a_real_person_on_a_platform_is_read_and_plausible(tmp_path: Path) -> None:
+    path = tmp_path / "wang.toml"
+    path.write_text(WANG_SHEET)
+    recording = read_recording(path, data=WANG)
+    assert isinstance(recording, Recording)
+    assert recording.period_s is None
+    assert recording.suspicions == ()
+    assert recording.trials[0].samples == 31002
+    assert recording.amplitudes[0] == pytest.approx(0.05, rel=0.02)
+    assert recording.body.mgh == pytest.approx(661, rel=0.01)

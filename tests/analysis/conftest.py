@@ -74,7 +74,7 @@ def cube_of(group: Group, rng: np.random.Generator, spread: float = 0.1, hit_rat
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_group() -> Callable[..., Group]:
     """A group of a study; the paper's Fmax and amplitudes unless told otherwise."""
 
@@ -85,7 +85,7 @@ def make_group() -> Callable[..., Group]:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_cube(make_group: Callable[..., Group]) -> Callable[..., xr.Dataset]:
     """An invented cube: ``make_cube(realizations=, starts=, spread=, hit_rate=, seed=, **group settings)``."""
 

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import fcntl
 import hashlib
 import os
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
@@ -77,7 +79,16 @@ def tree_digest(root: Path) -> str:
 
 
 class DurableStore(LocalStore):
-    """Zarr's local store, with `write` for every value."""
+    """Zarr's local store, with `write` for every value, and without making the folder it is opened on."""
+
+    async def _open(self, *, mode: Any = None) -> None:
+        del mode
+        self._ensure_open_sync()
+
+    def _ensure_open_sync(self) -> None:
+        if not self.root.is_dir():
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.root))
+        self._is_open = True
 
     async def set(self, key: str, value: Buffer) -> None:
         """Write one value; see `write`."""

@@ -107,8 +107,13 @@ def realizations_a_chunk(group: Group) -> int:
     return max(1, min(group.realizations, round(target / (len(group.fmax) * group.starts))))
 
 
-def layout(group: Group, model: Model, f: np.ndarray, n_frequencies: tuple[int, ...], true_frf: np.ndarray) -> Layout:
-    """The arrays of a group whose FRFs have frequencies ``f`` (N,) Hz and are ``true_frf`` (N, 2) without noise."""
+def layout(
+    group: Group, model: Model, f: np.ndarray, n_frequencies: tuple[int, ...], true_frf: np.ndarray, depth: int
+) -> Layout:
+    """The arrays of a group whose FRFs have frequencies ``f`` (N,) Hz and are ``true_frf`` (N, 2) without noise.
+
+    ``depth``: realizations a chunk; of `realizations_a_chunk` for a new cube, as stored for an existing one.
+    """
     sizes = {
         "amplitude": len(group.amplitude),
         "fmax": len(group.fmax),
@@ -119,7 +124,6 @@ def layout(group: Group, model: Model, f: np.ndarray, n_frequencies: tuple[int, 
         "angle_2": 2,
         "frequency": f.size,
     }
-    depth = realizations_a_chunk(group)
     chunk = {**sizes, "amplitude": 1, "realization": depth}
     arrays: dict[str, ArraySpec] = {}
 

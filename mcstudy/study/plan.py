@@ -17,7 +17,7 @@ from mcstudy.fit.solvers import Options, fit
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.design import Study
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.layout import layout
+from mcstudy.study.layout import layout, realizations_a_chunk
 
 PILOT_REALIZATIONS = 16
 
@@ -53,7 +53,14 @@ def plan(study: Study) -> list[GroupPlan]:
     plans = []
     for name, group in study.group.items():
         experiment = Experiment(group, study.study.seed)
-        arrays = layout(group, experiment.model, experiment.f, experiment.n_frequencies, experiment.true_frf)
+        arrays = layout(
+            group,
+            experiment.model,
+            experiment.f,
+            experiment.n_frequencies,
+            experiment.true_frf,
+            realizations_a_chunk(group),
+        )
         size = sum(
             math.prod(a.shape) * np.dtype(a.dtype).itemsize for a in arrays.arrays.values() if a.dtype != "string"
         )

@@ -230,7 +230,7 @@ class _Submission:
         return WINDOW * self.threads
 
     def _submit(self, block: Block) -> None:
-        task = Task(self.id, str(self.cube.path), self.study, block.group, block.chunks)
+        task = Task(self.id, str(self.cube.path), self.study, block.group, self.cube.depths[block.group], block.chunks)
         self.attempts[block] += 1
         first = block.chunks[0]
         key = f"mcstudy-{self.id}-{block.group}-{first.amplitude}.{first.block}-{self.attempts[block]}"

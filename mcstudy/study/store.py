@@ -29,7 +29,7 @@ from mcstudy.study.design import Study
 from mcstudy.study.durable import DurableStore, sync_folder, sync_tree
 from mcstudy.study.environment import environment
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.layout import ArraySpec, Chunk, Layout, layout
+from mcstudy.study.layout import ArraySpec, Chunk, Layout, layout, realizations_a_chunk
 from mcstudy.study.study_file import parse_study, to_toml
 
 SCHEMA = "study_cube"
@@ -39,11 +39,10 @@ CODECS = [ZstdCodec(level=3), Crc32cCodec()]
 class GroupStore:
     """One group of a cube: reading and writing whole chunks."""
 
-    def __init__(self, path: Path, name: str, experiment: Experiment) -> None:
+    def __init__(self, path: Path, name: str, experiment: Experiment, depth: int) -> None:
         self.path, self.name, self.experiment = path / name, name, experiment
-        self.layout: Layout = layout(
-            experiment.group, experiment.model, experiment.f, experiment.n_frequencies, experiment.true_frf
-        )
+        e = experiment
+        self.layout: Layout = layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, depth)
 
     @cached_property
     def _arrays(self) -> dict[str, zarr.Array[Any]]:
@@ -98,33 +97,43 @@ class GroupStore:
 
 
 class Cube:
-    """A cube on disk and the study it belongs to."""
+    """A cube on disk and the study it belongs to.
 
-    def __init__(self, path: Path, study: Study, attributes: dict[str, Any]) -> None:
-        self.path, self.study, self.attributes = path, study, attributes
+    ``depths``: realizations a chunk, per group; a new cube takes them from the design, an existing one keeps its own.
+    """
+
+    def __init__(self, path: Path, study: Study, attributes: dict[str, Any], depths: dict[str, int]) -> None:
+        self.path, self.study, self.attributes, self.depths = path, study, attributes, depths
 
     @cached_property
     def groups(self) -> dict[str, GroupStore]:
         """The groups, in the order of the study file."""
         return {
-            name: GroupStore(self.path, name, Experiment(group, self.study.study.seed))
+            name: GroupStore(self.path, name, Experiment(group, self.study.study.seed), self.depths[name])
             for name, group in self.study.group.items()
         }
 
     @classmethod
-    def create(cls, path: Path, study: Study, made_in: dict[str, Any] | None = None) -> Cube:
+    def create(
+        cls,
+        path: Path,
+        study: Study,
+        made_in: dict[str, Any] | None = None,
+        depths: dict[str, int] | None = None,
+    ) -> Cube:
         """Make an empty cube; it appears at ``path`` complete and on disk, or not at all.
 
-        ``made_in`` is the environment to note, by default this one. Raises `StoreError` when ``path`` cannot be
-        written.
+        ``made_in`` is the environment to note and ``depths`` the realizations a chunk, by default those of here and
+        now. Raises `StoreError` when ``path`` cannot be written.
         """
+        depths = depths or {name: realizations_a_chunk(group) for name, group in study.group.items()}
         building = path.with_name(f".{path.name}.creating")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if building.exists():
                 shutil.rmtree(building)
             attributes = _root_attributes(study, made_in or environment())
-            cube = cls(building, study, attributes)
+            cube = cls(building, study, attributes, depths)
             root = zarr.create_group(building, zarr_format=3, attributes=attributes)
             for name, group in cube.groups.items():
                 node = root.create_group(name, attributes=_group_attributes(group))
@@ -142,7 +151,7 @@ class Cube:
             sync_folder(path.parent)
         except OSError as error:
             raise StoreError(f"{path}: expected a folder that can be written ({error.strerror})") from None
-        return cls(path, study, attributes)
+        return cls(path, study, attributes, depths)
 
     @classmethod
     def open(cls, path: Path) -> Cube:
@@ -152,7 +161,8 @@ class Cube:
         if found != schema.identifier(SCHEMA):
             raise StoreError(f"{path}: expected a cube of schema {schema.identifier(SCHEMA)!r}, found {found!r}")
         schema.validate(SCHEMA, description, str(path))
-        return cls._of(path, description["attributes"])
+        depths = {name: group["attributes"]["realizations_a_chunk"] for name, group in description["groups"].items()}
+        return cls._of(path, description["attributes"], depths)
 
     @classmethod
     def open_unchecked(cls, path: Path) -> Cube:
@@ -161,17 +171,18 @@ class Cube:
         for name, kind in (("study", str), ("fingerprint", str), ("environment", dict)):
             if not isinstance(attributes.get(name), kind):
                 raise StoreError(f"{path}: attribute {name}: expected the {name} of the study")
-        return cls._of(path, attributes)
+        return cls._of(path, attributes, {})
 
     @classmethod
-    def _of(cls, path: Path, attributes: dict[str, Any]) -> Cube:
+    def _of(cls, path: Path, attributes: dict[str, Any], depths: dict[str, int]) -> Cube:
         try:
             study = parse_study(attributes["study"])
         except DesignError as error:
             raise StoreError(f"{path}: attribute study: {error}") from None
         if study.fingerprint != attributes["fingerprint"]:
             raise StoreError(f"{path}: attribute fingerprint: expected {study.fingerprint}, the study's own hash")
-        return cls(path, study, attributes)
+        own = {name: depths.get(name, realizations_a_chunk(group)) for name, group in study.group.items()}
+        return cls(path, study, attributes, own)
 
 
 def describe(path: Path) -> dict[str, Any]:

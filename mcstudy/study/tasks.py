@@ -36,12 +36,13 @@ STOP: dict[str, threading.Event] = {}
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker needs to know: the cube, the study (as JSON), and which chunks of which group."""
+    """What a worker needs to know: the cube, the study (as JSON), which chunks of which group, and their depth."""
 
     run: str
     path: str
     study: str
     group: str
+    depth: int
     chunks: tuple[Chunk, ...]
 
 
@@ -60,16 +61,16 @@ class Report:
 
 
 @lru_cache(maxsize=16)
-def open_group(path: str, study: str, group: str) -> GroupStore:
+def open_group(path: str, study: str, group: str, depth: int) -> GroupStore:
     """The group of a cube with its experiment prepared; kept by the worker for its next task."""
     resolved = Study.from_json(study)
-    return GroupStore(Path(path), group, Experiment(resolved.group[group], resolved.study.seed))
+    return GroupStore(Path(path), group, Experiment(resolved.group[group], resolved.study.seed), depth)
 
 
 def run_task(task: Task) -> Report:
     """Fill the chunks of a task and write each as soon as it is complete."""
     begun = time.perf_counter()
-    store = open_group(task.path, task.study, task.group)
+    store = open_group(task.path, task.study, task.group, task.depth)
     stop = STOP.get(task.run, threading.Event())
     counts: Counter[int] = Counter()
     complete = True

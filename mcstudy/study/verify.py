@@ -95,7 +95,7 @@ def _readable(path: Path, verdict: Verdict) -> Cube:
 def _skeleton_damage(cube: Cube) -> Iterator[str]:
     """Metadata and constant arrays against those of the same study made afresh."""
     with tempfile.TemporaryDirectory() as folder:
-        fresh = Cube.create(Path(folder) / "fresh", cube.study, cube.attributes["environment"])
+        fresh = Cube.create(Path(folder) / "fresh", cube.study, cube.attributes["environment"], cube.depths)
         expected = {p.relative_to(fresh.path): p.read_bytes() for p in fresh.path.rglob("*") if p.is_file()}
     chunks = {
         store.chunk_file(name, chunk).relative_to(cube.path)

@@ -20,10 +20,11 @@ PIPELINES = Path(__file__).parents[2] / "pipelines"
 
 def layout_of(group: Group) -> Layout:
     e = Experiment(group, 1)
-    return layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf)
+    return layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, realizations_a_chunk(group))
 
 
-def test_every_fit_lies_in_exactly_one_chunk(tiny: str, small_chunks: None) -> None:
+@pytest.mark.usefixtures("small_chunks")
+def test_every_fit_lies_in_exactly_one_chunk(tiny: str) -> None:
     group_layout = layout_of(parse_study(tiny).group["noisy"])
     status = group_layout.arrays["status"]
     seen = np.zeros(status.shape, dtype=int)
@@ -33,7 +34,8 @@ def test_every_fit_lies_in_exactly_one_chunk(tiny: str, small_chunks: None) -> N
     assert (seen == 1).all()
 
 
-def test_chunk_files_are_named_once(tiny: str, small_chunks: None) -> None:
+@pytest.mark.usefixtures("small_chunks")
+def test_chunk_files_are_named_once(tiny: str) -> None:
     group_layout = layout_of(parse_study(tiny).group["noisy"])
     names = [(n, group_layout.key(n, c)) for n, c in product(group_layout.results, group_layout.chunks)]
     assert len(set(names)) == len(names)

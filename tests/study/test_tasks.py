@@ -31,7 +31,8 @@ def cube_of(path: Path, text: str) -> Cube:
 
 
 def task(cube: Cube, group: str = "noisy") -> Task:
-    return Task("test", str(cube.path), cube.study.to_json(), group, tuple(cube.groups[group].layout.chunks))
+    chunks = tuple(cube.groups[group].layout.chunks)
+    return Task("test", str(cube.path), cube.study.to_json(), group, cube.depths[group], chunks)
 
 
 def filled(store: GroupStore, chunk: Chunk) -> dict[str, np.ndarray]:

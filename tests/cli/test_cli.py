@@ -1,0 +1,171 @@
+"""The command: quick help, one line and exit code 2 for bad input, readable output."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcstudy.cli import BAD_INPUT, DONE, FITS_FAILED, VERBS, main
+from mcstudy.fit.problem import Fits
+from mcstudy.fit.status import Status
+from mcstudy.study import tasks
+
+STUDY = """
+[study]
+name = "tiny"
+seed = 7
+
+[group.noisy]
+realizations = 2
+starts = 4
+fmax = [1.2]
+amplitude = [5.0]
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    file = tmp_path / "tiny.toml"
+    file.write_text(STUDY)
+    return file
+
+
+@pytest.fixture
+def cube(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+    out = tmp_path / "out.zarr"
+    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == DONE
+    capsys.readouterr()
+    return out
+
+
+def test_help_and_version_import_nothing_heavy() -> None:
+    script = """
+import sys
+from mcstudy.cli import main
+try:
+    main(["--help"])
+except SystemExit:
+    pass
+main(["--version"])
+heavy = {"numpy", "scipy", "numba", "xarray", "dask", "distributed", "zarr", "pydantic"} & set(sys.modules)
+assert not heavy, heavy
+"""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=True)
+    assert f"mcstudy {version('mcstudy')}" in done.stdout
+    for verb in VERBS:
+        assert verb in done.stdout
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as done:
+        main([verb, "--help"])
+    assert done.value.code == 0
+    assert f"mcstudy {verb}" in capsys.readouterr().out
+
+
+def test_bad_study_files_are_one_line_on_stderr_and_exit_2(
+    tmp_path: Path, study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = {
+        "unknown key": STUDY.replace("starts", "strats"),
+        "zero starts": STUDY.replace("starts = 4", "starts = 0"),
+        "fmax": STUDY.replace("fmax = [1.2]", "fmax = [0.001]"),
+        "outside bounds": STUDY + "[model.truth]\nK11 = 5.0\n[model.bounds.absolute]\nK11 = [10.0, 20.0]\n",
+        "not toml": "[",
+    }
+    files = [tmp_path / "missing.toml", tmp_path]
+    for name, text in bad.items():
+        files.append(tmp_path / f"{name}.toml")
+        files[-1].write_text(text)
+    for file in files:
+        for verb in ("run", "plan"):
+            assert main([verb, str(file)]) == BAD_INPUT
+            captured = capsys.readouterr()
+            assert captured.out == ""
+            assert captured.err.startswith(f"mcstudy: {file}: ")
+            assert captured.err.count("\n") == 1
+    assert study.exists()
+
+
+def test_a_cube_of_another_version_is_one_line_and_exit_2(cube: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    metadata = cube / "zarr.json"
+    metadata.write_text(metadata.read_text().replace("study_cube:1.0.0", "study_cube:9.0.0"))
+    for words in (["status", str(cube)], ["show", str(cube)], ["status", str(cube.parent)]):
+        assert main(words) == BAD_INPUT
+        assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_changed_study_file_is_one_line_and_exit_2(
+    cube: Path, study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study.write_text(STUDY.replace("starts = 4", "starts = 5"))
+    assert main(["run", str(study), "-o", str(cube)]) == BAD_INPUT
+    captured = capsys.readouterr()
+    assert "group.noisy.starts: 4 -> 5" in captured.err
+    assert captured.err.count("\n") == 1
+
+
+def test_run_says_what_it_did_and_a_second_run_that_nothing_was_left(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["run", str(study), "-o", str(tmp_path / "out.zarr"), "--workers", "1"]
+    assert main(words) == DONE
+    captured = capsys.readouterr()
+    assert "8 fits in" in captured.out
+    assert "8/8 fits (100 %)" in captured.err
+    assert main(words) == DONE
+    assert "0 fits in" in capsys.readouterr().out
+
+
+def test_status_counts_fits_by_outcome(cube: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["status", str(cube)]) == DONE
+    text = capsys.readouterr().out
+    assert "noisy" in text
+    assert main(["status", str(cube), "--json"]) == DONE
+    counts = json.loads(capsys.readouterr().out)["groups"]["noisy"]
+    assert sum(counts.values()) == 8
+    assert counts["pending"] == 0
+
+
+def test_failed_fits_are_listed_and_exit_4(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: object, starts: np.ndarray, *__: object) -> Fits:
+        return Fits.failed(starts, Status.SOLVER_ERROR)
+
+    monkeypatch.setattr(tasks, "fit", broken)
+    words = ["run", str(study), "-o", str(tmp_path / "out.zarr"), "--workers", "1"]
+    assert main(words) == FITS_FAILED
+    out = capsys.readouterr().out
+    assert out.count("failed fit: ") == 8
+    assert "group noisy, amplitude 5, fmax 1.2 Hz, realization 1, start 3: the solver raised an error" in out
+
+
+def test_verify_passes_a_sound_cube_and_names_damage(cube: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", str(cube)]) == DONE
+    assert ": 0 damaged; 1 chunks read" in capsys.readouterr().out
+    (chunk,) = (cube / "noisy" / "cost").glob("c*")
+    chunk.write_bytes(b"nonsense")
+    assert main(["verify", str(cube)]) == BAD_INPUT
+    assert f"damage: {chunk}" in capsys.readouterr().out
+
+
+def test_plan_tells_cost_and_precision(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", str(study)]) == DONE
+    out = capsys.readouterr().out
+    assert "in all 8 fits" in out
+    assert "amplitude 5, fmax 1.2 Hz:" in out
+
+
+def test_an_unknown_verb_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as done:
+        main(["ruin"])
+    assert done.value.code == BAD_INPUT
+    assert "run" in capsys.readouterr().err

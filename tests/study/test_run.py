@@ -1,0 +1,225 @@
+"""However a study is run, the cube is the same; what is done is not done again; what cannot go on says so."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+
+import pytest
+
+from mcstudy.errors import InputError, Interrupted, StoreError, StudyChangedError
+from mcstudy.study import tasks
+from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.durable import locked, tree_digest
+from mcstudy.study.run import ATTEMPTS, run_study
+from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.study_file import parse_study
+
+pytestmark = pytest.mark.usefixtures("small_chunks")
+ONE = ClusterOptions(workers=1)
+
+
+@pytest.fixture(autouse=True)
+def fresh_worker() -> None:
+    tasks.open_group.cache_clear()
+
+
+def test_workers_and_block_sizes_leave_no_trace_in_the_bytes(tmp_path: Path, tiny: str) -> None:
+    study = parse_study(tiny)
+    digests = {}
+    for workers, block in ((1, None), (2, None), (2, 1), (1, 3), (2, 100)):
+        out = tmp_path / f"{workers}-{block}.zarr"
+        outcome = run_study(study, out, ClusterOptions(workers=workers), block)
+        assert (outcome.fits, outcome.failed_fits, outcome.failed_blocks) == (128, 0, [])
+        digests[workers, block] = tree_digest(out)
+    assert len(set(digests.values())) == 1
+
+
+def test_a_second_run_does_nothing_and_changes_nothing(tmp_path: Path, tiny: str) -> None:
+    study, out = parse_study(tiny), tmp_path / "out.zarr"
+    run_study(study, out, ONE)
+    before = tree_digest(out)
+    again = run_study(study, out, ONE)
+    assert (again.fits, again.skipped) == (0, 128)
+    assert tree_digest(out) == before
+
+
+def test_exactly_what_is_damaged_is_run_again(tmp_path: Path, tiny: str) -> None:
+    study, out = parse_study(tiny), tmp_path / "out.zarr"
+    run_study(study, out, ONE)
+    before = tree_digest(out)
+    store = Cube.open(out).groups["noisy"]
+    flipped, missing = store.layout.chunks[0], store.layout.chunks[-1]
+    file = store.chunk_file("estimate", flipped)
+    content = bytearray(file.read_bytes())
+    content[30] ^= 8
+    file.write_bytes(content)
+    store.chunk_file("cost", missing).unlink()
+    again = run_study(study, out, ONE)
+    assert again.fits == store.layout.fits(flipped) + store.layout.fits(missing)
+    assert tree_digest(out) == before
+
+
+def test_a_changed_study_file_is_refused_with_what_changed(tmp_path: Path, tiny: str) -> None:
+    out = tmp_path / "out.zarr"
+    run_study(parse_study(tiny), out, ONE)
+    before = tree_digest(out)
+    changed = tiny.replace("realizations = 5", "realizations = 6").replace("seed = 7", "seed = 8")
+    with pytest.raises(StudyChangedError) as caught:
+        run_study(parse_study(changed), out, ONE)
+    message = str(caught.value)
+    assert "study.seed: 7 -> 8" in message
+    assert "group.noisy.realizations: 5 -> 6" in message
+    assert "\n" not in message
+    assert tree_digest(out) == before
+
+
+def test_two_runs_on_one_store_are_refused(tmp_path: Path, tiny: str) -> None:
+    out = tmp_path / "out.zarr"
+    with locked(out), pytest.raises(StoreError, match="another run is writing"):
+        run_study(parse_study(tiny), out, ONE)
+    assert not out.exists()
+
+
+def test_a_folder_that_is_not_a_cube_is_left_alone(tmp_path: Path, tiny: str) -> None:
+    out = tmp_path / "thesis"
+    out.mkdir()
+    (out / "chapter1.tex").write_text("precious")
+    with pytest.raises(StoreError, match="expected a results cube"):
+        run_study(parse_study(tiny), out, ONE)
+    assert (out / "chapter1.tex").read_text() == "precious"
+
+
+def test_a_block_that_always_fails_is_reported_and_the_rest_finishes(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, bad = GroupStore.write, []
+
+    def broken(self: GroupStore, chunk: object, data: object) -> None:
+        if self.name == "ideal":
+            bad.append(chunk)
+            raise ValueError("cosmic ray")
+        write(self, chunk, data)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(GroupStore, "write", broken)
+        study, out = parse_study(tiny), tmp_path / "out.zarr"
+        outcome = run_study(study, out, ONE)
+        assert len(bad) == ATTEMPTS
+        assert outcome.fits == 120
+        assert [line for line in outcome.failed_blocks if "ideal" in line and "cosmic ray" in line]
+    assert run_study(study, out, ONE).fits == 8
+
+
+@pytest.mark.parametrize("reason", ["No space left on device", "Read-only file system"])
+def test_a_disk_that_cannot_be_written_stops_the_run_and_the_next_one_completes_it(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch, reason: str
+) -> None:
+    whole, out = tmp_path / "whole.zarr", tmp_path / "out.zarr"
+    study = parse_study(tiny)
+    run_study(study, whole, ONE)
+    write, done = GroupStore.write, iter(range(2))
+
+    def full(self: GroupStore, chunk: object, data: object) -> None:
+        if next(done, None) is None:
+            raise OSError(28, reason)
+        write(self, chunk, data)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(GroupStore, "write", full)
+        with pytest.raises(Interrupted, match=reason):
+            run_study(study, out, ONE)
+    assert run_study(study, out, ONE).skipped > 0
+    assert tree_digest(out) == tree_digest(whole)
+
+
+def test_a_store_deleted_under_the_run_does_not_come_back_in_pieces(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out.zarr"
+    write = GroupStore.write
+
+    def vanish(self: GroupStore, chunk: object, data: object) -> None:
+        if out.exists():
+            out.rename(tmp_path / "moved.zarr")
+        write(self, chunk, data)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(GroupStore, "write", vanish)
+    with pytest.raises(Interrupted, match=r"out\.zarr: expected a store that can be written \(No such file"):
+        run_study(parse_study(tiny), out, ONE)
+    assert not out.exists()
+
+
+def test_a_stop_request_ends_the_run_as_resumable(tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    study, out, whole = parse_study(tiny), tmp_path / "out.zarr", tmp_path / "whole.zarr"
+    run_study(study, whole, ONE)
+    write = GroupStore.write
+
+    def stop_after_one(self: GroupStore, chunk: object, data: object) -> None:
+        write(self, chunk, data)  # type: ignore[arg-type]
+        for event in tasks.STOP.values():
+            event.set()
+
+    with monkeypatch.context() as patch:
+        patch.setattr(GroupStore, "write", stop_after_one)
+        with pytest.raises(Interrupted, match="run the same command again to resume"):
+            run_study(study, out, ONE)
+    resumed = run_study(study, out, ONE)
+    assert 0 < resumed.fits < 128
+    assert tree_digest(out) == tree_digest(whole)
+
+
+def test_the_log_is_beside_the_cube_and_names_no_host_or_path(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for function in ("socket.gethostname", "platform.node"):
+        monkeypatch.setattr(function, lambda: "secret-host")
+    out = tmp_path / "out.zarr"
+    run_study(parse_study(tiny), out, ONE)
+    log = (tmp_path / "out.zarr.log" / "runs.jsonl").read_text()
+    events = [json.loads(line) for line in log.splitlines()]
+    assert (events[0]["event"], events[-1]["event"]) == ("begin", "end")
+    assert sum(e["fits"] for e in events if e["event"] == "block") == 128
+    assert events[0]["environment"]["versions"]["numpy"]
+    everything = log + "".join(p.read_text() for p in out.rglob("zarr.json"))
+    assert "secret-host" not in everything
+    assert str(tmp_path) not in everything
+
+
+def test_a_run_can_be_started_from_another_thread(tmp_path: Path, tiny: str) -> None:
+    outcomes = []
+    study = parse_study(tiny)
+    thread = threading.Thread(target=lambda: outcomes.append(run_study(study, tmp_path / "out.zarr", ONE)))
+    thread.start()
+    thread.join()
+    assert outcomes[0].fits == 128
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (ClusterOptions(scheduler="localhost"), "expected tcp://HOST:PORT or tls://HOST:PORT"),
+        (ClusterOptions(scheduler="http://localhost:1"), "expected tcp://HOST:PORT or tls://HOST:PORT"),
+        (ClusterOptions(scheduler="tcp://192.0.2.1:8786"), "expected tls:// for 192.0.2.1"),
+        (ClusterOptions(scheduler="tls://localhost:8786", tls_ca=Path("/none.pem")), "--tls-ca: expected a readable"),
+    ],
+)
+def test_a_scheduler_that_is_not_safe_or_not_there_is_refused(
+    tmp_path: Path, tiny: str, options: ClusterOptions, expected: str
+) -> None:
+    with pytest.raises(InputError, match=expected):
+        run_study(parse_study(tiny), tmp_path / "out.zarr", options)
+
+
+def test_a_cube_keeps_its_chunks_when_the_program_would_choose_others_now(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study, out = parse_study(tiny), tmp_path / "out.zarr"
+    run_study(study, out, ONE)
+    before = tree_digest(out)
+    store = Cube.open(out).groups["noisy"]
+    store.chunk_file("status", store.layout.chunks[0]).unlink()
+    monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (500, 5000))
+    run_study(study, out, ONE)
+    assert tree_digest(out) == before

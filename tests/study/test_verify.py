@@ -1,0 +1,135 @@
+"""Every kind of damage is found and named, and a sound cube is called sound."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcstudy.errors import StoreError
+from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.run import run_study
+from mcstudy.study.store import Cube
+from mcstudy.study.study_file import parse_study
+from mcstudy.study.verify import verify
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Path:
+    out = tmp_path_factory.mktemp("verify") / "out.zarr"
+    run_study(parse_study(tiny), out, ClusterOptions(workers=1))
+    return out
+
+
+@pytest.fixture
+def copy(tmp_path: Path, sound: Path) -> Path:
+    return shutil.copytree(sound, tmp_path / "out.zarr")
+
+
+def test_a_sound_cube_is_sound_and_its_fits_come_out_the_same_again(sound: Path) -> None:
+    verdict = verify(sound, cells=100)
+    assert verdict.damage == []
+    assert (verdict.chunks, verdict.pending) == (3, 0)
+    assert verdict.recomputed == 2 * 2 * 4 + 4
+
+
+def flip(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 16
+    file.write_bytes(content)
+
+
+def truncate(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:-1])
+
+
+DAMAGE = [
+    *(
+        (array, damage, "checksum")
+        for array in ("estimate", "status", "frf", "iterations")
+        for damage in (flip, truncate)
+    ),
+    # Status is written last: a chunk without it has not been run, so it is no array whose absence is damage.
+    *((array, Path.unlink, "missing") for array in ("estimate", "frf", "iterations")),
+]
+
+
+@pytest.mark.parametrize(("array", "damage", "word"), DAMAGE)
+def test_a_flipped_bit_a_truncated_file_and_a_missing_chunk_are_named(
+    copy: Path, array: str, damage: Callable[[Path], None], word: str
+) -> None:
+    store = Cube.open(copy).groups["noisy"]
+    file = store.chunk_file(array, store.layout.chunks[1])
+    damage(file)
+    verdict = verify(copy, cells=0)
+    assert [line for line in verdict.damage if str(file) in line and word in line]
+    assert len(verdict.damage) == 1
+
+
+def test_an_edited_attribute_is_named_with_what_it_should_be(copy: Path) -> None:
+    file = copy / "noisy" / "truth" / "zarr.json"
+    document = json.loads(file.read_text())
+    document["attributes"]["provenance"] = "measured"
+    file.write_text(json.dumps(document))
+    (line,) = verify(copy, cells=0).damage
+    assert str(file) in line
+    assert "provenance" in line
+    assert "found 'measured'" in line
+
+
+def test_an_edited_coordinate_is_named(copy: Path) -> None:
+    (file,) = (copy / "noisy" / "fmax").glob("c*")
+    flip(file)
+    assert [line for line in verify(copy, cells=0).damage if str(file) in line]
+
+
+def test_a_file_that_does_not_belong_is_named(copy: Path) -> None:
+    (copy / "noisy" / "estimate" / "notes.txt").write_text("x")
+    (line,) = verify(copy, cells=0).damage
+    assert "notes.txt: not part of the cube" in line
+
+
+@pytest.mark.parametrize("name", ["estimate", "cost", "frf", "growth_rate", "initial"])
+def test_a_forged_number_with_a_right_checksum_is_found_by_recomputing(copy: Path, name: str) -> None:
+    store = Cube.open(copy).groups["ideal"]
+    (chunk,) = store.layout.chunks
+    data = store.existing(chunk)
+    data[name] = np.where(True, data[name] * (1 - 2**-50), 0)
+    store.write(chunk, data)
+    (line,) = [line for line in verify(copy, cells=100).damage if "recomputed" in line]
+    assert str(store.path) in line
+    assert name in line
+
+
+def test_an_impossible_number_with_a_right_checksum_is_found_without_recomputing(copy: Path) -> None:
+    store = Cube.open(copy).groups["noisy"]
+    chunk = store.layout.chunks[0]
+    data = store.existing(chunk)
+    data["estimate"][..., 0] = 1e9
+    data["cost"][:] = -1.0
+    store.write(chunk, data)
+    damage = "\n".join(verify(copy, cells=0).damage)
+    assert "an estimate outside the bounds" in damage
+    assert "a negative or missing cost" in damage
+
+
+def test_a_cube_from_another_environment_is_noted_and_not_damaged(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mcstudy.study.environment.PACKAGES", ("numpy",))
+    verdict = verify(copy, cells=0)
+    assert verdict.damage == []
+    assert [note for note in verdict.notes if "versions.zarr" in note]
+
+
+def test_what_was_not_run_is_pending_and_not_damaged(tmp_path: Path, tiny: str) -> None:
+    Cube.create(tmp_path / "new.zarr", parse_study(tiny))
+    verdict = verify(tmp_path / "new.zarr")
+    assert (verdict.damage, verdict.pending, verdict.recomputed) == ([], 128, 0)
+
+
+def test_a_folder_that_is_no_cube_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match=r"^[^\n]+$"):
+        verify(tmp_path)

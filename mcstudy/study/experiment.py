@@ -112,11 +112,12 @@ class Experiment:
     ----------
     group: the resolved group.
     seed: seed of the study.
+    model: fitted instead of the one the group describes (`mcstudy.study.own_model`).
     """
 
-    def __init__(self, group: Group, seed: int) -> None:
+    def __init__(self, group: Group, seed: int, model: Model | None = None) -> None:
         self.group, self.seed = group, seed
-        self.model: Model = build_model(group)
+        self.model: Model = build_model(group) if model is None else model
         self.bands = kept_points(group)
         self.f = self.bands.f
         self.n_frequencies = tuple(len(self.bands.below(fmax)) for fmax in group.fmax)

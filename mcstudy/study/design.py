@@ -85,9 +85,13 @@ class NoiseSection(Section):
 
 
 class SpectraSection(Section):
-    """Which frequency points, whether the ramp of each record is removed before the DFT, and points left out."""
+    """Which frequency points, whether the ramp of each record is removed before the DFT, and points left out.
+
+    ``width``: fraction of a point's lines that are averaged into it (`mcstudy.spectra.bands.narrower`).
+    """
 
     points: Literal["published", "averaged", "odd_lines"] = "published"
+    width: float = Field(default=1.0, gt=0, le=1)
     ramp: Literal["keep", "remove"] = "keep"
     exclude_hz: tuple[Positive, ...] = ()
 

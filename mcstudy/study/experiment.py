@@ -11,7 +11,7 @@ from mcstudy.errors import DesignError, InputError
 from mcstudy.fit.problem import Problem, ml_cost, paper_cost
 from mcstudy.fit.starts import uniform
 from mcstudy.spectra import periods
-from mcstudy.spectra.bands import PERIOD_S, Bands, averaged, odd_lines, published
+from mcstudy.spectra.bands import PERIOD_S, Bands, averaged, narrower, odd_lines, published
 from mcstudy.spectra.estimate import SpectralExperiment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
@@ -41,7 +41,7 @@ def frequency_points(group: Group) -> Bands:
     period = stimulus(group, group.amplitude[0]).period_s
     if group.spectra.points == "odd_lines":
         return odd_lines(HIGHEST_HZ, period)
-    return (published if group.spectra.points == "published" else averaged)(period)
+    return narrower((published if group.spectra.points == "published" else averaged)(period), group.spectra.width)
 
 
 def kept_points(group: Group) -> Bands:
@@ -74,6 +74,10 @@ def check(group: Group) -> None:
     if group.spectra.points != "odd_lines" and abs(prts.period_s - PERIOD_S) > 1e-9:
         raise DesignError(
             f"spectra.points: expected 'odd_lines' for a period other than {PERIOD_S} s, got {group.spectra.points!r}"
+        )
+    if group.spectra.points == "odd_lines" and group.spectra.width != 1:
+        raise DesignError(
+            f"spectra.width: expected 1 for points 'odd_lines' (one line each), got {group.spectra.width}"
         )
     points, half_line = frequency_points(group).f, 0.5 / prts.period_s
     if group.fmax[0] < points[0] - half_line:

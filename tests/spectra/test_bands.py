@@ -53,6 +53,29 @@ def test_fmax_keeps_what_the_paper_keeps(fmax, n, n_odd):
     assert len(bands.odd_lines(8.0).below(fmax)) == n_odd
 
 
+def test_narrower_bands_average_fewer_lines_around_the_same_frequencies():
+    published = bands.published()
+    widths = (1.0, 0.5, 0.25, 1e-9)
+    narrowed = [bands.narrower(published, w) for w in widths]
+    for points in narrowed:
+        assert np.array_equal(points.f, published.f)
+        assert all((m % 2 == 1).all() and (np.diff(m) == 2).all() for m in points.members)
+    counts = np.array([[m.size for m in points.members] for points in narrowed])
+    assert counts[0].tolist() == [m.size for m in published.members]
+    assert counts[1][-5:].tolist() == [7, 5, 6, 10, 10]
+    assert counts[3].tolist() == [2 - c % 2 for c in counts[0]]
+    assert (np.diff(counts, axis=0) <= 0).all()
+    # the nearest count that keeps the centre: never off by more than one line from the fraction asked for
+    wanted = np.maximum(np.array(widths)[:, None] * counts[0], counts[3])
+    assert (abs(counts - wanted) <= 1).all()
+
+
+@pytest.mark.parametrize("width", [0.0, -1.0, 1.5, float("nan")])
+def test_a_width_that_is_no_fraction_is_refused(width):
+    with pytest.raises(InputError, match="bands width: expected a fraction"):
+        bands.narrower(bands.published(), width)
+
+
 def test_the_8_hz_point_can_be_dropped():
     assert bands.without_8hz().harmonic.tolist() == bands.published().harmonic.tolist()[:-1]
 

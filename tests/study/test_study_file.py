@@ -51,6 +51,13 @@ BAD = [
     ("seed = 7", "seed = 7\n[stimulus]\ndiscard = 6", "group.noisy.stimulus.discard", "fewer than cycles"),
     ("seed = 7", "seed = 7\n[stimulus]\ncycles = 99999", "group.noisy.stimulus.cycles", "at most"),
     ("seed = 7", "seed = 7\n[spectra]\nexclude_hz = [3.33]", "group.noisy.spectra.exclude_hz", "got 3.33"),
+    ("seed = 7", "seed = 7\n[spectra]\nwidth = 0.0", "spectra.width", "greater than 0"),
+    (
+        "seed = 7",
+        "seed = 7\n[spectra]\nwidth = 0.5\npoints = 'odd_lines'",
+        "group.noisy.spectra.width",
+        "one line each",
+    ),
 ]
 
 

@@ -127,6 +127,7 @@ def test_data_that_are_not_finite_are_an_outcome_with_a_reason(tmp_path: Path, t
         "[group.noisy.fit]\ncost = 'ml'",
         "[spectra]\nramp = 'remove'",
         "[spectra]\npoints = 'averaged'",
+        "[spectra]\nwidth = 0.25",
     ],
 )
 def test_every_choice_of_the_study_file_runs(tmp_path: Path, tiny: str, section: str) -> None:

@@ -1,0 +1,95 @@
+"""A bias study of a model declared in Python, without a study file.
+
+A study file names one of the registered models. A model that someone declares themselves
+(`mcstudy.stance.feedback.Model`) goes through the same machinery here - same streams, same data, same fits, same
+arrays - and comes back as a Dataset in memory that every function of `mcstudy.analysis` reads like a group of a cube.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from pydantic import ValidationError
+
+from mcstudy.errors import DesignError
+from mcstudy.stance.feedback import Model
+from mcstudy.study.checks import check
+from mcstudy.study.design import Group
+from mcstudy.study.experiment import Experiment
+from mcstudy.study.layout import Chunk
+from mcstudy.study.store import GroupStore
+from mcstudy.study.tasks import fill
+
+
+def run_model(
+    model: Model,
+    *,
+    realizations: int,
+    starts: int,
+    fmax: tuple[float, ...],
+    amplitude: tuple[float, ...],
+    seed: int = 0,
+    **sections: dict[str, Any],
+) -> xr.Dataset:
+    """Measure, fit and describe a model as one group of a study file would.
+
+    Parameters
+    ----------
+    model: the subject and the model fitted to it; truth and bounds are its own.
+    realizations, starts, fmax (Hz), amplitude (units of the model's stimulus): as in ``[group.NAME]``.
+    seed: as in ``[study]``.
+    sections: the tables ``stimulus``, ``noise``, ``spectra``, ``fit`` of a study file, as dicts, and ``simulator``.
+
+    Returns
+    -------
+    Dataset with the variables, dims and units of a group of a cube (results_schema/README.md), ``angle`` named by the
+    model.
+
+    Raises
+    ------
+    DesignError: for what a study file would be refused for; one line that starts with the field.
+    """
+    if "model" in sections:
+        raise DesignError("model: expected no such table, the model is given as an object")
+    group = _group({"realizations": realizations, "starts": starts, "fmax": fmax, "amplitude": amplitude, **sections})
+    experiment = Experiment(group, seed, model)
+    fewest = -(-len(model.parameters) // (2 * model.n_angles))
+    if experiment.n_frequencies[0] < fewest:
+        raise DesignError(
+            f"fmax: expected at least {fewest} frequencies for {len(model.parameters)} parameters, "
+            f"{group.fmax[0]} Hz leaves {experiment.n_frequencies[0]}"
+        )
+    store = GroupStore(
+        Path(), model.name, experiment, group.realizations
+    )  # nothing of it touches a disk before `write`
+    arrays = store.layout.arrays
+    parts = []
+    for position in range(len(group.amplitude)):
+        chunk = Chunk(position, 0)
+        data = store.layout.empty(chunk)
+        fill(store, chunk, data, stopped=lambda: False)
+        parts.append(xr.Dataset({name: (arrays[name].dims, data[name]) for name in store.layout.results}))
+    out = xr.concat(parts, dim="amplitude")
+    for name, spec in arrays.items():
+        if spec.values is not None:
+            out[name] = (spec.dims, spec.values.astype(str if spec.dtype == "string" else spec.dtype))
+        out[name].attrs = dict(spec.attributes)
+    second = {"angle_2": list(model.angles)} if "angle_2" in out.dims else {}
+    return out.assign_coords(angle=list(model.angles), **second)
+
+
+def _group(settings: dict[str, Any]) -> Group:
+    # The kind only satisfies the schema: with the fewest parameters, it refuses nothing the own model could do.
+    settings = {**settings, "model": {"kind": "one_segment"}}
+    try:
+        group = Group.model_validate_json(json.dumps(settings))
+    except TypeError:
+        raise DesignError("settings: expected numbers, text, lists and tables only") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise DesignError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}, got {first['input']!r}") from None
+    check(group)
+    return group

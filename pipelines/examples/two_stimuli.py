@@ -1,0 +1,90 @@
+"""The four neural controllers from two stimuli without a model of them, and from one stimulus.
+
+The alternative of Boonstra et al. 2013 and Engelhart et al. 2015 that Goodworth & Peterka 2018 discuss. Up to 1.2 Hz,
+per controller and relative to its true magnitude, averaged over frequency: how far the mean estimate lies from the
+truth, how far chance alone would put it (what an unbiased estimator would show), and the error of a single experiment.
+All estimators get two trials of six cycles; the parametric fit uses one of them.
+"""
+
+import argparse
+from collections.abc import Callable
+
+import numpy as np
+
+from mcstudy.fit.linearised import linearised
+from mcstudy.fit.problem import paper_cost
+from mcstudy.fit.solvers import fit
+from mcstudy.spectra import nonparametric
+from mcstudy.spectra.bands import odd_lines, published
+from mcstudy.spectra.estimate import SpectralExperiment
+from mcstudy.spectra.two_stimuli import TwoStimuli
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import neural_controllers
+from mcstudy.stance.stimulus import Prts
+
+FMAX = 1.2
+HIP_AMPLITUDE = 2.0
+
+points = odd_lines(FMAX)
+ankle = Prts(amplitude=5.0)
+both, single = TwoStimuli(ankle, HIP_AMPLITUDE, points), TwoStimuli(ankle, 0.0, points)
+model = both.model
+fitted_points = published().below(FMAX)
+parametric_experiment = SpectralExperiment(model, model.truth, ankle, SensorNoise(), fitted_points)
+
+
+def two_stimuli(rng: np.random.Generator) -> np.ndarray:
+    """Cross-spectra with both stimuli."""
+    s = both.realization(rng)
+    return nonparametric.indirect(s.sway, s.torque, s.stimuli, points)
+
+
+def torque_over_angle(rng: np.random.Generator) -> np.ndarray:
+    """Each torque over each angle, one stimulus."""
+    s = single.realization(rng)
+    return nonparametric.one_angle(s.sway, s.torque, s.stimuli[..., 0], points)
+
+
+def direct(rng: np.random.Generator) -> np.ndarray:
+    """Torques regressed on both angles, one stimulus; noise makes it solvable."""
+    s = single.realization(rng)
+    return nonparametric.direct(s.sway, s.torque, points)
+
+
+def parametric(rng: np.random.Generator) -> np.ndarray:
+    """The paper's way: 12 parameters fitted to FRFs of one stimulus."""
+    data, _ = parametric_experiment.frf(parametric_experiment.realization(rng), ankle.amplitude)
+    problem = paper_cost(model, fitted_points.f, data)
+    fits = fit(problem, linearised(problem, rng, 1))
+    return neural_controllers(model, fits.estimate[fits.best], points.f)
+
+
+ESTIMATORS: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
+    "two stimuli, cross-spectra": two_stimuli,
+    "one stimulus, torque / angle": torque_over_angle,
+    "one stimulus, direct": direct,
+    "one stimulus, 12 parameters": parametric,
+}
+CONTROLLERS = {"T11": (1, 0), "T21": (1, 1), "T12": (0, 0), "T22": (0, 1)}
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--realizations", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=2013)
+    arguments = parser.parse_args()
+    truth = neural_controllers(model, model.truth, points.f)
+    print(
+        f"{'percent of the true magnitude':<30}{'controller':>12}{'mean off by':>13}{'by chance':>11}{'one experiment':>16}"
+    )
+    for name, estimator in ESTIMATORS.items():
+        streams = np.random.default_rng(arguments.seed).spawn(arguments.realizations)
+        error = np.stack([estimator(rng) for rng in streams]) / truth - 1
+        chance = np.sqrt(np.pi / 4 * error.var(axis=0) / arguments.realizations)
+        for label, (row, angle) in CONTROLLERS.items():
+            at = np.s_[:, row, angle]
+            off = np.abs(error.mean(axis=0)[at])
+            single_error = np.sqrt(np.mean(np.abs(error) ** 2, axis=0)[at])
+            numbers = (100 * off.mean(), 100 * chance[at].mean(), 100 * single_error.mean())
+            print(
+                f"{name:<30}{label:>12}" + "".join(f"{x:>{w}.1f}" for x, w in zip(numbers, (13, 11, 16), strict=True))
+            )

@@ -10,15 +10,18 @@ import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import dask
-from distributed import Client, LocalCluster
+from distributed import Client, Scheduler, SpecCluster, Worker
 from distributed.security import Security
 
 from mcstudy.errors import InputError
 
 CONNECT_S = 10
+
+DASHBOARD_PORT = 8787
 
 
 @dataclass(frozen=True)
@@ -71,24 +74,59 @@ def _security(options: ClusterOptions) -> Security | None:
     )
 
 
+def _free(port: int) -> int:
+    """``port`` if nobody listens on it, else 0: any."""
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return 0
+    return port
+
+
+def dashboard_url(client: Client) -> str:
+    """Where the local scheduler's dashboard is."""
+    cluster: Any = client.cluster
+    return f"http://127.0.0.1:{cluster.scheduler.http_server.port}/status"
+
+
+@contextlib.contextmanager
+def _local(threads: int, dashboard: bool) -> Iterator[Client]:
+    """A scheduler and one worker in this process; nothing of it listens on anything but 127.0.0.1.
+
+    Dask gives both of them an HTTP server even without a dashboard, on all interfaces unless told otherwise.
+    """
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    quiet: dict[str, list[str]] = {"distributed.worker.http.routes": []}
+    if not dashboard:
+        quiet["distributed.scheduler.http.routes"] = []
+    # Blocks have their own attempt limit; the scheduler's would also condemn blocks that were merely nearby.
+    limits = {"distributed.scheduler.allowed-failures": 1_000_000}
+    scheduler = {
+        "cls": Scheduler,
+        "options": {
+            "protocol": "inproc://",
+            "dashboard": dashboard,
+            "dashboard_address": f"127.0.0.1:{_free(DASHBOARD_PORT) if dashboard else 0}",
+        },
+    }
+    worker = {
+        "cls": Worker,
+        "options": {"nthreads": threads, "dashboard": False, "dashboard_address": "127.0.0.1:0", "memory_limit": 0},
+    }
+    with (
+        dask.config.set({**quiet, **limits}),
+        SpecCluster(workers={0: worker}, scheduler=scheduler, silence_logs=logging.CRITICAL) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
 @contextlib.contextmanager
 def connect(options: ClusterOptions) -> Iterator[Client]:
     """A client of the local or the given scheduler; raises `InputError` when the latter is not usable."""
     if options.scheduler is None:
-        logging.getLogger("distributed").setLevel(logging.ERROR)
-        # Blocks have their own attempt limit; the scheduler's would also condemn blocks that were merely nearby.
-        with (
-            dask.config.set({"distributed.scheduler.allowed-failures": 1_000_000}),
-            LocalCluster(
-                n_workers=1,
-                threads_per_worker=options.threads,
-                processes=False,
-                dashboard_address="127.0.0.1:8787" if options.dashboard else None,
-                memory_limit=0,
-                silence_logs=logging.ERROR,
-            ) as cluster,
-            Client(cluster) as client,
-        ):
+        with _local(options.threads, options.dashboard) as client:
             yield client
         return
     address = urlsplit(options.scheduler)

@@ -101,7 +101,7 @@ class FitSection(Section):
 
     cost: Literal["paper", "ml"] = "paper"
     solver: Literal["lm", "trf", "trust-constr"] = "lm"
-    starts: Literal["uniform"] = "uniform"
+    starts: Literal["uniform", "latin_hypercube", "sobol", "linearised"] = "uniform"
     tolerance: float = Field(default=1e-12, gt=0, lt=1)
     max_iterations: int = Field(default=1000, ge=1, le=1_000_000)
 

@@ -77,8 +77,8 @@ def run_model(
         if spec.values is not None:
             out[name] = (spec.dims, spec.values.astype(str if spec.dtype == "string" else spec.dtype))
         out[name].attrs = dict(spec.attributes)
-    second = {"angle_2": list(model.angles)} if "angle_2" in out.dims else {}
-    return out.assign_coords(angle=list(model.angles), **second)
+    angles = {dim: list(model.angles) for dim in ("angle", "angle_2") if dim in out.dims}
+    return out.assign_coords(angles)
 
 
 def _group(settings: dict[str, Any]) -> Group:

@@ -24,7 +24,7 @@ from distributed import Client, Future
 from mcstudy.errors import Interrupted, StudyChangedError
 from mcstudy.fit.status import Status
 from mcstudy.study import environment, study_file
-from mcstudy.study.cluster import ClusterOptions, connect
+from mcstudy.study.cluster import ClusterOptions, connect, dashboard_url
 from mcstudy.study.design import Study
 from mcstudy.study.durable import locked, sweep
 from mcstudy.study.layout import Chunk, Layout
@@ -140,6 +140,8 @@ def run_study(study: Study, out: Path, options: ClusterOptions | None = None, bl
         if blocks:
             with _stop_requests(run) as stop, connect(options) as client:
                 remote = options.scheduler is not None
+                if options.dashboard and not remote:
+                    progress.say(f"dashboard: {dashboard_url(client)}")
                 _Submission(cube, client, stop, run, log, progress, outcome, remote).run(deque(blocks))
         outcome.seconds = progress.seconds
         log.add("end", fits=outcome.fits, seconds=round(outcome.seconds, 3), failed_blocks=outcome.failed_blocks)

@@ -13,13 +13,13 @@ import numpy as np
 
 
 def stream(seed: int, purpose: str, *coordinates: int) -> np.random.Generator:
-    """A Philox generator whose 128-bit key is a hash of its arguments.
+    """A Philox generator seeded with a 128-bit hash of its arguments.
 
     ``purpose`` is e.g. ``"noise"`` or ``"start"``; ``coordinates`` are coordinate values (not positions on an axis).
     """
     label = "|".join(["mcstudy", str(seed), purpose, *(str(int(c)) for c in coordinates)])
-    key = np.frombuffer(hashlib.sha256(label.encode()).digest()[:16], dtype="<u8")
-    return np.random.Generator(np.random.Philox(key=key.astype(np.uint64)))
+    entropy = int.from_bytes(hashlib.sha256(label.encode()).digest()[:16], "little")
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence(entropy)))
 
 
 def noise_stream(seed: int, realization: int) -> np.random.Generator:

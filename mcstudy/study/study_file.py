@@ -17,8 +17,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from mcstudy.errors import DesignError
+from mcstudy.study.checks import check
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
-from mcstudy.study.experiment import check
 from mcstudy.study.models import with_model_values
 
 MAX_BYTES = 1_000_000

@@ -100,10 +100,12 @@ def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: 
         if measurement.covariance is not None:
             data["noise_covariance"][0, r] = measurement.covariance
         for k, fmax in enumerate(group.fmax):
+            pending = np.flatnonzero(data["status"][0, k, r] == Status.PENDING)
+            if not pending.size:
+                continue
             problem = experiment.problem(measurement, fmax)
             starts = experiment.starts(problem, realization)
             data["initial"][0, k, r] = starts
-            pending = np.flatnonzero(data["status"][0, k, r] == Status.PENDING)
             step = STARTS_A_CALL.get(group.fit.solver, OTHERS_A_CALL)
             for first in range(0, pending.size, step):
                 if stopped():

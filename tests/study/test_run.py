@@ -6,11 +6,12 @@ import json
 import threading
 from pathlib import Path
 
+import psutil
 import pytest
 
 from mcstudy.errors import InputError, Interrupted, StoreError, StudyChangedError
 from mcstudy.study import tasks
-from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.cluster import ClusterOptions, connect
 from mcstudy.study.durable import locked, tree_digest
 from mcstudy.study.run import ATTEMPTS, run_study
 from mcstudy.study.store import Cube, GroupStore
@@ -194,6 +195,15 @@ def test_a_run_can_be_started_from_another_thread(tmp_path: Path, tiny: str) -> 
     thread.start()
     thread.join()
     assert outcomes[0].fits == 128
+
+
+@pytest.mark.parametrize("dashboard", [False, True])
+def test_a_local_run_listens_on_this_machine_only(dashboard: bool) -> None:
+    with connect(ClusterOptions(workers=1, dashboard=dashboard)) as client:
+        assert client.submit(sum, [1, 2]).result() == 3
+        listening = [c for c in psutil.Process().net_connections("inet") if c.status == psutil.CONN_LISTEN]
+    assert listening
+    assert {c.laddr.ip for c in listening} == {"127.0.0.1"}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,105 @@
+"""The data of one cell, by each of the simulators a study file may name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.spectra import periods
+from mcstudy.spectra.bands import Bands, averaged, narrower, odd_lines, published
+from mcstudy.spectra.estimate import SpectralExperiment, frf_from_recording
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf
+from mcstudy.stance.simulate_time import simulate, with_derivatives
+from mcstudy.stance.stimulus import Prts
+from mcstudy.study.design import Group
+from mcstudy.study.streams import noise_stream
+
+HIGHEST_HZ = 8.0
+"""Highest frequency point, whatever the Fmax: the points, and with them the data, do not depend on the fits."""
+
+SPECTRUM = {"keep": periods.raw, "remove": periods.ramp_removed}
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Data of one cell: FRFs (N, 2) in rad per unit of stimulus, and their covariance (N, 2, 2) or None."""
+
+    frf: np.ndarray
+    covariance: np.ndarray | None
+
+
+Measure = Callable[[float, int], Measurement]
+"""From amplitude (units of the stimulus) and realization to data; safe to call from several threads."""
+
+
+def stimulus(group: Group, amplitude: float) -> Prts:
+    """The stimulus of a group at one amplitude."""
+    s = group.stimulus
+    return Prts(s.stages, s.state_s, s.rate_hz, amplitude, s.convention)
+
+
+def frequency_points(group: Group) -> Bands:
+    """All frequency points of a group, before any is left out."""
+    period = stimulus(group, group.amplitude[0]).period_s
+    if group.spectra.points == "odd_lines":
+        return odd_lines(HIGHEST_HZ, period)
+    return narrower((published if group.spectra.points == "published" else averaged)(period), group.spectra.width)
+
+
+def kept_points(group: Group) -> Bands:
+    """The frequency points of a group."""
+    bands = frequency_points(group)
+    for f in group.spectra.exclude_hz:
+        bands = bands.without(f)
+    return bands
+
+
+def noise_free(group: Group, model: Model, bands: Bands, seed: int) -> Measure:
+    """The closed form at the points' own frequencies: what the paper's noise-free fits use."""
+    del group, seed
+    data = Measurement(frf(model, model.truth, bands.f), None)
+    return lambda amplitude, realization: data  # noqa: ARG005
+
+
+def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measure:
+    """Ideal response plus the spectrum of steady-state noise sway: the paper's "sim" FRF."""
+    s = group.stimulus
+    noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
+    spectrum = SPECTRUM[group.spectra.ramp]
+    unit = stimulus(group, 1.0)
+    subject = SpectralExperiment(model, model.truth, unit, noise, bands, s.cycles, s.discard, spectrum)
+
+    def measure(amplitude: float, realization: int) -> Measurement:
+        return Measurement(*subject.frf(subject.realization(noise_stream(seed, realization)), amplitude))
+
+    return measure
+
+
+def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measure:
+    """FRFs of a record simulated with stimulus and noise together, from rest and with true delays."""
+    s = group.stimulus
+    noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
+    senses_derivatives = s.kind == "platform_translation"
+
+    def measure(amplitude: float, realization: int) -> Measurement:
+        cycle = stimulus(group, amplitude).waveform()
+        drive = np.tile(cycle, s.cycles)
+        samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if senses_derivatives else drive
+        sensed = noise.sample(noise_stream(seed, realization), drive.size, s.rate_hz)
+        sway = simulate(model, model.truth, samples, s.rate_hz, noise=sensed)
+        data = frf_from_recording(sway.theta, drive, s.rate_hz, bands, s.discard, SPECTRUM[group.spectra.ramp])
+        return Measurement(data.frf, data.covariance)
+
+    return measure
+
+
+SIMULATORS: dict[str, Callable[[Group, Model, Bands, int], Measure]] = {
+    "none": noise_free,
+    "spectral": spectral,
+    "time_domain": time_domain,
+}
+"""Simulators by the name a study file gives them."""

@@ -73,18 +73,15 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=2013)
     arguments = parser.parse_args()
     truth = neural_controllers(model, model.truth, points.f)
-    print(
-        f"{'percent of the true magnitude':<30}{'controller':>12}{'mean off by':>13}{'by chance':>11}{'one experiment':>16}"
-    )
+    header = ("percent of the true magnitude", "controller", "mean off by", "by chance", "one experiment")
+    print("{:<30}{:>12}{:>13}{:>11}{:>16}".format(*header))
     for name, estimator in ESTIMATORS.items():
         streams = np.random.default_rng(arguments.seed).spawn(arguments.realizations)
         error = np.stack([estimator(rng) for rng in streams]) / truth - 1
-        chance = np.sqrt(np.pi / 4 * error.var(axis=0) / arguments.realizations)
+        chance = np.sqrt(np.pi / 4 * error.var(axis=0, ddof=1) / arguments.realizations)
         for label, (row, angle) in CONTROLLERS.items():
             at = np.s_[:, row, angle]
             off = np.abs(error.mean(axis=0)[at])
             single_error = np.sqrt(np.mean(np.abs(error) ** 2, axis=0)[at])
             numbers = (100 * off.mean(), 100 * chance[at].mean(), 100 * single_error.mean())
-            print(
-                f"{name:<30}{label:>12}" + "".join(f"{x:>{w}.1f}" for x, w in zip(numbers, (13, 11, 16), strict=True))
-            )
+            print("{:<30}{:>12}{:>13.1f}{:>11.1f}{:>16.1f}".format(name, label, *numbers))

@@ -1,0 +1,64 @@
+"""Does it matter whether a fit starts from a stable loop?
+
+An FRF is infinite where a characteristic root crosses the imaginary axis, so a fit that follows the cost downhill
+cannot easily carry a root from one side to the other: the number of unstable roots of the start tends to stay (derived;
+confirmed by the counts this module makes). A measured body is stable, hence a stable start shares its side.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis.convergence import COST_FLOOR, HIT_TOLERANCE
+from mcstudy.analysis.selection import usable
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.stability import growth_rate
+
+LOOPS = ("stable", "unstable")
+
+
+def stable_starts(cube: xr.Dataset, model: Model) -> xr.DataArray:
+    """Whether the loop at each fit's start is stable, bool, dims of ``status``; False where there is no start."""
+    initial = cube["initial"].transpose(*cube["status"].dims, "parameter")
+    values = initial.values.reshape(-1, initial.sizes["parameter"])
+    # Streams give all amplitudes and Fmax of a realization the same starts: each is looked at once.
+    distinct, where = np.unique(values, axis=0, return_inverse=True)
+    growth = np.full(len(distinct), np.nan)
+    known = np.isfinite(distinct).all(axis=1)
+    if known.any():
+        growth[known] = growth_rate(model, distinct[known])
+    return xr.DataArray((growth < 0)[where].reshape(cube["status"].shape), dims=cube["status"].dims)
+
+
+def hit_rate_by_start(
+    cube: xr.Dataset, model: Model, tolerance: float = HIT_TOLERANCE, floor: float = COST_FLOOR
+) -> xr.Dataset:
+    """Share of starts that reach the pool's minimum, for starts from a stable and from an unstable loop.
+
+    Parameters
+    ----------
+    cube: a group with all its starts.
+    model: what was fitted (``dataset.mc.model``, or the one given to `mcstudy.study.own_model.run_model`).
+    tolerance, floor: what counts as the minimum; see `mcstudy.analysis.convergence`.
+
+    Returns
+    -------
+    Dataset with dims (amplitude, fmax, loop): ``value``, the mean over realizations of the share within each; ``mcse``
+    over realizations; ``worst`` realization's share; ``starts``, how many there were. NaN where there were none.
+    """
+    cost = cube["cost"].where(usable(cube))
+    hit = cost <= cost.min("start") * (1 + tolerance) + floor
+    stable = stable_starts(cube, model)
+    loop = xr.concat([stable, ~stable], dim=xr.DataArray(list(LOOPS), dims="loop", name="loop"))
+    n = loop.sum("start")
+    share = (hit & loop).sum("start") / n.where(n > 0)
+    used = share.notnull().sum("realization")
+    return xr.Dataset(
+        {
+            "value": share.mean("realization"),
+            "mcse": share.std("realization", ddof=1).where(used > 1) / used.where(used > 1) ** 0.5,
+            "worst": share.min("realization"),
+            "starts": n.sum("realization"),
+        }
+    ).transpose("amplitude", "fmax", "loop")

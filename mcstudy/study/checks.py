@@ -6,6 +6,7 @@ import numpy as np
 
 from mcstudy.errors import DesignError, InputError
 from mcstudy.spectra.bands import PERIOD_S
+from mcstudy.stance.feedback import Model
 from mcstudy.study.design import Group
 from mcstudy.study.measure import HIGHEST_HZ, frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model
@@ -14,12 +15,15 @@ MAX_SAMPLES = 200_000_000
 """Longest record a study may ask for."""
 
 
-def check(group: Group) -> None:
-    """Raise `DesignError` for the first thing that is wrong; its message starts with the field within the group."""
-    build_model(group)
+def check(group: Group, model: Model | None = None) -> None:
+    """Raise `DesignError` for the first thing that is wrong; its message starts with the field within the group.
+
+    ``model``: fitted instead of the one the group describes.
+    """
+    model = build_model(group) if model is None else model
     _check_stimulus(group)
     _check_fit(group)
-    _check_frequencies(group)
+    _check_frequencies(group, model)
 
 
 def _check_stimulus(group: Group) -> None:
@@ -53,7 +57,7 @@ def _check_fit(group: Group) -> None:
         )
 
 
-def _check_frequencies(group: Group) -> None:
+def _check_frequencies(group: Group, model: Model) -> None:
     points, half_line = frequency_points(group).f, 0.5 / stimulus(group, group.amplitude[0]).period_s
     last = max(points[-1], HIGHEST_HZ)
     if group.fmax[0] < points[0] - half_line:
@@ -63,7 +67,6 @@ def _check_frequencies(group: Group) -> None:
     for f in group.spectra.exclude_hz:
         if np.abs(points - f).min() > half_line:
             raise DesignError(f"spectra.exclude_hz: expected frequencies of the FRF, got {f}")
-    model = build_model(group)
     parameters, a_frequency = len(model.parameters), 2 * model.n_angles
     try:
         smallest = len(kept_points(group).below(group.fmax[0]))

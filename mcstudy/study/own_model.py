@@ -52,19 +52,11 @@ def run_model(
     ------
     DesignError: for what a study file would be refused for; one line that starts with the field.
     """
-    if "model" in sections:
-        raise DesignError("model: expected no such table, the model is given as an object")
     group = _group({"realizations": realizations, "starts": starts, "fmax": fmax, "amplitude": amplitude, **sections})
+    check(group, model)
     experiment = Experiment(group, seed, model)
-    fewest = -(-len(model.parameters) // (2 * model.n_angles))
-    if experiment.n_frequencies[0] < fewest:
-        raise DesignError(
-            f"fmax: expected at least {fewest} frequencies for {len(model.parameters)} parameters, "
-            f"{group.fmax[0]} Hz leaves {experiment.n_frequencies[0]}"
-        )
-    store = GroupStore(
-        Path(), model.name, experiment, group.realizations
-    )  # nothing of it touches a disk before `write`
+    # Only for its layout: nothing of a store touches the disk before it is written to.
+    store = GroupStore(Path(), model.name, experiment, group.realizations)
     arrays = store.layout.arrays
     parts = []
     for position in range(len(group.amplitude)):
@@ -78,18 +70,14 @@ def run_model(
             out[name] = (spec.dims, spec.values.astype(str if spec.dtype == "string" else spec.dtype))
         out[name].attrs = dict(spec.attributes)
     angles = {dim: list(model.angles) for dim in ("angle", "angle_2") if dim in out.dims}
-    return out.assign_coords(angles)
+    return out.assign_coords({dim: (dim, names, arrays[dim].attributes) for dim, names in angles.items()})
 
 
 def _group(settings: dict[str, Any]) -> Group:
-    # The kind only satisfies the schema: with the fewest parameters, it refuses nothing the own model could do.
-    settings = {**settings, "model": {"kind": "one_segment"}}
     try:
-        group = Group.model_validate_json(json.dumps(settings))
+        return Group.model_validate_json(json.dumps(settings))
     except TypeError:
         raise DesignError("settings: expected numbers, text, lists and tables only") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise DesignError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}, got {first['input']!r}") from None
-    check(group)
-    return group

@@ -1,0 +1,62 @@
+"""A model declared in Python goes through the same study as one named in a study file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcstudy.analysis import accuracy, selection
+from mcstudy.errors import DesignError
+from mcstudy.stance.body import one_segment, two_segment
+from mcstudy.study.own_model import run_model
+from mcstudy.study.results import open_results
+from mcstudy.study.run import run_study
+from mcstudy.study.study_file import parse_study
+
+
+def test_a_registered_model_given_as_an_object_has_the_bits_of_its_study_file(tiny: str, tmp_path: Path) -> None:
+    study = parse_study(tiny)
+    run_study(study, tmp_path / "cube.zarr")
+    stored = open_results(tmp_path / "cube.zarr", lazy=False)["noisy"].to_dataset()
+    own = run_model(two_segment(), seed=7, realizations=5, starts=6, fmax=(0.41, 1.2), amplitude=(3.0, 5.0))
+    assert set(own.variables) == set(stored.variables)
+    for name, variable in stored.variables.items():
+        assert own[name].dims == variable.dims, name
+        np.testing.assert_array_equal(own[name].values, variable.values, err_msg=str(name))
+        assert own[name].attrs == variable.attrs, name
+
+
+def test_noise_free_fits_of_an_own_model_find_its_truth() -> None:
+    model = replace(one_segment(), name="own", angles=("sway", "none"))
+    cube = run_model(model, simulator="none", realizations=1, starts=30, fmax=(8.0,), amplitude=(5.0,))
+    best = selection.best(cube)["estimate"].values.ravel()
+    np.testing.assert_allclose(best, model.truth, rtol=1e-5)
+    assert cube["angle"].values.tolist() == ["sway", "none"]
+
+
+def test_analysis_reads_it_like_a_group_of_a_cube() -> None:
+    cube = run_model(one_segment(), realizations=6, starts=5, fmax=(1.2,), amplitude=(5.0,), noise={"psd": (0.0, 0.0)})
+    bias = accuracy.absolute_bias_percent(selection.best(cube))
+    assert bias["value"].sizes == {"amplitude": 1, "fmax": 1, "parameter": 4}
+    assert float(bias["mcse"].max()) < 1e-3  # without noise every realization is the same
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        ({"realizations": 0}, "realizations: "),
+        ({"noise": {"psdd": (1.0, 1.0)}}, "noise.psdd: "),
+        ({"stimulus": {"discard": 6}}, "stimulus.discard: "),
+        ({"fmax": (0.04,)}, "fmax: expected at least 3 frequencies for 12 parameters"),
+        ({"noise": {"psd": np.ones(2)}}, "settings: expected numbers"),
+    ],
+)
+def test_settings_are_refused_as_a_study_file_would_be(settings: dict[str, object], line: str) -> None:
+    usual: dict[str, object] = {"realizations": 1, "starts": 1, "fmax": (1.2,), "amplitude": (5.0,)}
+    with pytest.raises(DesignError) as refused:
+        run_model(two_segment(), **{**usual, **settings})  # type: ignore[arg-type]
+    assert str(refused.value).startswith(line)
+    assert "\n" not in str(refused.value)

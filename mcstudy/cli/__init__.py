@@ -19,6 +19,7 @@ VERBS = {
     "status": "how far a results cube is",
     "verify": "check every chunk of a results cube, and recompute a sample",
     "show": "print the tables of a results cube",
+    "report": "write a results cube as one page with figures",
     "simulate": "write a recording of a simulated body, with any effects",
 }
 """Verbs and their one-line help; verb ``x`` lives in ``mcstudy.cli.x`` (``add_arguments(parser)``, ``main(args)``)."""

@@ -1,0 +1,89 @@
+"""The local minima of a whole study: basins of all realizations gathered into clusters, and how often each is reached.
+
+The noise moves every minimum, so basins of different realizations are never equal; two belong to one cluster when no
+parameter differs by more than `TOLERANCE` of the distance between its bounds, which has no scale. The densest place
+(the leader whose neighbourhood was reached by most starts) becomes the first cluster and takes its neighbourhood, then
+the densest of what is left. Derived; there is no such figure in the paper.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis.montecarlo import REALIZATION
+
+TOLERANCE = 0.5
+"""Largest difference of a parameter from its cluster's leader, as a fraction of its bounds' distance."""
+
+MOST_BASINS = 4000
+"""Basins gathered in one atlas: distances between all pairs are held at once."""
+
+
+def atlas(basins: xr.Dataset, lower: xr.DataArray, upper: xr.DataArray, tolerance: float = TOLERANCE) -> xr.Dataset:
+    """Clusters of the local minima of one (amplitude, Fmax), most often reached first.
+
+    Parameters
+    ----------
+    basins: from `mcstudy.analysis.basins.basins`, at one amplitude and Fmax: dims (realization, basin).
+    lower, upper: bounds (parameter,).
+
+    Returns
+    -------
+    Dataset with dim ``cluster``: ``value`` (probability that a start ends there, mean over realizations) with ``mcse``,
+    ``realizations`` (in how many it occurs), ``lowest`` (in how many it holds the lowest minimum), ``stable`` (fraction
+    of its starts whose fit is a stable loop), ``excess`` (median cost over the realization's lowest) and ``position``
+    (cluster, parameter): mean place between the bounds, 0 the lower, 1 the upper. Attribute ``realizations``: how many
+    were gathered (the first ones, at most `MOST_BASINS` basins).
+    """
+    basins = basins.transpose(REALIZATION, "basin", ...)
+    keep = max(1, MOST_BASINS // basins.sizes["basin"])
+    basins = basins.isel({REALIZATION: slice(0, keep)})
+    realizations = basins.sizes[REALIZATION]
+    reach = basins["value"].values
+    place = ((basins["estimate"] - lower) / (upper - lower)).transpose(REALIZATION, "basin", "parameter").values
+    r, b = np.nonzero(np.isfinite(reach))
+    label = _clusters(place[r, b], reach[r, b], tolerance)
+    excess = basins["cost"].values / basins["cost"].values[:, :1]
+    stable = basins["stable"].values
+    rows = []
+    for c in range(label.max(initial=-1) + 1):
+        mine = label == c
+        weight, who = reach[r, b][mine], r[mine]
+        per_realization = np.bincount(who, weight, minlength=realizations)
+        mcse = per_realization.std(ddof=1) / np.sqrt(realizations) if realizations > 1 else np.nan
+        known = np.isfinite(stable[r, b][mine])
+        rows.append(
+            (
+                per_realization.mean(),
+                mcse,
+                np.unique(who).size,
+                np.unique(who[b[mine] == 0]).size,
+                np.average(stable[r, b][mine][known], weights=weight[known]) if known.any() else np.nan,
+                np.median(excess[r, b][mine]),
+                np.average(place[r, b][mine], axis=0, weights=weight),
+            )
+        )
+    rows.sort(key=lambda row: -row[0])
+    names = ("value", "mcse", "realizations", "lowest", "stable", "excess")
+    columns = {n: ("cluster", np.array([row[i] for row in rows])) for i, n in enumerate(names)}
+    position = np.array([row[-1] for row in rows]).reshape(len(rows), place.shape[-1])
+    return xr.Dataset(
+        {**columns, "position": (("cluster", "parameter"), position)},
+        coords={"cluster": np.arange(len(rows)), "parameter": lower["parameter"].values},
+        attrs={"realizations": realizations},
+    )
+
+
+def _clusters(place: np.ndarray, reach: np.ndarray, tolerance: float) -> np.ndarray:
+    """Cluster of every basin (B,), from places (B, P) between the bounds and probabilities (B,)."""
+    near = np.ones((len(place), len(place)), dtype=bool)
+    for column in place.T:  # one parameter at a time: no (B, B, P) array
+        near &= np.abs(column[:, None] - column[None, :]) <= tolerance
+    label, left, c = np.full(len(place), -1), np.ones(len(place), dtype=bool), 0
+    while left.any():
+        leader = int(np.argmax(np.where(left, near @ (reach * left), -1.0)))
+        taken = near[leader] & left
+        label[taken], c = c, c + 1
+        left &= ~taken
+    return label

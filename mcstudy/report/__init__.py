@@ -1,0 +1,1 @@
+"""The page a researcher shows, and its figures as functions that return matplotlib axes."""

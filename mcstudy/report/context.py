@@ -1,0 +1,115 @@
+"""What the page is made of: the study read once, and which of its groups answers which question."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import xarray as xr
+
+from mcstudy.analysis.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ, STARTS
+from mcstudy.analysis.summary import summary
+from mcstudy.analysis.text import number, with_error
+from mcstudy.analysis.view import GroupView, StudyView
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """A study and the numbers of ``mcstudy show`` about it."""
+
+    tree: xr.DataTree
+
+    @cached_property
+    def study(self) -> StudyView:
+        """Its groups."""
+        return StudyView(self.tree)
+
+    @cached_property
+    def data(self) -> dict[str, Any]:
+        """`mcstudy.analysis.summary.summary`: what ``mcstudy show OUT --json`` prints."""
+        return summary(self.study)
+
+    @property
+    def name(self) -> str:
+        """Name of the study."""
+        return str(self.tree.attrs.get("title", "study"))
+
+    @property
+    def seed(self) -> int:
+        """Seed of the study."""
+        return int(self.tree.attrs["seed"])
+
+    @cached_property
+    def published(self) -> dict[str, dict[str, Any]]:
+        """Rows *paper | ours* by key."""
+        return {row["key"]: row for row in self.data["paper"]["rows"]}
+
+    def cells(self, view: GroupView) -> list[dict[str, Any]]:
+        """Numbers of every (amplitude, Fmax) of a group."""
+        return list(self.data["groups"][view.name]["cells"])
+
+    @cached_property
+    def accuracy(self) -> GroupView | None:
+        """The group for estimates with noise: the paper's if there is one, else the one with most conditions."""
+        noisy = [g for g in self.study.groups.values() if g.noisy and g.group.realizations > 1]
+        return self.study.accuracy(FMAX_HZ, AMPLITUDES_NM) or max(
+            noisy, key=lambda g: (len(g.group.fmax) * len(g.group.amplitude), g.group.realizations), default=None
+        )
+
+    @cached_property
+    def others(self) -> list[GroupView]:
+        """Further groups with noise whose settings differ from those of `accuracy`."""
+        main = self.accuracy
+        noisy = [g for g in self.study.groups.values() if g.noisy and g.group.realizations > 1 and g is not main]
+        return [g for g in noisy if main is None or _settings(g) != _settings(main)]
+
+    @cached_property
+    def theory(self) -> GroupView | None:
+        """The group without noise for Fig. 3A and 4."""
+        free = [g for g in self.study.groups.values() if not g.noisy]
+        return self.study.noise_free(8.0, STARTS) or max(
+            free, key=lambda g: (g.group.fmax[-1], g.group.starts), default=None
+        )
+
+    @cached_property
+    def pools(self) -> GroupView | None:
+        """The group with noise and most starts, for Fig. 3B and the waterfall."""
+        noisy = [g for g in self.study.groups.values() if g.noisy]
+        return self.study.pools(CONVERGENCE_FMAX_HZ, AMPLITUDES_NM[0], 100) or max(
+            noisy, key=lambda g: g.group.starts, default=None
+        )
+
+    @cached_property
+    def free_pools(self) -> GroupView | None:
+        """The group without noise for Fig. 3B."""
+        return self.study.noise_free(CONVERGENCE_FMAX_HZ, 100) or self.theory
+
+
+def _settings(view: GroupView) -> str:
+    """Everything but the axes."""
+    axes = {"realizations", "starts", "fmax", "amplitude"}
+    return json.dumps(view.group.model_dump(mode="json", exclude=axes), sort_keys=True)
+
+
+def stat(result: dict[str, Any], factor: float = 1.0) -> str:
+    """``value ± mcse`` of an entry of the summary."""
+    value, mcse = (None if result[k] is None else factor * result[k] for k in ("value", "mcse"))
+    return with_error(value, mcse)
+
+
+def value_of(result: xr.Dataset) -> str:
+    """``value ± mcse`` of a scalar Dataset."""
+    return with_error(finite(result["value"]), finite(result["mcse"]))
+
+
+def finite(x: Any) -> float | None:
+    """A float, or None where it is not finite."""
+    value = float(x)
+    return value if value - value == 0 else None
+
+
+def short(x: Any, digits: int = 3) -> str:
+    """A number for people."""
+    return number(finite(x), digits)

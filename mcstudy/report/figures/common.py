@@ -1,0 +1,137 @@
+"""What all figures share: reading their data, making axes, labelling cells and logarithmic axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from mcstudy.analysis.view import GroupView
+from mcstudy.errors import InputError
+from mcstudy.report.style import SERIES, SETTINGS
+
+Data = GroupView | xr.Dataset | xr.DataTree
+"""What a figure is made from: a group of a cube, e.g. ``mcstudy.open_results(path)["accuracy"]``."""
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def view_of(data: Data) -> GroupView:
+    """The group behind ``data``; a `GroupView` keeps its best fits between figures, the others are read again."""
+    if isinstance(data, GroupView):
+        return data
+    if isinstance(data, xr.DataTree):
+        return GroupView(data.name or "group", data.to_dataset())
+    return GroupView("group", data)
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """The report's settings while axes are made."""
+    with matplotlib.rc_context(SETTINGS):
+        yield
+
+
+def axes(ax: Axes | None, size: tuple[float, float] = (4.3, 3.2)) -> Axes:
+    """``ax``, or new axes that a notebook shows."""
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt  # only here: it chooses a window system
+
+    with styled():
+        figure = plt.figure(figsize=size, layout="constrained")
+        new: Axes = figure.add_subplot()
+        return new
+
+
+def chosen_fmax(view: GroupView, fmax: float | None = None) -> float:
+    """The group's Fmax nearest to ``fmax``; by default 1.2 Hz, or its middle one. Raises `InputError`."""
+    held = [float(f) for f in view.cube["fmax"].values]
+    if fmax is None:
+        return view.fmax(1.2) or held[len(held) // 2]
+    found = view.fmax(fmax)
+    if found is None:
+        raise InputError(f"fmax: expected one of {_listed(held)} Hz, got {fmax:g}")
+    return found
+
+
+def chosen_amplitude(view: GroupView, amplitude: float | None = None) -> float:
+    """The group's amplitude nearest to ``amplitude``; by default its largest. Raises `InputError`."""
+    held = [float(a) for a in view.cube["amplitude"].values]
+    if amplitude is None:
+        return held[-1]
+    found = view.amplitude(amplitude)
+    if found is None:
+        raise InputError(f"amplitude: expected one of {_listed(held)}, got {amplitude:g}")
+    return found
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{v:g}" for v in values)
+
+
+def amplitude_label(view: GroupView, amplitude: float) -> str:
+    """E.g. ``5 N m``; ``no noise`` for a group whose data do not depend on the amplitude."""
+    return f"{amplitude:g} {unit(view)}" if view.noisy else "no noise"
+
+
+def unit(view: GroupView) -> str:
+    """Unit of the stimulus, for people."""
+    return str(view.model.stimulus_unit).replace("N m", "N·m")
+
+
+def fmax_label(fmax: float) -> str:
+    """E.g. ``1.2 Hz``."""
+    return f"{fmax:g} Hz"
+
+
+def cell_label(view: GroupView, amplitude: float, fmax: float) -> str:
+    """E.g. ``5 N·m, 1.2 Hz``."""
+    return f"{amplitude_label(view, amplitude)}, {fmax_label(fmax)}"
+
+
+def colour_of(values: np.ndarray, value: float) -> str:
+    """Colour of one coordinate value of an axis."""
+    return SERIES[int(np.argmin(np.abs(values - value))) % len(SERIES)]
+
+
+def power_of_ten(value: float) -> str:
+    """``10⁻³`` for 0.001; plain text, so that no font is needed for it."""
+    return "10" + str(round(np.log10(value))).translate(_SUPERSCRIPT) if value > 0 else "0"
+
+
+def log_axis(axis: Any, most: int = 7) -> None:
+    """A logarithmic axis for what is drawn already: labelled at powers of ten, or at 1, 2, 5 where it spans few."""
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    low, high = axis.get_view_interval()
+    if high / low < 60 and low >= 1e-4 and high < 1e5:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    else:
+        axis.set_major_locator(LogLocator(numticks=most))
+        axis.set_major_formatter(FuncFormatter(lambda v, _: power_of_ten(v)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def plain_log_axis(axis: Any, ticks: Sequence[float]) -> None:
+    """A logarithmic axis with these ticks, written out."""
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    axis.set_ticks(list(ticks), [f"{t:g}" for t in ticks])
+    axis.set_minor_formatter(NullFormatter())
+
+
+def frequency_axis(ax: Axes, f: np.ndarray) -> None:
+    """Frequencies on a logarithmic x axis."""
+    plain_log_axis(ax.xaxis, [t for t in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0) if f.min() * 0.8 <= t <= f.max() * 1.2])
+    ax.set_xlabel("frequency (Hz)")
+
+
+def legend_below(ax: Axes, columns: int = 3, lift: float = -0.16) -> None:
+    """A legend under the axis label, where it covers nothing."""
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, lift), ncols=columns)

@@ -1,0 +1,86 @@
+"""How close the estimates come to the Cramér-Rao bound."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from mcstudy.analysis.efficiency import efficiency
+from mcstudy.analysis.selection import inside_bounds
+from mcstudy.analysis.view import GroupView
+from mcstudy.errors import InputError
+from mcstudy.report.figures.common import (
+    Data,
+    amplitude_label,
+    axes,
+    chosen_amplitude,
+    fmax_label,
+    legend_below,
+    plain_log_axis,
+    view_of,
+)
+from mcstudy.report.style import COLOURS, MARKERS, SERIES
+
+INSIDE = 0.9
+"""Fraction of fits that must be off every bound for the Cramér-Rao bound to apply."""
+
+SHOWN = (0.01, 100.0)
+"""Efficiencies the axis shows; others are drawn as arrows at its ends."""
+
+
+def efficiency_of(view: GroupView) -> xr.Dataset:
+    """`mcstudy.analysis.efficiency.efficiency` of the group; raises `InputError` where it has no noise covariance."""
+    if view.bounds_on_sd is None:
+        raise InputError("noise_covariance: the group has none, so there is no Cramér-Rao bound")
+    return efficiency(view.cells, view.bounds_on_sd)
+
+
+def bound_applies(view: GroupView) -> xr.DataArray:
+    """Where nearly all best fits are off every bound, dims (amplitude, fmax)."""
+    free = inside_bounds(view.cells) & view.cells["cost"].notnull()
+    return free.sum("realization") >= INSIDE * view.cells["cost"].notnull().sum("realization")
+
+
+def efficiency_dots(data: Data, amplitude: float | None = None, ax: Axes | None = None) -> Axes:
+    """Efficiency of every parameter by Fmax, ± MCSE: Cramér-Rao variance over the variance found.
+
+    Hollow: more than 10 % of the fits end on some bound, so that the Cramér-Rao bound does not apply. Vertical ticks:
+    what the weights of the paper's cost can reach to first order.
+    """
+    view, ax = view_of(data), axes(ax, (4.3, 4.6))
+    amplitude = chosen_amplitude(view, amplitude)
+    result = efficiency_of(view).sel(amplitude=amplitude)
+    applies = bound_applies(view).sel(amplitude=amplitude)
+    names = [str(n) for n in result["parameter"].values]
+    fmaxes = result["fmax"].values
+    ax.set_xscale("log")
+    for i, f in enumerate(fmaxes):
+        here, y = result.sel(fmax=f), np.arange(len(names)) + (i - (len(fmaxes) - 1) / 2) * 0.24
+        colour, marker = SERIES[i % len(SERIES)], MARKERS[i % len(MARKERS)]
+        face = colour if bool(applies.sel(fmax=f)) else COLOURS["panel"]
+        _dots(ax, here, y, colour, marker, face)
+        ax.plot([], [], marker, color=colour, markerfacecolor=face, label=fmax_label(float(f)))
+        if view.group.fit.cost == "paper":
+            first_order = (here["cramer_rao_sd"] / here["paper_cost_sd"]) ** 2
+            ax.plot(np.clip(first_order, *SHOWN), y, "|", color=colour, markersize=6)
+    ax.axvline(1.0, color=COLOURS["ink"], linewidth=1.0, linestyle=(0, (4, 3)))
+    low, high = ax.get_xlim()
+    plain_log_axis(ax.xaxis, [t for t in (0.01, 0.1, 1, 10, 100) if low <= t <= high] or [1.0])
+    ax.set_yticks(range(len(names)), names)
+    ax.invert_yaxis()
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("efficiency (1 = Cramér–Rao bound)")
+    ax.set_title(amplitude_label(view, amplitude))
+    legend_below(ax, len(fmaxes), -0.13)
+    return ax
+
+
+def _dots(ax: Axes, here: xr.Dataset, y: np.ndarray, colour: str, marker: str, face: str) -> None:
+    value, error = here["value"].values, here["mcse"].fillna(0.0).values
+    shown = np.isfinite(value) & (value >= SHOWN[0]) & (value <= SHOWN[1])
+    below = np.minimum(error, 0.8 * np.where(np.isfinite(value), value, 0.0))  # a log axis has no zero
+    bars = [below[shown], np.minimum(error[shown], SHOWN[1] - value[shown])]
+    ax.errorbar(value[shown], y[shown], xerr=bars, fmt=marker, color=colour, markerfacecolor=face, elinewidth=1.0)
+    for which, place, arrow in ((value > SHOWN[1], SHOWN[1], ">"), (value < SHOWN[0], SHOWN[0], "<")):
+        ax.plot(np.full(int(which.sum()), place), y[which], arrow, color=colour, markerfacecolor=face)

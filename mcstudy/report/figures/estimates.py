@@ -1,0 +1,62 @@
+"""Estimates beside the truth: Fig. 5 (every parameter) and Fig. 6 (active and passive stiffness combined)."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from mcstudy.analysis.montecarlo import moments
+from mcstudy.errors import InputError
+from mcstudy.report.figures.common import Data, amplitude_label, axes, colour_of, view_of
+from mcstudy.report.style import COLOURS
+from mcstudy.stance.feedback import Model
+
+
+def parameter_bars(data: Data, parameter: str, ax: Axes | None = None) -> Axes:
+    """One panel of Fig. 5 or 6: true value, then mean ± SD of the best fits by Fmax and amplitude.
+
+    ``parameter`` may be a sum of stiffnesses, e.g. ``"K11+Kpas1"``. Raises `InputError` when there is no such
+    parameter.
+    """
+    view = view_of(data)
+    ax = axes(ax, (2.9, 2.3))
+    cells = cells_with(view.cells, view.combined, parameter)
+    m = moments(cells["estimate"].sel(parameter=parameter), cells["truth"].sel(parameter=parameter))
+    truth, amplitudes = float(m.truth), cells["amplitude"].values
+    width = 0.8 / len(amplitudes)
+    ax.bar(-1, truth, width=0.6, color=COLOURS["muted"])
+    for i, a in enumerate(amplitudes):
+        x = np.arange(cells.sizes["fmax"]) + (i - (len(amplitudes) - 1) / 2) * width
+        mean, sd = m.mean.sel(amplitude=a).values, m.sd.sel(amplitude=a).fillna(0.0).values
+        ax.bar(
+            x,
+            mean,
+            yerr=sd,
+            width=width * 0.92,
+            color=colour_of(amplitudes, a),
+            alpha=1.0 if i % 2 else 0.75,
+            error_kw={"ecolor": COLOURS["ink"], "elinewidth": 1.1, "capsize": 2.5},
+            label=amplitude_label(view, a),
+        )
+    ax.axhline(truth, color=COLOURS["ink"], linewidth=0.9, linestyle=(0, (4, 3)))
+    ax.set_xticks([-1, *range(cells.sizes["fmax"])], ["true", *(f"{f:g}" for f in cells["fmax"].values)])
+    ax.grid(axis="x", visible=False)
+    ax.set_ylim(0 if truth >= 0 else None, None if truth >= 0 else 0)
+    ax.set_title(f"{parameter} ({_unit(view.model, parameter)})")
+    ax.margins(y=0.08)
+    return ax
+
+
+def cells_with(cells: xr.Dataset, combined: xr.Dataset | None, parameter: str) -> xr.Dataset:
+    """The best fits that hold ``parameter``: single, or with stiffnesses combined."""
+    for held in (cells, combined):
+        if held is not None and parameter in held["parameter"].values:
+            return held
+    names = ", ".join(str(n) for n in cells["parameter"].values)
+    raise InputError(f"parameter: expected one of {names} or a sum of stiffnesses, got {parameter!r}")
+
+
+def _unit(model: Model, parameter: str) -> str:
+    units = dict(zip(model.names, model.units, strict=True))
+    return units[parameter.split("+")[0]].replace("N m", "N·m")

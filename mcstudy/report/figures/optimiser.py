@@ -1,0 +1,122 @@
+"""What the optimiser contributes: accuracy against the number of starts, and the atlas of local minima."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from mcstudy.analysis.atlas import atlas
+from mcstudy.analysis.basins import basins
+from mcstudy.analysis.by_starts import by_starts, mean_absolute_bias_percent, mean_cv
+from mcstudy.analysis.view import GroupView
+from mcstudy.report.figures.common import (
+    Data,
+    amplitude_label,
+    axes,
+    cell_label,
+    chosen_amplitude,
+    chosen_fmax,
+    fmax_label,
+    legend_below,
+    plain_log_axis,
+    view_of,
+)
+from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
+
+MOST_CLUSTERS = 8
+"""Clusters an atlas shows."""
+
+MOST_MINIMA = 40
+"""Local minima of a realization that an atlas looks at: those of lowest cost."""
+
+
+@lru_cache(maxsize=8)
+def by_starts_of(view: GroupView, statistic: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
+    """`mcstudy.analysis.by_starts.by_starts` of a group; kept, because the page asks twice."""
+    return by_starts(view.cube, statistic).compute()
+
+
+def bias_by_starts(data: Data, ax: Axes | None = None) -> Axes:
+    """Mean |bias| of the best of x starts, ± MCSE, one line per Fmax and amplitude."""
+    view, ax = view_of(data), axes(ax)
+    _lines(ax, view, by_starts_of(view, mean_absolute_bias_percent))
+    ax.set_ylabel("mean |bias| (% of true value)")
+    return ax
+
+
+def cv_by_starts(data: Data, ax: Axes | None = None) -> Axes:
+    """Mean coefficient of variation of the best of x starts, ± MCSE, one line per Fmax and amplitude."""
+    view, ax = view_of(data), axes(ax)
+    _lines(ax, view, by_starts_of(view, mean_cv))
+    ax.set_ylabel("mean coefficient of variation")
+    return ax
+
+
+def _lines(ax: Axes, view: GroupView, result: xr.Dataset) -> None:
+    drawn = result["drawn"].values
+    for i, f in enumerate(result["fmax"].values):
+        for j, a in enumerate(result["amplitude"].values):
+            line = result.sel(fmax=f, amplitude=a)
+            ax.errorbar(
+                drawn * (1 + 0.03 * (i - j)),  # bars side by side
+                line["value"],
+                yerr=line["mcse"].fillna(0.0),
+                color=SERIES[i % len(SERIES)],
+                linestyle=DASHES[j % len(DASHES)],
+                marker=MARKERS[i % len(MARKERS)],
+                elinewidth=0.8,
+                label=f"{fmax_label(float(f))}, {amplitude_label(view, float(a))}",
+            )
+    plain_log_axis(ax.xaxis, [t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500) if t <= drawn.max()])
+    ax.set_ylim(bottom=0)
+    ax.set_xlabel("starts a realization")
+    legend_below(ax, 2, -0.2)
+
+
+@lru_cache(maxsize=32)
+def atlas_of(view: GroupView, amplitude: float, fmax: float) -> xr.Dataset:
+    """Clusters of local minima at one amplitude and Fmax; see `mcstudy.analysis.atlas`."""
+    found = basins(view.cube.sel(amplitude=amplitude, fmax=fmax), MOST_MINIMA).compute()
+    return atlas(found, view.cube["lower"], view.cube["upper"])
+
+
+def basin_atlas(data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+    """Where the local minima lie: a row a cluster, a bar a parameter from the middle of its bounds to its place.
+
+    To the right: how many of all starts end there, and in how many realizations the cluster holds the lowest minimum.
+    Green, solid: most of its fits are stable loops; orange, pale: most are not.
+    """
+    view, ax = view_of(data), axes(ax, (4.3, 4.4))
+    a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
+    table = atlas_of(view, a, f)
+    shown = table.isel(cluster=slice(0, MOST_CLUSTERS))
+    names = [str(n) for n in shown["parameter"].values]
+    x = np.arange(len(names))
+    for row in range(shown.sizes["cluster"]):
+        one = shown.isel(cluster=row)
+        good = bool(one["stable"] >= 0.5)
+        height = 0.8 * (one["position"].values - 0.5)
+        ax.axhline(row, color=COLOURS["muted"], linewidth=0.6)
+        ax.bar(
+            x, -height, bottom=row, width=0.7, color=COLOURS["green" if good else "orange"], alpha=1.0 if good else 0.65
+        )
+        ax.annotate(
+            f"{100 * float(one['value']):.0f} %\n{int(one['lowest'])}/{table.attrs['realizations']}",
+            (1.02, row),
+            xycoords=("axes fraction", "data"),
+            va="center",
+            fontsize=9,
+            color=COLOURS["ink"],
+        )
+    ax.annotate("starts\nlowest", (1.02, -0.62), xycoords=("axes fraction", "data"), va="bottom", fontsize=9)
+    ax.set_xticks(x, names, rotation=90)
+    ax.set_yticks(range(shown.sizes["cluster"]), [str(i + 1) for i in range(shown.sizes["cluster"])])
+    ax.set_ylim(shown.sizes["cluster"] - 0.4, -0.6)
+    ax.grid(visible=False)
+    ax.set_ylabel("cluster of local minima")
+    ax.set_title(cell_label(view, a, f))
+    return ax

@@ -1,0 +1,123 @@
+"""Frequency responses: Fig. 4A (torque to angles) and 4B (neural controllers), of the truth and of the fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from mcstudy.analysis.view import GroupView
+from mcstudy.report.figures.common import (
+    Data,
+    axes,
+    cell_label,
+    chosen_amplitude,
+    chosen_fmax,
+    frequency_axis,
+    log_axis,
+    view_of,
+)
+from mcstudy.report.style import MARKERS, SERIES
+from mcstudy.stance.response import frf, neural_controllers
+
+Response = Callable[[GroupView, np.ndarray, np.ndarray], dict[str, np.ndarray]]
+"""(group, parameters (..., P), frequencies (N,)) -> named responses (..., N)."""
+
+MOST_FITS = 500
+"""Best fits a band is made of."""
+
+BAND = (0.1, 0.9)
+"""Quantiles over realizations between which a band lies."""
+
+
+def frf_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
+    """Stimulus-to-angle FRFs by angle, rad per unit of stimulus."""
+    H = frf(view.model, theta, f)
+    return {view.model.angles[i].replace("theta", "θ"): H[..., i] for i in range(view.model.n_angles)}
+
+
+def controllers_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
+    """Neural controllers by row and angle in the paper's names, T12 = hip torque from theta1; N m/rad."""
+    NC = neural_controllers(view.model, theta, f)
+    names = {(1, 0): "T11", (1, 1): "T21", (0, 0): "T12", (0, 1): "T22"}
+    return {n: NC[..., r, c] for (r, c), n in names.items() if np.abs(NC[..., r, c]).max() > 0}
+
+
+def frf_gain(data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+    """Fig. 4A, gain: line the truth; without noise, markers the best fit; with noise, band 10-90 % of best fits."""
+    ax = _gain(data, amplitude, fmax, axes(ax), frf_of)
+    ax.set_ylabel("gain (rad per unit torque)")
+    return ax
+
+
+def frf_phase(data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+    """Fig. 4A, phase in degrees; see `frf_gain`."""
+    return _phase(data, amplitude, fmax, axes(ax), frf_of)
+
+
+def controller_gain(
+    data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Fig. 4B, gain of the neural controllers; see `frf_gain`."""
+    ax = _gain(data, amplitude, fmax, axes(ax), controllers_of)
+    ax.set_ylabel("gain (N·m/rad)")
+    return ax
+
+
+def controller_phase(
+    data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Fig. 4B, phase of the neural controllers in degrees; see `frf_gain`."""
+    return _phase(data, amplitude, fmax, axes(ax), controllers_of)
+
+
+def _gain(data: Data, amplitude: float | None, fmax: float | None, ax: Axes, response: Response) -> Axes:
+    def gain(truth: np.ndarray, fits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.abs(truth), np.abs(fits)
+
+    _draw(data, amplitude, fmax, ax, response, gain)
+    log_axis(ax.yaxis)
+    return ax
+
+
+def _phase(data: Data, amplitude: float | None, fmax: float | None, ax: Axes, response: Response) -> Axes:
+    def phase(truth: np.ndarray, fits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        line = np.unwrap(np.angle(truth))
+        return np.degrees(line), np.degrees(line + np.angle(fits / truth))
+
+    _draw(data, amplitude, fmax, ax, response, phase)
+    ax.yaxis.set_major_locator(MaxNLocator(steps=[1, 3, 4.5, 9], nbins=6))
+    ax.set_ylabel("phase (°)")
+    return ax
+
+
+def _draw(
+    data: Data,
+    amplitude: float | None,
+    fmax: float | None,
+    ax: Axes,
+    response: Response,
+    part: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+) -> None:
+    view = view_of(data)
+    a, limit = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
+    f = view.cube["frequency"].values
+    cells = view.cells.sel(amplitude=a, fmax=limit).isel(realization=slice(0, MOST_FITS))
+    estimate = cells["estimate"].transpose("realization", "parameter").values
+    estimate = estimate[np.isfinite(estimate).all(1)]
+    true, fits = response(view, view.model.truth, f), response(view, estimate, f)
+    for i, name in enumerate(true):
+        colour = SERIES[i % len(SERIES)]
+        line, found = part(true[name], fits[name])
+        ax.plot(f, line, color=colour, label=name)
+        if view.noisy and len(estimate):
+            ax.fill_between(f, *np.quantile(found, BAND, axis=0), color=colour, alpha=0.22, linewidth=0)
+        elif len(estimate):
+            ax.plot(f, found[0], MARKERS[i % len(MARKERS)], color=colour, markersize=4.5, markerfacecolor="none")
+    if limit < f[-1] * 0.99:
+        ax.axvline(limit, color="#57606a", linewidth=0.9, linestyle=(0, (4, 3)))
+    frequency_axis(ax, f)
+    ax.set_title(cell_label(view, a, limit))
+    ax.legend(ncols=2)

@@ -1,0 +1,157 @@
+"""What the search for the minimum finds: Fig. 3A-C and the waterfall of costs."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from mcstudy.analysis.convergence import COST_FLOOR
+from mcstudy.analysis.minimum_curve import average_curve, minimum_curve
+from mcstudy.analysis.neural import j_nc
+from mcstudy.analysis.selection import usable
+from mcstudy.report.figures.common import (
+    Data,
+    amplitude_label,
+    axes,
+    cell_label,
+    chosen_amplitude,
+    chosen_fmax,
+    colour_of,
+    fmax_label,
+    log_axis,
+    plain_log_axis,
+    view_of,
+)
+from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
+
+MOST_POINTS = 600
+"""Points a scatter shows of one condition; of more, those of the first realizations."""
+
+MOST_CURVES = 60
+"""Realizations a waterfall shows."""
+
+
+def controller_error(
+    data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Fig. 3A: cost of every start's fit against the error of its neural controllers."""
+    view, ax = view_of(data), axes(ax)
+    a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
+    cube = view.cube.sel(amplitude=[a], fmax=[f])
+    cube = cube.isel(realization=slice(0, max(1, MOST_POINTS // cube.sizes["start"])))
+    ok = usable(cube).values.ravel()
+    cost, error = cube["cost"].values.ravel()[ok], j_nc(cube, view.model).values.ravel()[ok]
+    stable = cube["growth_rate"].values.ravel()[ok] < 0
+    for which, colour, marker, label in ((stable, "blue", "o", "stable"), (~stable, "orange", "x", "unstable")):
+        if which.any():
+            ax.plot(cost[which], error[which], marker, color=COLOURS[colour], markersize=3.5, alpha=0.7, label=label)
+    log_axis(ax.xaxis, 6)
+    log_axis(ax.yaxis)
+    ax.set_xlabel("cost J of the fit")
+    ax.set_ylabel("error of neural controllers J_NC")
+    ax.set_title(cell_label(view, a, f))
+    ax.legend()
+    return ax
+
+
+def controller_error_by_noise(data: Data, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+    """One panel of Fig. 3C: cost against error of the neural controllers, best fit of every realization by amplitude.
+
+    Small dots: all local minima of the first realizations. Hollow: the loop of the best fit is unstable.
+    """
+    view, ax = view_of(data), axes(ax)
+    f = chosen_fmax(view, fmax)
+    amplitudes = view.cube["amplitude"].values
+    for i, a in enumerate(amplitudes):
+        colour, marker = colour_of(amplitudes, a), MARKERS[i % len(MARKERS)]
+        cube = view.cube.sel(amplitude=[a], fmax=[f])
+        cube = cube.isel(realization=slice(0, max(1, MOST_POINTS // 3 // cube.sizes["start"])))
+        ok = usable(cube).values.ravel()
+        minima = np.unique(_rounded(cube["cost"].values.ravel()[ok], j_nc(cube, view.model).values.ravel()[ok]), axis=0)
+        ax.plot(*minima.T, ".", color=colour, markersize=3, alpha=0.35)
+        cells = view.cells.sel(amplitude=[a], fmax=[f]).isel(realization=slice(0, MOST_POINTS))
+        cost, error = cells["cost"].values.ravel(), j_nc(cells, view.model).values.ravel()
+        stable = cells["growth_rate"].values.ravel() < 0
+        ax.plot(cost[stable], error[stable], marker, color=colour, markersize=5, label=amplitude_label(view, a))
+        ax.plot(cost[~stable], error[~stable], marker, color=colour, markersize=5, markerfacecolor=COLOURS["panel"])
+    log_axis(ax.xaxis, 6)
+    log_axis(ax.yaxis)
+    ax.set_xlabel("cost J of the fit")
+    ax.set_ylabel("J_NC")
+    ax.set_title(f"Fmax {fmax_label(f)}")
+    ax.legend()
+    return ax
+
+
+def _rounded(*columns: np.ndarray) -> np.ndarray:
+    """Columns to three digits, so that fits of the same minimum are one point."""
+    x = np.stack(columns, axis=1)
+    scale = 10.0 ** (np.floor(np.log10(np.where(x > 0, x, 1.0))) - 2)
+    return np.asarray(np.round(x / scale) * scale)
+
+
+def starts_curve(data: Data, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+    """Fig. 3B: lowest cost to be expected of x starts, mean over realizations ± MCSE, one curve per amplitude.
+
+    Call it with several groups on the same axes: the paper's figure is two groups with noise and one without.
+    """
+    view, ax = view_of(data), axes(ax)
+    f = chosen_fmax(view, fmax)
+    pool = view.cube.sizes["start"]
+    drawn = np.unique(np.round(np.geomspace(1, pool, min(60, pool))).astype(int))
+    curve = average_curve(minimum_curve(view.cube.sel(fmax=[f]), drawn)).compute().isel(fmax=0)
+    for a in curve["amplitude"].values:
+        line = curve.sel(amplitude=a)
+        i = len(ax.lines)
+        colour = SERIES[i % len(SERIES)]
+        ax.plot(drawn, line["value"], color=colour, linestyle=DASHES[i % len(DASHES)], label=amplitude_label(view, a))
+        low = np.maximum(line["value"] - line["mcse"].fillna(0.0), 0.5 * line["value"])
+        ax.fill_between(drawn, low, line["value"] + line["mcse"].fillna(0.0), color=colour, alpha=0.2, linewidth=0)
+    log_axis(ax.yaxis)
+    plain_log_axis(ax.xaxis, [t for t in (1, 3, 10, 20, 50, 100, 500, 1000) if t <= max(pool, ax.get_xlim()[1])])
+    ax.set_xlabel("number of starts")
+    ax.set_ylabel("lowest cost J expected")
+    ax.set_title(f"Fmax {fmax_label(f)}")
+    ax.legend()
+    return ax
+
+
+def waterfall(data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+    """Sorted costs of all starts, one line a realization, relative to the realization's lowest.
+
+    A line's flat beginning is the part of the starts that reached its lowest minimum; steps are other minima.
+    """
+    view, ax = view_of(data), axes(ax)
+    a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
+    cube = view.cube.sel(amplitude=a, fmax=f).isel(realization=slice(0, MOST_CURVES))
+    cost = cube["cost"].where(usable(cube)).transpose("realization", "start").values
+    for row in cost:
+        row = np.sort(row[np.isfinite(row)])
+        if row.size:
+            ratio = (row + COST_FLOOR) / (row[0] + COST_FLOOR)
+            share = 100 * np.arange(1, row.size + 1) / cube.sizes["start"]
+            keep = _corners(np.log10(ratio))
+            ax.plot(share[keep], ratio[keep], color=COLOURS["blue"], linewidth=0.8, alpha=0.45)
+    log_axis(ax.yaxis)
+    ax.set_xlim(0, 100)
+    ax.set_xlabel("starts, sorted by cost (%)")
+    ax.set_ylabel("cost / lowest cost")
+    ax.set_title(cell_label(view, a, f))
+    return ax
+
+
+def _corners(y: np.ndarray) -> np.ndarray:
+    """Indices of the points that a staircase needs: ends, and both sides of every visible step."""
+    step = np.abs(np.diff(y)) > 1e-3 * max(float(np.ptp(y)), 1e-12)
+    keep = np.zeros(y.size, dtype=bool)
+    keep[[0, -1]] = True
+    keep[:-1] |= step
+    keep[1:] |= step
+    return np.flatnonzero(keep)
+
+
+def spread_of_curve(data: xr.Dataset) -> xr.Dataset:
+    """The curve behind `starts_curve` at a few numbers of starts, for a table."""
+    counts = [x for x in (1, 2, 5, 10, 20, 50, 100, 200, 500) if x <= data.sizes["start"]]
+    return average_curve(minimum_curve(data, np.array(counts))).compute()

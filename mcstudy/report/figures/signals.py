@@ -1,0 +1,261 @@
+"""Stimulus, noise and sway: Fig. 2A-D, drawn again from the study's own settings and random streams."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from mcstudy.analysis.view import GroupView
+from mcstudy.report.figures.common import axes, chosen_amplitude, frequency_axis, legend_below, log_axis, unit
+from mcstudy.report.style import COLOURS, DASHES, SERIES
+from mcstudy.spectra import periods
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf
+from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway, sway_psd
+from mcstudy.stance.simulate_time import simulate, with_derivatives
+from mcstudy.stance.stimulus import Prts
+from mcstudy.study.measure import SPECTRUM, stimulus
+from mcstudy.study.streams import noise_stream
+
+PIXELS = 420
+"""Columns a long record is reduced to; each keeps its smallest and largest sample."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Signals of one realization of a group, at the true parameters; records are (samples, 2), angles in rad.
+
+    Attributes
+    ----------
+    view: the group. seed: of the study. amplitude: of the stimulus, in its unit. realization: which noise.
+    """
+
+    view: GroupView
+    seed: int
+    amplitude: float
+    realization: int = 0
+
+    @classmethod
+    def of(cls, view: GroupView, seed: int, amplitude: float | None = None, realization: int = 0) -> Signals:
+        """The signals of a group; the largest amplitude by default."""
+        return cls(view, seed, chosen_amplitude(view, amplitude), realization)
+
+    @cached_property
+    def prts(self) -> Prts:
+        """The stimulus."""
+        return stimulus(self.view.group, self.amplitude)
+
+    @property
+    def angles(self) -> list[str]:
+        """Names of the angles that move."""
+        return [n.replace("theta", "θ") for n in self.view.model.angles[: self.view.model.n_angles]]
+
+    @property
+    def cycles(self) -> int:
+        """Cycles in the record."""
+        return self.view.group.stimulus.cycles
+
+    @cached_property
+    def t(self) -> np.ndarray:
+        """Time, s, (samples,)."""
+        return np.arange(self.cycles * self.prts.samples) / self.prts.rate_hz
+
+    @cached_property
+    def torque(self) -> np.ndarray:
+        """The stimulus over the whole record, (samples,)."""
+        return np.tile(self.prts.waveform(), self.cycles)
+
+    @cached_property
+    def _noise(self) -> SensorNoise:
+        return SensorNoise(self.view.group.noise.psd, self.view.group.noise.corner_hz)
+
+    @cached_property
+    def sensor_noise(self) -> np.ndarray:
+        """Noise on the two sensed angles."""
+        return self._noise.sample(noise_stream(self.seed, self.realization), self.t.size, self.prts.rate_hz)
+
+    @cached_property
+    def noise_sway(self) -> np.ndarray:
+        """Sway that the same noise evokes, without a stimulus."""
+        model = self.view.model
+        sway = NoiseSway(model, model.truth, self._noise, self.t.size, self.prts.rate_hz)
+        return sway.sample(noise_stream(self.seed, self.realization))
+
+    @cached_property
+    def ideal_sway(self) -> np.ndarray:
+        """Steady-state sway that the stimulus evokes, without noise."""
+        model = self.view.model
+        once = stimulus_sway(model, model.truth, self.prts.waveform(), self.prts.rate_hz)
+        return np.tile(once, (self.cycles, 1))
+
+    @cached_property
+    def simulated_sway(self) -> np.ndarray:
+        """The same by integration in time from rest."""
+        model, rate = self.view.model, self.prts.rate_hz
+        drive = self.torque
+        if self.view.group.stimulus.kind == "platform_translation":  # the model senses its acceleration
+            drive = np.tile(with_derivatives(self.prts.waveform(), rate), (self.cycles, 1))
+        return simulate(model, model.truth, drive, rate).theta
+
+    @cached_property
+    def noise_spectrum(self) -> np.ndarray:
+        """Spectrum of the noise-evoked sway as the FRFs get it, coefficients (period // 2 + 1, 2)."""
+        group = self.view.group
+        return SPECTRUM[group.spectra.ramp](self.noise_sway, self.prts.samples, group.stimulus.discard)
+
+    def expected_noise_power(self, f: np.ndarray) -> np.ndarray:
+        """E|coefficient|^2 of the mean cycle's noise without leakage, rad^2, (N, 2)."""
+        model, group = self.view.model, self.view.group
+        density = sway_psd(model, model.truth, self._noise, f)
+        duration = (group.stimulus.cycles - group.stimulus.discard) * self.prts.period_s
+        return np.einsum("nii->ni", density).real / (2 * duration)
+
+    def frf_error(self, discard: int) -> tuple[np.ndarray, np.ndarray]:
+        """Error of the FRFs that the time simulation gives when the first ``discard`` cycles are left out.
+
+        Returns the odd lines (N,), Hz, and |simulated - exact| / |exact|, (N, angles).
+        """
+        model = self.view.model
+        lines = np.arange(1, int(8.0 * self.prts.period_s) + 1, 2)
+        f = lines / self.prts.period_s
+        found = periods.raw(self.simulated_sway, self.prts.samples, discard)[lines]
+        exact = frf(model, model.truth, f) * self.prts.coefficients()[lines, None]
+        n = model.n_angles
+        return f, np.abs(found[:, :n] - exact[:, :n]) / np.abs(exact[:, :n])
+
+    def sampling_error(self, f: np.ndarray) -> np.ndarray:
+        """The part of `frf_error` that sampling explains, (N,).
+
+        The simulated stimulus is linear between samples, so its Fourier coefficients are those of its samples times
+        (sin x / x)^2 with x = pi f / rate (up to aliases): derived.
+        """
+        return 1.0 - np.sinc(f / self.prts.rate_hz) ** 2
+
+
+def envelope(t: np.ndarray, x: np.ndarray, columns: int = PIXELS) -> tuple[np.ndarray, np.ndarray]:
+    """A long record as the smallest and largest sample of each of ``columns`` stretches: looks the same, is small."""
+    if x.size <= 2 * columns:
+        return t, x
+    edges = np.linspace(0, x.size, columns + 1).astype(int)
+    low, high = np.minimum.reduceat(x, edges[:-1]), np.maximum.reduceat(x, edges[:-1])
+    return np.repeat(t[edges[:-1]], 2), np.stack([low, high], axis=1).ravel()
+
+
+def stimulus_record(signals: Signals, ax: Axes | None = None) -> Axes:
+    """Fig. 2A, top: the stimulus over all cycles."""
+    ax = axes(ax, (4.3, 2.2))
+    ax.plot(*envelope(signals.t, signals.torque), color=COLOURS["ink"], linewidth=0.9)
+    ax.set_ylabel(f"stimulus ({unit(signals.view)})")
+    return _time(signals, ax)
+
+
+def sensor_noise_record(signals: Signals, ax: Axes | None = None) -> Axes:
+    """Fig. 2A, below: sensor noise on the sensed angles."""
+    ax = axes(ax, (4.3, 2.6))
+    _records(ax, signals, signals.sensor_noise)
+    ax.set_ylabel("sensor noise (°)")
+    return _time(signals, ax)
+
+
+def noise_sway_record(signals: Signals, ax: Axes | None = None) -> Axes:
+    """Fig. 2A as the Methods describe it: sway that the noise alone evokes."""
+    ax = axes(ax, (4.3, 2.6))
+    _records(ax, signals, signals.noise_sway)
+    ax.set_ylabel("sway from noise alone (°)")
+    return _time(signals, ax)
+
+
+def sway_record(signals: Signals, ax: Axes | None = None) -> Axes:
+    """Fig. 2C: realistic sway, evoked by stimulus and noise together."""
+    ax = axes(ax, (4.3, 2.6))
+    _records(ax, signals, signals.ideal_sway + signals.noise_sway)
+    ax.set_ylabel("sway (°)")
+    return _time(signals, ax)
+
+
+def simulation_error_record(signals: Signals, ax: Axes | None = None) -> Axes:
+    """Fig. 2D: time simulation from rest minus exact steady state, absolute value, without noise."""
+    ax = axes(ax, (4.3, 2.8))
+    error = np.abs(np.degrees(signals.simulated_sway - signals.ideal_sway))
+    for i, name in enumerate(signals.angles):
+        block = max(1, error.shape[0] // PIXELS)
+        n = error.shape[0] // block * block
+        worst = error[:n, i].reshape(-1, block).max(1)
+        ax.plot(signals.t[:n:block], worst, color=SERIES[i], linestyle=DASHES[i], label=name)
+    log_axis(ax.yaxis)
+    ax.set_ylabel("sway error (°)")
+    ax.legend(ncols=2)
+    return _time(signals, ax)
+
+
+def simulation_error_frf(signals: Signals, ax: Axes | None = None) -> Axes:
+    """What the error of Fig. 2D does to the FRFs, with and without the first cycle, and what sampling explains."""
+    ax = axes(ax, (4.3, 3.2))
+    kept = signals.view.group.stimulus.discard
+    for discard, dash, what in ((0, DASHES[2], "all cycles"), (kept, DASHES[0], f"without the first {kept}")):
+        f, error = signals.frf_error(discard)
+        for i, name in enumerate(signals.angles):
+            ax.plot(f, error[:, i], color=SERIES[i], linestyle=dash, label=f"{name}, {what}", linewidth=1.2)
+        if kept == 0:
+            break
+    keep = np.unique(np.geomspace(1, f.size, 12).astype(int)) - 1
+    ax.plot(f[keep], signals.sampling_error(f[keep]), "x", color=COLOURS["ink"], markersize=5, label="sampling")
+    log_axis(ax.yaxis)
+    frequency_axis(ax, f)
+    ax.set_ylabel("relative error of the FRF")
+    legend_below(ax, 2, -0.2)
+    return ax
+
+
+def stimulus_spectrum(signals: Signals, ax: Axes | None = None) -> Axes:
+    """Fig. 2B: power of the stimulus at its lines; even lines hold none."""
+    ax = axes(ax, (4.3, 2.8))
+    lines = np.arange(1, int(20.0 * signals.prts.period_s), 2)
+    lines = lines[lines <= signals.prts.samples // 2]
+    f, power = lines / signals.prts.period_s, np.abs(signals.prts.coefficients()[lines]) ** 2
+    keep = _log_spaced(f, power)
+    ax.plot(f[keep], power[keep], ".", color=COLOURS["ink"], markersize=3.5)
+    log_axis(ax.yaxis)
+    frequency_axis(ax, f)
+    ax.set_ylabel(f"power of stimulus (({unit(signals.view)})²)")
+    return ax
+
+
+def noise_spectrum(signals: Signals, ax: Axes | None = None) -> Axes:
+    """Fig. 2B: power of the noise-evoked sway in the mean cycle (dots), and without leakage (lines)."""
+    ax = axes(ax, (4.3, 2.8))
+    lines = np.arange(1, int(8.5 * signals.prts.period_s))
+    f = lines / signals.prts.period_s
+    expected = signals.expected_noise_power(f)
+    for i, name in enumerate(signals.angles):
+        power = np.degrees(np.abs(signals.noise_spectrum[lines, i])) ** 2
+        keep = _log_spaced(f, power)
+        ax.plot(f[keep], power[keep], ".", color=SERIES[i], markersize=3.5, alpha=0.8, label=name)
+        ax.plot(f, np.degrees(np.degrees(expected[:, i])), color=SERIES[i], linestyle=DASHES[i])
+    log_axis(ax.yaxis)
+    frequency_axis(ax, f)
+    ax.set_ylabel("power of sway (°²)")
+    ax.legend(ncols=2)
+    return ax
+
+
+def _log_spaced(f: np.ndarray, power: np.ndarray, most: int = 160) -> np.ndarray:
+    """Which of many lines to draw, evenly on a logarithmic axis."""
+    nearest = np.searchsorted(f, np.geomspace(f[0], f[-1], most)).clip(0, f.size - 1)
+    chosen = np.unique(nearest)
+    return chosen[power[chosen] > 0]
+
+
+def _records(ax: Axes, signals: Signals, x: np.ndarray) -> None:
+    for i, name in reversed(list(enumerate(signals.angles))):
+        ax.plot(*envelope(signals.t, np.degrees(x[:, i])), color=SERIES[i], linewidth=0.8, alpha=0.9, label=name)
+    ax.legend(ncols=2, loc="upper right")
+
+
+def _time(signals: Signals, ax: Axes) -> Axes:
+    ax.set_xlabel("time (s)")
+    ax.set_xlim(0, signals.t[-1])
+    return ax

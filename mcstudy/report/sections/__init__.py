@@ -1,0 +1,1 @@
+"""Figures of the page by family: which panels, which words, which numbers."""

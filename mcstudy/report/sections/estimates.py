@@ -1,0 +1,276 @@
+"""Fig. 4-7 and the efficiency: how good the estimates are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mcstudy.analysis.sensitivity import RANGES
+from mcstudy.analysis.text import with_error
+from mcstudy.analysis.view import GroupView
+from mcstudy.report import figures
+from mcstudy.report.context import Context, short, stat, value_of
+from mcstudy.report.figures.accuracy import bias_of, cv_at
+from mcstudy.report.figures.common import cell_label, chosen_fmax
+from mcstudy.report.figures.efficiency import bound_applies, efficiency_of
+from mcstudy.report.html import Figure, Missing, Panel, Table
+from mcstudy.report.sections.search import relative_errors
+
+NO_NOISE_GROUP = "no group with noise has more than one realization"
+
+
+def paper_estimate_figures(context: Context) -> list[Figure | Missing]:
+    """Fig. 4-7."""
+    view = context.accuracy
+    out: list[Figure | Missing] = [_fig_4(context)]
+    if view is None:
+        titles = {"Fig. 5": "Estimates", "Fig. 6": "Combined stiffness", "Fig. 7": "Bias, variability, influence"}
+        return out + [Missing(n, t, NO_NOISE_GROUP) for n, t in titles.items()]
+    return [*out, _fig_4_noise(view), *estimates(context, view, ""), _fig_7c(view)]
+
+
+def estimates(context: Context, view: GroupView, suffix: str) -> list[Figure | Missing]:
+    """Fig. 5, 6, 7A and 7B of one group; ``suffix`` makes their ids unique."""
+    return [_fig_5(context, view, suffix), _fig_6(context, view, suffix), _fig_7a(view, suffix), _fig_7b(view, suffix)]
+
+
+def _fig_4(context: Context) -> Figure | Missing:
+    title = "Fits without noise"
+    view = context.theory
+    if view is None:
+        return Missing("Fig. 4", title, "the study has no group without noise (simulator = 'none')")
+    a, f = float(view.cube["amplitude"].values[-1]), float(view.cube["fmax"].values[-1])
+    return Figure(
+        "fig4",
+        "Fig. 4",
+        title,
+        [
+            "A: responses of the angles to the stimulus, B: the neural controllers. Lines are the truth, markers the "
+            "best fit of all starts. They lie on each other: without noise one stimulus identifies everything.",
+        ],
+        [
+            Panel("A, gain of the angles", lambda ax: figures.frf_gain(view, a, f, ax)),
+            Panel("A, phase of the angles", lambda ax: figures.frf_phase(view, a, f, ax)),
+            Panel("B, gain of the neural controllers", lambda ax: figures.controller_gain(view, a, f, ax)),
+            Panel("B, phase of the neural controllers", lambda ax: figures.controller_phase(view, a, f, ax)),
+        ],
+        [Table("Best fit without noise", ["parameter", "truth", "estimate", "error (%)"], relative_errors(view))],
+        ("theory_mean_error", "theory_max_error"),
+        f'figures.controller_gain(tree["{view.name}"], fmax={f:g})',
+    )
+
+
+def _fig_4_noise(view: GroupView) -> Figure | Missing:
+    a = float(view.cube["amplitude"].values[-1])
+    panels = []
+    for f in view.cube["fmax"].values.tolist():
+        panels += [
+            Panel(f"gain of the angles, Fmax {f:g} Hz", lambda ax, f=f: figures.frf_gain(view, a, f, ax)),  # type: ignore[misc]
+            Panel(
+                f"gain of the neural controllers, Fmax {f:g} Hz",
+                lambda ax, f=f: figures.controller_gain(view, a, f, ax),  # type: ignore[misc]
+            ),
+        ]
+    return Figure(
+        "fig4noise",
+        "",
+        "The same with noise",
+        [
+            "Lines are the truth, bands hold the best fits of 80 % of the realizations; the dashed line is Fmax. "
+            "Beyond Fmax a fit extrapolates: a low Fmax leaves the dynamics above it open, as the paper saw.",
+        ],
+        panels,
+        (),
+        (),
+        f'figures.controller_gain(tree["{view.name}"], amplitude={a:g}, fmax={view.cube["fmax"].values[0]:g})',
+    )
+
+
+def _amplitude_keys(view: GroupView) -> list[tuple[str, str]]:
+    palette = ("blue", "orange", "green", "purple", "ochre", "sky")
+    labels = [f"{a:g} {view.model.stimulus_unit}" for a in view.cube["amplitude"].values]
+    keys = [(palette[i % len(palette)], label) for i, label in enumerate(labels)]
+    return [("muted", "true value"), *keys]
+
+
+def _fig_5(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
+    spread = ("spread_fmax", *(f"spread_amplitude_{f}" for f in ("0.41", "1.2", "8")))
+    names = view.model.names
+    return Figure(
+        f"fig5{suffix}",
+        "Fig. 5",
+        "Estimates of every parameter",
+        [
+            "True value, then mean ± SD over realizations of the best fits, by Fmax (Hz, below the bars) and amplitude "
+            "of the stimulus. Dashed: the true value. A parameter whose bounds are centred on the truth and that the "
+            "data do not determine scatters between its bounds and still averages to the truth: look at the SD and at "
+            "how many fits end on a bound before trusting a small bias.",
+        ],
+        [
+            Panel(n, lambda ax, n=n: figures.parameter_bars(view, n, ax), (2.9, 2.2))  # type: ignore[misc]
+            for n in names
+        ],
+        _estimate_tables(context, view, set(names)),
+        (*spread, "bias_12_0.41", "bias_12_1.2", "bias_12_8", "spread_8hz_better", "spread_8hz_worse"),
+        f'figures.parameter_bars(tree["{view.name}"], "{names[0]}")',
+        small=True,
+        legend=_amplitude_keys(view),
+    )
+
+
+def _fig_6(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
+    title = "Active and passive stiffness combined"
+    if view.combined is None:
+        return Missing("Fig. 6", title, "the model has no active and passive stiffness to combine")
+    names = [str(n) for n in view.combined["parameter"].values if str(n) not in view.model.names]
+    return Figure(
+        f"fig6{suffix}",
+        "Fig. 6",
+        title,
+        [
+            "The sum of the active and the passive stiffness of a joint is well determined where the two alone are "
+            "not: they differ only by the delay. Mean ± SD over realizations, as in Fig. 5.",
+        ],
+        [
+            Panel(n, lambda ax, n=n: figures.parameter_bars(view, n, ax), (2.9, 2.2))  # type: ignore[misc]
+            for n in names
+        ],
+        _estimate_tables(context, view, set(names)),
+        ("bias_10_0.41", "bias_10_1.2", "bias_10_8", "bias_2_0.41", "bias_2_1.2", "spread_fmax_10", "spread_fmax_2"),
+        f'figures.parameter_bars(tree["{view.name}"], "{names[0]}")',
+        small=True,
+        legend=_amplitude_keys(view),
+    )
+
+
+def _estimate_tables(context: Context, view: GroupView, names: set[str]) -> list[Table]:
+    return [_estimate_table(view, cell, names) for cell in context.cells(view)]
+
+
+def _estimate_table(view: GroupView, cell: dict[str, Any], names: set[str]) -> Table:
+    rows = []
+    for p in cell["parameters"]:
+        if p["name"] not in names:
+            continue
+        scale = 100 / abs(p["truth"]) if p["truth"] else None
+        bias = "-" if scale is None else stat(p["bias"], scale)
+        mean = None if p["bias"]["value"] is None else p["truth"] + p["bias"]["value"]
+        on = [100 * p[k]["value"] for k in ("at_lower_bound", "at_upper_bound") if k in p and p[k]["value"] is not None]
+        rows.append(
+            [
+                f"{p['name']} ({p['unit']})",
+                short(p["truth"]),
+                with_error(mean, p["bias"]["mcse"]),
+                stat(p["sd"]),
+                bias,
+                stat(p["cv"]),
+                short(sum(on), 2) if on else "-",
+            ]
+        )
+    header = ["parameter", "truth", "mean ± MCSE", "SD ± MCSE", "bias (%) ± MCSE", "CV ± MCSE", "on a bound (%)"]
+    return Table(cell_label(view, cell["amplitude"], cell["fmax"]), header, rows)
+
+
+def _fig_7a(view: GroupView, suffix: str) -> Figure | Missing:
+    f = chosen_fmax(view)
+    result = bias_of(view, f)
+    rows = [
+        [str(n), value_of(result.sel(parameter=n)), short(result["floor"].sel(parameter=n), 2)]
+        for n in result["parameter"].values
+    ]
+    return Figure(
+        f"fig7a{suffix}",
+        "Fig. 7A",
+        "Bias",
+        [
+            f"|mean estimate − truth| at Fmax {f:g} Hz, averaged over amplitudes, ± MCSE; in the order of Fig. 7B. An "
+            "absolute value is never zero: the orange tick is what an unbiased estimate would show with so few "
+            "realizations. The published biases are of that size too.",
+        ],
+        [Panel("|bias| by parameter", lambda ax: figures.bias_bars(view, f, ax), (4.3, 4.2))],
+        [Table(f"Fmax {f:g} Hz", ["parameter", "|bias| (%) ± MCSE", "no bias at all (%)"], rows)],
+        ("bias_12_1.2", "bias_10_1.2", "bias_amplitude", "largest_bias"),
+        f'figures.bias_bars(tree["{view.name}"], fmax={f:g})',
+    )
+
+
+def _fig_7b(view: GroupView, suffix: str) -> Figure | Missing:
+    f = chosen_fmax(view)
+    result = cv_at(view, f)
+    result = result.sortby("value")
+    rows = [[str(n), value_of(result.sel(parameter=n))] for n in result["parameter"].values]
+    return Figure(
+        f"fig7b{suffix}",
+        "Fig. 7B",
+        "Variability",
+        [f"Coefficient of variation over realizations at Fmax {f:g} Hz, averaged over amplitudes, ± MCSE."],
+        [Panel("CV by parameter", lambda ax: figures.cv_bars(view, f, ax), (4.3, 4.2))],
+        [Table(f"Fmax {f:g} Hz", ["parameter", "CV ± MCSE"], rows)],
+        ("lowest_cv", "highest_cv", "combined_cv_lowest", "combined_cv_ratio"),
+        f'figures.cv_bars(tree["{view.name}"], fmax={f:g})',
+    )
+
+
+def _fig_7c(view: GroupView) -> Figure | Missing:
+    f = view.cube["frequency"].values
+    held = {name: r for name, r in RANGES.items() if ((f >= 0.99 * r[0]) & (f <= 1.01 * r[1])).any()}
+    if not held:
+        return Missing("Fig. 7C", "Influence", "the group has no frequency in the paper's ranges")
+    result = figures.influence_shares(view)
+    rows = [
+        [name, *(short(100 * result["share"].sel(range=r, parameter=name), 2) for r in held)]
+        for name in view.model.names
+    ]
+    return Figure(
+        "fig7c",
+        "Fig. 7C",
+        "Influence of every parameter",
+        [
+            "How much a change by ±10 % moves the two FRFs, as share of the sum over parameters, in the paper's low, "
+            "mid and high frequencies (its pies, as bars on one scale). Exact: no Monte Carlo error.",
+        ],
+        [
+            Panel(f"{r}: {lo:g} to {hi:g} Hz", lambda ax, r=r: figures.sensitivity_bars(view, r, ax), (4.3, 3.6))  # type: ignore[misc]
+            for r, (lo, hi) in held.items()
+        ],
+        [Table("Share of influence (%)", ["parameter", *held], rows)],
+        ("least_influential",),
+        f'figures.sensitivity_bars(tree["{view.name}"], "mid")',
+    )
+
+
+def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
+    """Efficiency against the Cramér-Rao bound."""
+    title = "Efficiency against the Cramér–Rao bound"
+    if view.bounds_on_sd is None:
+        return Missing("", title, f"group {view.name} has no noise covariance")
+    result, applies = efficiency_of(view), bound_applies(view)
+    amplitudes = view.cube["amplitude"].values.tolist()
+    none = "" if bool(applies.any()) else " Here it applies nowhere: in every condition some parameter is on a bound."
+    return Figure(
+        f"efficiency{suffix}",
+        "",
+        title,
+        [
+            f"Group {view.name} (cost {view.group.fit.cost}): smallest variance that any unbiased estimator could have "
+            "over the variance found, ± MCSE. 1 is perfect. Hollow: more than one fit in ten ends on some bound; "
+            "bounds then hold estimates together, values above 1 are possible and the comparison means nothing."
+            f"{none} Vertical ticks: what the paper's weights reach to first order. Arrows: off the scale.",
+        ],
+        [
+            Panel(f"{a:g} {view.model.stimulus_unit}", lambda ax, a=a: figures.efficiency_dots(view, a, ax), (4.3, 4.6))  # type: ignore[misc]
+            for a in amplitudes
+        ],
+        [
+            Table(
+                f"Efficiency ± MCSE, {a:g} {view.model.stimulus_unit}",
+                ["parameter", *(f"{f:g} Hz" for f in result["fmax"].values)],
+                [
+                    [n, *(value_of(result.sel(amplitude=a, fmax=f, parameter=n)) for f in result["fmax"].values)]
+                    for n in view.model.names
+                ],
+            )
+            for a in amplitudes
+        ],
+        (),
+        f'figures.efficiency_dots(tree["{view.name}"], amplitude={amplitudes[-1]:g})',
+    )

@@ -1,0 +1,296 @@
+"""Fig. 3A-C and what the search for the minimum does: waterfall, atlas of minima, accuracy by number of starts."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis.by_starts import mean_absolute_bias_percent, mean_cv
+from mcstudy.analysis.convergence import starts_needed
+from mcstudy.analysis.view import GroupView
+from mcstudy.report import figures
+from mcstudy.report.context import Context, finite, short, stat, value_of
+from mcstudy.report.figures.common import cell_label
+from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
+from mcstudy.report.figures.search import spread_of_curve
+from mcstudy.report.html import Figure, Missing, Panel, Table
+
+CURVE_TITLE = "Starts needed"
+
+
+def paper_search_figures(context: Context) -> list[Figure | Missing]:
+    """Fig. 3A-C."""
+    return [_fig_3a(context), _fig_3b(context), _fig_3c(context)]
+
+
+def further_search_figures(context: Context) -> list[Figure | Missing]:
+    """Waterfall, atlas, accuracy by starts."""
+    return [_waterfall(context), _atlas(context), _by_starts(context)]
+
+
+def _fig_3a(context: Context) -> Figure | Missing:
+    title = "A low cost means true controllers"
+    view = context.theory
+    if view is None:
+        return Missing("Fig. 3A", title, "the study has no group without noise (simulator = 'none')")
+    f = float(view.cube["fmax"].values[-1])
+    cell = next(c for c in context.cells(view) if c["fmax"] == f)
+    return Figure(
+        "fig3a",
+        "Fig. 3A",
+        title,
+        [
+            f"Every start of group {view.name} without noise: cost J of its fit to the two FRFs against the error J_NC "
+            "of the four neural controllers. Low left is a right answer. The paper's solver stops along the way and "
+            "leaves a line of points; a solver that converges leaves two crowds, the truth to rounding and the local "
+            "minima.",
+        ],
+        [Panel("cost and controller error", lambda ax: figures.controller_error(view, fmax=f, ax=ax))],
+        [
+            Table(
+                "Noise-free fits",
+                ["quantity", "ours"],
+                [
+                    ["lowest cost J", short(cell["median_cost"]["value"])],
+                    ["J_NC of that fit", short(cell["median_j_nc"]["value"])],
+                    ["starts that reach it (%)", short(100 * (cell["hit_rate"] or 0.0))],
+                ],
+            )
+        ],
+        ("theory_cost",),
+        f'figures.controller_error(tree["{view.name}"], fmax={f:g})',
+    )
+
+
+def _fig_3b(context: Context) -> Figure | Missing:
+    noisy, free = context.pools, context.free_pools
+    views = [v for v in (noisy, free) if v is not None and v.group.starts > 1]
+    if not views:
+        return Missing("Fig. 3B", CURVE_TITLE, "no group has more than one start")
+    shown = [(v, f) for v in views for f in v.cube["fmax"].values.tolist()]
+    return Figure(
+        "fig3b",
+        "Fig. 3B",
+        CURVE_TITLE,
+        [
+            "The lowest cost to be expected of x starts, mean over realizations with its standard error, one curve a "
+            "condition. Where a curve is flat more starts buy nothing. Exact order statistics of the whole pool, not "
+            "resampling. A mean curve hides the realizations that need more: see their median and 90th percentile.",
+        ],
+        [
+            Panel(f"group {v.name}, Fmax {f:g} Hz", lambda ax, v=v, f=f: figures.starts_curve(v, f, ax))  # type: ignore[misc]
+            for v, f in shown
+        ],
+        [_starts_table(context, v) for v in views] + [_curve_table(v) for v in views],
+        ("starts_noise_free", "starts_5", "starts_3"),
+        f'figures.starts_curve(tree["{views[0].name}"])',
+    )
+
+
+def _starts_table(context: Context, view: GroupView) -> Table:
+    rows = [
+        [
+            cell_label(view, c["amplitude"], c["fmax"]),
+            short(100 * (c["hit_rate"] or 0.0)),
+            stat(c["starts_needed_median"]),
+            stat(c["starts_needed_90th"]),
+        ]
+        for c in context.cells(view)
+    ]
+    header = ["condition", "starts that hit (%)", "needed, median", "needed, 90th percentile"]
+    return Table(f"Group {view.name}: starts for 95 % certainty of the lowest minimum, ± MCSE", header, rows)
+
+
+def _curve_table(view: GroupView) -> Table:
+    curve = spread_of_curve(view.cube)
+    rows = [
+        [cell_label(view, float(a), float(f)), *(value_of(curve.sel(amplitude=a, fmax=f, drawn=x)) for x in drawn)]
+        for a in curve["amplitude"].values
+        for f in curve["fmax"].values
+        for drawn in [curve["drawn"].values]
+    ]
+    header = ["condition", *(f"{x} starts" for x in curve["drawn"].values)]
+    return Table(f"Group {view.name}: lowest cost expected, ± MCSE", header, rows)
+
+
+def _fig_3c(context: Context) -> Figure | Missing:
+    title = "Noise and bandwidth loosen the bond"
+    view = context.accuracy
+    if view is None:
+        return Missing("Fig. 3C", title, "no group with noise has more than one realization")
+    header = ["condition", "median cost J", "median J_NC", "unstable best fits (%)"]
+    rows = [
+        [
+            cell_label(view, c["amplitude"], c["fmax"]),
+            stat(c["median_cost"]),
+            stat(c["median_j_nc"]),
+            stat(c["unstable"], 100.0),
+        ]
+        for c in context.cells(view)
+    ]
+    return Figure(
+        "fig3c",
+        "Fig. 3C",
+        title,
+        [
+            "Best fit of every realization: cost against error of the neural controllers (over all frequencies, also "
+            "those not fitted). Hollow: the fitted loop is unstable. Small dots: the local minima of the first "
+            "realizations.",
+        ],
+        [
+            Panel(f"Fmax {f:g} Hz", lambda ax, f=f: figures.controller_error_by_noise(view, f, ax))  # type: ignore[misc]
+            for f in view.cube["fmax"].values.tolist()
+        ],
+        [Table("Best fits, ± MCSE", header, rows)],
+        ("unstable_8",),
+        f'figures.controller_error_by_noise(tree["{view.name}"], fmax={view.cube["fmax"].values[-1]:g})',
+    )
+
+
+def _conditions(view: GroupView) -> list[tuple[float, float]]:
+    """Smallest and largest amplitude at every Fmax."""
+    amplitudes = view.cube["amplitude"].values.tolist()
+    ends = dict.fromkeys((amplitudes[0], amplitudes[-1]))
+    return [(a, f) for f in view.cube["fmax"].values.tolist() for a in ends]
+
+
+def _waterfall(context: Context) -> Figure | Missing:
+    title = "Waterfall of costs"
+    views = [v for v in dict.fromkeys((context.pools, context.accuracy, context.theory)) if v is not None]
+    views = [v for v in views if v.group.starts > 1]
+    if not views:
+        return Missing("", title, "no group has more than one start")
+    return Figure(
+        "waterfall",
+        "",
+        title,
+        [
+            "Costs of all starts of a realization, sorted, over the realization's lowest; one line a realization. The "
+            "flat beginning is the part of the starts that found the lowest minimum, every step is another minimum.",
+        ],
+        [
+            Panel(
+                f"group {v.name}, {cell_label(v, a, f)}",
+                lambda ax, v=v, a=a, f=f: figures.waterfall(v, a, f, ax),  # type: ignore[misc]
+                (4.3, 2.9),
+            )
+            for v in views
+            for a, f in _conditions(v)
+        ],
+        [_hits_table(v) for v in views],
+        (),
+        f'figures.waterfall(tree["{views[0].name}"])',
+    )
+
+
+def _hits_table(view: GroupView) -> Table:
+    rate = 100 * starts_needed(view.cube)["hit_rate"].compute()
+    rows = [
+        [
+            cell_label(view, float(a), float(f)),
+            *(short(rate.sel(amplitude=a, fmax=f).quantile(q), 2) for q in (0.0, 0.1, 0.5, 0.9)),
+        ]
+        for f in view.cube["fmax"].values
+        for a in view.cube["amplitude"].values
+    ]
+    header = ["condition", "worst realization", "10th percentile", "median", "90th percentile"]
+    return Table(f"Group {view.name}: starts that reach the lowest minimum (%)", header, rows)
+
+
+def _atlas(context: Context) -> Figure | Missing:
+    title = "Atlas of local minima"
+    view = context.accuracy or context.theory
+    if view is None or view.group.starts < 2:
+        return Missing("", title, "no group has more than one start")
+    amplitude = float(view.cube["amplitude"].values[-1])
+    fmaxes = view.cube["fmax"].values.tolist()
+    return Figure(
+        "atlas",
+        "",
+        title,
+        [
+            "Local minima of all realizations, clustered by their place between the bounds (no parameter further than "
+            "half the distance between its bounds from the cluster's leader). A bar goes from the middle of the "
+            "bounds, which is the truth where bounds are centred, to the cluster's mean. At the right: part of all "
+            "starts that end there, and in how many realizations the cluster holds the lowest minimum. Green and "
+            "solid: mostly stable loops; orange and pale: mostly unstable.",
+        ],
+        [
+            Panel(f"Fmax {f:g} Hz", lambda ax, f=f: figures.basin_atlas(view, amplitude, f, ax), (4.3, 4.4))  # type: ignore[misc]
+            for f in fmaxes
+        ],
+        [_atlas_table(view, amplitude, f) for f in fmaxes],
+        (),
+        f'figures.basin_atlas(tree["{view.name}"], amplitude={amplitude:g}, fmax={fmaxes[-1]:g})',
+    )
+
+
+def _atlas_table(view: GroupView, amplitude: float, fmax: float) -> Table:
+    table = atlas_of(view, amplitude, fmax).isel(cluster=slice(0, MOST_CLUSTERS))
+    rows = []
+    for c in range(table.sizes["cluster"]):
+        one = table.isel(cluster=c)
+        percent = xr.Dataset({k: 100 * one[k] for k in ("value", "mcse")})
+        rows.append(
+            [
+                str(c + 1),
+                value_of(percent),
+                str(int(one["realizations"])),
+                str(int(one["lowest"])),
+                short(100 * one["stable"], 2),
+                short(one["excess"]),
+            ]
+        )
+    header = ["cluster", "starts (% ± MCSE)", "in realizations", "lowest in", "stable (%)", "median cost / lowest"]
+    return Table(f"{cell_label(view, amplitude, fmax)}, {table.attrs['realizations']} realizations", header, rows)
+
+
+def _by_starts(context: Context) -> Figure | Missing:
+    title = "What more starts buy"
+    view = context.accuracy
+    if view is None or view.group.starts < 2:
+        return Missing("", title, "no group with noise has more than one realization and more than one start")
+    return Figure(
+        "bystarts",
+        "",
+        title,
+        [
+            "Mean |bias| and coefficient of variation over parameters when only the first x starts of every "
+            "realization are used. What still falls with x is the optimiser's part; what stays is the estimator's.",
+        ],
+        [
+            Panel("mean |bias|", lambda ax: figures.bias_by_starts(view, ax), (4.3, 4.0)),
+            Panel("mean coefficient of variation", lambda ax: figures.cv_by_starts(view, ax), (4.3, 4.0)),
+        ],
+        [
+            _by_starts_table("Mean |bias| (% ± MCSE)", view, by_starts_of(view, mean_absolute_bias_percent)),
+            _by_starts_table("Mean coefficient of variation (± MCSE)", view, by_starts_of(view, mean_cv)),
+        ],
+        (),
+        f'figures.bias_by_starts(tree["{view.name}"])',
+    )
+
+
+def _by_starts_table(caption: str, view: GroupView, result: xr.Dataset) -> Table:
+    drawn = result["drawn"].values
+    rows = [
+        [
+            cell_label(view, float(a), float(f)),
+            *(value_of(result.sel(amplitude=a, fmax=f, drawn=x)) for x in drawn),
+        ]
+        for f in result["fmax"].values
+        for a in result["amplitude"].values
+    ]
+    return Table(caption, ["condition", *(f"{x}" for x in drawn)], rows)
+
+
+def relative_errors(view: GroupView) -> list[list[str]]:
+    """Rows parameter, truth, best fit, error in percent, for a group without noise."""
+    cells = view.cells.isel(amplitude=0, fmax=-1)
+    first = cells.isel(realization=0)
+    rows = []
+    for name in view.model.names:
+        truth, found = (float(first[k].sel(parameter=name)) for k in ("truth", "estimate"))
+        error = 100 * abs(found / truth - 1) if truth and np.isfinite(found) else None
+        rows.append([name, short(truth), short(found), "-" if finite(error or 0.0) is None else short(error or 0.0, 2)])
+    return rows

@@ -1,0 +1,106 @@
+"""Fig. 2: stimulus, noise, sway, and the error of a time simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mcstudy.analysis.published import METHODS
+from mcstudy.report import figures
+from mcstudy.report.context import Context, short
+from mcstudy.report.figures.signals import Signals
+from mcstudy.report.html import Figure, Missing, Panel, Table
+
+TITLE = "Stimulus, noise and sway"
+
+
+def signal_figures(context: Context) -> list[Figure | Missing]:
+    """Fig. 2A-D of the study's own stimulus, noise and truth: its first realization at its smallest amplitude."""
+    view = context.accuracy or context.pools or context.theory
+    if view is None:
+        return [Missing("Fig. 2", TITLE, "the study has no group")]
+    s = Signals.of(view, context.seed, float(view.cube["amplitude"].values[0]))
+    python = f'figures.NAME(Signals.of(GroupView("{view.name}", tree["{view.name}"].to_dataset()), {context.seed}))'
+    peak = f"{s.amplitude:g} {view.model.stimulus_unit} ({view.group.stimulus.convention.replace('_', ' ')})"
+    rms = np.degrees(s.noise_sway).std(axis=0)
+    paper = METHODS["noise-evoked sway RMS"][0]
+    f, error = s.frf_error(view.group.stimulus.discard)
+    _, early = s.frf_error(0)
+    sampling = s.sampling_error(f)
+    assert isinstance(paper, tuple)
+    return [
+        Figure(
+            "fig2a",
+            "Fig. 2A",
+            "Stimulus and sensor noise",
+            [
+                f"A pseudorandom ternary stimulus of {peak}, {s.cycles} cycles of {s.prts.period_s:g} s, and the "
+                "sensor noise that is added to the sensed angles (pink through a low-pass), with the sway that this noise "
+                "alone evokes.",
+            ],
+            [
+                Panel("stimulus", lambda ax: figures.stimulus_record(s, ax), (4.3, 2.6)),
+                Panel("sensor noise", lambda ax: figures.sensor_noise_record(s, ax), (4.3, 2.6)),
+                Panel("sway evoked by the noise alone", lambda ax: figures.noise_sway_record(s, ax), (4.3, 2.6)),
+            ],
+            [
+                Table(
+                    "RMS of the noise-evoked sway, this realization (°)",
+                    ["angle", "ours", "paper"],
+                    [[n, short(rms[i], 2), f"~{paper[i]:g}"] for i, n in enumerate(s.angles)],
+                )
+            ],
+            python=python.replace("NAME", "sensor_noise_record"),
+        ),
+        Figure(
+            "fig2b",
+            "Fig. 2B",
+            "Power spectra",
+            [
+                "Left: power of the stimulus at its excited lines (odd harmonics only), falling with the square of "
+                "frequency. Right: power of the noise-evoked sway in the mean cycle, as it enters the FRFs (dots), "
+                "and what theory gives for it (lines). Dots above a line at high frequency are leakage: a cycle of "
+                "sway does not end where it began.",
+            ],
+            [
+                Panel("stimulus", lambda ax: figures.stimulus_spectrum(s, ax)),
+                Panel("noise-evoked sway", lambda ax: figures.noise_spectrum(s, ax)),
+            ],
+            python=python.replace("NAME", "noise_spectrum"),
+        ),
+        Figure(
+            "fig2c",
+            "Fig. 2C",
+            "Realistic sway",
+            ["Sway of lower body (θ1) and upper body (θ2, joint angle) evoked by stimulus and noise together."],
+            [Panel("sway", lambda ax: figures.sway_record(s, ax), (4.3, 2.6))],
+            python=python.replace("NAME", "sway_record"),
+        ),
+        Figure(
+            "fig2d",
+            "Fig. 2D",
+            "Error of a time simulation",
+            [
+                "Integration in time from rest, without noise, against the exact steady state. Left: the transient of "
+                "the start decays in the first cycle. Right: what is left in the FRFs. When the first cycle is kept, "
+                "its transient leaks into every line, whatever the solver or its step: an error that grows with "
+                "frequency, as the paper saw and could not explain. Without that cycle the error is what sampling "
+                "makes (crosses): a torque that is linear between samples has Fourier coefficients (sin x / x)² times "
+                "those of its samples, x = π f / rate.",
+            ],
+            [
+                Panel("sway error over time", lambda ax: figures.simulation_error_record(s, ax)),
+                Panel("error of the FRFs", lambda ax: figures.simulation_error_frf(s, ax)),
+            ],
+            [
+                Table(
+                    f"Relative error of the FRFs at {f[-1]:.2f} Hz",
+                    ["angle", "all cycles", f"without the first {view.group.stimulus.discard}", "sampling explains"],
+                    [
+                        [n, short(early[-1, i]), short(error[-1, i]), short(sampling[-1])]
+                        for i, n in enumerate(s.angles)
+                    ],
+                )
+            ],
+            python=python.replace("NAME", "simulation_error_frf"),
+        ),
+    ]

@@ -1,0 +1,47 @@
+"""``python -m benchmarks [--only NAME ...] [--quick] [--json [FILE]]``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the benchmarks asked for; returns the exit code."""
+    for name in ONE_THREAD:  # before anything imports NumPy; children inherit it
+        os.environ[name] = "1"
+    from benchmarks.measure import machine
+    from benchmarks.report import QUICK, Sizes
+    from benchmarks.suite import BENCHMARKS
+
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--only", action="append", choices=list(BENCHMARKS), metavar="NAME", help=", ".join(BENCHMARKS))
+    parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that everything runs, measures little")
+    parser.add_argument("--json", nargs="?", const="-", metavar="FILE", help="JSON to FILE, or instead of the tables")
+    args = parser.parse_args(arguments)
+    document: dict[str, object] = {"machine": machine(), "quick": args.quick}
+    details = {}
+    for name, run in BENCHMARKS.items():
+        if args.only and name not in args.only:
+            continue
+        result = run(QUICK if args.quick else Sizes())
+        document.update(result.keys)
+        details[name] = {"table": result.table, "notes": result.notes}
+        print(result.text(), file=sys.stderr if args.json == "-" else sys.stdout, flush=True)
+    document["details"] = details
+    if args.json:
+        text = json.dumps(document, indent=1, default=float)
+        if args.json == "-":
+            print(text)
+        else:
+            Path(args.json).write_text(text + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

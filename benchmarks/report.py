@@ -1,0 +1,58 @@
+"""What a benchmark returns, how large it is, and how it is printed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How much is run.
+
+    ``realizations`` x 2 Fmax cells with ``starts`` each for the solvers; peers that take a second a start get
+    ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``.
+    """
+
+    realizations: int = 5
+    starts: int = 50
+    slow_starts: int = 10
+    repeats: int = 3
+    fits: tuple[int, ...] = (1_000, 10_000, 100_000, 1_000_000)
+    pools: int = 20
+    tasks: int = 3000
+    files: int = 400
+    framework_cells: int = 40
+    study: str = "goodworth2018"
+
+    def of_slow(self, peer: str) -> int:
+        """Starts of a peer."""
+        return self.slow_starts if "trust_constr" in peer else self.starts
+
+
+QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick")
+
+
+@dataclass
+class Result:
+    """Numbers by key, a table for people, and remarks."""
+
+    name: str
+    keys: dict[str, float] = field(default_factory=dict)
+    table: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def text(self) -> str:
+        """The table and the keys that it does not hold."""
+        lines = [f"== {self.name}"]
+        if self.table:
+            head = list(dict.fromkeys(k for row in self.table for k, v in row.items() if not isinstance(v, dict)))
+            cells = [head, *([_show(row.get(k, "")) for k in head] for row in self.table)]
+            width = [max(len(row[i]) for row in cells) for i in range(len(head))]
+            lines += ["  ".join(c.rjust(w) for c, w in zip(row, width, strict=True)) for row in cells]
+        lines += [f"{key} = {_show(value)}" for key, value in self.keys.items()]
+        return "\n".join([*lines, *self.notes])
+
+
+def _show(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

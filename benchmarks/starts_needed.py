@@ -1,0 +1,94 @@
+"""How many starts reach the lowest minimum with 95 % certainty: every kind of start, every solver.
+
+Per pool (one realization, amplitude and Fmax): the fraction of starts within 1e-6 of the lowest cost that anyone
+found, and from it the starts needed. A linearised start costs some ten fits itself; the last column counts that.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks import peers
+from benchmarks.cases import FMAX, experiment
+from benchmarks.measure import timed
+from benchmarks.report import Result, Sizes
+from benchmarks.speedup import SAME, needed
+from mcstudy.fit.linearised import linearised
+from mcstudy.fit.problem import Problem
+from mcstudy.fit.starts import STARTS
+from mcstudy.study.streams import stream
+
+AMPLITUDES = (3.0, 5.0)
+DRAWN = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 500)
+
+
+def _starts(kind: str, problem: Problem, realization: int, n: int) -> np.ndarray:
+    rng = stream(2018, kind, realization)
+    return linearised(problem, rng, n) if kind == "linearised" else STARTS[kind](problem.model, rng, n)
+
+
+def _of(solver: str, sizes: Sizes) -> int:
+    return {"mcstudy": 10 * sizes.starts, "scipy_trust_constr_loose": 0}.get(solver, sizes.starts)
+
+
+def run(sizes: Sizes) -> Result:
+    """Table and curves of success against starts drawn, for starts with our solver and solvers with uniform starts."""
+    result = Result("starts")
+    paper = experiment(1)
+    ways = [("mcstudy", kind) for kind in (*STARTS, "linearised")]
+    others = ("scipy_trf", "pypesto_fides", "lmfit")
+    ways += [(name, "uniform") for name in others if name not in peers.missing()]
+    found: dict[tuple[str, str], list[tuple[float, float, np.ndarray, float]]] = {way: [] for way in ways}
+    few = max(1, sizes.pools // 5)
+    for r in range(sizes.pools):
+        for amplitude in AMPLITUDES:
+            data = paper.measure(amplitude, r)
+            for fmax in FMAX:
+                problem, costs = paper.problem(data, fmax), {}
+                for solver, kind in ways:
+                    if solver != "mcstudy" and r >= few:
+                        continue
+                    n = max(5, sizes.starts // 5) if kind == "linearised" else _of(solver, sizes)
+                    starts, drawing = timed(_starts, kind, problem, r, n)
+                    solve = peers.own if solver == "mcstudy" else peers.PEERS[solver]
+                    cost, fitting = timed(solve, problem, starts)
+                    costs[solver, kind] = (cost, (drawing + fitting) / n)
+                best = min(float(np.nanmin(cost)) for cost, _ in costs.values())
+                for way, (cost, seconds) in costs.items():
+                    found[way].append((amplitude, fmax, cost <= best * (1 + SAME), seconds))
+    for way in ways:
+        for fmax in FMAX:
+            part = [(hit, seconds) for _, f, hit, seconds in found[way] if f == fmax]
+            if part:
+                result.table.append(_row(*way, fmax, part))
+    for row in result.table:
+        stem = f"starts.{row['solver']}.{row['starts']}.fmax_{row['fmax']:g}"
+        result.keys[f"{stem}.median"] = row["needed, median"]
+        result.keys[f"{stem}.p90"] = row["needed, 90 %"]
+        result.keys[f"{stem}.first_hits"] = row["first start hits"]
+    return result
+
+
+def _row(solver: str, kind: str, fmax: float, part: list[tuple[np.ndarray, float]]) -> dict[str, Any]:
+    rate = np.array([hit.mean() for hit, _ in part])
+    wanted = np.array([needed(p) for p in rate])
+    seconds = float(np.median([s for _, s in part]))
+    cost = np.array([needed(p) * s for p, (_, s) in zip(rate, part, strict=True)])
+    n = part[0][0].size
+    return {
+        "solver": solver,
+        "starts": kind,
+        "fmax": fmax,
+        "pools": len(part),
+        "starts a pool": n,
+        "hit rate": float(rate.mean()),
+        "first start hits": float(np.mean([hit[0] for hit, _ in part])),
+        "first five hit": float(np.mean([hit[:5].any() for hit, _ in part])),
+        "needed, median": float(np.median(wanted)),
+        "needed, 90 %": float(np.quantile(wanted, 0.9, method="higher")),
+        "ms a start": seconds * 1e3,
+        "ms to 95 %, median": float(np.median(cost)) * 1e3,
+        "curve": {s: float(np.mean(1 - (1 - rate) ** s)) for s in DRAWN},
+    }

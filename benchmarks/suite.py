@@ -1,0 +1,20 @@
+"""All benchmarks by name, in the order in which they run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from benchmarks import framework, kernel_time, limits, speedup, starts_needed, studies
+from benchmarks.report import Result, Sizes
+
+BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
+    "speedup": speedup.run,
+    "kernel": kernel_time.run,
+    "framework": framework.run,
+    "starts": starts_needed.run,
+    "study": studies.whole_study,
+    "plan": studies.planner,
+    "workers": studies.workers,
+    "limits": limits.run,
+    "growth": studies.growth,
+}

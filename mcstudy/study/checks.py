@@ -51,6 +51,11 @@ def _check_stimulus(group: Group) -> None:
 
 
 def _check_fit(group: Group) -> None:
+    if group.spectra.covariance == "through_loop" and (group.fit.cost != "ml" or group.simulator != "spectral"):
+        raise DesignError(
+            "spectra.covariance: expected 'even_lines' unless fit.cost = 'ml' and simulator = 'spectral', "
+            "got 'through_loop'"
+        )
     if group.fit.cost == "ml" and (group.simulator == "none" or min(group.noise.psd) == 0):
         raise DesignError(
             "fit.cost: expected 'paper' for a group without noise (there is nothing to weigh by), got 'ml'"

@@ -74,6 +74,14 @@ def _security(options: ClusterOptions) -> Security | None:
     )
 
 
+class _Worker(Worker):
+    """A worker that leaves without waiting for a fit in progress: what it would write is whole or absent anyway."""
+
+    async def close(self, *args: Any, **kwargs: Any) -> Any:
+        """Close; see `distributed.Worker.close`."""
+        return await super().close(*args, **{**kwargs, "executor_wait": False})
+
+
 def _free(port: int) -> int:
     """``port`` if nobody listens on it, else 0: any."""
     with socket.socket() as probe:
@@ -111,7 +119,7 @@ def _local(threads: int, dashboard: bool) -> Iterator[Client]:
         },
     }
     worker = {
-        "cls": Worker,
+        "cls": _Worker,
         "options": {"nthreads": threads, "dashboard": False, "dashboard_address": "127.0.0.1:0", "memory_limit": 0},
     }
     with (

@@ -88,11 +88,14 @@ class SpectraSection(Section):
     """Which frequency points, whether the ramp of each record is removed before the DFT, and points left out.
 
     ``width``: fraction of a point's lines that are averaged into it (`mcstudy.spectra.bands.narrower`).
+    ``covariance``: noise covariance from the even lines alone, or from the even lines through a first fit of the loop
+    (`mcstudy.spectra.loop_covariance`; simulator "spectral" only).
     """
 
     points: Literal["published", "averaged", "odd_lines"] = "published"
     width: float = Field(default=1.0, gt=0, le=1)
     ramp: Literal["keep", "remove"] = "keep"
+    covariance: Literal["even_lines", "through_loop"] = "even_lines"
     exclude_hz: tuple[Positive, ...] = ()
 
 

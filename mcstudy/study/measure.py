@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mcstudy.fit.linearised import linearised
+from mcstudy.fit.problem import ml_cost
+from mcstudy.fit.solvers import fit
 from mcstudy.spectra import periods
 from mcstudy.spectra.bands import Bands, averaged, narrower, odd_lines, published
 from mcstudy.spectra.estimate import SpectralExperiment, frf_from_recording
@@ -76,7 +79,13 @@ def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measure:
     def measure(amplitude: float, realization: int) -> Measurement:
         return Measurement(*subject.frf(subject.realization(noise_stream(seed, realization)), amplitude))
 
-    return measure
+    def through_loop(amplitude: float, realization: int) -> Measurement:
+        line_noise = subject.realization(noise_stream(seed, realization))
+        first = ml_cost(model, bands.f, *subject.frf(line_noise, amplitude))
+        fits = fit(first, linearised(first, np.random.default_rng(), 1))  # the first start draws nothing
+        return Measurement(*subject.frf(subject.through_loop(line_noise, fits.estimate[0]), amplitude))
+
+    return through_loop if group.spectra.covariance == "through_loop" else measure
 
 
 def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measure:

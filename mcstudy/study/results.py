@@ -12,7 +12,11 @@ FITS_A_PIECE = 200_000
 """Fits in one Dask chunk: about 20 MB of estimates, a few tens of pieces for millions of fits."""
 
 
-def open_results(path: str | Path, lazy: bool = True) -> xr.DataTree:
+FITS_IN_MEMORY = 1_000_000
+"""Fits that are read whole when nothing is said: about 250 MB, and several times as fast as lazily."""
+
+
+def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
     """A results cube as an `xarray.DataTree`, one node a group of the study.
 
     Coordinates and constants (truth, bounds) are read at once; results stay on disk until they are asked for, so a
@@ -21,7 +25,8 @@ def open_results(path: str | Path, lazy: bool = True) -> xr.DataTree:
     Parameters
     ----------
     path: the cube (``OUT`` of ``mcstudy run``).
-    lazy: whether results are Dask arrays, in pieces of whole stored chunks; else they are read now.
+    lazy: whether results are Dask arrays, in pieces of whole stored chunks; else they are read now. None: lazy from
+        `FITS_IN_MEMORY` fits on.
 
     Raises
     ------
@@ -29,6 +34,8 @@ def open_results(path: str | Path, lazy: bool = True) -> xr.DataTree:
     """
     path = Path(path)
     cube = Cube.open(path)
+    if lazy is None:
+        lazy = cube.study.fits > FITS_IN_MEMORY
     root = xr.open_datatree(path, engine="zarr", consolidated=False, chunks=None)
     groups = {}
     for name, store in cube.groups.items():

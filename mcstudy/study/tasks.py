@@ -28,7 +28,10 @@ from mcstudy.study.store import GroupStore
 STARTS_A_CALL = {"lm": 256}
 """Starts handed to a solver at once; SciPy's are slow, and a stop request is looked at only between calls."""
 
-OTHERS_A_CALL = 8
+OTHERS_A_CALL = 1
+
+CHECKPOINT_S = 20.0
+"""Longest time between writes of a chunk that takes long: what a kill can cost, besides the fit in progress."""
 
 STOP: dict[str, threading.Event] = {}
 """Stop requests by run, for tasks that run in the process that may be interrupted."""
@@ -68,7 +71,7 @@ def open_group(path: str, study: str, group: str, depth: int) -> GroupStore:
 
 
 def run_task(task: Task) -> Report:
-    """Fill the chunks of a task and write each as soon as it is complete."""
+    """Fill the chunks of a task and write each as soon as it is complete; now and then before, if that takes long."""
     begun = time.perf_counter()
     store = open_group(task.path, task.study, task.group, task.depth)
     stop = STOP.get(task.run, threading.Event())
@@ -80,12 +83,26 @@ def run_task(task: Task) -> Report:
             break
         data = store.existing(chunk)
         before = data["status"] != Status.PENDING
-        fill(store, chunk, data, stop.is_set)
+        fill(store, chunk, data, _pause(store, chunk, data, stop))
         new = data["status"][~before]
         counts.update(new[new != Status.PENDING].tolist())
         complete = complete and bool((data["status"] != Status.PENDING).all())
         store.write(chunk, data)
     return Report(counts, complete, time.perf_counter() - begun)
+
+
+def _pause(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stop: threading.Event) -> Callable[[], bool]:
+    """What happens between calls of the solver: a stop request is seen, and a slow chunk is written as far as it is."""
+    written = time.monotonic()
+
+    def stopped() -> bool:
+        nonlocal written
+        if time.monotonic() > written + CHECKPOINT_S:
+            store.write(chunk, data)
+            written = time.monotonic()
+        return stop.is_set()
+
+    return stopped
 
 
 def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: Callable[[], bool]) -> None:

@@ -84,6 +84,29 @@ def test_a_stopped_chunk_is_completed_to_the_same_bytes(
     assert tree_digest(stopped.path) == tree_digest(whole.path)
 
 
+def test_a_slow_chunk_is_written_before_it_is_complete(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(tasks.STARTS_A_CALL, "lm", 4)
+    monkeypatch.setattr(tasks, "CHECKPOINT_S", 0.0)
+    whole, killed = cube_of(tmp_path / "a.zarr", tiny), cube_of(tmp_path / "b.zarr", tiny)
+    run_task(task(whole))
+    writes = iter(range(5))
+    write = GroupStore.write
+
+    def kill(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
+        if next(writes, None) is None:
+            raise KeyboardInterrupt
+        write(self, chunk, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(GroupStore, "write", kill)
+        with pytest.raises(KeyboardInterrupt):
+            run_task(task(killed))
+    assert 0 < run_task(task(killed)).fits < 120
+    assert tree_digest(killed.path) == tree_digest(whole.path)
+
+
 @pytest.mark.parametrize("batch", [1, 5, 8, 100])
 def test_a_fit_does_not_depend_on_its_neighbours(
     tmp_path: Path, tiny: str, batch: int, monkeypatch: pytest.MonkeyPatch

@@ -6,6 +6,7 @@ begins with the same ones.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,6 +20,7 @@ from mcstudy.gap.recording import Recording, Trial
 from mcstudy.stance.body import STIMULI, Body, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.realize import realise
 from mcstudy.stance.rules import Rules
 from mcstudy.stance.simulate_time import Sway, simulate, with_derivatives
 from mcstudy.stance.stability import growth_rate
@@ -29,6 +31,9 @@ PLATFORM_HZ = 6.0
 
 LARGEST_SWAY = 1.0
 """Simulated sway beyond this (rad) has fallen."""
+
+COMFORTABLE_STEP = 2.5
+"""Largest step * |pole| of a filter that is simulated without more steps; the method's limit is 3.3."""
 
 Torque = Callable[[Sway, float], np.ndarray]
 """(sway, rate in Hz) -> additional torque (n, 2) by row (hip, ankle) in N m, on the side of the stimulus."""
@@ -219,7 +224,9 @@ def _with_torque(
     torque: Torque | None,
 ) -> Sway:
     """One trial; an additional torque that follows from the sway is found by damped fixed-point iteration."""
-    sway = simulate(model, theta, stimulus, rate, noise=noise, rules=rules)
+    # A lag far shorter than a sample is the sensor's or the actuator's, and must not be refused for it.
+    substeps = max(1, math.ceil(realise(model, theta).fastest_pole / (COMFORTABLE_STEP * rate)))
+    sway = simulate(model, theta, stimulus, rate, noise=noise, rules=rules, substeps=substeps)
     if torque is None:
         return sway
     own = np.zeros_like(noise) if rules.motor_noise is None else rules.motor_noise
@@ -229,7 +236,8 @@ def _with_torque(
         if not np.isfinite(wanted).all():
             break
         extra = extra + step * (wanted - extra)
-        after = simulate(model, theta, stimulus, rate, noise=noise, rules=replace(rules, motor_noise=own + extra))
+        changed = replace(rules, motor_noise=own + extra)
+        after = simulate(model, theta, stimulus, rate, noise=noise, rules=changed, substeps=substeps)
         change = float(np.abs(after.theta - sway.theta).max() / np.abs(after.theta).max())
         sway = after
         if change < CONVERGED:

@@ -64,9 +64,7 @@ def _kinds(series: Series) -> list[Kind]:
 
 def protocol_of(series: Series) -> Protocol:
     """How the recordings of a series are made."""
-    return Protocol(
-        amplitudes=series.protocol.amplitudes, cycles=series.protocol.cycles, noise=noise_of(series.noise)
-    )
+    return Protocol(amplitudes=series.protocol.amplitudes, cycles=series.protocol.cycles, noise=noise_of(series.noise))
 
 
 @lru_cache(maxsize=64)

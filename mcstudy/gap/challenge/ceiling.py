@@ -49,6 +49,11 @@ class Ceiling:
     log_loss: float
     brier: float
 
+    @staticmethod
+    def power(delta: float) -> float:
+        """Power at `LEVEL` of the one-sided test that knows direction and covariance: the normal distribution."""
+        return float(stats.norm.sf(stats.norm.isf(LEVEL) - delta))
+
     def rounded(self) -> dict[str, float]:
         """As plain numbers for the key."""
         return {k: round(float(v), 4) for k, v in asdict(self).items()}
@@ -119,7 +124,7 @@ class Classifier:
         rank = np.argmax(order == truth, axis=1)
         own = p[:, truth]
         return Ceiling(
-            known_direction=float(stats.norm.sf(stats.norm.isf(LEVEL) - (delta if column is not None else 0.0))),
+            known_direction=Ceiling.power(delta if column is not None else 0.0),
             detected=float(detected.mean()),
             top=float((rank == 0).mean()),
             probability=float(own.mean()),

@@ -1,0 +1,226 @@
+"""One case, made: the recording, and what the key says about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mcstudy.errors import DesignError
+from mcstudy.gap import effects as library
+from mcstudy.gap.challenge.cases import Case, draw_body, draw_linear, pool, protocol_of, shared
+from mcstudy.gap.challenge.ceiling import Ceiling, Classifier, size_grid
+from mcstudy.gap.challenge.colour import noise_of
+from mcstudy.gap.challenge.design import NOTHING, ChallengeFile, Series
+from mcstudy.gap.challenge.geometry import ALIKE, KIN, Column, Geometry, Probe, groups, likeness, remaining
+from mcstudy.gap.challenge.withheld import Drawn, draw_nonlinear, draw_outsider
+from mcstudy.gap.make_recording import simulate_recording
+from mcstudy.gap.outsiders import OUTSIDERS
+from mcstudy.gap.recording import Recording
+from mcstudy.stance.body import two_segment
+from mcstudy.study.streams import stream
+
+REDRAWS = 40
+"""Effects drawn for one case before the challenge is called impossible."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The space of one body with the signatures of every visible effect on it."""
+
+    geometry: Geometry
+    columns: list[Column]
+    names: list[str]
+    cosine: np.ndarray
+    groups: list[list[str]]
+
+    @classmethod
+    def of(cls, geometry: Geometry, probes: Sequence[Probe], extra: Sequence[Column] = ()) -> Surroundings:
+        """Signatures of the probes on this body, and more."""
+        columns = [*geometry.columns(probes), *extra]
+        names, cosine = likeness(columns)
+        return cls(geometry, columns, names, cosine, groups(names, cosine, ALIKE))
+
+    def group(self, effect: str) -> list[str]:
+        """The ambiguity group of an effect, itself included."""
+        return next((g for g in self.groups if effect in g), [effect])
+
+    def kin(self, effect: str) -> list[str]:
+        """Effects with |cosine| above `KIN`, itself included."""
+        if effect not in self.names:
+            return [effect]
+        near = self.cosine[self.names.index(effect)] > KIN
+        return [n for n, close in zip(self.names, near, strict=True) if close or n == effect]
+
+
+def make_case(file: ChallengeFile, case: Case) -> tuple[Recording, dict[str, Any]]:
+    """The recording of a case and its entry in the key.
+
+    Raises `DesignError` when no body of the series can stand with any effect drawn.
+    """
+    series = file.series[case.series]
+    coordinates = (file.challenge.seed, f"challenge {case.series}", case.number)
+    rng = stream(*coordinates)
+    entry: dict[str, Any] = {"name": case.name, "series": case.series, "kind": case.kind}
+    if case.kind in NOTHING:
+        recording, more = _nothing(series, rng, case.kind == "shifted")
+    elif case.kind == "outsider":
+        recording, more = _outsider(series, rng)
+    else:
+        recording, more = _known(series, rng, 2 if case.kind == "pair" else 1)
+    # What is recorded must not tell how it was made.
+    plain = Recording(
+        recording.trials,
+        recording.rate_hz,
+        recording.period_s,
+        recording.stimulus,
+        recording.body,
+        recording.convention,
+        case.name,
+        f"challenge {file.challenge.name}",
+    )
+    return plain, entry | more
+
+
+def _entry(theta: np.ndarray, delta: float, effects: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
+    names = two_segment().names
+    return {
+        "parameters": dict(zip(names, (float(v) for v in theta), strict=True)),
+        "delta": float(delta),
+        "effects": effects,
+        **more,
+    }
+
+
+def _nothing(series: Series, rng: np.random.Generator, shifted: bool) -> tuple[Recording, dict[str, Any]]:
+    theta = draw_body(series, rng, shifted)
+    setting, probes = shared(series)
+    around = Surroundings.of(Geometry(two_segment(), theta, setting, noise_of(series.noise)), probes)
+    ideal = _classifier(series, around).ceiling(rng, None, 0.0).rounded() if around.columns else {}
+    recording = simulate_recording(protocol_of(series), theta, rng)
+    return recording, _entry(theta, 0.0, [], ceiling=ideal)
+
+
+def _known(series: Series, rng: np.random.Generator, number: int) -> tuple[Recording, dict[str, Any]]:
+    drawable = pool(series)
+    for _ in range(REDRAWS):
+        names = sorted(rng.choice(drawable, number, replace=False).tolist())
+        if len({library.effect(n).cause for n in names}) < number:
+            continue
+        if all(library.effect(n).kind == "linear" for n in names):
+            done = _linear(series, rng, names)
+        else:
+            done = _ruled(series, rng, names[0]) if number == 1 else None
+        if done is not None:
+            return done
+    raise DesignError(f"sizes: no effect found that a body stands with at the wanted size, in {REDRAWS} draws")
+
+
+def _linear(series: Series, rng: np.random.Generator, names: list[str]) -> tuple[Recording, dict[str, Any]] | None:
+    truth = draw_linear(series, rng, names)
+    if truth is None:
+        return None
+    setting, probes = shared(series)
+    geometry = Geometry(two_segment(), truth.theta, setting, noise_of(series.noise))
+    y = geometry.response(names, truth.sizes, 0.0)
+    if y is None:
+        raise DesignError(f"effects {', '.join(names)}: unstable after they were drawn")
+    own, described = [], []
+    for name in names:
+        sizes = {s.name: truth.sizes[s.name] for s in library.effect(name).sizes}
+        alone = geometry.response([name], sizes, 0.0)
+        if alone is None:
+            return None
+        x = geometry.unexplained(alone)
+        own.append(Column(Probe(name, sizes), x / np.linalg.norm(x), float(np.linalg.norm(x))))
+        described.append({"effect": name, "sizes": sizes, "delta": own[-1].delta})
+    around = Surroundings.of(geometry, probes, own)
+    if len(names) == 2 and names[1] in around.group(names[0]):
+        return None
+    delta = float(np.linalg.norm(geometry.unexplained(y)))
+    more = _explained(geometry, probes, y, 0.0, delta) | _likeness(around, described)
+    if len(names) == 1:
+        column = len(around.columns) - 1
+        more["ceiling"] = _classifier(series, around).ceiling(rng, column, delta).rounded()
+    else:
+        more["closable"]["+".join(names)] = 1.0
+        more["ceiling"] = {"known_direction": Ceiling.power(delta)}
+    recording = simulate_recording(protocol_of(series), truth.theta, rng, effects=names, sizes=truth.sizes)
+    return recording, _entry(truth.theta, delta, described, **more)
+
+
+def _ruled(series: Series, rng: np.random.Generator, name: str) -> tuple[Recording, dict[str, Any]] | None:
+    drawn = draw_nonlinear(series, rng, name)
+    if drawn is None:
+        return None
+    recording, more = _simulated(series, rng, drawn)
+    described = [{"effect": name, "sizes": drawn.sizes, "delta": drawn.measured.delta, "group": [name], "kin": [name]}]
+    more["closable"][name] = 1.0
+    return recording, _entry(drawn.theta, drawn.measured.delta, described, **more)
+
+
+def _outsider(series: Series, rng: np.random.Generator) -> tuple[Recording, dict[str, Any]]:
+    names = series.sizes.outsiders or tuple(OUTSIDERS)
+    for name in names:
+        if name not in OUTSIDERS:
+            raise DesignError(f"sizes.outsiders: expected one of {', '.join(OUTSIDERS)}, got {name!r}")
+    for _ in range(REDRAWS):
+        name = str(rng.choice(names))
+        drawn = draw_outsider(series, rng, name)
+        if drawn is not None:
+            recording, more = _simulated(series, rng, drawn)
+            outside = {"name": name, "size": drawn.measured.size, "unit": OUTSIDERS[name].unit}
+            return recording, _entry(drawn.theta, drawn.measured.delta, [], outsider=outside, **more)
+    raise DesignError(f"sizes.outsiders: none that a body stands with at the wanted size, in {REDRAWS} draws")
+
+
+def _simulated(series: Series, rng: np.random.Generator, drawn: Drawn) -> tuple[Recording, dict[str, Any]]:
+    probes = shared(series)[1]
+    m = drawn.measured
+    more = _explained(drawn.geometry, probes, m.response, m.scatter, m.delta)
+    more["ceiling"] = {"known_direction": Ceiling.power(m.delta), "flagged": Ceiling.power(more["residual_delta"])}
+    return drawn.simulate(protocol_of(series), rng), more
+
+
+def _explained(
+    geometry: Geometry, probes: Sequence[Probe], y: np.ndarray, between: float, delta: float
+) -> dict[str, Any]:
+    """What each effect of the library closes of the gap in noise-free FRFs, the best one, and the delta it leaves."""
+    closable: dict[str, float] = {}
+    f, C, theta = geometry.setting.f, geometry.C, geometry.theta
+    for name in dict.fromkeys(p.effect for p in probes):
+        model = library.apply(geometry.base, name)
+        own = library.effect(name).sizes
+        starts = [[s.parameter.value for s in own]]
+        starts += [[p.sizes[s.name] for s in own] for p in probes if p.effect == name]
+        left = remaining(model, np.array([[*theta, *s] for s in starts]), f, y, C) + between
+        closable[name] = round(float(np.clip(1 - left / delta**2, 0.0, 1.0)), 5)
+    nearest = max(closable, key=lambda n: closable[n])
+    return {
+        "closable": closable,
+        "nearest": nearest,
+        "residual_delta": round(float(delta * np.sqrt(1 - closable[nearest])), 4),
+    }
+
+
+def _likeness(around: Surroundings, described: list[dict[str, Any]]) -> dict[str, Any]:
+    for d in described:
+        d["group"], d["kin"] = around.group(d["effect"]), around.kin(d["effect"])
+    return {"groups": [g for g in around.groups if len(g) > 1]}
+
+
+def _classifier(series: Series, around: Surroundings) -> Classifier:
+    """The ideal classifier of this body, with the shares of the challenge as prior."""
+    S = np.column_stack([c.unit for c in around.columns])
+    owner = np.array([next(i for i, g in enumerate(around.groups) if c.effect in g) for c in around.columns])
+    each = np.array([sum(c.effect == other.effect for other in around.columns) for c in around.columns])
+    # Every effect is drawn equally often, so a group weighs as many effects as it holds.
+    weight = 1.0 / each
+    total = np.array([weight[owner == g].sum() for g in range(len(around.groups))])
+    nothing = series.mix.none + series.mix.shifted
+    known = series.mix.known or 1.0
+    prior = np.concatenate([[nothing or 1.0], known * total / total.sum()])
+    delta, share = size_grid(series.sizes.strata)
+    return Classifier(S.T @ S, owner, prior / prior.sum(), weight / total[owner], delta, share)

@@ -69,7 +69,7 @@ def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray
     """
     _, J = frf_jacobian(model, theta, f)
     scale = model.upper - model.lower
-    white = np.linalg.solve(np.linalg.cholesky(joint), J.reshape(-1, theta.size) * scale)
+    white = _whitener(joint) @ (J.reshape(-1, theta.size) * scale)
     # QR instead of the normal matrix: the condition number at low Fmax is not squared
     R = np.asarray(np.linalg.qr(np.sqrt(2) * np.concatenate([white.real, white.imag]), mode="r"))
     diagonal = np.abs(np.diag(R))
@@ -77,6 +77,18 @@ def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray
         raise InputError(f"frequency: {f.size} points do not determine {theta.size} parameters")
     inverse = np.linalg.inv(R) * scale[:, None]
     return inverse @ inverse.T
+
+
+def _whitener(joint: np.ndarray) -> np.ndarray:
+    """A matrix (M, 2N) that turns errors of covariance ``joint`` into M <= 2N independent ones of unit variance.
+
+    Points that average the same lines can repeat each other exactly (without the averaging exception, 19 less 18 and
+    23 less 24 are the same line); what is repeated carries no information of its own and is left out.
+    """
+    size = np.sqrt(np.diag(joint).real)
+    value, vector = np.linalg.eigh(joint / size[:, None] / size)
+    keep = value > 1e-10 * value[-1]
+    return np.asarray((vector[:, keep] / np.sqrt(value[keep])).conj().T / size)
 
 
 def linearised(model: Model, theta: np.ndarray, f: np.ndarray, weight: np.ndarray, joint: np.ndarray) -> np.ndarray:

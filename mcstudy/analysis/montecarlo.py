@@ -20,8 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from scipy.special import ndtri
-from scipy.stats import beta, binom
+from scipy.special import bdtr, bdtrc, betainc, ndtri
 
 REALIZATION = "realization"
 """Name of the dimension that is sampled."""
@@ -167,7 +166,7 @@ def _quantiles(x: np.ndarray, q: tuple[float, ...], confidence: float) -> np.nda
         return out
     for j, level in enumerate(q):
         rank = max(int(np.ceil(level * n - 1e-9)), 1)
-        weights = np.diff(beta.cdf(np.arange(n + 1) / n, rank, n - rank + 1))
+        weights = np.diff(betainc(rank, n - rank + 1, np.arange(n + 1) / n))
         first = weights @ x
         lower, upper = order_statistic_ranks(n, level, confidence)
         out[0, j] = x[rank - 1]
@@ -185,6 +184,6 @@ def order_statistic_ranks(n: int, q: float, confidence: float = 0.95) -> tuple[i
     tail = (1 - confidence) / 2
     ranks = np.arange(1, n + 1)
     # X_(l) exceeds the quantile when fewer than l values fall at or below it
-    below = ranks[binom.cdf(ranks - 1, n, q) <= tail]
-    above = ranks[binom.sf(ranks - 1, n, q) <= tail]
+    below = ranks[bdtr(ranks - 1, n, q) <= tail]
+    above = ranks[bdtrc(ranks - 1, n, q) <= tail]
     return (int(below[-1]) if below.size else 0), (int(above[0]) if above.size else n + 1)

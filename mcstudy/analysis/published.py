@@ -104,19 +104,53 @@ RESULTS: dict[str, Published] = {p.key: p for p in _RESULTS}
 
 
 @dataclass(frozen=True)
+class Expectation:
+    """One direction a claim implies: a measure of `mcstudy.analysis.compare` rises (+1) or falls (-1) at these Fmax."""
+
+    measure: str
+    sign: int
+    fmax: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Variant:
-    """A published claim about a changed study, to be checked between two cubes; the paper gives no number."""
+    """A published claim about a changed setting; the paper gives no number.
+
+    ``changes``: the settings that differ from the paper's own, as a study file's fields. ``expects``: what the claim
+    says in our measures. The paper's "improved fits" is read as estimates nearer the truth and fewer unstable ones: a
+    lower cost cannot be meant, since tighter bounds can only raise the minimum.
+    """
 
     study: str
+    changes: tuple[str, ...]
     claim: str
     where: str
+    expects: tuple[Expectation, ...]
 
 
 _CONSIDERATIONS = "Discussion, Parameter estimation considerations"
 VARIANTS = (
-    Variant("lower_bound_half", "lower bounds at half the truth improve fits to 1.2 and 8 Hz", _CONSIDERATIONS),
-    Variant("no_averaging_exception", "averaging 0.435-0.526 Hz too: more bias, less variance", _CONSIDERATIONS),
-    Variant("without_8hz", "leaving out the 8 Hz point: more often stable, closer to the truth", GUESSES),
+    Variant(
+        "lower_bound_half",
+        ("model.bounds.lower = 0.5",),
+        "lower bounds at half the truth improve fits to 1.2 and 8 Hz",
+        _CONSIDERATIONS,
+        (Expectation("rmse", -1, (1.2, 8.0)), Expectation("unstable", -1, (1.2, 8.0))),
+    ),
+    Variant(
+        "no_averaging_exception",
+        ("spectra.points = averaged",),
+        "averaging 0.435-0.526 Hz too: more bias, less variance of FRFs",
+        _CONSIDERATIONS,
+        (Expectation("bias", 1, (1.2, 8.0)), Expectation("frf_spread", -1, (1.2, 8.0))),
+    ),
+    Variant(
+        "without_8hz",
+        ("spectra.exclude_hz = [8.0]",),
+        "leaving out the 8 Hz point: more often stable, closer to the truth",
+        GUESSES,
+        (Expectation("unstable", -1, (8.0,)), Expectation("rmse", -1, (8.0,))),
+    ),
 )
 """Claims that other pipelines regenerate."""
 

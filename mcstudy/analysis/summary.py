@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy, neural, selection
-from mcstudy.analysis.convergence import starts_needed, starts_needed_quantiles
+from mcstudy.analysis.compare import MEASURES, Comparison, comparisons
+from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.montecarlo import Statistic, fraction, quantiles
 from mcstudy.analysis.paper_rows import Row, rows
@@ -27,6 +28,7 @@ def summary(study: StudyView) -> dict[str, Any]:
         "schema": identifier(SCHEMA),
         "study": {key: attributes.get(key) for key in ("title", "fingerprint", "seed")},
         "paper": {"reference": PAPER, "rows": [_row(r) for r in rows(study)]},
+        "comparisons": [_comparison(c) for c in comparisons(study)],
         "groups": {name: _group(view) for name, view in study.groups.items()},
     }
 
@@ -60,6 +62,33 @@ def _row(row: Row) -> dict[str, Any]:
     }
 
 
+def _comparison(c: Comparison) -> dict[str, Any]:
+    def stat(measure: str, fmax: float) -> dict[str, Any]:
+        return _stat(c.result.sel(measure=measure, fmax=fmax))
+
+    return {
+        "reference": c.reference,
+        "group": c.group,
+        "differences": c.differences,
+        "amplitudes": c.amplitudes,
+        "realizations": c.realizations,
+        "cells": [{"fmax": float(f), **{key: stat(key, f) for key in MEASURES}} for f in c.result["fmax"].values],
+        "claims": [
+            {
+                "claim": v.claim.claim,
+                "where": v.claim.where,
+                "measure": v.expectation.measure,
+                "expected": "higher" if v.expectation.sign > 0 else "lower",
+                "fmax": v.fmax,
+                "value": number(v.value),
+                "mcse": number(v.mcse),
+                "verdict": v.verdict,
+            }
+            for v in c.verdicts
+        ],
+    }
+
+
 def _group(view: GroupView) -> dict[str, Any]:
     g = view.group
     fits = selection.outcomes(view.cube).sum(["amplitude", "fmax"]).compute()
@@ -77,6 +106,8 @@ def _group(view: GroupView) -> dict[str, Any]:
             "solver": g.fit.solver,
             "points": g.spectra.points,
             "ramp": g.spectra.ramp,
+            "width": g.spectra.width,
+            "noise": view.noisy,
         },
         "differences": view.differences,
         "truth_provenance": view.provenance,
@@ -88,7 +119,7 @@ def _group(view: GroupView) -> dict[str, Any]:
 def _cells(view: GroupView) -> list[dict[str, Any]]:
     cells = view.cells
     account = selection.realizations(view.cube).compute()
-    needed = starts_needed(view.cube)[["value", "hit_rate"]].compute()
+    needed = view.needed
     quantile = starts_needed_quantiles(needed)
     whole = {
         "mean_absolute_bias_percent": accuracy.mean_absolute_bias_percent(cells),

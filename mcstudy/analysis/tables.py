@@ -36,7 +36,7 @@ def show(path: str | Path) -> Report:
 
     Raises `StoreError` when it is not a cube of this version.
     """
-    return report_of(open_results(path))
+    return report_of(open_results(path, lazy=None))
 
 
 def report_of(tree: xr.DataTree) -> Report:

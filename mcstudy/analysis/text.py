@@ -7,6 +7,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
+from mcstudy.analysis.compare import MEASURES
+
 WIDTH = 118
 _MARK = {True: "yes", False: "NO", None: "-"}
 
@@ -19,6 +21,8 @@ def render(data: dict[str, Any]) -> str:
         parts.append(textwrap.fill(f"True values: {provenance}.", WIDTH))
     if data["paper"]["rows"]:
         parts.append(_paper(data["paper"]))
+    if data["comparisons"]:
+        parts.append(_comparisons(data["comparisons"]))
     parts += [_group(name, group) for name, group in data["groups"].items()]
     return "\n\n".join(parts)
 
@@ -83,9 +87,44 @@ def _paper(paper: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
+    reference = all_of_them[0]["reference"]
+    header = (
+        f"Compared with group {reference}: the other group less {reference}, paired by realization (same noise), mean "
+        "over amplitudes, ± one MCSE of the difference. "
+        + "; ".join(f"{m.head}: {m.meaning}" for m in MEASURES.values())
+        + "."
+    )
+    rows: list[list[str]] = []
+    claims: list[str] = []
+    for c in all_of_them:
+        for i, cell in enumerate(c["cells"]):
+            differences = [with_error(cell[k]["value"], cell[k]["mcse"]) for k in MEASURES]
+            rows.append([c["group"] if i == 0 else "", f"{cell['fmax']:g} Hz", *differences])
+        if c["claims"]:
+            claims.append(_claims(c))
+    lines = [textwrap.fill(header, WIDTH), "", table(["", "Fmax", *(m.head for m in MEASURES.values())], rows), ""]
+    for c in all_of_them:
+        what = f"{c['group']}: {'; '.join(c['differences'])}; {c['realizations']} realizations"
+        lines.append(textwrap.fill(what, WIDTH, subsequent_indent="    "))
+    return "\n".join([*lines, *claims])
+
+
+def _claims(comparison: dict[str, Any]) -> str:
+    """The paper's claims about one group, each statement with its verdict."""
+    out, said = [], ""
+    for v in comparison["claims"]:
+        if v["claim"] != said:
+            said = v["claim"]
+            out.append("\n" + textwrap.fill(f"The paper on {comparison['group']}: {said} ({v['where']})", WIDTH))
+        head, difference = MEASURES[v["measure"]].head, with_error(v["value"], v["mcse"])
+        out.append(f"    {head} {v['expected']} at {v['fmax']:g} Hz: {v['verdict']} ({difference})")
+    return "\n".join(out)
+
+
 def _group(name: str, group: dict[str, Any]) -> str:
     d = group["design"]
-    what = "pools" if d["simulator"] == "none" else "realizations"
+    what = "realizations" if d["noise"] else "pools"
     fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in group["fits"].items() if n)
     head = (
         f"Group {name}: {d['realizations']} {what} x {d['starts']} starts; model {d['model']}, cost {d['cost']}, "
@@ -95,7 +134,7 @@ def _group(name: str, group: dict[str, Any]) -> str:
         differences = f"Differs from the paper's setting in: {'; '.join(group['differences'])}"
         head += "\n" + textwrap.fill(differences, WIDTH, subsequent_indent="    ")
     parts = [head, _overview(d, group["cells"])]
-    if d["simulator"] != "none":
+    if d["simulator"] != "none":  # without noise and averaging every bias is rounding
         parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]
     return "\n\n".join(parts)
 

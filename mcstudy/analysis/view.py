@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.context import group_of, model_of, nearest, points_of, provenance_of
+from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.efficiency import bounds_on_sd, measured_covariance, overlap_of
 from mcstudy.analysis.selection import best, combined
 from mcstudy.errors import InputError
@@ -57,7 +58,7 @@ class GroupView:
     @cached_property
     def bounds_on_sd(self) -> xr.Dataset | None:
         """Cramér-Rao and linearised standard deviations; None where the group has no (complete) noise covariance."""
-        if "noise_covariance" not in self.cube:
+        if "noise_covariance" not in self.cube or not self.noisy:
             return None
         covariance = measured_covariance(self.cube).compute()
         if not bool(np.isfinite(covariance).all()):
@@ -67,15 +68,24 @@ class GroupView:
     @property
     def noisy(self) -> bool:
         """Whether realizations differ by noise (else they are pools of starts for the same data)."""
-        return self.group.simulator != "none"
+        return self.group.simulator != "none" and any(self.group.noise.psd)
 
-    @property
+    @cached_property
+    def needed(self) -> xr.Dataset:
+        """``value`` and ``hit_rate`` of `mcstudy.analysis.convergence.starts_needed`, per realization."""
+        return starts_needed(self.cube)[["value", "hit_rate"]].compute()
+
+    @cached_property
     def differences(self) -> list[str]:
         """Settings in which the group differs from the paper's (the defaults of a study file), ``field = value``."""
         paper = Group(realizations=1, starts=1, fmax=self.group.fmax, amplitude=self.group.amplitude)
-        if self.group.model.kind == paper.model.kind:
-            paper = with_model_values(paper)
-        theirs, ours = (dict(_flat("", {s: getattr(g, s).model_dump() for s in SECTIONS})) for g in (paper, self.group))
+        return self.differences_from(with_model_values(paper) if self.group.model.kind == paper.model.kind else paper)
+
+    def differences_from(self, other: Group) -> list[str]:
+        """Settings in which the group differs from ``other``, ``field = value`` of this group."""
+        theirs, ours = (
+            dict(_flat("", {s: getattr(g, s).model_dump(mode="json") for s in SECTIONS})) for g in (other, self.group)
+        )
         return [f"{field} = {value}" for field, value in ours.items() if field in theirs and theirs[field] != value]
 
     def fmax(self, wanted: float) -> float | None:
@@ -85,6 +95,11 @@ class GroupView:
     def amplitude(self, wanted: float) -> float | None:
         """The group's amplitude nearest to ``wanted``, or None."""
         return nearest(self.cube["amplitude"].values, wanted)
+
+    def within(self, fmax: float, f: np.ndarray) -> np.ndarray:
+        """Which of the frequencies ``f`` (Hz) a fit up to ``fmax`` uses."""
+        last = int(self.cube["n_frequencies"].sel(fmax=fmax))
+        return np.asarray(f <= self.cube["frequency"].values[last - 1] * (1 + 1e-9))
 
     def at(self, cells: xr.Dataset, fmax: Sequence[float], amplitude: Sequence[float]) -> xr.Dataset:
         """``cells`` at those Fmax and amplitudes, relabelled with exactly the values asked for."""
@@ -118,16 +133,18 @@ class StudyView:
         self.groups = {name: GroupView(name, node.to_dataset()) for name, node in tree.children.items()}
 
     def accuracy(self, fmax: Sequence[float], amplitude: Sequence[float]) -> GroupView | None:
-        """The comparable group with noise and the most realizations."""
+        """The comparable group with noise that is nearest to the paper's setting; of those, the most realizations."""
         fit = [g for g in self.groups.values() if g.noisy and g.comparable(fmax, amplitude)]
-        return max(fit, key=lambda g: g.group.realizations, default=None)
+        return max(fit, key=lambda g: (-len(g.differences), g.group.realizations), default=None)
 
     def pools(self, fmax: float, amplitude: float, least: int) -> GroupView | None:
-        """The comparable group with noise and the most starts, at least ``least``."""
+        """The comparable group with noise and at least ``least`` starts that is nearest to the paper's; the most."""
         fit = [g for g in self.groups.values() if g.noisy and g.comparable([fmax], [amplitude])]
-        return max((g for g in fit if g.group.starts >= least), key=lambda g: g.group.starts, default=None)
+        enough = [g for g in fit if g.group.starts >= least]
+        return max(enough, key=lambda g: (-len(g.differences), g.group.starts), default=None)
 
     def noise_free(self, fmax: float, least: int) -> GroupView | None:
-        """The comparable group without noise and the most realizations (pools) of at least ``least`` starts."""
-        fit = [g for g in self.groups.values() if not g.noisy and g.comparable([fmax], [])]
-        return max((g for g in fit if g.group.starts >= least), key=lambda g: g.group.realizations, default=None)
+        """The comparable group fitted to the closed form that has the most pools of at least ``least`` starts."""
+        fit = [g for g in self.groups.values() if g.group.simulator == "none" and g.comparable([fmax], [])]
+        enough = [g for g in fit if g.group.starts >= least]
+        return max(enough, key=lambda g: (-len(g.differences), g.group.realizations), default=None)

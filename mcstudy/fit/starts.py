@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.stats import qmc
 
 from mcstudy.stance.feedback import Model
 
@@ -25,6 +24,8 @@ def sobol(model: Model, rng: np.random.Generator, n: int) -> np.ndarray:
 
     The stream draws the scrambling alone, so a longer draw from the same stream begins with a shorter one.
     """
+    from scipy.stats import qmc  # a second to import, which every reader of a cube would wait for
+
     P = len(model.parameters)
     if n == 0:
         return np.empty((0, P))
@@ -37,6 +38,8 @@ def latin_hypercube(model: Model, rng: np.random.Generator, n: int) -> np.ndarra
     The slices depend on ``n``: a longer draw from the same stream has other points, so a study that grows its number
     of starts must fit all of them again.
     """
+    from scipy.stats import qmc
+
     return _between(model, qmc.LatinHypercube(len(model.parameters), seed=rng).random(n))
 
 

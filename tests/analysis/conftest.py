@@ -21,7 +21,7 @@ def cube_of(group: Group, rng: np.random.Generator, spread: float = 0.1, hit_rat
 
     Each realization's global minimum is truth * (1 + spread * normal), at cost 0.01 * (1 + 0.1 * realization), reached
     by a fraction ``hit_rate`` of the starts (at least one); the other starts end in one local minimum of twice the
-    cost, an unstable one.
+    cost, an unstable one. FRFs scatter by ``spread`` of their magnitude.
     """
     model, bands = build_model(group), kept_points(group)
     A, F, R, S, P = len(group.amplitude), len(group.fmax), group.realizations, group.starts, len(model.parameters)
@@ -51,6 +51,9 @@ def cube_of(group: Group, rng: np.random.Generator, spread: float = 0.1, hit_rat
         "n_frequencies": ("fmax", [len(bands.below(f)) for f in group.fmax]),
         "true_frf": (("frequency", "angle"), frf(model, model.truth, bands.f)),
     }
+    ideal, size = data["true_frf"][1], (A, R, N, 2)
+    scatter = spread * (rng.standard_normal(size) + 1j * rng.standard_normal(size)) / np.sqrt(2)
+    data["frf"] = (("amplitude", "realization", "frequency", "angle"), ideal * (1 + scatter))
     if group.simulator != "none":
         data["noise_covariance"] = (("amplitude", "realization", "frequency", "angle", "angle_2"), covariance)
     return xr.Dataset(

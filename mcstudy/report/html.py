@@ -104,8 +104,10 @@ def figure(content: Figure, beside_paper: str, command: str) -> str:
     numbers = details("Numbers", "".join(table(t) for t in content.tables)) if content.tables else ""
     how = f'<p class="how">Made by <code>{escape(command)}</code>'
     how += f"; in Python <code>{escape(content.python)}</code></p>" if content.python else "</p>"
+    few = ' class="few"' if len(content.panels) <= 2 else ""
     return (
-        f'<figure id="{content.key}" aria-labelledby="{content.key}-h"><h3 id="{content.key}-h">{escape(heading)}</h3>'
+        f'<figure id="{content.key}"{few} aria-labelledby="{content.key}-h">'
+        f'<h3 id="{content.key}-h">{escape(heading)}</h3>'
         f'{legend}<div class="panels{" small" if content.small else ""}">{panels}</div>'
         f"<figcaption>{text}{beside_paper}{numbers}{how}</figcaption></figure>"
     )

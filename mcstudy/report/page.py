@@ -16,6 +16,7 @@ from mcstudy.analysis.text import number, with_error
 from mcstudy.report.context import Context, short, stat
 from mcstudy.report.figures.common import cell_label
 from mcstudy.report.html import Figure, Missing, Table, details, escape, figure, missing, table
+from mcstudy.report.sections.compare import comparison_html
 from mcstudy.report.sections.estimates import efficiency_figure, estimates, paper_estimate_figures
 from mcstudy.report.sections.search import further_search_figures, paper_search_figures
 from mcstudy.report.sections.signals import signal_figures
@@ -44,20 +45,19 @@ def page_of(tree: xr.DataTree) -> str:
         (
             "figures",
             "The paper's figures from this study",
-            _figures(
-                context, signal_figures(context) + paper_search_figures(context) + paper_estimate_figures(context)
-            ),
+            _figures(context, paper),
         ),
         ("beyond", "What the paper does not show", _figures(context, beyond)),
+        ("compared", "Groups compared", comparison_html(context)),
         *_other_groups(context),
         ("groups", "All groups in numbers", _groups(context)),
         ("study", "How this was made", _provenance(context)),
     ]
+    parts = [part for part in parts if part[2]]
     contents = "".join(f'<li><a href="#{key}">{escape(title)}</a></li>' for key, title, _ in parts)
     body = "".join(
         f'<section id="{key}" aria-labelledby="{key}-h"><h2 id="{key}-h">{escape(title)}</h2>{content}</section>'
         for key, title, content in parts
-        if content
     )
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -124,7 +124,7 @@ def _headline_row(row: dict[str, Any]) -> str:
     floor = f" (floor {number(row['floor'], 2)})" if row["floor"] is not None else ""
     detail = f"<br><small>{escape(row['detail'])}</small>" if row["detail"] else ""
     cells = [
-        ("Paper", f"{escape(_with_unit(row['paper_text'], row))}<br><small>{escape(row['where'])}</small>", ""),
+        ("Paper", f"{escape(_paper(row))}<br><small>{escape(row['where'])}</small>", ""),
         ("Ours", f"{escape(_ours(row))}{escape(floor)}{detail}", ""),
         ("Agrees?", MARK[row["agrees"]], CLASS[row["agrees"]]),
         ("Why not", escape(row["explanation"]), ""),
@@ -141,6 +141,10 @@ def _headline_row(row: dict[str, Any]) -> str:
 
 def _ours(row: dict[str, Any]) -> str:
     return _with_unit(with_error(row["value"], row["mcse"]), row)
+
+
+def _paper(row: dict[str, Any]) -> str:
+    return row["paper_text"] if row["criterion"] == "above zero" else _with_unit(row["paper_text"], row)
 
 
 def _with_unit(text: str, row: dict[str, Any]) -> str:

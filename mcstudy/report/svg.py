@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from mcstudy.report.style import COLOURS, SETTINGS
 
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
+_TAG = re.compile(r"<[^>]*>")
 _REFERENCE = re.compile(r"""(?:xlink:href="#|url\(#)([^")]+)""")
 _DECIMALS = 2  # of a point: a fiftieth of a pixel on most screens
 
@@ -48,7 +49,7 @@ def inline(text: str, key: str, title: str, description: str) -> str:
     body = body[body.index(">") + 1 : body.rindex("</svg>")]
     body = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->|<defs>\s*</defs>", "", body, flags=re.S)
     body = _themed(_unique_ids(body, key))
-    body = _NUMBER.sub(_short, body)
+    body = _TAG.sub(lambda tag: _NUMBER.sub(_short, tag.group()), body)  # coordinates, never labels
     body = re.sub(r"\s*\n\s*", " ", body)
     body = re.sub(r"> <", "><", body)
     body = re.sub(r'<g id="[^"]*">|<g class="[^"]*">', "<g>", body) if not _REFERENCE.search(body) else body

@@ -110,7 +110,7 @@ def log_axis(axis: Any, most: int = 7) -> None:
     """A logarithmic axis for what is drawn already: labelled at powers of ten, or at 1, 2, 5 where it spans few."""
     axis.axes.set(**{f"{axis.axis_name}scale": "log"})
     low, high = axis.get_view_interval()
-    if high / low < 60 and low >= 1e-4 and high < 1e5:
+    if high / low < 150 and low >= 1e-4 and high < 1e5:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     else:

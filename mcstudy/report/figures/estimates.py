@@ -20,7 +20,7 @@ def parameter_bars(data: Data, parameter: str, ax: Axes | None = None) -> Axes:
     parameter.
     """
     view = view_of(data)
-    ax = axes(ax, (2.9, 2.3))
+    ax = axes(ax, (2.4, 2.0))
     cells = cells_with(view.cells, view.combined, parameter)
     m = moments(cells["estimate"].sel(parameter=parameter), cells["truth"].sel(parameter=parameter))
     truth, amplitudes = float(m.truth), cells["amplitude"].values
@@ -35,7 +35,6 @@ def parameter_bars(data: Data, parameter: str, ax: Axes | None = None) -> Axes:
             yerr=sd,
             width=width * 0.92,
             color=colour_of(amplitudes, a),
-            alpha=1.0 if i % 2 else 0.75,
             error_kw={"ecolor": COLOURS["ink"], "elinewidth": 1.1, "capsize": 2.5},
             label=amplitude_label(view, a),
         )

@@ -132,7 +132,7 @@ def waterfall(data: Data, amplitude: float | None = None, fmax: float | None = N
             ratio = (row + COST_FLOOR) / (row[0] + COST_FLOOR)
             share = 100 * np.arange(1, row.size + 1) / cube.sizes["start"]
             keep = _corners(np.log10(ratio))
-            ax.plot(share[keep], ratio[keep], color=COLOURS["blue"], linewidth=0.8, alpha=0.45)
+            ax.step(share[keep], ratio[keep], where="pre", color=COLOURS["blue"], linewidth=0.8, alpha=0.45)
     log_axis(ax.yaxis)
     ax.set_xlim(0, 100)
     ax.set_xlabel("starts, sorted by cost (%)")

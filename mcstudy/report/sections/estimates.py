@@ -106,7 +106,7 @@ def _fig_5(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
             "how many fits end on a bound before trusting a small bias.",
         ],
         [
-            Panel(n, lambda ax, n=n: figures.parameter_bars(view, n, ax), (2.9, 2.2))  # type: ignore[misc]
+            Panel(n, lambda ax, n=n: figures.parameter_bars(view, n, ax), (2.4, 2.0))  # type: ignore[misc]
             for n in names
         ],
         _estimate_tables(context, view, set(names)),
@@ -131,7 +131,7 @@ def _fig_6(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
             "not: they differ only by the delay. Mean ± SD over realizations, as in Fig. 5.",
         ],
         [
-            Panel(n, lambda ax, n=n: figures.parameter_bars(view, n, ax), (2.9, 2.2))  # type: ignore[misc]
+            Panel(n, lambda ax, n=n: figures.parameter_bars(view, n, ax), (2.4, 2.0))  # type: ignore[misc]
             for n in names
         ],
         _estimate_tables(context, view, set(names)),

@@ -41,9 +41,9 @@ def _fig_3a(context: Context) -> Figure | Missing:
         title,
         [
             f"Every start of group {view.name} without noise: cost J of its fit to the two FRFs against the error J_NC "
-            "of the four neural controllers. Low left is a right answer. The paper's solver stops along the way and "
-            "leaves a line of points; a solver that converges leaves two crowds, the truth to rounding and the local "
-            "minima.",
+            "of the four neural controllers. Low left is a right answer. The paper shows a line of points, as a "
+            "solver leaves that stops along the way; one that converges leaves two crowds, the truth to rounding and "
+            "the local minima.",
         ],
         [Panel("cost and controller error", lambda ax: figures.controller_error(view, fmax=f, ax=ax))],
         [

@@ -34,8 +34,8 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Stimulus and sensor noise",
             [
                 f"A pseudorandom ternary stimulus of {peak}, {s.cycles} cycles of {s.prts.period_s:g} s, and the "
-                "sensor noise that is added to the sensed angles (pink through a low-pass), with the sway that this noise "
-                "alone evokes.",
+                "sensor noise that is added to the sensed angles (pink through a low-pass), with the sway that this "
+                "noise alone evokes.",
             ],
             [
                 Panel("stimulus", lambda ax: figures.stimulus_record(s, ax), (4.3, 2.6)),
@@ -80,12 +80,13 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Fig. 2D",
             "Error of a time simulation",
             [
-                "Integration in time from rest, without noise, against the exact steady state. Left: the transient of "
-                "the start decays in the first cycle. Right: what is left in the FRFs. When the first cycle is kept, "
-                "its transient leaks into every line, whatever the solver or its step: an error that grows with "
-                "frequency, as the paper saw and could not explain. Without that cycle the error is what sampling "
-                "makes (crosses): a torque that is linear between samples has Fourier coefficients (sin x / x)² times "
-                "those of its samples, x = π f / rate.",
+                "Integration in time from rest, without noise, against the exact steady state. First panel: the "
+                "transient of the start decays within the first cycle. Second: what is left in the FRFs. If the first "
+                "cycle is kept, its transient leaks into every line, whatever the solver or its step, and the "
+                "relative error grows as the FRF falls: that fits the error which the paper saw at every solver and "
+                "sampling rate and left unexplained. Without that cycle the error is what sampling makes (crosses): a "
+                "torque that is linear between samples has Fourier coefficients (sin x / x)² times those of its "
+                "samples, x = π f / rate.",
             ],
             [
                 Panel("sway error over time", lambda ax: figures.simulation_error_record(s, ax)),

@@ -17,7 +17,7 @@ from mcstudy.errors import DesignError
 from mcstudy.gap import effects as library
 from mcstudy.gap.challenge.colour import noise_of
 from mcstudy.gap.challenge.design import KINDS, ChallengeFile, Kind, Series
-from mcstudy.gap.challenge.geometry import VISIBLE, Geometry, Probe, Setting, probes, size_for
+from mcstudy.gap.challenge.geometry import VISIBLE, Geometry, Probe, Setting, free, probes, size_for
 from mcstudy.gap.make_recording import Protocol
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
@@ -74,10 +74,10 @@ def _shared(text: str) -> tuple[Setting, tuple[Probe, ...]]:
     protocol, base = protocol_of(series), two_segment()
     setting = Setting.of(protocol, series.protocol.fmax)
     wanted = [n for n in series.sizes.effects or library.LINEAR if library.effect(n).kind == "linear"]
-    found = probes(Geometry(base, base.truth, setting, protocol.noise), wanted)
+    found = probes(Geometry(free(base), base.truth, setting, protocol.noise), wanted)
     nimble = np.where(np.isin(base.names, base.delays), NIMBLE, 1.0) * base.truth
     missing = [n for n in wanted if n not in {p.effect for p in found}]
-    found += probes(Geometry(base, nimble, setting, protocol.noise), missing)
+    found += probes(Geometry(free(base), nimble, setting, protocol.noise), missing)
     return setting, tuple(found)
 
 
@@ -142,7 +142,7 @@ def draw_linear(series: Series, rng: np.random.Generator, names: Sequence[str]) 
     for attempt in range(12):
         nimble = 1.0 - (1.0 - NIMBLE) * min(1.0, attempt / 6)
         theta = draw_body(series, rng, False, nimble)
-        geometry = Geometry(two_segment(), theta, setting, noise_of(series.noise))
+        geometry = Geometry(free(two_segment()), theta, setting, noise_of(series.noise))
         sizes: dict[str, float] = {}
         for name in names:
             first, *companions = library.effect(name).sizes

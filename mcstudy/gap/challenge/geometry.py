@@ -39,8 +39,22 @@ VISIBLE = 2.0
 INVISIBLE = 0.2
 """Delta below which a probe of a visible effect says nothing about its direction."""
 
+GAINS, DELAYS_S = (-2.0, 6.0), (0.001, 0.3)
+"""Bounds of a refit: gains as multiples of the nominal value, delays in s. Nobody is told the body's parameters, so
+bounds may not make an effect visible."""
+
 DISCARD = 1
 """Cycles at the start of a trial that hold the transient."""
+
+
+def free(model: Model) -> Model:
+    """The model with bounds that no refit reaches."""
+    return model.with_bounds(
+        {
+            p.name: DELAYS_S if p.name in model.delays else (GAINS[0] * p.value, GAINS[1] * p.value)
+            for p in model.parameters
+        }
+    )
 
 
 @dataclass(frozen=True)
@@ -118,7 +132,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Geometry:
-    """The space of one body: base model, its true parameters (12,), lines and noise."""
+    """The space of one body: base model (its bounds are those of the refits), true parameters (12,), lines, noise."""
 
     base: Model
     theta: np.ndarray

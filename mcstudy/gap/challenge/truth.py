@@ -14,7 +14,7 @@ from mcstudy.gap.challenge.cases import Case, draw_body, draw_linear, pool, prot
 from mcstudy.gap.challenge.ceiling import Ceiling, Classifier, size_grid
 from mcstudy.gap.challenge.colour import noise_of
 from mcstudy.gap.challenge.design import NOTHING, ChallengeFile, Series
-from mcstudy.gap.challenge.geometry import ALIKE, KIN, Column, Geometry, Probe, groups, likeness, remaining
+from mcstudy.gap.challenge.geometry import ALIKE, KIN, Column, Geometry, Probe, free, groups, likeness, remaining
 from mcstudy.gap.challenge.withheld import Drawn, draw_nonlinear, draw_outsider
 from mcstudy.gap.make_recording import simulate_recording
 from mcstudy.gap.outsiders import OUTSIDERS
@@ -97,7 +97,7 @@ def _entry(theta: np.ndarray, delta: float, effects: list[dict[str, Any]], **mor
 def _nothing(series: Series, rng: np.random.Generator, shifted: bool) -> tuple[Recording, dict[str, Any]]:
     theta = draw_body(series, rng, shifted)
     setting, probes = shared(series)
-    around = Surroundings.of(Geometry(two_segment(), theta, setting, noise_of(series.noise)), probes)
+    around = Surroundings.of(Geometry(free(two_segment()), theta, setting, noise_of(series.noise)), probes)
     ideal = _classifier(series, around).ceiling(rng, None, 0.0).rounded() if around.columns else {}
     recording = simulate_recording(protocol_of(series), theta, rng)
     return recording, _entry(theta, 0.0, [], ceiling=ideal)
@@ -123,7 +123,7 @@ def _linear(series: Series, rng: np.random.Generator, names: list[str]) -> tuple
     if truth is None:
         return None
     setting, probes = shared(series)
-    geometry = Geometry(two_segment(), truth.theta, setting, noise_of(series.noise))
+    geometry = Geometry(free(two_segment()), truth.theta, setting, noise_of(series.noise))
     y = geometry.response(names, truth.sizes, 0.0)
     if y is None:
         raise DesignError(f"effects {', '.join(names)}: unstable after they were drawn")

@@ -1,0 +1,107 @@
+"""Every code block of the documentation runs as it is printed, in order, in a directory of its own.
+
+- ``bash`` blocks run in a shell, ``python`` blocks of a page share one namespace; both start where a clone's root is.
+- The study files they name are cut down to a few realizations and starts, so that a page takes seconds.
+- A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
+- A block is left out only below a visible line ``*Not run by the tests: REASON.*``.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PLACES = ("README.md", "results_schema/README.md", "pipelines/**/*.md", "mcstudy/**/*.md", "benchmarks/**/*.md")
+PAGES = sorted({page.relative_to(ROOT).as_posix() for place in PLACES for page in ROOT.glob(place)})
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+NOT_RUN = re.compile(r"^\*Not run by the tests: \S.{5,}\.\*$")
+PROSE = ("", "text")
+"""Blocks that hold no code: what a program printed, a formula."""
+SECONDS = 240
+MOST = {"realizations": 4, "starts": 10}
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: its language, its text, the line it starts on, and whether it is run."""
+
+    language: str
+    text: str
+    line: int
+    run: bool
+
+
+def blocks(page: str) -> list[Block]:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    found = []
+    for match in FENCE.finditer(text):
+        above = text[: match.start()].rstrip("\n").rsplit("\n", 1)[-1]
+        line = text.count("\n", 0, match.start()) + 1
+        found.append(Block(match.group(1), match.group(2), line, run=not NOT_RUN.match(above)))
+    return found
+
+
+def cut_down(study: Path) -> None:
+    """The same study with fewer realizations and starts."""
+    text = study.read_text(encoding="utf-8")
+    for key, most in MOST.items():
+        text = re.sub(rf"^{key} = (\d+)", lambda m, k=key, n=most: f"{k} = {min(int(m[1]), n)}", text, flags=re.M)
+    study.write_text(text, encoding="utf-8")
+
+
+def run_bash(block: Block, where: Path) -> None:
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block.text],
+        cwd=where,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+        check=False,
+    )
+    assert done.returncode == 0, f"line {block.line}: status {done.returncode}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_block_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(ROOT / "pipelines", tmp_path / "pipelines")
+    for study in (tmp_path / "pipelines").glob("*.toml"):
+        cut_down(study)
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, Any] = {"__name__": "__main__"}
+    for block in blocks(page):
+        if not block.run or block.language in PROSE:
+            continue
+        if block.language == "bash":
+            run_bash(block, tmp_path)
+        elif block.language == "python":
+            exec(compile("\n" * block.line + block.text, str(ROOT / page), "exec"), namespace)
+        else:
+            name = re.match(r"# (\w+\.toml)\n", block.text)
+            assert block.language == "toml", f"line {block.line}: a block of no known language {block.language!r}"
+            assert name, f"line {block.line}: expected '# NAME.toml' on the first line"
+            (tmp_path / name.group(1)).write_text(block.text, encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_between_pages_lead_somewhere(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", text):
+        assert ((ROOT / page).parent / target).exists(), f"{page}: {target}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_python_that_is_not_run_is_at_least_python(page: str) -> None:
+    for block in blocks(page):
+        if block.language == "python":
+            compile(block.text, f"{page}:{block.line}", "exec")

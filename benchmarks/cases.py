@@ -58,5 +58,5 @@ def cases(realizations: int, starts: int) -> list[Case]:
         data = paper.measure(AMPLITUDE, r)
         for fmax in FMAX:
             problem = paper.problem(data, fmax)
-            out.append(Case(fmax, r, problem, paper.starts(problem, r)))
+            out.append(Case(fmax, r, problem, paper.starts([problem], [r])[0]))
     return out

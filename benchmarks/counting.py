@@ -20,6 +20,7 @@ from mcstudy.fit.lm import Plan, _pack
 from mcstudy.fit.problem import Problem
 
 WIDTH = lanes.WIDTH
+COMPILER = "from numba import njit"
 
 
 class Counter:
@@ -87,17 +88,16 @@ def counting_kernel() -> types.SimpleNamespace:
     """The kernel's functions as plain Python on counting lanes."""
     space: dict[str, Any] = {"__name__": "counting_kernel"}
     source = inspect.getsource(kernel)
-    for line in ("from numba import njit",):
-        if line not in source:
-            raise RuntimeError(f"the kernel's source has changed: expected the line {line!r}")
-        source = source.replace(line, "njit = lambda *a, **k: a[0] if a else (lambda f: f)")
+    if COMPILER not in source:
+        raise RuntimeError(f"the kernel's source has changed: expected the line {COMPILER!r}")
+    source = source.replace(COMPILER, "njit = lambda *a, **k: a[0] if a else (lambda f: f)")
     exec(compile(source, kernel.__file__, "exec"), space)
     space.update({name: value for name, value in _LANES.items() if name in space})
     return types.SimpleNamespace(**{k: v for k, v in space.items() if k in ("evaluate", "levenberg_marquardt")})
 
 
-def evaluation(problem: Problem, theta: np.ndarray) -> int:
-    """Operations of one evaluation of cost, gradient and Gram matrix, per fit."""
+def evaluation(problem: Problem, theta: np.ndarray) -> tuple[int, np.ndarray]:
+    """Operations of one evaluation of cost, gradient and Gram matrix a fit, and what the kernel computed."""
     plan = Plan.of(problem.model, problem.f)
     w, (at_x, _, at_gram, *_, at_data, at_scratch) = plan.workspace()
     slots, packed, P = w.reshape(-1, WIDTH), _pack(problem), theta.size
@@ -105,7 +105,7 @@ def evaluation(problem: Problem, theta: np.ndarray) -> int:
     slots[at_x : at_x + P] = theta[:, None]
     Counter.flops = 0
     counting_kernel().evaluate(w, at_x, at_gram, at_data, at_scratch, P, *plan.tables())
-    return Counter.flops
+    return Counter.flops, slots[at_gram : at_gram + (P + 1) * (P + 2) // 2, 0]
 
 
 def whole(problem: Problem, starts: np.ndarray, tolerance: float, most: int) -> tuple[int, int]:

@@ -31,7 +31,7 @@ def cell(realization: int) -> tuple[np.ndarray, ...]:
     out = []
     for fmax in FMAX:
         problem = paper.problem(data, fmax)
-        starts = paper.starts(problem, realization)
+        starts = paper.starts([problem], [realization])[0]
         fits = fit(problem, starts)
         growth = growth_rate(problem.model, fits.estimate)
         out.append((starts, fits.estimate, fits.cost, fits.iterations, fits.at_bound, growth, fits.status))

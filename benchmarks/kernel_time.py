@@ -63,7 +63,7 @@ def run(sizes: Sizes) -> Result:
     result.keys["kernel.peak_gflops"] = peak / 1e9
     for k, (case, starts) in enumerate(zip(problems, pools, strict=True)):
         took = float(np.median(seconds[k][1:] or seconds[k]))
-        evaluate = counting.evaluation(case.problem, case.problem.model.truth)
+        evaluate, _ = counting.evaluation(case.problem, case.problem.model.truth)
         flops, passes = counting.whole(case.problem, starts[:8], 1e-12, 12)
         step = flops / passes - evaluate
         us = took / iterations[k] * 1e6

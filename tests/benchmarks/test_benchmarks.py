@@ -1,0 +1,86 @@
+"""The benchmark gives everyone the same problem, and names its numbers as announced. Nothing here is timed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks import counting, kernel_time, peers, speedup
+from benchmarks.cases import FMAX, cases
+from benchmarks.model import Compiled
+from benchmarks.report import QUICK
+from benchmarks.suite import BENCHMARKS
+from mcstudy.fit.lm import normal_equations
+
+SLOW = {"scipy_trust_constr", "scipy_trust_constr_bfgs"}  # minutes of a thousand iterations; the loose one stands in
+
+
+def test_cells_are_the_papers_28_points_at_8_hz_and_16_at_1_2_hz() -> None:
+    assert [(c.fmax, c.problem.f.size) for c in cases(1, 3)] == [(1.2, 16), (8.0, 28)]
+
+
+@pytest.mark.parametrize("case", cases(1, 3), ids=lambda c: f"{c.fmax:g} Hz")
+def test_peers_get_the_residual_and_jacobian_of_the_problem(case) -> None:
+    model = Compiled(case.problem)
+    for theta in case.starts:
+        z = (theta - model.lower) / model.width
+        jacobian = case.problem.jacobian(theta) * model.width
+        np.testing.assert_allclose(2 * model.value(z), case.problem.cost(theta), rtol=1e-12)
+        np.testing.assert_allclose(model.hessian(z), jacobian.T @ jacobian, rtol=1e-9, atol=1e-9)
+        expected = jacobian.T @ case.problem.residual(theta)
+        np.testing.assert_allclose(model.gradient(z), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("peer", sorted(set(peers.PEERS) - SLOW))
+def test_from_the_truth_everyone_ends_in_the_same_minimum(peer: str) -> None:
+    if peer in peers.missing():
+        pytest.skip(f"{peer}: package of the bench extra not installed")
+    problem = cases(1, 3)[0].problem
+    start = problem.model.truth[None]
+    own, theirs = peers.own(problem, start), peers.PEERS[peer](problem, start)
+    np.testing.assert_allclose(own, theirs, rtol=1e-6 if "trust" in peer else 1e-9)
+
+
+def test_operations_are_counted_on_the_kernels_own_arithmetic() -> None:
+    problem = cases(1, 3)[0].problem
+    flops, triangle = counting.evaluation(problem, problem.model.truth)
+    cost, gradient, gram = normal_equations(problem, problem.model.truth[None])
+    P = gradient.shape[1]
+    expected = [*gram[0][np.tril_indices(P)], *gradient[0], *cost]
+    np.testing.assert_allclose(triangle, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
+    # at the least one product and sum per entry of J^T J, real and imaginary part
+    assert flops > 2 * 2 * problem.f.size * P * (P + 1) / 2
+
+
+def test_speedup_announces_every_peer_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = {"scipy_trf", "scipy_trust_constr", "pypesto_ls_trf", "pypesto_fides", "lmfit"}
+    assert expected <= set(peers.PEERS)
+    monkeypatch.setattr(peers, "PEERS", {"scipy_trf": peers.scipy_trf})
+    monkeypatch.setattr(peers, "missing", lambda: ("lmfit",))
+    result = speedup.run(dataclasses.replace(QUICK, starts=3))
+    assert {"speedup.scipy_trf", *(f"speedup.scipy_trf.fmax_{f:g}" for f in FMAX)} <= set(result.keys)
+    assert result.keys["speedup.scipy_trf"] > 0
+    assert any("lmfit" in note for note in result.notes)
+    assert [row["solver"] for row in result.table] == ["mcstudy", "scipy_trf"]
+
+
+def test_kernel_benchmark_states_time_operations_and_fraction(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(counting, "whole", lambda *_: (50_000, 1))
+    keys = kernel_time.run(dataclasses.replace(QUICK, starts=8)).keys
+    for name in ("iteration_us", "flops_per_iteration", "fraction_of_peak"):
+        assert all(keys[f"kernel.{name}.fmax_{f:g}"] > 0 for f in FMAX)
+
+
+def test_starts_needed_follow_from_the_hit_rate() -> None:
+    assert speedup.needed(0.0) == math.inf
+    assert speedup.needed(0.95) == 1.0
+    assert 1 - (1 - 0.3) ** speedup.needed(0.3) == pytest.approx(0.95)
+
+
+def test_every_part_of_the_suite_has_a_name() -> None:
+    assert {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth"} == set(
+        BENCHMARKS
+    )

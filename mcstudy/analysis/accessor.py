@@ -118,10 +118,10 @@ class MonteCarlo:
     def efficiency(self, covariance: xr.DataArray | None = None) -> xr.Dataset:
         """Cramér-Rao variance over the variance found.
 
-        ``covariance`` (amplitude, frequency, angle, angle_2) of the FRF errors; the stored ones, averaged, by default.
+        ``covariance`` (amplitude, frequency, angle, angle_2) of the FRF errors; `context.covariance_of` by default.
         """
         cells = self._cells
-        covariance = efficiency.measured_covariance(cells) if covariance is None else covariance
+        covariance = context.covariance_of(cells) if covariance is None else covariance
         overlap = efficiency.overlap_of(context.points_of(cells))
         return efficiency.efficiency(cells, efficiency.bounds_on_sd(cells, self.model, covariance, overlap))
 

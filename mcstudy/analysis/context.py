@@ -8,11 +8,14 @@ import numpy as np
 import xarray as xr
 from pydantic import ValidationError
 
+from mcstudy.analysis.efficiency import expected_line_covariance, measured_covariance
 from mcstudy.errors import StoreError
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.noise import SensorNoise
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import kept_points
+from mcstudy.study.measure import stimulus
 from mcstudy.study.models import build_model
 
 DESIGN = "design"
@@ -46,6 +49,27 @@ def points_of(data: xr.Dataset) -> Bands:
 def provenance_of(data: xr.Dataset) -> str:
     """Where the true values come from; to be shown wherever they are."""
     return str(data.attrs.get("truth_provenance") or build_model(group_of(data)).provenance)
+
+
+def covariance_of(data: xr.Dataset) -> xr.DataArray:
+    """Covariance of the FRF errors at every point, dims (amplitude, frequency, angle, angle_2), as well as it is known.
+
+    Single lines freed of the leakage ramp have the covariance that theory says; band means and leaking lines have the
+    mean of the stored estimates. ``source`` among the attributes says which. Raises `InputError` without noise.
+    """
+    group = group_of(data)
+    if group.simulator == "none" or group.spectra.points != "odd_lines" or group.spectra.ramp != "remove":
+        return measured_covariance(data).assign_attrs(source="mean of the stored noise covariances")
+    model, points, s = model_of(data), points_of(data), group.stimulus
+    noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
+    duration_s = (s.cycles - s.discard) * points.period_s
+    covariance = np.zeros((len(group.amplitude), len(points), 2, 2), dtype=complex)
+    for a, amplitude in enumerate(group.amplitude):
+        drive = stimulus(group, amplitude).coefficients()[points.lines]
+        covariance[a] = expected_line_covariance(model, model.truth, noise, points.f, drive, duration_s)
+    coords = {d: data[d] for d in ("amplitude", "frequency")}
+    dims = ("amplitude", "frequency", "angle", "angle_2")
+    return xr.DataArray(covariance, coords, dims, attrs={"source": "sensor noise through the true loop"})
 
 
 def nearest(values: np.ndarray, wanted: float, tolerance: float = 0.011) -> float | None:

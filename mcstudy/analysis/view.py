@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.context import group_of, model_of, nearest, points_of, provenance_of
+from mcstudy.analysis.context import covariance_of, group_of, model_of, nearest, points_of, provenance_of
 from mcstudy.analysis.convergence import starts_needed
-from mcstudy.analysis.efficiency import bounds_on_sd, measured_covariance, overlap_of
+from mcstudy.analysis.efficiency import bounds_on_sd, overlap_of
 from mcstudy.analysis.selection import best, combined
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
@@ -60,7 +60,7 @@ class GroupView:
         """Cramér-Rao and linearised standard deviations; None where the group has no (complete) noise covariance."""
         if "noise_covariance" not in self.cube or not self.noisy:
             return None
-        covariance = measured_covariance(self.cube).compute()
+        covariance = covariance_of(self.cube).compute()
         if not bool(np.isfinite(covariance).all()):
             return None
         return bounds_on_sd(self.cells, self.model, covariance, overlap_of(points_of(self.cube)))

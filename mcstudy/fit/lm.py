@@ -104,29 +104,32 @@ def _pack(problem: Problem) -> np.ndarray:
     return np.stack((*data, *weights), axis=1).ravel()
 
 
-def lm_many(problems: Sequence[Problem], starts: np.ndarray, tolerance: float, max_iterations: int) -> list[Fits]:
-    """Fit R problems that share model and frequencies, each from its own S starts, in one queue.
+def lm_queue(
+    problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, tolerance: float, max_iterations: int
+) -> Fits:
+    """Fit M starts of R problems that share model and frequencies, in one queue that keeps the lanes full.
 
     Parameters
     ----------
     problems: R problems; their model and ``f`` must be the same.
-    starts: (R, S, P).
+    which: problem of each start, (M,) int.
+    starts: (M, P).
     tolerance: predicted relative decrease of the cost at which a fit has converged.
     max_iterations: most evaluations of model and derivatives a fit may take.
     """
-    R, S, P = starts.shape
+    M, P = starts.shape
     model = problems[0].model
     plan = Plan.of(model, problems[0].f)
     w, layout = plan.workspace()
-    estimate, cost = np.full((R * S, P), np.nan), np.full(R * S, np.nan)
-    status, iterations = np.zeros(R * S, dtype=np.int64), np.zeros(R * S, dtype=np.int64)
-    if R * S:
+    estimate, cost = np.full((M, P), np.nan), np.full(M, np.nan)
+    status, iterations = np.zeros(M, dtype=np.int64), np.zeros(M, dtype=np.int64)
+    if M:
         kernel.levenberg_marquardt(
             w,
             layout,
             np.stack([_pack(p) for p in problems]),
-            np.ascontiguousarray(starts.reshape(R * S, P)),
-            np.repeat(np.arange(R), S),
+            np.ascontiguousarray(starts),
+            np.ascontiguousarray(which, dtype=np.int64),
             model.lower,
             model.upper,
             tolerance,
@@ -137,13 +140,12 @@ def lm_many(problems: Sequence[Problem], starts: np.ndarray, tolerance: float, m
             iterations,
             *plan.tables(),
         )
-    parts = (a.reshape(R, S, *a.shape[1:]) for a in (estimate, cost, status, iterations))
-    return [Fits.of(model, *one) for one in zip(*parts, strict=True)]
+    return Fits.of(model, estimate, cost, status, iterations)
 
 
 def lm(problem: Problem, starts: np.ndarray, tolerance: float, max_iterations: int) -> Fits:
     """Fit one problem from S starts (S, P) with the compiled kernel."""
-    return lm_many([problem], starts[None], tolerance, max_iterations)[0]
+    return lm_queue([problem], np.zeros(len(starts), dtype=np.int64), starts, tolerance, max_iterations)
 
 
 def normal_equations(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -123,6 +123,17 @@ class Fits:
             at_bound=np.zeros(starts.shape, dtype=np.int8),
         )
 
+    def put(self, where: np.ndarray, other: Fits) -> None:
+        """Write the fits of ``other`` over those at indices ``where``."""
+        for name in ("estimate", "cost", "status", "iterations", "at_bound"):
+            getattr(self, name)[where] = getattr(other, name)
+
+    def take(self, where: slice) -> Fits:
+        """Some of the fits, as views."""
+        return Fits(
+            self.estimate[where], self.cost[where], self.status[where], self.iterations[where], self.at_bound[where]
+        )
+
     @property
     def best(self) -> int:
         """Index of the lowest cost."""

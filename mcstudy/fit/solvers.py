@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.fit.lm import lm, lm_many
+from mcstudy.fit.lm import lm, lm_queue
 from mcstudy.fit.problem import Fits, Problem
 from mcstudy.fit.scipy_trf import trf
 from mcstudy.fit.scipy_trust_constr import trust_constr
@@ -45,21 +45,37 @@ def fit(problem: Problem, starts: np.ndarray, solver: str = "lm", options: Optio
     return SOLVERS[solver](problem, starts, options.tolerance, options.max_iterations)
 
 
+def fit_queue(
+    problems: Sequence[Problem],
+    which: np.ndarray,
+    starts: np.ndarray,
+    solver: str = "lm",
+    options: Options | None = None,
+) -> Fits:
+    """Fit M starts (M, P), start m on problem ``which[m]`` of R problems that share model and frequencies.
+
+    The same results as `fit` start by start; the compiled solver keeps its lanes full across problems.
+    """
+    options = options or Options()
+    starts, which = np.ascontiguousarray(starts, dtype=float), np.asarray(which)
+    out = Fits.failed(starts, Status.NON_FINITE_DATA)
+    fine = np.flatnonzero(np.array([p.finite for p in problems])[which])
+    if solver == "lm":
+        if fine.size:
+            used, index = np.unique(which[fine], return_inverse=True)
+            few = [problems[r] for r in used]
+            out.put(fine, lm_queue(few, index, starts[fine], options.tolerance, options.max_iterations))
+        return out
+    for r in np.unique(which[fine]):
+        own = fine[which[fine] == r]
+        out.put(own, SOLVERS[solver](problems[r], starts[own], options.tolerance, options.max_iterations))
+    return out
+
+
 def fit_many(
     problems: Sequence[Problem], starts: np.ndarray, solver: str = "lm", options: Options | None = None
 ) -> list[Fits]:
-    """Fit R problems that share model and frequencies, each from its own starts (R, S, P).
-
-    The same results as `fit` problem by problem; the compiled solver keeps its lanes full across problems.
-    """
-    options = options or Options()
-    starts = np.ascontiguousarray(starts, dtype=float)
-    if solver != "lm":
-        return [fit(p, x0, solver, options) for p, x0 in zip(problems, starts, strict=True)]
-    finite = [r for r, p in enumerate(problems) if p.finite]
-    fits = [Fits.failed(x0, Status.NON_FINITE_DATA) for x0 in starts]
-    if finite:
-        done = lm_many([problems[r] for r in finite], starts[finite], options.tolerance, options.max_iterations)
-        for r, one in zip(finite, done, strict=True):
-            fits[r] = one
-    return fits
+    """Fit R problems that share model and frequencies, each from its own S starts (R, S, P), through `fit_queue`."""
+    R, S, P = starts.shape
+    fits = fit_queue(problems, np.repeat(np.arange(R), S), starts.reshape(R * S, P), solver, options)
+    return [fits.take(slice(r * S, (r + 1) * S)) for r in range(R)]

@@ -16,9 +16,10 @@ from mcstudy.errors import InputError, RecordingError
 from mcstudy.spectra import periods
 from mcstudy.spectra.bands import Bands
 from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.loop_covariance import LoopCovariance
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
-from mcstudy.stance.response import frf
+from mcstudy.stance.response import frf, noise_response
 from mcstudy.stance.simulate_spectral import NoiseSway
 from mcstudy.stance.stimulus import Prts
 
@@ -31,10 +32,12 @@ class LineNoise:
     ----------
     coefficients: Fourier coefficients, rad, (L, 2) complex.
     covariance: their covariance estimated from the even lines, rad^2, (L, 2, 2) complex.
+    even: Fourier coefficients at the even lines that `SpectralExperiment.through_loop` averages, (E, 2) complex.
     """
 
     coefficients: np.ndarray
     covariance: np.ndarray
+    even: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -108,13 +111,29 @@ class SpectralExperiment:
         self._unit_stimulus = replace(prts, amplitude=1.0).coefficients()[bands.lines]
         self._sway = NoiseSway(model, theta, noise, cycles * prts.samples, prts.rate_hz)
         self._covariance = EvenLineCovariance(bands.lines, prts.samples // 2)
+        self._loop_covariance = LoopCovariance(bands.lines, prts.samples // 2)
+        self._model = model
         self.dof = bands.average(self._covariance.dof[:, None])[:, 0]
         """Equivalent independent complex lines behind each point's covariance, (N,)."""
 
     def realization(self, rng: np.random.Generator) -> LineNoise:
         """One draw of the noise; shared by all amplitudes."""
         coefficients = self.spectrum(self._sway.sample(rng), self.period, self.discard)
-        return LineNoise(coefficients[self.bands.lines], self._covariance(coefficients))
+        even = coefficients[self._loop_covariance.even]
+        return LineNoise(coefficients[self.bands.lines], self._covariance(coefficients), even)
+
+    def through_loop(self, noise: LineNoise, theta: np.ndarray) -> LineNoise:
+        """The same noise, its covariance estimated again through a loop with parameters ``theta`` (a first fit), (P,).
+
+        See `mcstudy.spectra.loop_covariance`.
+        """
+        n = self._model.n_angles
+        even_f = self._loop_covariance.even / self.bands.period_s
+        at_even = noise_response(self._model, theta, even_f)[:, :n, :n]
+        at_lines = noise_response(self._model, theta, self.bands.line_f)[:, :n, :n]
+        covariance = np.zeros_like(noise.covariance)
+        covariance[:, :n, :n] = self._loop_covariance(noise.even[:, :n], at_even, at_lines)
+        return replace(noise, covariance=covariance)
 
     def noise_free(self) -> np.ndarray:
         """Band means of the ideal FRF, (N, 2): differs from `true_frf` by the averaging alone."""
@@ -171,7 +190,8 @@ def frf_from_recording(
         where = bands.line_f[silent][0]
         raise RecordingError(f"recording stimulus: no power at {where:.3f} Hz, a line of a {bands.period_s:g} s period")
     estimator = EvenLineCovariance(bands.lines, drive.size - 1)
-    noise = LineNoise(np.zeros((u.size, sway.shape[-1])), estimator(sway))
+    silence = np.zeros((u.size, sway.shape[-1]))
+    noise = LineNoise(silence, estimator(sway), silence[:0])
     data, covariance = frf_from_noise(sway.mean(axis=0)[bands.lines] / u[:, None], noise, u, bands)
     dof = bands.average(estimator.dof[:, None])[:, 0] * len(trials)
     return FrfEstimate(bands.f, data, covariance, dof)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from mcstudy.fit.linearised import linearised
+from mcstudy.fit.linearised import linearised_many
 from mcstudy.fit.problem import Problem, ml_cost, paper_cost
 from mcstudy.fit.starts import STARTS
 from mcstudy.stance.feedback import Model
@@ -42,9 +44,10 @@ class Experiment:
             return ml_cost(self.model, self.f[:n], data.frf[:n], data.covariance[:n])
         return paper_cost(self.model, self.f[:n], data.frf[:n])
 
-    def starts(self, problem: Problem, realization: int) -> np.ndarray:
-        """All starts of one problem of a realization, (starts, P); if not from data, the same at every Fmax."""
-        rng = start_stream(self.seed, realization)
+    def starts(self, problems: Sequence[Problem], realizations: Sequence[int]) -> np.ndarray:
+        """All starts of one problem of each realization, (R, starts, P); if not from data, the same at every Fmax."""
+        streams = [start_stream(self.seed, realization) for realization in realizations]
         if self.group.fit.starts == "linearised":
-            return linearised(problem, rng, self.group.starts)
-        return STARTS[self.group.fit.starts](problem.model, rng, self.group.starts)
+            return linearised_many(problems, streams, self.group.starts)
+        draw = STARTS[self.group.fit.starts]
+        return np.stack([draw(self.model, rng, self.group.starts) for rng in streams])

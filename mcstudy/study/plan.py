@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.fit.solvers import Options, fit
+from mcstudy.fit.solvers import Options, fit, fit_queue
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.design import Study
 from mcstudy.study.experiment import Experiment
@@ -22,6 +22,8 @@ from mcstudy.study.layout import layout, realizations_a_chunk
 PILOT_REALIZATIONS = 16
 
 PILOT_STARTS = {"lm": 64}
+PILOT_CELLS = {"lm": 8}
+"""Realizations timed together (the compiled solver fits several in one queue); one with SciPy's."""
 """Starts timed per Fmax; SciPy's solvers are timed on two."""
 
 
@@ -73,20 +75,25 @@ def plan(study: Study) -> list[GroupPlan]:
 def _seconds_a_cell(experiment: Experiment) -> float:
     """CPU seconds of one (amplitude, realization): its data, and all starts at every Fmax."""
     group = experiment.group
+    pilot = range(min(group.realizations, PILOT_CELLS.get(group.fit.solver, 1)))
     n = min(group.starts, PILOT_STARTS.get(group.fit.solver, 2))
     options = Options(group.fit.tolerance, group.fit.max_iterations)
     experiment.measure(group.amplitude[0], 0)
-    begun = time.perf_counter()
-    data = experiment.measure(group.amplitude[0], 0)
-    total = time.perf_counter() - begun
+    begun = time.process_time()
+    data = [experiment.measure(group.amplitude[0], r) for r in pilot]
+    total = time.process_time() - begun
     for fmax in group.fmax:
-        problem = experiment.problem(data, fmax)
-        starts = experiment.starts(problem, 0)[:n]
-        growth_rate(experiment.model, fit(problem, starts[:1], group.fit.solver, options).estimate)  # compiles
-        begun = time.perf_counter()
-        growth_rate(experiment.model, fit(problem, starts, group.fit.solver, options).estimate)
-        total += (time.perf_counter() - begun) / n * group.starts
-    return total
+        problems = [experiment.problem(one, fmax) for one in data]
+        experiment.starts(problems[:1], pilot[:1])  # compiles
+        begun = time.process_time()
+        starts = experiment.starts(problems, pilot)
+        total += time.process_time() - begun
+        which, x0 = np.repeat(np.arange(len(problems)), n), starts[:, :n].reshape(-1, starts.shape[-1])
+        growth_rate(experiment.model, fit(problems[0], x0[:1], group.fit.solver, options).estimate)  # compiles
+        begun = time.process_time()
+        growth_rate(experiment.model, fit_queue(problems, which, x0, group.fit.solver, options).estimate)
+        total += (time.process_time() - begun) / n * group.starts
+    return total / len(pilot)
 
 
 def _precision(experiment: Experiment) -> tuple[Precision, ...]:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.fit.problem import Fits
-from mcstudy.fit.solvers import Options, fit
+from mcstudy.fit.solvers import Options, fit_queue
 from mcstudy.fit.status import Status
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.design import Study
@@ -25,7 +25,7 @@ from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import Chunk
 from mcstudy.study.store import GroupStore
 
-STARTS_A_CALL = {"lm": 256}
+STARTS_A_CALL = {"lm": 1024}
 """Starts handed to a solver at once; SciPy's are slow, and a stop request is looked at only between calls."""
 
 OTHERS_A_CALL = 1
@@ -108,33 +108,33 @@ def _pause(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stop: t
 def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: Callable[[], bool]) -> None:
     """Run every pending fit of a chunk, in place in ``data``, until done or ``stopped()``."""
     experiment, group = store.experiment, store.experiment.group
-    amplitude = group.amplitude[chunk.amplitude]
-    for r, realization in enumerate(store.layout.realizations(chunk)):
-        if (data["status"][0, :, r] != Status.PENDING).all():
-            continue
-        measurement = experiment.measure(amplitude, realization)
+    amplitude, realizations = group.amplitude[chunk.amplitude], store.layout.realizations(chunk)
+    options = Options(group.fit.tolerance, group.fit.max_iterations)
+    step = STARTS_A_CALL.get(group.fit.solver, OTHERS_A_CALL)
+    wanted = np.flatnonzero((data["status"][0] == Status.PENDING).any(axis=(0, 2)))
+    measured = {r: experiment.measure(amplitude, realizations[r]) for r in wanted}
+    for r, measurement in measured.items():
         data["frf"][0, r] = measurement.frf
         if measurement.covariance is not None:
             data["noise_covariance"][0, r] = measurement.covariance
-        for k, fmax in enumerate(group.fmax):
-            pending = np.flatnonzero(data["status"][0, k, r] == Status.PENDING)
-            if not pending.size:
-                continue
-            problem = experiment.problem(measurement, fmax)
-            starts = experiment.starts(problem, realization)
-            data["initial"][0, k, r] = starts
-            step = STARTS_A_CALL.get(group.fit.solver, OTHERS_A_CALL)
-            for first in range(0, pending.size, step):
-                if stopped():
-                    return
-                which = pending[first : first + step]
-                options = Options(group.fit.tolerance, group.fit.max_iterations)
-                fits = fit(problem, starts[which], group.fit.solver, options)
-                _put(data, (0, k, r, which), fits, experiment)
+    for k, fmax in enumerate(group.fmax):
+        rows = np.flatnonzero((data["status"][0, k] == Status.PENDING).any(axis=1))
+        problems = [experiment.problem(measured[r], fmax) for r in rows]
+        if stopped():
+            return
+        if rows.size:
+            data["initial"][0, k, rows] = experiment.starts(problems, [realizations[r] for r in rows])
+        row, start = np.nonzero(data["status"][0, k, rows] == Status.PENDING)
+        for first in range(0, row.size, step):
+            if stopped():
+                return
+            which, at = row[first : first + step], start[first : first + step]
+            place = (0, k, rows[which], at)
+            _put(data, place, fit_queue(problems, which, data["initial"][place], group.fit.solver, options), experiment)
 
 
 def _put(
-    data: dict[str, np.ndarray], place: tuple[int, int, int, np.ndarray], fits: Fits, experiment: Experiment
+    data: dict[str, np.ndarray], place: tuple[int, int, np.ndarray, np.ndarray], fits: Fits, experiment: Experiment
 ) -> None:
     usable = np.isin(fits.status, [s for s in Status if s.usable])
     growth = np.full(len(fits.cost), np.nan)

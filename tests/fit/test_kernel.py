@@ -13,7 +13,7 @@ from numba import njit
 
 from mcstudy.fit import kernel
 from mcstudy.fit.lanes import WIDTH, load, store
-from mcstudy.fit.lm import lm, lm_many, normal_equations
+from mcstudy.fit.lm import lm, lm_queue, normal_equations
 from mcstudy.fit.starts import uniform
 
 KINDS = ["paper", "ml", "rich", "one_segment"]
@@ -67,8 +67,10 @@ def test_a_fit_does_not_depend_on_its_neighbours_in_the_lanes(kind: str) -> None
 def test_many_problems_in_one_queue_equal_one_problem_at_a_time() -> None:
     problems = [example("ml", seed) for seed in range(5)]
     starts = np.stack([uniform(p.model, np.random.default_rng(k), 7) for k, p in enumerate(problems)])
-    for one, x0, p in zip(lm_many(problems, starts, 1e-12, 300), starts, problems, strict=True):
-        np.testing.assert_array_equal(one.estimate, lm(p, x0, 1e-12, 300).estimate)
+    shuffled = np.random.default_rng(9).permutation(35)
+    queue = lm_queue(problems, np.repeat(np.arange(5), 7)[shuffled], starts.reshape(35, -1)[shuffled], 1e-12, 300)
+    alone = [lm(p, x0, 1e-12, 300).estimate for p, x0 in zip(problems, starts, strict=True)]
+    np.testing.assert_array_equal(queue.estimate, np.concatenate(alone)[shuffled])
 
 
 DIGEST = """

@@ -13,7 +13,8 @@ from mcstudy.analysis.montecarlo import Moments
 from mcstudy.analysis.sensitivity import sensitivity
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import Data, axes, chosen_fmax, fmax_label, legend_below, view_of
+from mcstudy.report.figures.common import Data, axes, chosen_fmax, legend_below, view_of
+from mcstudy.report.labels import fmax_label
 from mcstudy.report.style import COLOURS
 
 

@@ -76,26 +76,6 @@ def _listed(values: Sequence[float]) -> str:
     return ", ".join(f"{v:g}" for v in values)
 
 
-def amplitude_label(view: GroupView, amplitude: float) -> str:
-    """E.g. ``5 N m``; ``no noise`` for a group whose data do not depend on the amplitude."""
-    return f"{amplitude:g} {unit(view)}" if view.noisy else "no noise"
-
-
-def unit(view: GroupView) -> str:
-    """Unit of the stimulus, for people."""
-    return str(view.model.stimulus_unit).replace("N m", "N·m")
-
-
-def fmax_label(fmax: float) -> str:
-    """E.g. ``1.2 Hz``."""
-    return f"{fmax:g} Hz"
-
-
-def cell_label(view: GroupView, amplitude: float, fmax: float) -> str:
-    """E.g. ``5 N·m, 1.2 Hz``."""
-    return f"{amplitude_label(view, amplitude)}, {fmax_label(fmax)}"
-
-
 def colour_of(values: np.ndarray, value: float) -> str:
     """Colour of one coordinate value of an axis."""
     return SERIES[int(np.argmin(np.abs(values - value))) % len(SERIES)]

@@ -10,16 +10,8 @@ from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.selection import inside_bounds
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import (
-    Data,
-    amplitude_label,
-    axes,
-    chosen_amplitude,
-    fmax_label,
-    legend_below,
-    plain_log_axis,
-    view_of,
-)
+from mcstudy.report.figures.common import Data, axes, chosen_amplitude, legend_below, plain_log_axis, view_of
+from mcstudy.report.labels import amplitude_label, fmax_label
 from mcstudy.report.style import COLOURS, MARKERS, SERIES
 
 INSIDE = 0.9

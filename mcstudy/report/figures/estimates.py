@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 
 from mcstudy.analysis.montecarlo import moments
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import Data, amplitude_label, axes, colour_of, view_of
+from mcstudy.report.figures.common import Data, axes, colour_of, view_of
+from mcstudy.report.labels import amplitude_label
 from mcstudy.report.style import COLOURS
 from mcstudy.stance.feedback import Model
 

@@ -15,16 +15,14 @@ from mcstudy.analysis.by_starts import by_starts, mean_absolute_bias_percent, me
 from mcstudy.analysis.view import GroupView
 from mcstudy.report.figures.common import (
     Data,
-    amplitude_label,
     axes,
-    cell_label,
     chosen_amplitude,
     chosen_fmax,
-    fmax_label,
     legend_below,
     plain_log_axis,
     view_of,
 )
+from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 
 MOST_CLUSTERS = 8

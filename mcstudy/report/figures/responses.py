@@ -9,16 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import (
-    Data,
-    axes,
-    cell_label,
-    chosen_amplitude,
-    chosen_fmax,
-    frequency_axis,
-    log_axis,
-    view_of,
-)
+from mcstudy.report.figures.common import Data, axes, chosen_amplitude, chosen_fmax, frequency_axis, log_axis, view_of
+from mcstudy.report.labels import cell_label
 from mcstudy.report.style import MARKERS, SERIES
 from mcstudy.stance.response import frf, neural_controllers
 

@@ -12,17 +12,15 @@ from mcstudy.analysis.neural import j_nc
 from mcstudy.analysis.selection import usable
 from mcstudy.report.figures.common import (
     Data,
-    amplitude_label,
     axes,
-    cell_label,
     chosen_amplitude,
     chosen_fmax,
     colour_of,
-    fmax_label,
     log_axis,
     plain_log_axis,
     view_of,
 )
+from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 
 MOST_POINTS = 600
@@ -109,7 +107,9 @@ def starts_curve(data: Data, fmax: float | None = None, ax: Axes | None = None) 
         low = np.maximum(line["value"] - line["mcse"].fillna(0.0), 0.5 * line["value"])
         ax.fill_between(drawn, low, line["value"] + line["mcse"].fillna(0.0), color=colour, alpha=0.2, linewidth=0)
     log_axis(ax.yaxis)
-    plain_log_axis(ax.xaxis, [t for t in (1, 3, 10, 20, 50, 100, 500, 1000) if t <= max(pool, ax.get_xlim()[1])])
+    plain_log_axis(
+        ax.xaxis, [t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if t <= max(pool, ax.get_xlim()[1])]
+    )
     ax.set_xlabel("number of starts")
     ax.set_ylabel("lowest cost J expected")
     ax.set_title(f"Fmax {fmax_label(f)}")

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import axes, chosen_amplitude, frequency_axis, legend_below, log_axis, unit
+from mcstudy.report.figures.common import Data, axes, chosen_amplitude, frequency_axis, legend_below, log_axis, view_of
+from mcstudy.report.labels import unit
 from mcstudy.report.style import COLOURS, DASHES, SERIES
 from mcstudy.spectra import periods
 from mcstudy.stance.noise import SensorNoise
@@ -39,8 +40,9 @@ class Signals:
     realization: int = 0
 
     @classmethod
-    def of(cls, view: GroupView, seed: int, amplitude: float | None = None, realization: int = 0) -> Signals:
+    def of(cls, data: Data, seed: int, amplitude: float | None = None, realization: int = 0) -> Signals:
         """The signals of a group; the largest amplitude by default."""
+        view = view_of(data)
         return cls(view, seed, chosen_amplitude(view, amplitude), realization)
 
     @cached_property

@@ -9,10 +9,12 @@ from mcstudy.analysis.text import with_error
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
 from mcstudy.report.context import Context, short, stat, value_of
+from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.accuracy import bias_of, cv_at
-from mcstudy.report.figures.common import cell_label, chosen_fmax
+from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.figures.efficiency import bound_applies, efficiency_of
-from mcstudy.report.html import Figure, Missing, Panel, Table
+from mcstudy.report.html import Table
+from mcstudy.report.labels import cell_label
 from mcstudy.report.sections.search import relative_errors
 
 NO_NOISE_GROUP = "no group with noise has more than one realization"
@@ -184,7 +186,7 @@ def _fig_7a(view: GroupView, suffix: str) -> Figure | Missing:
         [
             f"|mean estimate − truth| at Fmax {f:g} Hz, averaged over amplitudes, ± MCSE; in the order of Fig. 7B. An "
             "absolute value is never zero: the orange tick is what an unbiased estimate would show with so few "
-            "realizations. The published biases are of that size too.",
+            "realizations.",
         ],
         [Panel("|bias| by parameter", lambda ax: figures.bias_bars(view, f, ax), (4.3, 4.2))],
         [Table(f"Fmax {f:g} Hz", ["parameter", "|bias| (%) ± MCSE", "no bias at all (%)"], rows)],
@@ -245,7 +247,8 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
         return Missing("", title, f"group {view.name} has no noise covariance")
     result, applies = efficiency_of(view), bound_applies(view)
     amplitudes = view.cube["amplitude"].values.tolist()
-    none = "" if bool(applies.any()) else " Here it applies nowhere: in every condition some parameter is on a bound."
+    none = "" if bool(applies.any()) else " Here that is so in every condition."
+    ticks = " Vertical ticks: what the paper's weights reach to first order." if view.group.fit.cost == "paper" else ""
     return Figure(
         f"efficiency{suffix}",
         "",
@@ -254,7 +257,7 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
             f"Group {view.name} (cost {view.group.fit.cost}): smallest variance that any unbiased estimator could have "
             "over the variance found, ± MCSE. 1 is perfect. Hollow: more than one fit in ten ends on some bound; "
             "bounds then hold estimates together, values above 1 are possible and the comparison means nothing."
-            f"{none} Vertical ticks: what the paper's weights reach to first order. Arrows: off the scale.",
+            f"{none}{ticks} Arrows: off the scale.",
         ],
         [
             Panel(f"{a:g} {view.model.stimulus_unit}", lambda ax, a=a: figures.efficiency_dots(view, a, ax), (4.3, 4.6))  # type: ignore[misc]

@@ -10,10 +10,11 @@ from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
 from mcstudy.report.context import Context, finite, short, stat, value_of
-from mcstudy.report.figures.common import cell_label
+from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
 from mcstudy.report.figures.search import spread_of_curve
-from mcstudy.report.html import Figure, Missing, Panel, Table
+from mcstudy.report.html import Table
+from mcstudy.report.labels import cell_label
 
 CURVE_TITLE = "Starts needed"
 

@@ -7,8 +7,9 @@ import numpy as np
 from mcstudy.analysis.published import METHODS
 from mcstudy.report import figures
 from mcstudy.report.context import Context, short
+from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.signals import Signals
-from mcstudy.report.html import Figure, Missing, Panel, Table
+from mcstudy.report.html import Table
 
 TITLE = "Stimulus, noise and sway"
 
@@ -19,7 +20,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
     if view is None:
         return [Missing("Fig. 2", TITLE, "the study has no group")]
     s = Signals.of(view, context.seed, float(view.cube["amplitude"].values[0]))
-    python = f'figures.NAME(Signals.of(GroupView("{view.name}", tree["{view.name}"].to_dataset()), {context.seed}))'
+    python = f'figures.NAME(figures.Signals.of(tree["{view.name}"], {context.seed}, {s.amplitude:g}))'
     peak = f"{s.amplitude:g} {view.model.stimulus_unit} ({view.group.stimulus.convention.replace('_', ' ')})"
     rms = np.degrees(s.noise_sway).std(axis=0)
     paper = METHODS["noise-evoked sway RMS"][0]
@@ -27,6 +28,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
     _, early = s.frf_error(0)
     sampling = s.sampling_error(f)
     assert isinstance(paper, tuple)
+    angles = "θ1 is the lower body in space, θ2 the joint above it" if len(s.angles) == 2 else "θ1 is the body in space"
     return [
         Figure(
             "fig2a",
@@ -71,7 +73,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "fig2c",
             "Fig. 2C",
             "Realistic sway",
-            ["Sway of lower body (θ1) and upper body (θ2, joint angle) evoked by stimulus and noise together."],
+            [f"Sway evoked by stimulus and noise together; {angles}."],
             [Panel("sway", lambda ax: figures.sway_record(s, ax), (4.3, 2.6))],
             python=python.replace("NAME", "sway_record"),
         ),

@@ -1,0 +1,140 @@
+"""The parts of the page that are words and tables: what the study is, the paper beside it, all groups in numbers."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+from mcstudy.analysis.text import number, with_error
+from mcstudy.report.context import Context, short, stat
+from mcstudy.report.html import Table, escape, table
+from mcstudy.report.labels import cell_label
+
+MARK = {True: "yes", False: "no", None: "–"}
+CLASS = {True: "yes", False: "no", None: "none"}
+
+
+def introduction(context: Context) -> str:
+    """What the study is about, where its true values come from, how its amplitudes are read."""
+    description = _study_field(context, "description")
+    truths = dict.fromkeys(view.provenance for view in context.study.groups.values())
+    conventions = dict.fromkeys(v.group.stimulus.convention.replace("_", " ") for v in context.study.groups.values())
+    text = f"<p>{escape(description)}</p>" if description else ""
+    text += "".join(f'<p class="truth"><strong>True values:</strong> {escape(t)}.</p>' for t in truths)
+    return text + f"<p>Amplitudes of the stimulus are read as {escape(' and '.join(conventions))}.</p>"
+
+
+def _study_field(context: Context, field: str) -> str:
+    try:
+        study = tomllib.loads(str(context.tree.attrs.get("study", "")))
+    except tomllib.TOMLDecodeError:
+        return ""
+    return str(study.get("study", {}).get(field, ""))
+
+
+def headline(context: Context) -> str:
+    """The table *paper | ours ± MCSE | agrees?*, or a sentence where no number of the paper is about this study."""
+    rows = list(context.published.values())
+    if not rows:
+        return (
+            "<p>No number of the paper is about a group like those of this study (two segments, a torque at the "
+            "ankle, the paper's cost, its Fmax and amplitudes), so there is nothing to set beside it.</p>"
+        )
+    agree = sum(r["agrees"] is True for r in rows)
+    judged = sum(r["agrees"] is not None for r in rows)
+    head = "".join(
+        f'<th scope="col" role="columnheader">{h}</th>' for h in ("What", "Paper", "Ours ± MCSE", "Agrees?", "Why not")
+    )
+    body = "".join(_headline_row(r) for r in rows)
+    return (
+        f"<p>{agree} of {judged} published numbers agree with ours within 3 Monte Carlo standard errors "
+        f"({escape(context.data['paper']['reference'])}).</p>"
+        f'<table class="stack" role="table"><caption>Paper and this study</caption><thead role="rowgroup">'
+        f'<tr role="row">{head}</tr></thead><tbody role="rowgroup">{body}</tbody></table>'
+        "<p>Floor: what a mean |bias| shows with no bias at all. Paper “&gt; 0” states an order of parameters; ours is "
+        "the margin by which it holds. Numbers without noise agree when they are no larger than the paper's. – means "
+        "that the paper gives no number. All of them: <code>mcstudy show OUT</code>.</p>"
+    )
+
+
+def _headline_row(row: dict[str, Any]) -> str:
+    floor = f" (floor {number(row['floor'], 2)})" if row["floor"] is not None else ""
+    detail = f"<br><small>{escape(row['detail'])}</small>" if row["detail"] else ""
+    cells = [
+        ("Paper", f"{escape(_paper(row))}<br><small>{escape(row['where'])}</small>", ""),
+        ("Ours", f"{escape(_ours(row))}{escape(floor)}{detail}", ""),
+        ("Agrees?", MARK[row["agrees"]], CLASS[row["agrees"]]),
+        ("Why not", escape(row["explanation"]), ""),
+    ]
+    return (
+        f'<tr role="row"><th scope="row" role="rowheader">{escape(row["label"])}</th>'
+        + "".join(
+            f'<td role="cell" data-label="{label}" class="{kind}">{text}</td>' if text else '<td role="cell"></td>'
+            for label, text, kind in cells
+        )
+        + "</tr>"
+    )
+
+
+def _ours(row: dict[str, Any]) -> str:
+    return _with_unit(with_error(row["value"], row["mcse"]), row)
+
+
+def _paper(row: dict[str, Any]) -> str:
+    return str(row["paper_text"]) if row["criterion"] == "above zero" else _with_unit(row["paper_text"], row)
+
+
+def _with_unit(text: str, row: dict[str, Any]) -> str:
+    """The unit follows numbers only."""
+    return text if row["unit"] in ("1", "starts") or not text[-1:].isdigit() else f"{text} {row['unit']}"
+
+
+def beside(context: Context, keys: Sequence[str]) -> str:
+    """The paper's numbers that belong to a figure, by key, as a list."""
+    rows = [context.published[key] for key in keys if key in context.published]
+    if not rows:
+        return ""
+    lines = "".join(
+        f"<li>{escape(r['label'])}: paper {escape(_paper(r))}, ours {escape(_ours(r))} "
+        f'<span class="{CLASS[r["agrees"]]}">{_agreement(r["agrees"])}</span></li>'
+        for r in rows
+    )
+    return f'<ul class="beside">{lines}</ul>'
+
+
+def _agreement(agrees: bool | None) -> str:
+    return {True: "agrees", False: "differs", None: "no number to compare"}[agrees]
+
+
+def groups(context: Context) -> str:
+    """Every group: its size, what became of its fits, and the quality of its best fits by condition."""
+    parts = []
+    for name, view in context.study.groups.items():
+        g, data = view.group, context.data["groups"][name]
+        fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in data["fits"].items() if n)
+        what = "realizations" if view.noisy else "pools of starts"
+        header = ["condition", "used", "mean |bias| (%)", "floor", "mean SD (%)", "unstable (%)", "off all bounds (%)"]
+        rows = [
+            [
+                cell_label(view, c["amplitude"], c["fmax"]),
+                f"{c['realizations']['used']}/{sum(c['realizations'].values())}",
+                stat(c["mean_absolute_bias_percent"]),
+                short(c["mean_absolute_bias_percent"]["floor"] or float("nan"), 2),
+                stat(c["mean_spread_percent"]),
+                stat(c["unstable"], 100.0),
+                stat(c["inside_bounds"], 100.0),
+            ]
+            for c in data["cells"]
+        ]
+        parts.append(
+            f"<h3>{escape(name)}</h3><p>{g.realizations} {what} × {g.starts} starts; model {escape(g.model.kind)}, "
+            f"cost {escape(g.fit.cost)}, solver {escape(g.fit.solver)}. Fits: {escape(fits)}.</p>"
+            + table(Table(f"Group {name}: best fits, ± MCSE", header, rows))
+            + (
+                "<p>Differs from the paper's setting in: " + escape("; ".join(view.differences)) + ".</p>"
+                if view.differences
+                else ""
+            )
+        )
+    return "".join(parts)

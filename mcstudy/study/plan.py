@@ -22,9 +22,10 @@ from mcstudy.study.layout import layout, realizations_a_chunk
 PILOT_REALIZATIONS = 16
 
 PILOT_STARTS = {"lm": 64}
+"""Starts timed per Fmax; SciPy's solvers are timed on two."""
+
 PILOT_CELLS = {"lm": 8}
 """Realizations timed together (the compiled solver fits several in one queue); one with SciPy's."""
-"""Starts timed per Fmax; SciPy's solvers are timed on two."""
 
 
 @dataclass(frozen=True)

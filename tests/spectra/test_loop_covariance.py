@@ -9,6 +9,7 @@ from mcstudy.fit.solvers import fit
 from mcstudy.spectra import periods
 from mcstudy.spectra.bands import odd_lines
 from mcstudy.spectra.estimate import SpectralExperiment
+from mcstudy.spectra.lines import EvenLineCovariance
 from mcstudy.spectra.loop_covariance import LoopCovariance
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.noise import SensorNoise
@@ -53,10 +54,10 @@ def test_it_scatters_less_than_the_even_lines_alone(estimates: dict[str, np.ndar
     assert scatter["loop"][above].mean() < 0.75 * scatter["alone"][above].mean()
 
 
-def test_its_degrees_of_freedom_grow_from_a_few_to_more_than_sixty() -> None:
-    dof = LoopCovariance(BANDS.lines, 4000).dof
-    assert 4 < dof[0] < 8
-    assert dof[-1] > 60
+def test_its_degrees_of_freedom_grow_with_frequency() -> None:
+    dof, alone = LoopCovariance(BANDS.lines, 4000).dof, EvenLineCovariance(BANDS.lines, 4000).dof
+    assert (dof > 1.5 * alone).all()
+    assert dof[-1] > 4 * alone[-1]
 
 
 def test_an_experiment_replaces_the_covariance_and_nothing_else() -> None:

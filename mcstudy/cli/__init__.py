@@ -21,6 +21,7 @@ VERBS = {
     "show": "print the tables of a results cube",
     "report": "write a results cube as one page with figures",
     "simulate": "write a recording of a simulated body, with any effects",
+    "gap": "where a model fails on a recording, which effect is missing, how far adding it closes the gap",
 }
 """Verbs and their one-line help; verb ``x`` lives in ``mcstudy.cli.x`` (``add_arguments(parser)``, ``main(args)``)."""
 

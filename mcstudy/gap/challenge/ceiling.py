@@ -3,9 +3,9 @@
 It is told more than any real method: the covariance of the noise, the body's linear geometry, the direction of every
 effect, the distribution of sizes the benchmark draws from, and that the case holds nothing or one effect. What it
 sees is the projection z of the whitened data on every signature (`mcstudy.gap.challenge.geometry`), z ~ N(delta g, G)
-with G the cosines between signatures and g its column of the true one. A signature of delta d has evidence exp(d z - d^2 / 2) against nothing, averaged
-over the sizes drawn. Its figures bound, on average over cases, those of every method that does not know the key.
-Derived.
+with G the cosines between signatures and g its column of the true one. A signature of delta d has evidence
+exp(d z - d^2 / 2) against nothing, averaged over the sizes drawn. Its figures bound, on average over cases, those of
+every method that does not know the key. Derived.
 """
 
 from __future__ import annotations

@@ -1,0 +1,153 @@
+"""``mcstudy gap``: where a model fails on a recording, which effect is missing, how far adding it closes the gap."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb and of the verbs below it."""
+    verbs = parser.add_subparsers(dest="gap", metavar="VERB", required=True)
+    effects = verbs.add_parser("effects", help="list the effects a model may lack, with equation and published size")
+    effects.set_defaults(run=_effects)
+
+    diagnose = verbs.add_parser("diagnose", help="diagnose recordings of one body")
+    diagnose.add_argument("recordings", nargs="+", type=Path, metavar="REC", help=".nc, .zarr, .toml, or .csv")
+    diagnose.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write diagnosis.json and diagnosis.txt")
+    diagnose.add_argument("--json", action="store_true", help="print JSON, as results_schema describes")
+    diagnose.add_argument("--fast", action="store_true", help="asymptotic statistics in place of the bootstrap")
+    diagnose.add_argument("--accept", action="append", default=[], metavar="CODE", help="keep a suspicious labelling")
+    diagnose.set_defaults(run=_diagnose)
+
+    challenge = verbs.add_parser("challenge", help="the benchmark on withheld causes")
+    _challenge_arguments(challenge)
+
+
+def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
+    verbs = challenge.add_subparsers(dest="challenge", metavar="VERB", required=True)
+    make = verbs.add_parser("make", help="make recordings and, apart from them, the key")
+    make.add_argument("file", type=Path, help="challenge file (TOML)")
+    make.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder for the recordings")
+    make.add_argument("--key", type=Path, required=True, metavar="FILE", help="the key, outside DIR")
+    make.set_defaults(run=_make)
+
+    answer = verbs.add_parser("answer", help="diagnose every recording of a data folder")
+    answer.add_argument("data", type=Path, help="folder of the recordings; must not hold the key")
+    answer.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="answers (JSON)")
+    answer.add_argument("--method", choices=("fast", "bootstrap"), default="fast", help="statistics of the diagnosis")
+    answer.set_defaults(run=_answer)
+
+    score = verbs.add_parser("score", help="open the key and score answers")
+    score.add_argument("data", type=Path, help="folder of the recordings")
+    score.add_argument("--key", type=Path, required=True, metavar="FILE")
+    score.add_argument("--answers", type=Path, required=True, metavar="FILE")
+    score.add_argument("-o", "--out", type=Path, metavar="FILE", help="also write the score (JSON)")
+    score.add_argument("--json", action="store_true", help="print JSON, as results_schema describes")
+    score.set_defaults(run=_score)
+
+    run = verbs.add_parser("run", help="make, answer and score with one command; resumes where it was stopped")
+    run.add_argument("file", type=Path, help="challenge file (TOML)")
+    run.add_argument("-o", "--out", type=Path, required=True, metavar="DIR")
+    run.set_defaults(run=_run)
+    for verb in (make, answer, run):
+        verb.add_argument("--workers", type=int, help="threads of the local scheduler; default one a core")
+        verb.add_argument(
+            "--scheduler", metavar="ADDR", help="running Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT"
+        )
+    for verb in (score, run):
+        verb.add_argument(
+            "--check", action="store_true", help="exit with 5 when a target is missed by more than its error"
+        )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run the verb below; returns the exit code."""
+    return int(args.run(args))
+
+
+def _effects(_: argparse.Namespace) -> int:
+    from mcstudy.gap.effects import table_text
+
+    print(table_text())
+    return 0
+
+
+def _diagnose(args: argparse.Namespace) -> int:
+    import json
+
+    from mcstudy.errors import RecordingError
+    from mcstudy.gap.challenge.files import write_json
+    from mcstudy.gap.diagnose import diagnose
+    from mcstudy.gap.read import read_recording
+    from mcstudy.gap.recording import Recording
+    from mcstudy.gap.together import together
+
+    read = [read_recording(path, accept=args.accept) for path in args.recordings]
+    whole = [r for r in read if isinstance(r, Recording)]
+    if len(read) > 1 and len(whole) < len(read):
+        raise RecordingError(f"{args.recordings[0]}: an FRF alone can only be diagnosed by itself")
+    diagnosis = diagnose(together(whole) if whole else read[0], fast=args.fast)
+    if args.out:
+        write_json(args.out / "diagnosis.json", diagnosis.to_dict())
+        (args.out / "diagnosis.txt").write_text(f"{diagnosis}\n", encoding="utf-8")
+    print(json.dumps(diagnosis.to_dict(), indent=1) if args.json else diagnosis)
+    return 0
+
+
+def _make(args: argparse.Namespace) -> int:
+    from mcstudy.gap.challenge.design import read_challenge
+    from mcstudy.gap.challenge.make import make
+    from mcstudy.study.cluster import ClusterOptions
+
+    file = read_challenge(args.file)
+    sha = make(file, args.data, args.key, ClusterOptions(args.workers, args.scheduler))
+    print(f"{args.data}: {file.total} recordings; key {args.key}, sha256 {sha}")
+    return 0
+
+
+def _answer(args: argparse.Namespace) -> int:
+    from mcstudy.gap.challenge.answer import METHODS, answer
+    from mcstudy.study.cluster import ClusterOptions
+
+    options = ClusterOptions(args.workers, args.scheduler)
+    sha = answer(args.data, args.out, METHODS[args.method], args.method, options)
+    print(f"{args.out}: sha256 {sha}")
+    return 0
+
+
+def _score(args: argparse.Namespace) -> int:
+    import json
+
+    from mcstudy.gap.challenge.files import write_json
+    from mcstudy.gap.challenge.score import exit_code, score_files
+    from mcstudy.gap.challenge.table import text
+
+    score = score_files(args.data, args.key, args.answers)
+    if args.out:
+        write_json(args.out, score, "challenge_score")
+    print(json.dumps(score, indent=1) if args.json else text(score))
+    return exit_code(score) if args.check else 0
+
+
+def _run(args: argparse.Namespace) -> int:
+    from mcstudy.gap.challenge.answer import METHODS, answer
+    from mcstudy.gap.challenge.design import read_challenge
+    from mcstudy.gap.challenge.files import write_json
+    from mcstudy.gap.challenge.make import make
+    from mcstudy.gap.challenge.score import exit_code, score_files
+    from mcstudy.gap.challenge.table import text
+    from mcstudy.study.cluster import ClusterOptions
+
+    file = read_challenge(args.file)
+    options = ClusterOptions(args.workers, args.scheduler)
+    data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
+    make(file, data, key, options)
+    if not answers.exists():
+        answer(data, answers, METHODS[file.answer.method], file.answer.method, options)
+    score = score_files(data, key, answers)
+    write_json(args.out / "score.json", score, "challenge_score")
+    page = text(score)
+    (args.out / "score.txt").write_text(page + "\n", encoding="utf-8")
+    print(page)
+    return exit_code(score) if args.check else 0

@@ -1,0 +1,165 @@
+"""``challenge answer``: every recording of a data folder diagnosed, without the key.
+
+Nothing here imports what makes cases, and a folder that holds anything but the listed recordings is refused. A
+recording that cannot be diagnosed gets an answer that says why: it is scored as wrong, not left out.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from mcstudy.errors import McstudyError, StudyChangedError
+from mcstudy.gap.challenge import files
+from mcstudy.gap.challenge.fanout import fan_out
+from mcstudy.gap.frf_only import FrfRecording
+from mcstudy.gap.read import read_recording
+from mcstudy.gap.recording import Recording
+from mcstudy.study import schema
+from mcstudy.study.cluster import ClusterOptions
+
+Diagnose = Callable[[Recording | FrfRecording], Mapping[str, Any]]
+"""From a recording to the dictionary of a diagnosis (its JSON keys)."""
+
+NEGLIGIBLE = 1e-5
+"""Causes less probable than this are not written."""
+
+
+def fast(recording: Recording | FrfRecording) -> Mapping[str, Any]:
+    """The shipped diagnosis with its asymptotic statistics."""
+    from mcstudy.gap.diagnose import diagnose
+
+    return diagnose(recording, fast=True).to_dict()
+
+
+def bootstrap(recording: Recording | FrfRecording) -> Mapping[str, Any]:
+    """The shipped diagnosis with its bootstrap."""
+    from mcstudy.gap.diagnose import diagnose
+
+    return diagnose(recording, fast=False).to_dict()
+
+
+METHODS: dict[str, Diagnose] = {"fast": fast, "bootstrap": bootstrap}
+
+
+def label(effects: Any) -> str:
+    """Name of a hypothesis: effects joined by "+", "none", "unknown"."""
+    return effects if isinstance(effects, str) else "+".join(sorted(map(str, effects))) or "none"
+
+
+def from_diagnosis(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+    """The answer that a diagnosis gives, as the schema ``challenge_answers`` describes one."""
+    causes = []
+    none = 0.0
+    for cause in diagnosis["causes"]:
+        effects, p = [str(e) for e in cause["effects"]], float(cause["probability"])
+        if not effects:
+            none += p
+        elif p > NEGLIGIBLE:
+            group = [str(e) for e in cause.get("group") or ()]
+            causes.append({"effects": effects, "group": group, "probability": p, "size": _sizes(cause.get("size"))})
+    unknown = float(diagnosis["unknown_probability"])
+    named = sum(float(c["probability"]) for c in diagnosis["causes"] if c["effects"])
+    stated = diagnosis.get("none_probability")
+    none = none or (max(0.0, 1.0 - named - unknown) if stated is None else float(stated))
+    closed = diagnosis.get("closed")
+    return {
+        "detected": bool(diagnosis["detected"]),
+        "p_value": float(diagnosis["p_value"]),
+        "none_probability": none,
+        "unknown_probability": unknown,
+        "causes": causes,
+        "credible_set": [label(e) for e in diagnosis["credible_set"]],
+        "place": {k: float(v) for k, v in (diagnosis.get("place") or {}).items() if isinstance(v, int | float)},
+        "closed": _closed(closed, causes),
+    }
+
+
+def _sizes(sizes: Mapping[str, Any] | None) -> dict[str, dict[str, float]]:
+    out = {}
+    for name, s in (sizes or {}).items():
+        if not isinstance(s, Mapping) or s.get("value") is None:
+            continue
+        value = float(s["value"])
+        if s.get("low") is not None and s.get("high") is not None:
+            out[str(name)] = {"value": value, "low": float(s["low"]), "high": float(s["high"])}
+        elif s.get("se") is not None:
+            reach = 1.96 * float(s["se"])
+            out[str(name)] = {"value": value, "low": value - reach, "high": value + reach}
+    return out
+
+
+def _closed(closed: Mapping[str, Any] | None, causes: list[dict[str, Any]]) -> dict[str, Any] | None:
+    if not closed or any(closed.get(k) is None for k in ("fraction", "low", "high")):
+        return None
+    effects = closed.get("effects") or (causes[0]["effects"] if causes else [])
+    return {"effects": label(list(effects)), **{k: float(closed[k]) for k in ("fraction", "low", "high")}}
+
+
+def answer(
+    data: Path,
+    out: Path,
+    diagnose: Diagnose,
+    method: str,
+    options: ClusterOptions | None = None,
+) -> str:
+    """Diagnose what has no answer yet and write all answers; returns their SHA-256.
+
+    Raises
+    ------
+    StoreError: the folder is not a challenge's, is not whole, or holds more than recordings (a key, for one).
+    StudyChangedError: parts of answers to other data, or by another method, are in the way.
+    Interrupted: stopped; the same call resumes.
+    """
+    data, out = data.resolve(), out.resolve()
+    manifest, sha = files.read_manifest(data)
+    if out.is_relative_to(data):
+        raise StudyChangedError(f"{out}: expected answers outside the data folder {data}")
+    parts = files.partial_folder(out)
+    done = files.read_parts(out)
+    for part in done.values():
+        if part.get("manifest_sha256") != sha or part.get("method") != method:
+            raise StudyChangedError(f"{parts}: answers to other data or by another method; remove the folder")
+    names = [Path(n).stem for n in manifest["files"]]
+
+    def one(name: str) -> dict[str, Any]:
+        begun = time.perf_counter()
+        try:
+            given = from_diagnosis(diagnose(read_recording(data / f"{name}.nc")))
+            _check({"name": name, "seconds": 0.0, **given}, name)
+        except McstudyError as error:
+            given = {"error": " ".join(str(error).split())}
+        except Exception as error:  # one recording's trouble must not cost the others their answers
+            given = {"error": f"{type(error).__name__}: {' '.join(str(error).split())}"}
+        return {"name": name, "seconds": round(time.perf_counter() - begun, 3), **given}
+
+    parts.mkdir(parents=True, exist_ok=True)
+    header = {"manifest_sha256": sha, "method": method}
+    for name, given in fan_out(one, [n for n in names if n not in done], options or ClusterOptions(), str(data)):
+        done[name] = header | {"answer": given}
+        files.write_json(parts / f"{name}.json", done[name])
+    answers = {
+        "schema": schema.identifier("challenge_answers"),
+        "challenge": manifest["challenge"],
+        **header,
+        "answers": [done[n]["answer"] for n in names],
+    }
+    result = files.write_json(out, answers, "challenge_answers")
+    files.drop_parts(out)
+    return result
+
+
+def _check(given: Mapping[str, Any], name: str) -> None:
+    """Answers are checked one by one, so that one that cannot be written does not stop the file."""
+    whole = {
+        "schema": schema.identifier("challenge_answers"),
+        "challenge": "",
+        "manifest_sha256": "0" * 64,
+        "method": "",
+        "answers": [given],
+    }
+    json.dumps(given, allow_nan=False)
+    schema.validate("challenge_answers", whole, name)

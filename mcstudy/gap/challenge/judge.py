@@ -1,0 +1,170 @@
+"""One answer against one entry of the key.
+
+Hypotheses are compared up to ambiguity groups: a cause names the truth when its leading effect is in the true
+effect's group, or when the answer itself counts the true effect to the cause's group and the two are kin (|cosine|
+above 0.9 in the key). All causes that mean the same are one hypothesis; their probabilities add.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import permutations
+from typing import Any
+
+from mcstudy.gap.challenge.ceiling import FLOOR
+from mcstudy.gap.challenge.design import NOTHING
+
+CONFIDENT = 0.8
+"""Probability above which a wrong name is a confident one."""
+
+TRUTH = "truth"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What one answer is worth.
+
+    Attributes
+    ----------
+    case: the key's entry. answered: whether there is an answer at all (an error is wrong in every respect).
+    detected; p_value: of the gap. probability: given to the truth. top: whether the truth is the most probable
+    hypothesis; top_name: what is. covered, set_size: of the 95 % set, in groups. flagged: unknown is the most probable.
+    confident: probability of the most probable named cause. log_loss, brier: proper scores (log of probabilities below
+    `FLOOR` is cut). size_inside, closed_inside: whether the 95 % intervals hold the truth, None when there is nothing
+    to hold. ceiling: expected figures of the ideal method on this case.
+    """
+
+    case: Mapping[str, Any]
+    answered: bool
+    detected: bool
+    probability: float
+    top: bool
+    top_name: str
+    covered: bool
+    set_size: float
+    flagged: bool
+    confident: float
+    log_loss: float
+    brier: float
+    p_value: float = math.nan
+    size_inside: bool | None = None
+    closed_inside: bool | None = None
+    seconds: float = 0.0
+    ceiling: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> str:
+        """Kind of the case."""
+        return str(self.case["kind"])
+
+    @property
+    def delta(self) -> float:
+        """How visible the cause is."""
+        return float(self.case["delta"])
+
+
+def true_name(case: Mapping[str, Any]) -> str:
+    """Name of the truth for tables."""
+    if case["kind"] in NOTHING:
+        return "none"
+    if case["kind"] == "outsider":
+        return f"outside: {case['outsider']['name']}"
+    return "+".join(sorted(e["effect"] for e in case["effects"]))
+
+
+def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
+    """Compare one answer with the key."""
+    ceiling = case.get("ceiling") or {}
+    if "error" in answer:
+        nothing = case["kind"] in NOTHING
+        return Judged(
+            case, False, nothing, 0.0, False, "error", False, math.nan, not nothing and case["kind"] != "outsider",
+            1.0, -math.log(FLOOR), 2.0, seconds=float(answer["seconds"]), ceiling=ceiling,
+        )  # fmt: skip
+    p = _hypotheses(case, answer)
+    total = sum(p.values())
+    p = {k: v / total for k, v in p.items()} if total > 0 else {TRUTH: 0.0}
+    own = p.get(TRUTH, 0.0)
+    best = max(p, key=lambda k: p[k])
+    named = [v for k, v in p.items() if k not in ("none", "unknown")]
+    if case["kind"] in NOTHING or case["kind"] == "outsider":
+        named = [v for k, v in p.items() if k not in ("none", "unknown", TRUTH)]
+    held = {_name(case, label.split("+"), ()) for label in answer["credible_set"]}
+    unknown = TRUTH if case["kind"] == "outsider" else "unknown"
+    return Judged(
+        case,
+        True,
+        bool(answer["detected"]),
+        own,
+        best == TRUTH,
+        true_name(case) if best == TRUTH else best,
+        TRUTH in held,
+        float(len(held)),
+        best == unknown,
+        max(named, default=0.0),
+        -math.log(max(own, FLOOR)),
+        sum(v**2 for v in p.values()) - 2 * own + 1,
+        float(answer["p_value"]),
+        _size_inside(case, answer) if best == TRUTH else None,
+        _closed_inside(case, answer),
+        float(answer["seconds"]),
+        ceiling,
+    )
+
+
+def _hypotheses(case: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, float]:
+    """Probability by hypothesis, those that mean the same added up; the true one is called `TRUTH`."""
+    p: dict[str, float] = {TRUTH: 0.0}
+    given = [(["none"], (), float(answer["none_probability"])), (["unknown"], (), float(answer["unknown_probability"]))]
+    given += [(c["effects"], c["group"], float(c["probability"])) for c in answer["causes"]]
+    for effects, group, value in given:
+        name = _name(case, effects, group)
+        p[name] = p.get(name, 0.0) + value
+    return p
+
+
+def _name(case: Mapping[str, Any], effects: Sequence[str], group: Sequence[str]) -> str:
+    """`TRUTH`, "none", "unknown", or a name that is the same for all members of the case's ambiguity groups."""
+    if list(effects) in (["none"], ["unknown"]):
+        word = effects[0]
+        true = (word == "none" and case["kind"] in NOTHING) or (word == "unknown" and case["kind"] == "outsider")
+        return TRUTH if true else word
+    truths = case["effects"]
+    if truths and len(truths) == len(effects) and _matches(truths, effects, group):
+        return TRUTH
+    return "+".join(sorted({_representative(case, e) for e in effects}))
+
+
+def _matches(truths: Sequence[Mapping[str, Any]], effects: Sequence[str], group: Sequence[str]) -> bool:
+    def same(truth: Mapping[str, Any], effect: str) -> bool:
+        return effect in truth["group"] or (len(truths) == 1 and truth["effect"] in group and effect in truth["kin"])
+
+    return any(all(same(t, e) for t, e in zip(truths, order, strict=True)) for order in permutations(effects))
+
+
+def _representative(case: Mapping[str, Any], effect: str) -> str:
+    return next((str(g[0]) for g in case.get("groups", ()) if effect in g), effect)
+
+
+def _size_inside(case: Mapping[str, Any], answer: Mapping[str, Any]) -> bool | None:
+    """Whether the interval of the effect's size holds it, when the very effect of a single cause was named."""
+    if case["kind"] != "known":
+        return None
+    truth = case["effects"][0]
+    cause = next((c for c in answer["causes"] if c["effects"] == [truth["effect"]]), None)
+    size = next(iter(truth["sizes"]))  # the size proper is declared first
+    if cause is None or size not in cause["size"]:
+        return None
+    interval = cause["size"][size]
+    return bool(interval["low"] <= truth["sizes"][size] <= interval["high"])
+
+
+def _closed_inside(case: Mapping[str, Any], answer: Mapping[str, Any]) -> bool | None:
+    """Whether the interval of the gap closed by the named cause holds what that cause closes without noise."""
+    closed = answer["closed"]
+    if case["kind"] in NOTHING or closed is None or not answer["detected"]:
+        return None
+    true = case.get("closable", {}).get(closed["effects"])
+    return None if true is None else bool(closed["low"] <= true <= closed["high"])

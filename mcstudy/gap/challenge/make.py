@@ -1,0 +1,117 @@
+"""``challenge make``: recordings into one folder, their truth into a key apart."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import uuid
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.errors import StoreError, StudyChangedError
+from mcstudy.gap.challenge import files
+from mcstudy.gap.challenge.cases import Case, list_cases
+from mcstudy.gap.challenge.design import ChallengeFile
+from mcstudy.gap.challenge.fanout import fan_out
+from mcstudy.gap.challenge.truth import make_case
+from mcstudy.gap.dataset import to_dataset
+from mcstudy.gap.recording import Recording
+from mcstudy.study import schema
+from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.durable import PARTIAL, sync_folder
+
+RESOLUTION = 2.0**-36
+"""Resolution of the recorded channels (rad, N m): far below any noise, and it makes the files a third smaller."""
+
+
+def write_case(recording: Recording, path: Path) -> str:
+    """Write a recording as compressed NetCDF, atomically; returns its SHA-256."""
+    dataset = to_dataset(recording)
+    for name in ("stimulus", "theta"):
+        dataset[name].values = np.round(dataset[name].values / RESOLUTION) * RESOLUTION
+    packed: dict[str, Any] = {"zlib": True, "complevel": 1, "shuffle": True}
+    partial = path.with_name(f"{path.name}.{uuid.uuid4().hex}{PARTIAL}")
+    try:
+        _write(dataset, partial, {"stimulus": packed, "theta": packed})
+        sha = files.digest(partial)
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink()
+    return sha
+
+
+def _write(dataset: xr.Dataset, path: Path, encoding: dict[str, Any]) -> None:
+    dataset.to_netcdf(path, engine="h5netcdf", encoding=encoding)
+
+
+def make(file: ChallengeFile, data: Path, key: Path, options: ClusterOptions | None = None) -> str:
+    """Make every case that is not there yet; returns the SHA-256 of the key.
+
+    Raises
+    ------
+    StoreError: the key would lie inside the data, or a folder cannot be written.
+    StudyChangedError: the folder belongs to another challenge.
+    Interrupted: stopped; the same call resumes.
+    """
+    data, key = data.resolve(), key.resolve()
+    if key.is_relative_to(data):
+        raise StoreError(f"{key}: expected a key outside the data folder {data}")
+    if (data / files.MANIFEST).exists():
+        manifest, _ = files.read_manifest(data)
+        if manifest["fingerprint"] != file.fingerprint:
+            raise StudyChangedError(f"{data}: made from another challenge file; expected a new folder")
+        if not key.exists() or files.digest(key) != manifest["key_sha256"]:
+            raise StoreError(f"{key}: expected the key that {data / files.MANIFEST} names")
+        return str(manifest["key_sha256"])
+    cases, parts = list_cases(file), files.partial_folder(key)
+    data.mkdir(parents=True, exist_ok=True)
+    parts.mkdir(parents=True, exist_ok=True)
+    done = {
+        name: part
+        for name, part in files.read_parts(key).items()
+        if part.get("fingerprint") == file.fingerprint and (data / f"{name}.nc").exists()
+    }
+
+    def one(case: Case) -> dict[str, Any]:
+        recording, truth = make_case(file, case)
+        part = {"fingerprint": file.fingerprint, "sha256": write_case(recording, data / f"{case.name}.nc")}
+        files.write_json(parts / f"{case.name}.json", part | {"truth": truth})
+        return part | {"truth": truth}
+
+    for case, part in fan_out(one, [c for c in cases if c.name not in done], options or ClusterOptions(), str(data)):
+        done[case.name] = part
+    return _finish(file, data, key, cases, done)
+
+
+def _finish(file: ChallengeFile, data: Path, key: Path, cases: list[Case], done: dict[str, dict[str, Any]]) -> str:
+    truth = {
+        "schema": schema.identifier("challenge_key"),
+        "challenge": file.challenge.name,
+        "fingerprint": file.fingerprint,
+        "design": file.model_dump(mode="json", exclude={"answer"}),
+        "cases": [done[c.name]["truth"] for c in cases],
+    }
+    sha = files.write_json(key, truth, "challenge_key")
+    recordings = {f"{c.name}.nc": str(done[c.name]["sha256"]) for c in cases}
+    manifest = {
+        "schema": schema.identifier("challenge_manifest"),
+        "challenge": file.challenge.name,
+        "description": "Recordings of bodies with withheld causes; diagnose each, then have the answers scored.",
+        "fingerprint": file.fingerprint,
+        "key_sha256": sha,
+        "files": recordings,
+    }
+    for leftover in data.glob(f"*{PARTIAL}"):
+        leftover.unlink(missing_ok=True)
+    sync_folder(data)
+    files.write_json(data / files.MANIFEST, manifest, "challenge_manifest")
+    files.drop_parts(key)
+    return sha

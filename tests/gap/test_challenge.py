@@ -1,0 +1,282 @@
+"""The challenge: hashed, the key apart, resumable, never a hole; what makes cases and what answers do not meet."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mcstudy.cli import main
+from mcstudy.errors import DesignError, InputError, StoreError, StudyChangedError
+from mcstudy.gap.challenge import files
+from mcstudy.gap.challenge.answer import answer, from_diagnosis
+from mcstudy.gap.challenge.cases import list_cases
+from mcstudy.gap.challenge.design import ChallengeFile, read_challenge, resolve
+from mcstudy.gap.challenge.make import make
+from mcstudy.gap.challenge.score import MISSED, exit_code, score_files
+from mcstudy.gap.challenge.table import text
+from mcstudy.gap.read import read_recording
+from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.durable import tree_digest
+
+ONE = ClusterOptions(workers=1)
+PIPELINES = Path(__file__).parents[2] / "pipelines"
+
+RAW: dict[str, Any] = {
+    "challenge": {"name": "tiny", "seed": 3, "cases": 4},
+    "mix": {"none": 0.25, "known": 0.25, "outsider": 0.25, "pair": 0.25, "shifted": 0.0},
+    "sizes": {"effects": ["stimulus_gain", "head_mode"], "outsiders": ["sensor_crosstalk", "leg_wobble"]},
+    "protocol": {"amplitudes": [5.0], "cycles": 3},
+    "variant": {"white": {"cases": 1, "noise": {"colour": 0.0}}},
+}
+
+
+@pytest.fixture(scope="module")
+def tiny() -> ChallengeFile:
+    return resolve(RAW)
+
+
+@pytest.fixture(scope="module")
+def made(tiny: ChallengeFile, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("challenge")
+    data, key = folder / "data", folder / "key.json"
+    make(tiny, data, key, ONE)
+    return data, key
+
+
+def nothing_found(_: object) -> dict[str, Any]:
+    return {
+        "detected": False,
+        "p_value": 0.5,
+        "causes": [],
+        "unknown_probability": 0.0,
+        "credible_set": ["none"],
+        "closed": None,
+    }
+
+
+@pytest.mark.parametrize("file", sorted(PIPELINES.glob("gap_challenge*.toml")), ids=lambda p: p.name)
+def test_shipped_files_are_valid(file: Path) -> None:
+    assert read_challenge(file).total >= 60
+
+
+def test_the_benchmark_has_the_stated_mix() -> None:
+    file = read_challenge(PIPELINES / "gap_challenge.toml")
+    kinds = Counter(c.kind for c in list_cases(file))
+    assert kinds == {"none": 500, "known": 900, "outsider": 300, "pair": 200, "shifted": 100}
+
+
+def test_names_of_cases_do_not_tell_their_kind() -> None:
+    cases = list_cases(read_challenge(PIPELINES / "gap_challenge.toml"))
+    first = Counter(c.kind for c in cases[:1000])
+    assert 200 < first["none"] < 300
+    assert len({c.name for c in cases}) == len(cases)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mix": {"none": 0.5}}, "mix: expected shares that sum to 1"),
+        ({"sizes": {"strata": [{"share": 1.0, "low": 5.0, "high": 2.0}]}}, "expected low <= high"),
+        ({"protocol": {"cycles": 2}}, "protocol.*cycles"),
+        ({"speed": {}}, "speed: unknown key"),
+        ({"variant": {"main": {}}}, "variant.main"),
+        ({"variant": {"a": {}}}, "variant.a.cases"),
+        ({"challenge": {"name": "x", "seed": 1}}, "challenge.cases"),
+    ],
+)
+def test_a_bad_file_is_told_in_one_line(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(DesignError, match=message) as caught:
+        resolve(RAW | change)
+    assert "\n" not in str(caught.value)
+
+
+def test_recordings_do_not_tell_their_cause(made: tuple[Path, Path]) -> None:
+    data, key = made
+    words = {"stimulus_gain", "head_mode", "crosstalk", "wobble", "outsider", "known", "pair"}
+    for path in data.glob("*.nc"):
+        recording = read_recording(path)
+        assert recording.name == path.stem
+        assert not any(w in recording.provenance for w in words)
+        assert not any(w.encode() in path.read_bytes() for w in words)
+    manifest = (data / files.MANIFEST).read_text()
+    assert not any(w in manifest for w in words - {"known"})
+    assert json.loads(manifest)["key_sha256"] == files.digest(key)
+
+
+def test_the_key_describes_every_case(made: tuple[Path, Path]) -> None:
+    key = files.read_json(made[1], "challenge_key")
+    assert Counter((c["series"], c["kind"]) for c in key["cases"]) == {
+        ("main", "none"): 1,
+        ("main", "known"): 1,
+        ("main", "outsider"): 1,
+        ("main", "pair"): 1,
+        ("white", "none"): 1,
+    }
+    for case in key["cases"]:
+        if case["kind"] == "known":
+            assert case["closable"][case["effects"][0]["effect"]] > 0.999
+        if case["kind"] == "pair":
+            assert case["residual_delta"] <= case["delta"]
+        if case["kind"] == "outsider":
+            assert not case["effects"]
+            assert case["delta"] > 0.5
+
+
+def test_making_again_changes_nothing_and_a_killed_run_resumes(
+    tiny: ChallengeFile, made: tuple[Path, Path], tmp_path: Path
+) -> None:
+    data, key = made
+    before = tree_digest(data)
+    make(tiny, data, key, ONE)
+    assert tree_digest(data) == before
+    # A run that was killed after two cases has their recordings and their parts of the key.
+    other, other_key = tmp_path / "data", tmp_path / "key.json"
+    truth = json.loads(key.read_text())
+    other.mkdir()
+    files.partial_folder(other_key).mkdir()
+    for case in truth["cases"][:4]:
+        name = f"{case['name']}.nc"
+        (other / name).write_bytes((data / name).read_bytes())
+        part = {"fingerprint": tiny.fingerprint, "sha256": files.digest(other / name), "truth": case}
+        (files.partial_folder(other_key) / f"{case['name']}.json").write_text(json.dumps(part))
+    (other / "case5.nc.abc.partial").write_bytes(b"torn")
+    make(tiny, other, other_key, ONE)
+    assert tree_digest(other) == before
+    assert files.digest(other_key) == files.digest(key)
+
+
+def test_another_challenge_is_refused(made: tuple[Path, Path]) -> None:
+    with pytest.raises(StudyChangedError, match="another challenge file"):
+        make(resolve(RAW | {"challenge": {"name": "tiny", "seed": 4, "cases": 4}}), *made, ONE)
+
+
+def test_the_key_may_not_lie_with_the_data(tiny: ChallengeFile, made: tuple[Path, Path], tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="outside the data folder"):
+        make(tiny, tmp_path / "d", tmp_path / "d" / "key.json", ONE)
+    data, key = made
+    leak = data / "notes.json"
+    leak.write_bytes(key.read_bytes())
+    try:
+        with pytest.raises(StoreError, match="this is the key"):
+            answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+        leak.write_text("{}")
+        with pytest.raises(StoreError, match="not in the manifest"):
+            answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+    finally:
+        leak.unlink()
+
+
+def test_answering_loads_nothing_that_makes_cases() -> None:
+    script = (
+        "import sys, mcstudy.gap.challenge.answer\n"
+        "made = {m for m in sys.modules if m.startswith('mcstudy.gap') and m.split('.')[-1] in "
+        "('outsiders', 'make_recording', 'truth', 'cases', 'withheld', 'make', 'score')}\n"
+        "assert not made, made\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def test_a_failure_is_an_answer_and_is_scored_as_wrong(made: tuple[Path, Path], tmp_path: Path) -> None:
+    data, key = made
+    truth = {c["name"]: c for c in json.loads(key.read_text())["cases"]}
+    bad = next(n for n, c in truth.items() if c["kind"] == "none" and c["series"] == "main")
+
+    def diagnose(recording: Any) -> dict[str, Any]:
+        if recording.name == bad:
+            raise ValueError("no convergence\nat all")
+        return nothing_found(recording)
+
+    answer(data, tmp_path / "a.json", diagnose, "stub", ONE)
+    given = files.read_json(tmp_path / "a.json", "challenge_answers")
+    assert [a["name"] for a in given["answers"]] == sorted(truth)
+    assert {a["name"]: a.get("error") for a in given["answers"]}[bad] == "ValueError: no convergence at all"
+    score = score_files(data, key, tmp_path / "a.json")
+    assert score["targets"][0]["value"] == 1.0
+    assert exit_code(score) == MISSED
+    assert bad in text(score)
+
+
+def test_a_malformed_diagnosis_is_an_error_too(made: tuple[Path, Path], tmp_path: Path) -> None:
+    data, _ = made
+    answer(data, tmp_path / "a.json", lambda _: nothing_found(_) | {"p_value": math.nan}, "stub", ONE)
+    given = files.read_json(tmp_path / "a.json", "challenge_answers")
+    assert all("error" in a for a in given["answers"])
+
+
+def test_answers_resume_and_do_not_mix_methods(made: tuple[Path, Path], tmp_path: Path) -> None:
+    data, _ = made
+    sha = files.digest(data / files.MANIFEST)
+    parts = files.partial_folder(tmp_path / "a.json")
+    parts.mkdir()
+    done = {"name": "case1", "seconds": 0.0, **from_diagnosis(nothing_found(None))}
+    part = {"manifest_sha256": sha, "method": "stub", "answer": done}
+    (parts / "case1.json").write_text(json.dumps(part))
+    (parts / "case2.json").write_text("{torn")
+
+    def diagnose(recording: Any) -> dict[str, Any]:
+        (tmp_path / f"asked_{recording.name}").touch()
+        return nothing_found(recording)
+
+    answer(data, tmp_path / "a.json", diagnose, "stub", ONE)
+    assert sorted(p.name for p in tmp_path.glob("asked_*")) == [f"asked_case{k}" for k in (2, 3, 4, 5)]
+    assert not parts.exists()
+    parts.mkdir()
+    (parts / "case1.json").write_text(json.dumps(part | {"method": "other"}))
+    with pytest.raises(StudyChangedError, match="another method"):
+        answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+
+
+def test_a_changed_key_and_foreign_answers_are_refused(made: tuple[Path, Path], tmp_path: Path) -> None:
+    data, key = made
+    answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+    forged = tmp_path / "key.json"
+    forged.write_text(key.read_text().replace('"known"', '"none"'))
+    with pytest.raises(StoreError, match="not the key"):
+        score_files(data, forged, tmp_path / "a.json")
+    foreign = json.loads((tmp_path / "a.json").read_text()) | {"manifest_sha256": "0" * 64}
+    (tmp_path / "b.json").write_text(json.dumps(foreign))
+    with pytest.raises(StoreError, match="answers to other data"):
+        score_files(data, key, tmp_path / "b.json")
+    short = json.loads((tmp_path / "a.json").read_text())
+    short["answers"].pop()
+    (tmp_path / "c.json").write_text(json.dumps(short))
+    with pytest.raises(StoreError, match="has no answer"):
+        score_files(data, key, tmp_path / "c.json")
+
+
+def test_the_command_makes_and_scores(
+    made: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, key = made
+    answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+    words = ["gap", "challenge", "score", str(data), "--key", str(key), "--answers", str(tmp_path / "a.json")]
+    assert main([*words, "--json", "-o", str(tmp_path / "s.json")]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "s.json").read_text())
+    assert main(words) == 0
+    assert "false alarms" in capsys.readouterr().out
+    assert main(["gap", "challenge", "make", "nowhere.toml", "--data", "d", "--key", "k"]) == 2
+    assert "nowhere.toml: expected a readable challenge file" in capsys.readouterr().err
+
+
+def test_an_unknown_effect_in_the_file_is_refused(tmp_path: Path) -> None:
+    file = resolve(RAW | {"sizes": {"effects": ["gravity"]}, "variant": {}})
+    with pytest.raises(InputError, match="unknown effect 'gravity'"):
+        make(file, tmp_path / "d", tmp_path / "k.json", ONE)
+
+
+def test_cases_do_not_depend_on_workers_or_order(tiny: ChallengeFile, made: tuple[Path, Path], tmp_path: Path) -> None:
+    make(tiny, tmp_path / "data", tmp_path / "key.json", ClusterOptions(workers=2))
+    assert tree_digest(tmp_path / "data") == tree_digest(made[0])
+    assert np.array_equal(
+        read_recording(tmp_path / "data" / "case1.nc").trials[0].theta,
+        read_recording(made[0] / "case1.nc").trials[0].theta,
+    )

@@ -1,0 +1,212 @@
+"""The score: an oracle passes every target, a guesser fails them, and the ceilings are what theory says."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from mcstudy.gap.challenge.ceiling import Classifier, log_evidence, size_grid
+from mcstudy.gap.challenge.design import Stratum
+from mcstudy.gap.challenge.judge import judge
+from mcstudy.gap.challenge.rates import mean, rate
+from mcstudy.gap.challenge.score import MISSED, exit_code, score
+from mcstudy.gap.challenge.table import text
+from mcstudy.study import schema
+
+EFFECTS = ("head_mode", "stimulus_gain", "leg_inertia_error", "force_feedback")
+GROUPS = [["stimulus_gain", "leg_inertia_error"]]
+SIZES = {"head_mode": "m_head", "stimulus_gain": "eps_stim", "leg_inertia_error": "eps_leg", "force_feedback": "Gforce"}
+CASES = 400
+
+
+def make_key(rng: np.random.Generator) -> dict[str, Any]:
+    """A key of cases that were never simulated."""
+    kinds = ["none"] * 100 + ["known"] * 180 + ["outsider"] * 60 + ["pair"] * 40 + ["shifted"] * 20
+    cases = []
+    for k, kind in enumerate(kinds):
+        case: dict[str, Any] = {"name": f"case{k:03d}", "series": "main", "kind": kind, "parameters": {"K11": 1.0}}
+        case |= {"delta": 0.0, "effects": [], "groups": GROUPS}
+        names = {"known": rng.choice(EFFECTS, 1), "pair": ("force_feedback", "head_mode")}.get(kind, ())
+        for name in map(str, names):
+            group = next((g for g in GROUPS if name in g), [name])
+            case["effects"].append(
+                {"effect": name, "sizes": {SIZES[name]: 1.0}, "delta": 6.0, "group": group, "kin": group}
+            )
+        if kind not in ("none", "shifted"):
+            case["delta"] = float(rng.choice([4.0, 6.0, 12.0]))
+            case |= {"closable": dict.fromkeys(EFFECTS, 0.3), "nearest": "head_mode", "residual_delta": case["delta"]}
+            case["closable"]["+".join(sorted(e["effect"] for e in case["effects"]))] = 1.0
+        if kind == "outsider":
+            case["outsider"] = {"name": "wobble", "size": 1.0, "unit": "kg"}
+        cases.append(case)
+    key = {"schema": schema.identifier("challenge_key"), "challenge": "synthetic", "fingerprint": "0" * 64}
+    return key | {"design": {"series": {"main": {}}}, "cases": cases}
+
+
+def answers(key: dict[str, Any], method: str, give: Any) -> dict[str, Any]:
+    given = [{"name": c["name"], "seconds": 0.1, **give(c, k)} for k, c in enumerate(key["cases"])]
+    out = {"schema": schema.identifier("challenge_answers"), "challenge": "synthetic", "manifest_sha256": "0" * 64}
+    out |= {"method": method, "answers": given}
+    schema.validate("challenge_answers", out, method)
+    return out
+
+
+def cause(effects: list[str], p: float, group: list[str] | None = None, low: float = 0.9) -> dict[str, Any]:
+    size = {SIZES[e]: {"value": 1.0, "low": low, "high": 1.1} for e in effects}
+    return {"effects": effects, "group": group or [], "probability": p, "size": size}
+
+
+def plain(**more: Any) -> dict[str, Any]:
+    base = {"detected": False, "p_value": 0.5, "none_probability": 0.0, "unknown_probability": 0.0}
+    return base | {"causes": [], "credible_set": ["none"], "closed": None} | more
+
+
+def oracle(case: dict[str, Any], k: int) -> dict[str, Any]:
+    """Knows the truth; its intervals hold it in 95 of 100 cases, as they should."""
+    if case["kind"] in ("none", "shifted"):
+        return plain(none_probability=1.0)
+    if case["kind"] == "outsider":
+        return plain(detected=True, p_value=0.0, unknown_probability=1.0, credible_set=["unknown"])
+    names = [e["effect"] for e in case["effects"]]
+    label = "+".join(sorted(names))
+    high = 1.1 if k % 20 else 0.99
+    closed = {"effects": label, "fraction": 0.95, "low": 0.9, "high": high}
+    return plain(detected=True, p_value=0.0, causes=[cause(names, 1.0)], credible_set=[label], closed=closed)
+
+
+def guesser(_: dict[str, Any], k: int) -> dict[str, Any]:
+    """Tosses a coin for a gap, and names a cause that has nothing to do with the case."""
+    rng = np.random.default_rng(k)
+    name = str(rng.choice(EFFECTS))
+    closed = {"effects": name, "fraction": 0.5, "low": float(rng.random()), "high": 1.0}
+    return plain(
+        detected=bool(rng.random() < 0.5), causes=[cause([name], 0.9)], none_probability=0.05, unknown_probability=0.05,
+        credible_set=[name], closed=closed,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def key() -> dict[str, Any]:
+    key = make_key(np.random.default_rng(0))
+    schema.validate("challenge_key", key, "key")
+    return key
+
+
+def test_an_oracle_reaches_every_target(key: dict[str, Any]) -> None:
+    result = score(key, answers(key, "oracle", oracle))
+    schema.validate("challenge_score", result, "score")
+    assert {t["name"]: t["verdict"] for t in result["targets"]} == {t["name"]: "reached" for t in result["targets"]}
+    assert result["proper"]["log_loss"]["all"]["value"] == 0.0
+    assert result["proper"]["brier"]["all"]["value"] == 0.0
+    assert exit_code(result) == 0
+    assert "synthetic" in text(result)
+
+
+def test_a_guesser_misses_them_beyond_doubt(key: dict[str, Any]) -> None:
+    result = score(key, answers(key, "guesser", guesser))
+    missed = {t["name"] for t in result["targets"] if t["verdict"] == "missed" and t["certain"]}
+    assert missed >= {
+        "false alarms",
+        "detection at delta = 4",
+        "group top-1 at delta = 6",
+        "mean P(true group) at delta = 6",
+        "95 % set holds the truth",
+        "unknown flagged at delta ≥ 10",
+        "confidently wrong name for an outsider",
+    }
+    assert exit_code(result) == MISSED
+    assert result["proper"]["log_loss"]["all"]["value"] > 2.0
+
+
+def test_honest_ignorance_beats_confident_guessing_in_the_proper_scores(key: dict[str, Any]) -> None:
+    def ignorant(_: dict[str, Any], __: int) -> dict[str, Any]:
+        return plain(
+            none_probability=0.3, unknown_probability=0.15, causes=[cause([e], 0.55 / len(EFFECTS)) for e in EFFECTS]
+        )
+
+    honest, guessed = score(key, answers(key, "i", ignorant)), score(key, answers(key, "g", guesser))
+    for name in ("log_loss", "brier"):
+        assert honest["proper"][name]["all"]["value"] < guessed["proper"][name]["all"]["value"]
+
+
+def test_naming_any_member_of_the_true_group_is_right(key: dict[str, Any]) -> None:
+    case = next(c for c in key["cases"] if c["effects"] and c["effects"][0]["effect"] == "stimulus_gain")
+    other = judge(case, {"seconds": 0.0, **plain(causes=[cause(["leg_inertia_error"], 1.0)])})
+    assert other.top
+    assert other.probability == 1.0
+    split = [cause(["leg_inertia_error"], 0.3), cause(["stimulus_gain"], 0.3), cause(["head_mode"], 0.4)]
+    assert judge(case, {"seconds": 0.0, **plain(causes=split)}).probability == pytest.approx(0.6)
+
+
+def test_a_group_of_everything_is_not_an_answer(key: dict[str, Any]) -> None:
+    case = next(c for c in key["cases"] if c["effects"] and c["effects"][0]["effect"] == "stimulus_gain")
+    everything = plain(causes=[cause(["head_mode"], 1.0, group=list(EFFECTS))])
+    assert not judge(case, {"seconds": 0.0, **everything}).top
+
+
+def test_one_of_two_causes_is_not_the_pair(key: dict[str, Any]) -> None:
+    case = next(c for c in key["cases"] if c["kind"] == "pair")
+    assert not judge(case, {"seconds": 0.0, **plain(causes=[cause(["head_mode"], 1.0)])}).top
+    both = plain(causes=[cause(["head_mode", "force_feedback"], 1.0)], credible_set=["force_feedback+head_mode"])
+    judged = judge(case, {"seconds": 0.0, **both})
+    assert judged.top
+    assert judged.covered
+
+
+def test_intervals_are_judged_only_where_there_is_something_to_hold(key: dict[str, Any]) -> None:
+    case = next(c for c in key["cases"] if c["kind"] == "known")
+    name = case["effects"][0]["effect"]
+    closed = {"effects": name, "fraction": 0.5, "low": 0.4, "high": 0.6}
+    answer = plain(detected=True, causes=[cause([name], 1.0, low=1.05)], closed=closed)
+    judged = judge(case, {"seconds": 0.0, **answer})
+    assert judged.size_inside is False
+    assert judged.closed_inside is False
+    nothing = next(c for c in key["cases"] if c["kind"] == "none")
+    assert judge(nothing, {"seconds": 0.0, **answer}).closed_inside is None
+
+
+def test_wilson_interval_is_the_textbook_one() -> None:
+    # Newcombe 1998, Stat Med 17:857, Table I: 81/263 and 0/20
+    found = rate([True] * 81 + [False] * 182)
+    assert (found.low, found.high) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+    none = rate([False] * 20)
+    assert (none.low, none.high) == pytest.approx((0.0, 0.1611), abs=5e-5)
+    assert rate([]).n == 0
+    assert math.isnan(mean([1.0]).low)
+
+
+def test_ideal_detection_of_one_effect_is_the_normal_test() -> None:
+    """With one effect and one size the likelihood ratio is the one-sided z test."""
+    delta, weight = np.array([4.0]), np.array([1.0])
+    lone = Classifier(np.eye(1), np.array([0]), np.array([0.5, 0.5]), np.ones(1), delta, weight)
+    found = lone.ceiling(np.random.default_rng(1), 0, 2.0, n=20_000)
+    assert found.known_direction == pytest.approx(stats.norm.sf(stats.norm.isf(0.05) - 2.0))
+    assert found.detected == pytest.approx(found.known_direction, abs=0.02)
+
+
+def test_ideal_classifier_is_calibrated_and_bounded_by_what_it_knows() -> None:
+    cosine = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    delta, weight = size_grid([Stratum(share=1.0, low=1.0, high=12.0)])
+    prior = np.array([0.4, 0.2, 0.2, 0.2])
+    ideal = Classifier(cosine, np.array([0, 1, 2]), prior, np.ones(3), delta, weight)
+    rng = np.random.default_rng(2)
+    found = [ideal.ceiling(rng, k, float(d), 200) for k in range(3) for d in np.linspace(1, 12, 30)]
+    nothing = [ideal.ceiling(rng, None, 0.0, 200) for _ in range(30)]
+    right = 0.6 * np.mean([c.top for c in found]) + 0.4 * np.mean([c.top for c in nothing])
+    covered = 0.6 * np.mean([c.covered for c in found]) + 0.4 * np.mean([c.covered for c in nothing])
+    # A Bayes classifier cannot be more often right than the best guess; its 95 % sets hold at least 95 %.
+    assert 0.8 < right < 1.0
+    assert covered > 0.945
+    assert np.mean([c.detected for c in nothing]) == pytest.approx(0.05, abs=0.012)
+    alike = np.mean([c.top for c in found[:60]])
+    apart = np.mean([c.top for c in found[60:]])
+    assert apart > alike + 0.05
+
+
+def test_evidence_of_a_fixed_size_is_exact() -> None:
+    z = np.array([-1.0, 0.0, 3.0])
+    assert log_evidence(z, np.array([2.0]), np.array([1.0])) == pytest.approx(2 * z - 2)

@@ -1,0 +1,123 @@
+"""What one linear model cannot show: responses that change with amplitude or over the recording.
+
+The difference between the responses at two amplitudes (or of the first and the last cycles) is free of the
+parameters, which both share; under a linear, stationary body it is noise. An effect that changes active feedback by a
+factor 1 + g leaves the derivative of the responses with respect to g there, whatever the rest of the model is.
+Derived.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from mcstudy.errors import ModelError
+from mcstudy.gap import effects as library
+from mcstudy.gap.draws import NullDraws
+from mcstudy.gap.fitting import Fitted, whiten
+from mcstudy.gap.lines import Lines
+from mcstudy.gap.scores import log_factor
+from mcstudy.stance.response import frf_jacobian
+
+TYPICAL_CHANGE = 0.15
+"""Standard deviation of the prior on a change of the active gains."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """One nonlinear or drifting effect judged from one contrast.
+
+    Attributes
+    ----------
+    effect: its name. log_factor: ln Bayes factor against no change. z: score. gain, se: relative change of the
+    active gains from the first to the second set. size: the effect's own size implied, where it follows from the gain.
+    """
+
+    effect: str
+    log_factor: float
+    z: float
+    gain: float
+    se: float
+    size: float | None
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """One comparison. ``kind``: "amplitude" or "time". ``between``: the two amplitudes (or 0, 1). ``p_value``: of the
+    statistic, the mean Bayes factor of ``changes``."""
+
+    kind: str
+    between: tuple[float, float]
+    changes: tuple[Change, ...]
+    p_value: float
+
+
+def _difference(first: Lines, second: Lines) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened difference (4 N,) of second minus first, and its whitener (N, 2, 2)."""
+    nu = np.maximum(first.dof, 3.0)
+    weight = np.linalg.inv(np.linalg.cholesky(first.C + second.C)) * np.sqrt(2 * (nu - 2) / nu)[:, None, None]
+    return whiten(weight, second.y - first.y), weight
+
+
+def contrast(
+    kind: str,
+    first: Lines,
+    second: Lines,
+    between: tuple[float, float],
+    base: Fitted,
+    rng: np.random.Generator,
+    draws: int = 1000,
+) -> Contrast:
+    """Compare two sets of lines under all effects that the library says this contrast reveals."""
+    difference, weight = _difference(first, second)
+    noise = NullDraws(first)(rng, draws)
+    null, changes = [], []
+    for e in library.LIBRARY:
+        if e.contrast != kind:
+            continue
+        try:
+            traced = library.trace(base.model, e.name)
+        except ModelError:
+            continue
+        J = whiten(weight, frf_jacobian(traced, np.append(base.theta, 0.0), first.f)[1])[:, -1]
+        length = float(np.linalg.norm(J))
+        if length < 1e-9:
+            continue
+        # a positive size lowers the gain with amplitude, except for a dead zone, which hides small sway
+        sign = {"dead_zone": 1.0, "gain_drift": 1.0}.get(e.name, -1.0)
+        z = float(sign * J @ difference / length)
+        scale = TYPICAL_CHANGE * length
+        one_sided = not e.size.signed
+        value = float(log_factor(np.array(z), scale, one_sided))
+        null.append(log_factor(sign * J @ noise / length, scale, one_sided))
+        gain = sign * z / length
+        changes.append(Change(e.name, value, z, gain, 1 / length, _size(e.name, gain, between)))
+    if not changes:
+        return Contrast(kind, between, (), 1.0)
+    statistic = logsumexp([c.log_factor for c in changes])
+    exceed = int((logsumexp(null, axis=0) >= statistic).sum())
+    return Contrast(kind, between, tuple(changes), (1 + exceed) / (1 + draws))
+
+
+def _size(name: str, gain: float, between: tuple[float, float]) -> float | None:
+    """Size of an effect from the change of gain, where it follows."""
+    if name == "amplitude_reweighting" and gain > -0.9:
+        return float(-np.log1p(gain) / np.log(between[1] / between[0]))
+    if name == "gain_drift":
+        return 2.0 * gain  # the halves' middles are half a recording apart
+    return None
+
+
+def contrasts(lines: Lines, base: Fitted, rng: np.random.Generator) -> list[Contrast]:
+    """Every comparison the recording allows: lowest against highest amplitude, first against last cycles."""
+    out = []
+    groups = lines.by_amplitude() if np.isfinite(lines.amplitude).all() else []
+    if len(groups) > 1:
+        (low, first), (high, second) = groups[0], groups[-1]
+        out.append(contrast("amplitude", first, second, (low, high), base, rng))
+    halves = lines.halves()
+    if halves is not None:
+        out.append(contrast("time", *halves, (0.0, 1.0), base, rng))
+    return out

@@ -1,0 +1,147 @@
+"""Is there a gap, and where in the lines: p-value, goodness of fit, map of standardised residuals.
+
+The statistic of detection is the Bayes factor of any deviation - every effect of the library and the unknown - against
+none. V, the whole residual, has far less power against one effect (it spreads 4 N degrees of freedom over a gap of one)
+and serves as goodness of fit. Null distributions come from draws with the estimated covariance's own uncertainty
+(`mcstudy.gap.draws`), either through the linearised fit or with the model refitted to every draw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.gap.draws import NullDraws
+from mcstudy.gap.fitting import Data, Fitted, Fitter, whiten
+from mcstudy.gap.lines import Lines
+from mcstudy.gap.scores import Scores
+from mcstudy.stance.response import frf
+
+EDGES_HZ = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0, 3.0, 4.5, 6.5, np.inf)
+"""Edges of the bands in which the residual map is summed."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """One angle in one band: mean squared standardised residual, and whether it is beyond the family-wise 5 % limit."""
+
+    angle: str
+    low_hz: float
+    high_hz: float
+    level: float
+    limit: float
+
+    @property
+    def beyond(self) -> bool:
+        """Whether noise alone would not do this in any band, 19 times of 20."""
+        return self.level > self.limit
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Outcome of the tests.
+
+    Attributes
+    ----------
+    p_value: of the statistic of detection. statistic: ln Bayes factor of any gap against none.
+    chi2, expected_chi2, fit_p_value: the whole residual, its mean under the null, and its p-value.
+    z: (N, 2) standardised residuals, leverage removed, E|z|^2 = 1 under the null. z_limit: 95 % limit of max |z|.
+    bands: sums of |z|^2. refits: whether the null was refitted draw by draw. draws: their number.
+    """
+
+    p_value: float
+    statistic: float
+    chi2: float
+    expected_chi2: float
+    fit_p_value: float
+    z: np.ndarray
+    z_limit: float
+    bands: tuple[Band, ...]
+    refits: bool
+    draws: int
+
+
+def _complex(r: np.ndarray) -> np.ndarray:
+    """(4 N, n) real whitened vectors as (N, 2, n) complex."""
+    half = r.shape[0] // 2
+    return (r[:half] + 1j * r[half:]).reshape(half // 2, 2, -1)
+
+
+def linear_null(fitted: Fitted, data: Data, noise: np.ndarray) -> np.ndarray:
+    """Residuals (4 N, n) of the linearised fit to noise (4 N, n)."""
+    J = fitted.jacobian(data)
+    return noise - J @ (fitted.covariance @ (J.T @ noise))
+
+
+def refitted_null(fitted: Fitted, fitter: Fitter, data: Data, noise: np.ndarray) -> np.ndarray:
+    """Residuals (4 N, n) of the model refitted to its own response plus every column of noise."""
+    errors = np.einsum("nij,njk->kni", np.linalg.inv(data.weight), _complex(noise))
+    y = fitted.response(data.f) + errors
+    packed = np.array([data.with_y(x).packed for x in y])
+    n = y.shape[0]
+    fits = fitter.fits(packed, np.tile(fitted.theta, (n, 1)), np.arange(n))
+    r = y - frf(fitted.model, fits.estimate, data.f)
+    return whiten(data.weight, np.moveaxis(r, 0, -1))
+
+
+def detect(
+    fitted: Fitted,
+    fitter: Fitter,
+    data: Data,
+    lines: Lines,
+    scores: Scores,
+    rng: np.random.Generator,
+    draws: int,
+    refits: bool,
+) -> Detection:
+    """All tests on one fit of the base model. ``refits``: refit the model to every draw (slower)."""
+    noise = NullDraws(lines)(rng, draws)
+    null = refitted_null(fitted, fitter, data, noise) if refits else linear_null(fitted, data, noise)
+    residual = fitted.residual(data)
+    statistic = float(scores(residual).gap[0])
+    p_value = (1 + int((scores(null).gap >= statistic).sum())) / (1 + draws)
+    chi2 = float(residual @ residual)
+    null_chi2 = (null**2).sum(axis=0)
+    z, null_z = _standardised(fitted, data, lines, residual[:, None]), _standardised(fitted, data, lines, null)
+    return Detection(
+        p_value,
+        statistic,
+        chi2,
+        float(null_chi2.mean()),
+        (1 + int((null_chi2 >= chi2).sum())) / (1 + draws),
+        z[..., 0],
+        float(np.quantile(np.abs(null_z).max(axis=(0, 1)), 0.95)),
+        _bands(lines.f, fitted.model.angles, z[..., 0], null_z),
+        refits,
+        draws,
+    )
+
+
+def _standardised(fitted: Fitted, data: Data, lines: Lines, r: np.ndarray) -> np.ndarray:
+    """(N, 2, n): residuals by angle over their standard deviation after the fit."""
+    colour = np.linalg.inv(data.weight)
+    J = colour @ _complex(fitted.jacobian(data))  # derivative of the FRFs, (N, 2, P)
+    variance = 2 * np.einsum("nij,nij->ni", colour, colour.conj()).real
+    taken = np.einsum("nip,pq,niq->ni", J, fitted.covariance, J.conj()).real
+    left = np.maximum(variance - 2 * taken, 0.05 * variance)
+    return np.einsum("nij,njk->nik", colour, _complex(r)) / np.sqrt(left)[..., None]
+
+
+def _bands(f: np.ndarray, angles: tuple[str, str], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
+    """Bands with a limit that noise passes in any of them 5 times of 100."""
+    rows, level, ratio = [], [], []
+    for low, high in zip(EDGES_HZ[:-1], EDGES_HZ[1:], strict=True):
+        inside = (f >= low) & (f < high)
+        if not inside.any():
+            continue
+        for k, angle in enumerate(angles):
+            expected = (np.abs(null[inside, k]) ** 2).mean(axis=0)
+            rows.append((angle, float(f[inside][0]), float(f[inside][-1]), expected))
+            level.append(float((np.abs(z[inside, k]) ** 2).mean()))
+            ratio.append((expected - expected.mean()) / expected.std())
+    limit = float(np.quantile(np.max(ratio, axis=0), 0.95))
+    return tuple(
+        Band(angle, low, high, at, float(e.mean() + limit * e.std()))
+        for (angle, low, high, e), at in zip(rows, level, strict=True)
+    )

@@ -1,0 +1,231 @@
+"""The whole diagnosis of a recording: where the model fails, which effect is missing, how far the gap shrinks.
+
+`diagnose` refits the model to every draw of the null; `diagnose_fast` draws through the linearised fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mcstudy.errors import RecordingError
+from mcstudy.gap import effects as library
+from mcstudy.gap.ambiguity import undetectable
+from mcstudy.gap.close import Closed, close, sway_rms_deg
+from mcstudy.gap.contrasts import Contrast, contrasts
+from mcstudy.gap.detect import Detection, detect
+from mcstudy.gap.diagnosis import LEVEL, Diagnosis, Shift
+from mcstudy.gap.explain import Cause, Explanation, explain
+from mcstudy.gap.fitting import Data, Fitted, Fitter, base_starts, opened
+from mcstudy.gap.frf_only import FrfRecording
+from mcstudy.gap.lines import Lines
+from mcstudy.gap.locate import missing_torque, places
+from mcstudy.gap.measure import measure
+from mcstudy.gap.plausible import plausibility, refuse
+from mcstudy.gap.recording import Recording
+from mcstudy.gap.scores import Scores
+from mcstudy.gap.signatures import groups, likeness, signatures, usable
+from mcstudy.stance.feedback import Model
+from mcstudy.study.streams import stream
+
+FAST_DRAWS = 1000
+BOOTSTRAP = 1000
+
+CONTRAST_SHARE = 0.1
+"""Share of the level that is spent on amplitude dependence and drift."""
+
+CREDIBLE = 0.95
+
+
+def diagnose(
+    recording: Recording | FrfRecording | Sequence[Recording],
+    *,
+    bootstrap: int = BOOTSTRAP,
+    seed: int = 0,
+    model: Model | None = None,
+    fmax: float = 8.0,
+    discard: int = 1,
+    accept: Iterable[str] = (),
+) -> Diagnosis:
+    """Diagnosis with a parametric bootstrap: the base model is refitted to every one of ``bootstrap`` draws.
+
+    Parameters
+    ----------
+    recording: one, or several of the same person, stimulus and sampling, which are pooled.
+    seed: of every random number. model: base model; the two-segment one of the recording's body when None.
+    fmax: highest line, Hz. discard: transient cycles left out of every trial.
+    accept: codes of suspicions about mislabelled channels that the user wants to keep.
+
+    Raises `RecordingError` for recordings that cannot be analysed or whose channels are not what they are labelled.
+    """
+    return _diagnose(_pooled(recording), bootstrap, True, seed, model, fmax, discard, accept)
+
+
+def diagnose_fast(
+    recording: Recording | FrfRecording | Sequence[Recording],
+    *,
+    seed: int = 0,
+    model: Model | None = None,
+    fmax: float = 8.0,
+    discard: int = 1,
+    accept: Iterable[str] = (),
+) -> Diagnosis:
+    """Diagnosis with asymptotic nulls: draws of noise and its covariance through the linearised fit. See `diagnose`."""
+    return _diagnose(_pooled(recording), FAST_DRAWS, False, seed, model, fmax, discard, accept)
+
+
+def _pooled(recording: Recording | FrfRecording | Sequence[Recording]) -> Recording | FrfRecording:
+    if isinstance(recording, Recording | FrfRecording):
+        return recording
+    first, *rest = recording
+    for r in rest:
+        for field in ("rate_hz", "period_s", "stimulus", "body", "convention"):
+            if getattr(r, field) != getattr(first, field):
+                raise RecordingError(
+                    f"{r.name}: {field}: expected {getattr(first, field)!r} as in {first.name}, "
+                    f"got {getattr(r, field)!r}; diagnose them apart"
+                )
+    return replace(
+        first,
+        trials=tuple(t for r in recording for t in r.trials),
+        suspicions=tuple(dict.fromkeys(s for r in recording for s in r.suspicions)),
+    )
+
+
+def _diagnose(
+    recording: Recording | FrfRecording,
+    draws: int,
+    refits: bool,
+    seed: int,
+    model: Model | None,
+    fmax: float,
+    discard: int,
+    accept: Iterable[str],
+) -> Diagnosis:
+    lines = measure(recording, fmax, discard)
+    warnings = _suspicions(recording, lines, accept)
+    nominal = model or recording.base_model()
+    if isinstance(recording, FrfRecording) and recording.single:
+        warnings = (*warnings, "only one angle was published, so the hip is not tested")
+    data, opened_model = Data.of(lines), opened(nominal)
+    fitter = Fitter(opened_model, opened_model, data.f)
+    base = fitter.best(data, base_starts(opened_model, seed))
+    effects = usable(base.model)
+    found = signatures(base, data, effects)
+    cosine_names, cosine = likeness(found)
+    ambiguous = groups(cosine_names, cosine)
+    scores = Scores(base, data, found, [library.effect(s.effect).size.signed for s in found])
+    detection = detect(base, fitter, data, lines, scores, stream(seed, "gap null"), draws, refits)
+    compared = contrasts(lines, base, stream(seed, "gap contrasts"))
+    explanation = explain(base, data, effects, found, ambiguous, scores, compared)
+    p_value = _combined(detection, compared)
+    detected = p_value < LEVEL
+    leading = explanation.causes[0] if explanation.causes else None
+    place, abstained = places(explanation)
+    closed = _closed(base, leading, data, lines, scores, seed) if detected and leading is not None else None
+    trials = int(np.unique(lines.trial).size)
+    return Diagnosis(
+        name=recording.name,
+        detected=detected,
+        p_value=p_value,
+        place=place,
+        place_abstained=abstained,
+        causes=explanation.causes,
+        none_probability=explanation.none,
+        unknown_probability=explanation.unknown,
+        credible_set=credible_set(explanation),
+        closed=closed,
+        sway_rms_deg=_sway(base, leading if detected else None, data, lines),
+        undetectable=undetectable(found, compared, trials),
+        detection=detection,
+        contrasts=tuple(compared),
+        shifts=_shifts(base, leading if detected else None),
+        groups=tuple(ambiguous),
+        f=lines.f,
+        torque=missing_torque(base, data),
+        warnings=(*warnings, *_other_axes(lines)),
+        method={
+            "null": "bootstrap with refits" if refits else "linearised",
+            "draws": draws,
+            "seed": seed,
+            "fmax": fmax,
+            "discard": discard,
+            "trials": trials,
+            "repeats": int(lines.repeats.shape[0]),
+        },
+    )
+
+
+def _combined(detection: Detection, compared: Sequence[Contrast]) -> float:
+    """One p-value from the residual and the contrasts, each with its share of the level."""
+    own = [c.p_value for c in compared if c.changes]
+    if not own:
+        return detection.p_value
+    share = CONTRAST_SHARE / len(own)
+    return float(min(1.0, detection.p_value / (1 - CONTRAST_SHARE), *(p / share for p in own)))
+
+
+def _suspicions(recording: Recording | FrfRecording, lines: Lines, accept: Iterable[str]) -> tuple[str, ...]:
+    if isinstance(recording, FrfRecording):
+        return ()
+    found = recording.suspicions or plausibility(recording, lines)
+    refuse(found, accept)
+    return tuple(dict.fromkeys(s.message for s in found))
+
+
+def _other_axes(lines: Lines) -> list[str]:
+    """Even lines: an even nonlinearity excites what the stimulus does not."""
+    if lines.even is None:
+        return []
+    ratio, p = lines.even.excess(0.02, 2.0)
+    if not np.isfinite(p).all() or p.min() > 1e-3:
+        return []
+    return [f"even lines hold {ratio[int(p.argmin())]:.2g} times their noise (p = {p.min():.1g}): an even nonlinearity"]
+
+
+def credible_set(explanation: Explanation) -> tuple[int | str, ...]:
+    """Smallest set of causes (by index), "unknown" and "none" with at least `CREDIBLE` of the posterior."""
+    entries: list[tuple[float, int | str]] = [(c.probability, k) for k, c in enumerate(explanation.causes)]
+    entries += [(explanation.unknown, "unknown"), (explanation.none, "none")]
+    out: list[int | str] = []
+    total = 0.0
+    for p, entry in sorted(entries, key=lambda e: -e[0]):
+        out.append(entry)
+        total += p
+        if total >= CREDIBLE:
+            break
+    return tuple(out)
+
+
+def _closed(base: Fitted, leading: Cause, data: Data, lines: Lines, scores: Scores, seed: int) -> Closed:
+    space = np.concatenate(
+        [
+            *(s.vector[:, None] for s in scores.library),
+            *(f.columns for f in scores.families[:4]),
+        ],
+        axis=1,
+    )
+    return close(base, leading.fitted, data, lines, space, stream(seed, "gap closed"))
+
+
+def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict[str, float | None]:
+    if not np.isfinite(lines.power).all():
+        return {"before": None, "after": None, "floor": None}
+    return {
+        "before": sway_rms_deg(base, data, lines),
+        "after": None if leading is None else sway_rms_deg(leading.fitted, data, lines),
+        "floor": sway_rms_deg(None, data, lines),
+    }
+
+
+def _shifts(base: Fitted, leading: Cause | None) -> tuple[Shift, ...]:
+    se = np.sqrt(np.diag(base.covariance))
+    added_se = None if leading is None else np.sqrt(np.diag(leading.fitted.covariance))
+    out = []
+    for k, p in enumerate(base.model.parameters):
+        added = None if leading is None else float(leading.fitted.theta[k])
+        error = None if added_se is None else float(added_se[k])
+        out.append(Shift(p.name, p.unit, float(base.theta[k]), float(se[k]), added, error))
+    return tuple(out)

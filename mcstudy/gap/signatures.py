@@ -1,0 +1,167 @@
+"""What every effect of the library would leave in these lines after the base model has been refitted.
+
+A *signature* is a whitened residual, taken at a finite size: some effects (a low-pass on delayed feedback) have a
+derivative that the model's own parameters absorb and show only through their curvature. Its length is *delta*, the
+root of the noncentrality: the mean height, in standard deviations, of the best test for that effect. Two effects whose
+signatures have |cosine| above `ALIKE` cannot be told apart by such a recording: they form one ambiguity group.
+Derived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.errors import ModelError
+from mcstudy.gap import effects as library
+from mcstudy.gap.declare import Effect
+from mcstudy.gap.fitting import Data, Fitted, Fitter, whiten
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import frf, frf_jacobian
+
+ALIKE = 0.95
+"""|cosine| of two signatures from which they are one ambiguity group."""
+
+WANTED = 6.0
+"""Delta at which signatures are taken, or as near as the effect's bounds allow."""
+
+
+ROUNDS = 12
+"""Most steps of the walk to the wanted delta."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """One effect at one size (and one value of its companions).
+
+    Attributes
+    ----------
+    effect: its name. sizes: value per parameter it adds. vector: (4 N,) whitened residual after refitting the base.
+    shift: (P,) what leaving the effect out does to the base parameters.
+    """
+
+    effect: str
+    sizes: dict[str, float]
+    vector: np.ndarray
+    shift: np.ndarray
+
+    @property
+    def delta(self) -> float:
+        """Root of the noncentrality."""
+        return float(np.linalg.norm(self.vector))
+
+
+def usable(base: Model) -> list[Effect]:
+    """Linear effects of the library that can be added to the base model."""
+    out = []
+    for e in library.LIBRARY:
+        if e.kind != "linear":
+            continue
+        try:
+            library.apply(base, e.name)
+        except ModelError:
+            continue
+        out.append(e)
+    return out
+
+
+def _cases(effect: Effect) -> list[tuple[dict[str, float], float]]:
+    """(companions, limit of the size) for both signs where people have both, at three values of every companion."""
+    first, *companions = effect.sizes
+    grids: list[dict[str, float]] = [{}]
+    for c in companions:
+        low, high = c.published
+        grids = [{**g, c.name: v} for g in grids for v in (low, (low + high) / 2, high)]
+    limits = (first.upper, first.lower) if first.signed else (first.upper,)
+    return [(g, b) for g in grids for b in limits]
+
+
+def signatures(fitted: Fitted, data: Data, effects: Sequence[Effect]) -> list[Signature]:
+    """Signatures of effects around a fit of the base model, at sizes with a delta near `WANTED`.
+
+    The effect is held at a size and the base parameters are refitted to the noise-free base response: what remains
+    is what the effect adds to that response and the base parameters cannot give back. (The other way round, adding
+    the effect to the fitted body, would often be a body that falls.) Sizes grow from small ones, every fit starting
+    where the last two point, so that the path stays in the valley of bodies that stand.
+    """
+    base = fitted.model
+    clean = data.with_y(fitted.response(data.f))
+    rest = Fitter(base, base, data.f).best(clean, fitted.theta)
+    return [s for e in effects for s in _walk(e, fitted, rest, clean)]
+
+
+def _walk(e: Effect, fitted: Fitted, rest: Fitted, clean: Data) -> list[Signature]:
+    """Signatures of one effect, every case of signs and companions in a lane of its own."""
+    base, P = fitted.model, fitted.theta.size
+    fitter = Fitter(library.apply(base, e.name), base, clean.f)
+    cases = _cases(e)
+    at_null = {s.name: s.parameter.value for s in e.sizes}
+    start = np.array([[*rest.theta, *({**at_null, **c}[s.name] for s in e.sizes)] for c, _ in cases])
+    limit = np.array([b for _, b in cases])
+    slope = np.empty((len(cases), P))
+    first = np.empty(len(cases))
+    at_rest = rest.response(clean.f)
+    for k, theta in enumerate(start):
+        J = whiten(clean.weight, frf_jacobian(fitter.model, theta, clean.f)[1])
+        slope[k] = -rest.covariance @ (J[:, :P].T @ J[:, P])
+        left = float(np.linalg.norm(J[:, P] + J[:, :P] @ slope[k]))
+        first[k] = np.sign(limit[k]) * min(abs(limit[k]), WANTED / max(left, 1e-300)) / 8
+    previous_size, previous = np.zeros(len(cases)), start[:, :P].copy()
+    size, guess = first, start[:, :P] + first[:, None] * slope
+    best: list[Signature | None] = [None] * len(cases)
+    for _ in range(ROUNDS):
+        x = start.copy()
+        x[:, :P], x[:, P] = guess, size
+        lower, upper = (np.tile(b, (len(cases), 1)) for b in (fitter.model.lower, fitter.model.upper))
+        lower[:, P:] = upper[:, P:] = x[:, P:]
+        fits = fitter.fits(clean.packed, x, lower=lower, upper=upper)
+        grow = np.empty(len(cases))
+        for k, theta in enumerate(fits.estimate):
+            vector = whiten(clean.weight, frf(fitter.model, theta, clean.f) - at_rest)
+            sizes = {**cases[k][0], e.size.name: float(size[k])}
+            found = Signature(e.name, sizes, vector, rest.theta - theta[:P])
+            before = best[k]
+            if before is None or abs(found.delta - WANTED) < abs(before.delta - WANTED):
+                best[k] = found
+            grow[k] = np.clip(WANTED / max(found.delta, 1e-9), 1.0, 2.0)
+        grow = np.minimum(grow, np.abs(limit / size))
+        if (grow < 1.2).all():
+            break
+        step = fits.estimate[:, :P] - previous
+        rate = step / (size - previous_size)[:, None]
+        previous_size, previous = size, fits.estimate[:, :P].copy()
+        size = size * grow
+        guess = previous + rate * (size - previous_size)[:, None]
+        size = np.where(grow > 1.0, size, previous_size * (1 + 1e-9))
+    return [s for s in best if s is not None]
+
+
+def likeness(found: Sequence[Signature]) -> tuple[list[str], np.ndarray]:
+    """Effects, and the largest |cosine| between any of their signatures (E, E); variants of one cause count as 1."""
+    names = list(dict.fromkeys(s.effect for s in found))
+    unit = np.array([s.vector / max(s.delta, 1e-300) for s in found])
+    cosine = np.abs(unit @ unit.T)
+    owner = np.array([names.index(s.effect) for s in found])
+    out = np.eye(len(names))
+    for i, a in enumerate(names):
+        for j, b in enumerate(names[:i]):
+            kin = library.effect(a).cause == library.effect(b).cause
+            out[i, j] = out[j, i] = 1.0 if kin else cosine[np.ix_(owner == i, owner == j)].max()
+    return names, out
+
+
+def groups(names: Sequence[str], cosine: np.ndarray, threshold: float = ALIKE) -> list[tuple[str, ...]]:
+    """Connected sets of effects with |cosine| above the threshold, single ones included."""
+    left, out = list(range(len(names))), []
+    while left:
+        member, todo = [], [left.pop(0)]
+        while todo:
+            i = todo.pop()
+            member.append(i)
+            near = [j for j in left if cosine[i, j] > threshold]
+            left = [j for j in left if j not in near]
+            todo += near
+        out.append(tuple(names[i] for i in sorted(member)))
+    return out

@@ -1,0 +1,139 @@
+"""A diagnosis in words and as a page fragment."""
+
+from __future__ import annotations
+
+from html import escape
+
+from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.explain import Cause
+
+
+def words(name: str) -> str:
+    """An effect's name for people."""
+    return name.replace("_", " ")
+
+
+def named(cause: Cause) -> str:
+    """Names of a cause's effects with what they cannot be told from."""
+    parts = []
+    for effect, group in zip(cause.effects, cause.alternatives, strict=True):
+        others = [words(n) for n in group if n != effect]
+        parts.append(words(effect) + (f" (cannot be told from {', '.join(others)})" if others else ""))
+    return " and ".join(parts)
+
+
+def where(d: Diagnosis) -> str:
+    """Bands of the residual map beyond their limit, in words."""
+    by_angle: dict[str, list[tuple[float, float]]] = {}
+    for b in d.detection.bands:
+        if b.beyond:
+            spans = by_angle.setdefault(b.angle, [])
+            if spans and b.low_hz <= spans[-1][1] + 0.1:
+                spans[-1] = (spans[-1][0], b.high_hz)
+            else:
+                spans.append((b.low_hz, b.high_hz))
+    name = {"theta1": "the lower body's angle", "theta2": "the hip angle"}
+    parts = [
+        f"{name.get(a, a)} between " + " and ".join(f"{lo:.2g} and {hi:.2g} Hz" for lo, hi in s)
+        for a, s in by_angle.items()
+    ]
+    return "in " + ", and in ".join(parts) if parts else "spread over the lines without one band standing out"
+
+
+def p_words(p: float, least: float) -> str:
+    """A p-value as text, not smaller than the draws can say."""
+    return f"p < {least:.2g}" if p <= 1.01 * least else f"p = {p:.2g}"
+
+
+def verdict(d: Diagnosis) -> str:
+    """One paragraph: whether, where, which, how far, and what cannot be excluded."""
+    p = p_words(d.p_value, 1 / (1 + d.detection.draws))
+    parts = []
+    if not d.detected:
+        parts.append(f"No gap beyond noise ({p}): the model without further effects describes this recording.")
+    else:
+        parts.append(f"A gap beyond noise ({p}), {where(d)}.")
+        parts += _cause(d)
+        if d.closed is not None:
+            c = d.closed
+            parts.append(
+                f"Adding {words(' and '.join(d.causes[0].effects))} closes {100 * c.fraction:.0f} % "
+                f"[{100 * c.low:.0f}, {100 * c.high:.0f}] of the gap"
+                + (", down to the noise floor." if c.at_noise_floor else ".")
+                + (
+                    f" About {c.trials_needed} trials like these would be needed to know the share to ±15 %."
+                    if c.high - c.low > 0.3
+                    else ""
+                )
+            )
+    for c in d.contrasts:
+        if c.p_value < 0.01 and c.changes:
+            best = max(c.changes, key=lambda k: k.log_factor)
+            what = "with amplitude" if c.kind == "amplitude" else "over the recording"
+            parts.append(f"The active gains change {what} by {100 * best.gain:+.0f} % (± {100 * best.se:.0f}).")
+    missed = [words(u.effect) for u in d.undetectable]
+    if missed:
+        parts.append(f"Not excluded, because these data cannot show it: {', '.join(missed)}.")
+    parts += [f"Note: {w}." for w in d.warnings]
+    return " ".join(parts)
+
+
+def _cause(d: Diagnosis) -> list[str]:
+    first = d.causes[0]
+    if d.unknown_probability > first.probability:
+        out = [
+            f"No effect of the library explains it: the cause is something else ({100 * d.unknown_probability:.0f} %)."
+        ]
+        if first.probability > 0.05:
+            out.append(f"The nearest named cause is {named(first)} ({100 * first.probability:.0f} %).")
+    else:
+        sizes = "; ".join(f"{s.name} = {s.estimate:.3g} ± {s.se:.2g} {s.unit}".rstrip() for s in first.sizes)
+        out = [f"Most likely cause: {named(first)} ({100 * first.probability:.0f} %; {sizes})."]
+        if first.effects == ("stimulus_gain",):
+            size = first.sizes[0].estimate
+            for factor, what in ((1.0, "half"), (-0.5, "twice")):
+                if abs(size - factor) < 0.1:
+                    out.append(
+                        f"The stimulus acted as if its stated amplitude were {what} the true one: check whether it is "
+                        "a peak or a peak-to-peak value."
+                    )
+        others = [
+            f"{named(d.causes[k])} ({100 * d.causes[k].probability:.0f} %)"
+            for k in d.credible_set
+            if isinstance(k, int) and k > 0
+        ]
+        if "unknown" in d.credible_set:
+            others.append(f"a cause outside the library ({100 * d.unknown_probability:.0f} %)")
+        if others:
+            out.append(f"Also possible: {', '.join(others)}.")
+    best = max(d.place, key=lambda k: d.place[k])
+    if d.place[best] > 0.5:
+        out.append(f"Its place is the {best} ({100 * d.place[best]:.0f} %).")
+    else:
+        out.append("Its place is not certain.")
+    return out
+
+
+def html(d: Diagnosis) -> str:
+    """The verdict and the tables."""
+    rows = "".join(
+        f"<tr><td>{escape(named(c))}</td><td>{c.probability:.3f}</td><td>"
+        + escape("; ".join(f"{s.name} = {s.estimate:.3g} ± {s.se:.2g} {s.unit}" for s in c.sizes))
+        + "</td></tr>"
+        for c in d.causes[:8]
+    )
+    rows += f"<tr><td>outside the library</td><td>{d.unknown_probability:.3f}</td><td></td></tr>"
+    rows += f"<tr><td>nothing missing</td><td>{d.none_probability:.3f}</td><td></td></tr>"
+    shifts = "".join(
+        f"<tr><td>{s.name}</td><td>{s.without:.4g} ± {s.without_se:.2g}</td><td>"
+        + ("" if s.added is None else f"{s.added:.4g} ± {s.added_se:.2g}")
+        + f"</td><td>{escape(s.unit)}</td></tr>"
+        for s in d.shifts
+    )
+    return (
+        f"<h3>{escape(d.name)}</h3><p>{escape(d.verdict())}</p>"
+        "<table><thead><tr><th>cause</th><th>probability</th><th>size</th></tr></thead>"
+        f"<tbody>{rows}</tbody></table>"
+        "<table><thead><tr><th>parameter</th><th>without</th><th>with the leading cause</th><th>unit</th></tr></thead>"
+        f"<tbody>{shifts}</tbody></table>"
+    )

@@ -1,0 +1,94 @@
+"""One small study of the paper's design and one of everything else, run once for the tests of the report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from mcstudy import open_results
+from mcstudy.cli import DONE, main
+
+PAPER_LIKE = """
+[study]
+name = "paperlike"
+seed = 5
+description = "Paper & <b>miniature</b>"
+
+[group.theory]
+simulator = "none"
+realizations = 1
+starts = 60
+fmax = [8.0]
+amplitude = [5.0]
+
+[group.accuracy]
+realizations = 6
+starts = 8
+fmax = [0.41, 1.2, 8.0]
+amplitude = [3.0, 5.0]
+"""
+
+OTHER = """
+[study]
+name = "other"
+seed = 5
+
+[group.single]
+realizations = 5
+starts = 1
+fmax = [1.2]
+amplitude = [4.0]
+
+[group.single.model]
+kind = "one_segment"
+
+[group.ml]
+realizations = 5
+starts = 3
+fmax = [2.0]
+amplitude = [4.0]
+
+[group.ml.fit]
+cost = "ml"
+
+[group.ml.stimulus]
+kind = "hip_torque"
+"""
+
+
+def _run(folder: Path, text: str) -> Path:
+    study, out = folder / "study.toml", folder / "out.zarr"
+    study.write_text(text)
+    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == DONE
+    return out
+
+
+@pytest.fixture(scope="session")
+def paper_cube(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _run(tmp_path_factory.mktemp("paperlike"), PAPER_LIKE)
+
+
+@pytest.fixture(scope="session")
+def other_cube(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _run(tmp_path_factory.mktemp("other"), OTHER)
+
+
+@pytest.fixture(scope="session")
+def paper_tree(paper_cube: Path) -> xr.DataTree:
+    return open_results(paper_cube)
+
+
+@pytest.fixture(scope="session")
+def paper_page(paper_cube: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "paper.html"
+    assert main(["report", str(paper_cube), "-o", str(file)]) == DONE
+    return file
+
+
+@pytest.fixture(scope="session")
+def other_page(other_cube: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "other.html"
+    assert main(["report", str(other_cube), "-o", str(file)]) == DONE
+    return file

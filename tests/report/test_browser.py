@@ -1,0 +1,101 @@
+"""The page in a real browser: figures drawn, nothing complained about, nothing fetched, no sideways scrolling."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import Browser, chromium
+
+pytestmark = pytest.mark.skipif(chromium() is None, reason="no chromium")
+
+FIGURES = """[...document.querySelectorAll('svg.plot')].map(s => {
+  const marks = [...s.querySelectorAll('path, use')].filter(e => { const b = e.getBoundingClientRect();
+    return (b.width > 0.5 || b.height > 0.5) && getComputedStyle(e).visibility === 'visible'; });
+  const box = s.getBoundingClientRect();
+  return [s.getAttribute('aria-labelledby'), box.width, box.height, marks.length,
+          s.querySelectorAll('text').length]; })"""
+SIDEWAYS = """[...document.querySelectorAll('body *')].filter(e => !e.closest('.scroll, svg, .skip, thead') &&
+  e.getBoundingClientRect().right > document.documentElement.clientWidth + 1).map(e => e.outerHTML.slice(0, 90))"""
+SMALLEST_TEXT = """Math.min(...[...document.querySelectorAll('svg.plot text')].map(t => {
+  const s = t.closest('svg'); const scale = s.getBoundingClientRect().width / s.viewBox.baseVal.width;
+  return parseFloat(getComputedStyle(t).fontSize) * scale; }))"""
+CONTRAST = """(() => {
+  const style = getComputedStyle(document.documentElement), probe = document.createElement('span');
+  document.body.append(probe);
+  const light = name => { probe.style.color = style.getPropertyValue('--' + name);
+    const c = getComputedStyle(probe).color.match(/[0-9.]+/g).slice(0, 3).map(v => v / 255)
+      .map(v => v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]; };
+  const ratio = (a, b) => (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  const out = Object.fromEntries(['ink', 'muted', 'blue', 'orange', 'green', 'purple', 'ochre', 'good', 'bad']
+    .map(n => [n, ratio(light(n), light('panel'))]));
+  probe.remove(); return out; })()"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with Browser() as started:
+        yield started
+
+
+@pytest.mark.parametrize("width", [380, 1600])
+@pytest.mark.parametrize("page", ["paper_page", "other_page"])
+def test_every_figure_is_drawn_nothing_is_fetched_and_nothing_sticks_out(
+    browser: Browser, page: str, width: int, request: pytest.FixtureRequest
+) -> None:
+    file: Path = request.getfixturevalue(page)
+    seen = browser.open(file, width)
+    assert seen.complaints == []
+    assert seen.urls == [file.resolve().as_uri()]
+    assert browser.evaluate("document.documentElement.scrollWidth") <= width
+    assert browser.evaluate(SIDEWAYS) == []
+    figures = browser.evaluate(FIGURES)
+    assert len(figures) > 10
+    for label, box_width, box_height, marks, texts in figures:
+        assert box_width > 120, label
+        assert box_height > 90, label
+        assert marks > 10, label
+        assert texts > 3, label
+
+
+@pytest.mark.parametrize("width", [380, 1600])
+def test_the_smallest_label_in_a_figure_can_be_read(browser: Browser, paper_page: Path, width: int) -> None:
+    browser.open(paper_page, width)
+    assert browser.evaluate(SMALLEST_TEXT) >= 8.0
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_and_series_stand_out_from_the_page_in_light_and_dark(
+    browser: Browser, paper_page: Path, scheme: str
+) -> None:
+    browser.open(paper_page, 1600, scheme=scheme)
+    for name, ratio in browser.evaluate(CONTRAST).items():
+        assert ratio >= 4.5, name
+
+
+def test_the_dark_page_is_dark(browser: Browser, paper_page: Path) -> None:
+    backgrounds = []
+    for scheme in ("light", "dark"):
+        browser.open(paper_page, 800, scheme=scheme)
+        backgrounds.append(browser.evaluate("getComputedStyle(document.body).backgroundColor"))
+    assert backgrounds == ["rgb(246, 248, 250)", "rgb(13, 16, 20)"]
+
+
+def test_the_keyboard_reaches_the_results_first(browser: Browser, paper_page: Path) -> None:
+    browser.open(paper_page, 1000)
+    for kind in ("keyDown", "keyUp"):
+        browser.send("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab", windowsVirtualKeyCode=9)
+    assert browser.evaluate("document.activeElement.className") == "skip"
+    assert browser.evaluate("document.activeElement.getBoundingClientRect().left") >= 0
+
+
+def test_print_shows_the_numbers_behind_every_figure(browser: Browser, paper_page: Path) -> None:
+    browser.open(paper_page, 1000)
+    browser.send("Emulation.setEmulatedMedia", media="print")
+    hidden = browser.evaluate(
+        "[...document.querySelectorAll('details table')].filter(t => !t.checkVisibility()).length"
+    )
+    assert hidden == 0
+    assert browser.printed().startswith(b"%PDF")

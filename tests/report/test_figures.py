@@ -1,0 +1,145 @@
+"""Every figure draws what it claims, on the axes it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import xarray as xr
+
+pytest.importorskip("matplotlib")
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mcstudy.analysis.selection import best
+from mcstudy.errors import InputError
+from mcstudy.report import figures
+from mcstudy.report.figures.signals import Signals, envelope
+from mcstudy.stance.response import frf
+
+GROUP_FIGURES: dict[str, Callable[[xr.DataTree, Axes], Axes]] = {
+    "parameter_bars": lambda t, ax: figures.parameter_bars(t["accuracy"], "K11", ax),
+    "bias_bars": lambda t, ax: figures.bias_bars(t["accuracy"], ax=ax),
+    "cv_bars": lambda t, ax: figures.cv_bars(t["accuracy"], ax=ax),
+    "sensitivity_bars": lambda t, ax: figures.sensitivity_bars(t["accuracy"], "mid", ax),
+    "efficiency_dots": lambda t, ax: figures.efficiency_dots(t["accuracy"], ax=ax),
+    "controller_error": lambda t, ax: figures.controller_error(t["theory"], fmax=8.0, ax=ax),
+    "controller_error_by_noise": lambda t, ax: figures.controller_error_by_noise(t["accuracy"], ax=ax),
+    "starts_curve": lambda t, ax: figures.starts_curve(t["accuracy"], ax=ax),
+    "waterfall": lambda t, ax: figures.waterfall(t["accuracy"], ax=ax),
+    "frf_gain": lambda t, ax: figures.frf_gain(t["theory"], ax=ax),
+    "frf_phase": lambda t, ax: figures.frf_phase(t["accuracy"], ax=ax),
+    "controller_gain": lambda t, ax: figures.controller_gain(t["accuracy"], ax=ax),
+    "controller_phase": lambda t, ax: figures.controller_phase(t["theory"], ax=ax),
+    "basin_atlas": lambda t, ax: figures.basin_atlas(t["accuracy"], ax=ax),
+    "bias_by_starts": lambda t, ax: figures.bias_by_starts(t["accuracy"], ax),
+    "cv_by_starts": lambda t, ax: figures.cv_by_starts(t["accuracy"], ax),
+}
+SIGNAL_FIGURES = [
+    name for name in figures.__all__ if name.endswith(("_record", "_spectrum", "error_frf")) and name != "Signals"
+]
+
+
+@pytest.fixture
+def ax() -> Axes:
+    return Figure().add_subplot()
+
+
+@pytest.fixture(scope="session")
+def signals(paper_tree: xr.DataTree) -> Signals:
+    return Signals.of(paper_tree["accuracy"], int(paper_tree.attrs["seed"]), 3.0)
+
+
+def _drawn(ax: Axes) -> int:
+    return len(ax.lines) + len(ax.patches) + len(ax.collections)
+
+
+@pytest.mark.parametrize("name", GROUP_FIGURES)
+def test_a_group_figure_fills_and_returns_the_axes_it_is_given(name: str, paper_tree: xr.DataTree, ax: Axes) -> None:
+    assert GROUP_FIGURES[name](paper_tree, ax) is ax
+    assert _drawn(ax) > 0
+    ax.figure.draw_without_rendering()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("name", SIGNAL_FIGURES)
+def test_a_signal_figure_fills_and_returns_the_axes_it_is_given(name: str, signals: Signals, ax: Axes) -> None:
+    assert getattr(figures, name)(signals, ax) is ax
+    assert _drawn(ax) > 0
+
+
+def test_every_figure_is_tested_here() -> None:
+    drawn = {*GROUP_FIGURES, *SIGNAL_FIGURES, "Signals", "influence_shares"}
+    assert drawn == set(figures.__all__)
+
+
+def test_bars_are_the_truth_and_the_means_of_the_best_fits(paper_tree: xr.DataTree, ax: Axes) -> None:
+    figures.parameter_bars(paper_tree["accuracy"], "B22", ax)
+    cells = best(paper_tree["accuracy"].to_dataset()).compute().sel(parameter="B22")
+    expected = [float(cells["truth"]), *cells["estimate"].mean("realization").values.ravel()]
+    heights = [patch.get_height() for patch in ax.patches]  # type: ignore[attr-defined]
+    assert heights == pytest.approx(expected)
+
+
+def test_a_combined_stiffness_is_drawn_by_its_name(paper_tree: xr.DataTree, ax: Axes) -> None:
+    figures.parameter_bars(paper_tree["accuracy"], "K11+Kpas1", ax)
+    truth = paper_tree["accuracy"]["truth"].sel(parameter=["K11", "Kpas1"]).sum()
+    assert ax.patches[0].get_height() == pytest.approx(float(truth))  # type: ignore[attr-defined]
+
+
+def test_unknown_parameters_fmax_and_amplitudes_are_named(paper_tree: xr.DataTree, ax: Axes) -> None:
+    with pytest.raises(InputError, match="parameter: expected one of K11"):
+        figures.parameter_bars(paper_tree["accuracy"], "K99", ax)
+    with pytest.raises(InputError, match=r"fmax: expected one of 0\.41, 1\.2, 8 Hz, got 3"):
+        figures.bias_bars(paper_tree["accuracy"], 3.0, ax)
+    with pytest.raises(InputError, match="amplitude: expected one of 3, 5, got 7"):
+        figures.waterfall(paper_tree["accuracy"], 7.0, ax=ax)
+
+
+def test_the_line_of_figure_4_is_the_closed_form(paper_tree: xr.DataTree, ax: Axes) -> None:
+    view = figures.common.view_of(paper_tree["theory"])
+    figures.frf_gain(view, ax=ax)
+    f = paper_tree["theory"]["frequency"].values
+    assert np.allclose(ax.lines[0].get_ydata(), np.abs(frf(view.model, view.model.truth, f))[:, 0])
+
+
+def test_a_waterfall_starts_at_the_lowest_cost_and_never_falls(paper_tree: xr.DataTree, ax: Axes) -> None:
+    figures.waterfall(paper_tree["accuracy"], ax=ax)
+    assert len(ax.lines) == paper_tree["accuracy"].sizes["realization"]
+    for line in ax.lines:
+        y = np.asarray(line.get_ydata())
+        assert y[0] == 1.0
+        assert (np.diff(y) >= 0).all()
+
+
+def test_the_curve_of_starts_never_rises_and_ends_at_the_mean_minimum(paper_tree: xr.DataTree, ax: Axes) -> None:
+    figures.starts_curve(paper_tree["accuracy"], fmax=1.2, ax=ax)
+    lowest = paper_tree["accuracy"]["cost"].sel(fmax=1.2).min("start").mean("realization")
+    for line, end in zip(ax.lines, lowest.values, strict=True):
+        y = np.asarray(line.get_ydata(), dtype=float)
+        assert (np.diff(y) <= 1e-12).all()
+        assert y[-1] == pytest.approx(end)
+
+
+def test_an_envelope_keeps_every_extreme_of_a_long_record() -> None:
+    rng = np.random.default_rng(1)
+    x = rng.standard_normal(50_000)
+    t, y = envelope(np.arange(50_000) / 200.0, x)
+    assert len(t) == len(y) < 1000
+    assert (y.min(), y.max()) == (x.min(), x.max())
+
+
+def test_the_noise_of_figure_2_is_the_noise_that_was_fitted(paper_tree: xr.DataTree, signals: Signals) -> None:
+    """FRF of the cube less the closed form is the drawn noise over the stimulus, at an unaveraged line."""
+    data = paper_tree["accuracy"]["frf"].sel(amplitude=3.0, realization=0).isel(frequency=0).values
+    true = paper_tree["accuracy"]["true_frf"].isel(frequency=0).values
+    drive = signals.prts.coefficients()[1]
+    assert np.allclose(data - true, signals.noise_spectrum[1] / drive, rtol=1e-9)
+
+
+def test_sampling_explains_the_error_of_a_time_simulation_once_the_transient_is_left_out(signals: Signals) -> None:
+    f, error = signals.frf_error(discard=1)
+    assert np.allclose(error, signals.sampling_error(f)[:, None], rtol=0.02, atol=1e-8)
+    _, with_transient = signals.frf_error(discard=0)
+    assert (with_transient > 20 * error).all()

@@ -1,0 +1,174 @@
+"""The page is one valid, self-contained, traceable file, whatever the study."""
+
+from __future__ import annotations
+
+import html
+import itertools
+import re
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+pytest.importorskip("matplotlib")
+
+from mcstudy.analysis.paper_rows import rows
+from mcstudy.analysis.view import StudyView
+from mcstudy.cli import BAD_INPUT, main
+from mcstudy.report.page import page
+from mcstudy.report.summary import summary
+
+VOID = {"meta", "link", "br", "path", "use", "img", "input", "hr"}
+PAPER_FIGURES = ["fig2a", "fig2b", "fig2c", "fig2d", "fig3a", "fig3b", "fig3c"]
+PAPER_FIGURES += ["fig4", "fig5", "fig6", "fig7a", "fig7b", "fig7c", "waterfall", "atlas", "bystarts", "efficiency"]
+
+
+class Reader(HTMLParser):
+    """Collects ids, references and headings, and checks that elements close in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.labelled: list[str] = []
+        self.links: list[str] = []
+        self.headings: list[int] = []
+        self.figures: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        got = {k: v or "" for k, v in attrs}
+        if "id" in got:
+            self.ids.append(got["id"])
+        self.labelled += got.get("aria-labelledby", "").split()
+        self.links += [got[k] for k in ("href", "src") if k in got]
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+        if tag == "figure":
+            self.figures.append(got["id"])
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="session", params=["paper_page", "other_page"])
+def text(request: pytest.FixtureRequest) -> str:
+    file: Path = request.getfixturevalue(request.param)
+    return file.read_text(encoding="utf-8")
+
+
+def test_elements_close_ids_are_unique_and_labels_exist(text: str) -> None:
+    reader = Reader(text)
+    assert reader.open == []
+    assert len(reader.ids) == len(set(reader.ids))
+    assert set(reader.labelled) <= set(reader.ids)
+    assert {link[1:] for link in reader.links if link.startswith("#")} <= set(reader.ids)
+
+
+def test_nothing_is_fetched_from_anywhere(text: str) -> None:
+    assert all(link.startswith("#") or link == "data:," for link in Reader(text).links)
+    assert "@import" not in text
+    assert "<script" not in text
+    assert set(re.findall(r"https?://[^\s\"'<]+", text)) <= {"http://www.w3.org/2000/svg"}
+
+
+def test_headings_descend_one_level_at_a_time_from_one_title(text: str) -> None:
+    levels = Reader(text).headings
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(b - a <= 1 for a, b in itertools.pairwise(levels))
+
+
+def test_the_page_is_small(text: str) -> None:
+    assert len(text.encode()) < 3_000_000
+
+
+def test_a_study_like_the_papers_has_every_figure_and_every_published_number(
+    paper_page: Path, paper_tree: xr.DataTree
+) -> None:
+    text = paper_page.read_text(encoding="utf-8")
+    assert set(PAPER_FIGURES) <= set(Reader(text).figures)
+    for row in rows(StudyView(paper_tree)):
+        assert f'<th scope="row" role="rowheader">{html.escape(row.published.label)}</th>' in text
+
+
+def test_what_does_not_apply_is_left_out_with_a_reason(other_page: Path) -> None:
+    text = other_page.read_text(encoding="utf-8")
+    assert "fig3a" not in Reader(text).figures
+    assert "Fig. 3A A low cost means true controllers: the study has no group without noise" in text
+    assert "nothing to set beside it" in text
+
+
+def test_true_values_are_labelled_a_stand_in(text: str) -> None:
+    assert "True values:</strong> stand-in" in text
+
+
+def test_text_of_a_study_cannot_become_markup(paper_page: Path) -> None:
+    text = paper_page.read_text(encoding="utf-8")
+    assert "Paper &amp; &lt;b&gt;miniature&lt;/b&gt;" in text
+    assert "<b>miniature" not in text
+
+
+def test_fingerprint_seed_versions_and_commands_are_on_the_page(paper_page: Path, paper_tree: xr.DataTree) -> None:
+    text = paper_page.read_text(encoding="utf-8")
+    assert paper_tree.attrs["fingerprint"] in text
+    assert f"numpy {paper_tree.attrs['environment']['versions']['numpy']}" in text
+    assert "mcstudy run paperlike.toml -o OUT" in text
+
+
+def test_the_same_cube_gives_the_same_bytes(other_cube: Path, other_page: Path) -> None:
+    assert page(other_cube) == other_page.read_text(encoding="utf-8")
+
+
+def test_an_unfinished_cube_has_a_page(paper_cube: Path, tmp_path: Path) -> None:
+    """All results of one Fmax group are gone but for the first chunks of every array, as after an interruption."""
+    half = tmp_path / "half.zarr"
+    shutil.copytree(paper_cube, half)
+    for chunks in half.glob("accuracy/*/c"):
+        results = sorted(chunks.glob("1")) if chunks.parent.name not in ("truth", "lower", "upper") else []
+        for second_amplitude in results:
+            if second_amplitude.is_dir():
+                shutil.rmtree(second_amplitude)
+    text = page(half)
+    assert Reader(text).open == []
+    assert "0/6" in text
+
+
+def test_a_page_that_cannot_be_written_is_one_line(
+    other_cube: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", str(other_cube), "-o", str(tmp_path / "none" / "p.html")]) == BAD_INPUT
+    assert "expected a file that can be written" in capsys.readouterr().err
+
+
+def test_without_matplotlib_the_cure_is_told(tmp_path: Path) -> None:
+    script = "import sys; sys.modules['matplotlib'] = None; from mcstudy.cli import main; "
+    script += "sys.exit(main(['report', 'x.zarr', '-o', 'y.html']))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == BAD_INPUT
+    assert done.stderr.strip() == "mcstudy: report: matplotlib is not installed; pip install 'mcstudy[report]'"
+
+
+def test_a_notebook_shows_the_headline_without_matplotlib(paper_cube: Path) -> None:
+    script = "import sys; sys.modules['matplotlib'] = None; from mcstudy.report.summary import summary; "
+    script += f"print(summary({str(paper_cube)!r})._repr_html_())"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "Paper and this study" in done.stdout
+    assert Reader(done.stdout).open == []
+
+
+def test_a_summary_is_text_elsewhere(other_cube: Path) -> None:
+    assert "Group single" in repr(summary(other_cube))

@@ -78,20 +78,23 @@ def _diagnose(args: argparse.Namespace) -> int:
 
     from mcstudy.errors import RecordingError
     from mcstudy.gap.challenge.files import write_json
-    from mcstudy.gap.diagnose import diagnose
+    from mcstudy.gap.diagnose import diagnose, diagnose_fast
+    from mcstudy.gap.frf_only import FrfRecording
     from mcstudy.gap.read import read_recording
-    from mcstudy.gap.recording import Recording
-    from mcstudy.gap.together import together
 
+    run = diagnose_fast if args.fast else diagnose
     read = [read_recording(path, accept=args.accept) for path in args.recordings]
-    whole = [r for r in read if isinstance(r, Recording)]
-    if len(read) > 1 and len(whole) < len(read):
-        raise RecordingError(f"{args.recordings[0]}: an FRF alone can only be diagnosed by itself")
-    diagnosis = diagnose(together(whole) if whole else read[0], fast=args.fast)
+    if len(read) == 1:
+        diagnosis = run(read[0], accept=args.accept)
+    else:
+        for path, one in zip(args.recordings, read, strict=True):
+            if isinstance(one, FrfRecording):
+                raise RecordingError(f"{path}: expected a recording with trials beside others, got an FRF")
+        diagnosis = run([one for one in read if not isinstance(one, FrfRecording)], accept=args.accept)
     if args.out:
         write_json(args.out / "diagnosis.json", diagnosis.to_dict())
-        (args.out / "diagnosis.txt").write_text(f"{diagnosis}\n", encoding="utf-8")
-    print(json.dumps(diagnosis.to_dict(), indent=1) if args.json else diagnosis)
+        (args.out / "diagnosis.txt").write_text(f"{diagnosis.verdict()}\n", encoding="utf-8")
+    print(json.dumps(diagnosis.to_dict(), indent=1) if args.json else diagnosis.verdict())
     return 0
 
 

@@ -56,6 +56,7 @@ def nothing_found(_: object) -> dict[str, Any]:
         "detected": False,
         "p_value": 0.5,
         "causes": [],
+        "none_probability": 1.0,
         "unknown_probability": 0.0,
         "credible_set": ["none"],
         "closed": None,

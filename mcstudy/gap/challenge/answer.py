@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,73 +30,66 @@ NEGLIGIBLE = 1e-5
 
 def fast(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its asymptotic statistics."""
-    from mcstudy.gap.diagnose import diagnose
+    from mcstudy.gap.diagnose import diagnose_fast
 
-    return diagnose(recording, fast=True).to_dict()
+    return diagnose_fast(recording).to_dict()
 
 
 def bootstrap(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its bootstrap."""
     from mcstudy.gap.diagnose import diagnose
 
-    return diagnose(recording, fast=False).to_dict()
+    return diagnose(recording).to_dict()
 
 
 METHODS: dict[str, Diagnose] = {"fast": fast, "bootstrap": bootstrap}
 
 
-def label(effects: Any) -> str:
-    """Name of a hypothesis: effects joined by "+", "none", "unknown"."""
-    return effects if isinstance(effects, str) else "+".join(sorted(map(str, effects))) or "none"
+def label(entry: Any) -> str:
+    """Name of a hypothesis: effects joined by "+", "none" or "unknown"; takes a name, a list of effects, or an entry
+    of a diagnosis' credible set."""
+    if isinstance(entry, Mapping):
+        entry = entry.get("effects") or str(entry["cause"])
+    return entry if isinstance(entry, str) else "+".join(sorted(map(str, entry)))
 
 
 def from_diagnosis(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
     """The answer that a diagnosis gives, as the schema ``challenge_answers`` describes one."""
-    causes = []
-    none = 0.0
-    for cause in diagnosis["causes"]:
-        effects, p = [str(e) for e in cause["effects"]], float(cause["probability"])
-        if not effects:
-            none += p
-        elif p > NEGLIGIBLE:
-            group = [str(e) for e in cause.get("group") or ()]
-            causes.append({"effects": effects, "group": group, "probability": p, "size": _sizes(cause.get("size"))})
-    unknown = float(diagnosis["unknown_probability"])
-    named = sum(float(c["probability"]) for c in diagnosis["causes"] if c["effects"])
-    stated = diagnosis.get("none_probability")
-    none = none or (max(0.0, 1.0 - named - unknown) if stated is None else float(stated))
-    closed = diagnosis.get("closed")
+    causes = [
+        {
+            "effects": [str(e) for e in cause["effects"]],
+            "group": [str(a[0]) for a in cause.get("alternatives", ()) if len(a) == 1],
+            "probability": float(cause["probability"]),
+            "size": _sizes(cause.get("size") or {}),
+        }
+        for cause in diagnosis["causes"]
+        if float(cause["probability"]) > NEGLIGIBLE
+    ]
     return {
         "detected": bool(diagnosis["detected"]),
         "p_value": float(diagnosis["p_value"]),
-        "none_probability": none,
-        "unknown_probability": unknown,
+        "none_probability": float(diagnosis["none_probability"]),
+        "unknown_probability": float(diagnosis["unknown_probability"]),
         "causes": causes,
         "credible_set": [label(e) for e in diagnosis["credible_set"]],
-        "place": {k: float(v) for k, v in (diagnosis.get("place") or {}).items() if isinstance(v, int | float)},
-        "closed": _closed(closed, causes),
+        "place": {k: float(v) for k, v in (diagnosis.get("place") or {}).items()},
+        "closed": _closed(diagnosis.get("closed"), diagnosis["causes"]),
     }
 
 
-def _sizes(sizes: Mapping[str, Any] | None) -> dict[str, dict[str, float]]:
-    out = {}
-    for name, s in (sizes or {}).items():
-        if not isinstance(s, Mapping) or s.get("value") is None:
-            continue
-        value = float(s["value"])
-        if s.get("low") is not None and s.get("high") is not None:
-            out[str(name)] = {"value": value, "low": float(s["low"]), "high": float(s["high"])}
-        elif s.get("se") is not None:
-            reach = 1.96 * float(s["se"])
-            out[str(name)] = {"value": value, "low": value - reach, "high": value + reach}
-    return out
+def _sizes(sizes: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    return {
+        str(name): {"value": float(s["estimate"]), "low": float(s["low"]), "high": float(s["high"])}
+        for name, s in sizes.items()
+        if all(s.get(k) is not None for k in ("estimate", "low", "high"))
+    }
 
 
-def _closed(closed: Mapping[str, Any] | None, causes: list[dict[str, Any]]) -> dict[str, Any] | None:
-    if not closed or any(closed.get(k) is None for k in ("fraction", "low", "high")):
+def _closed(closed: Mapping[str, Any] | None, causes: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """The interval of the gap that the leading cause closes, None when there is none."""
+    if not closed or not causes or any(closed.get(k) is None for k in ("fraction", "low", "high")):
         return None
-    effects = closed.get("effects") or (causes[0]["effects"] if causes else [])
-    return {"effects": label(list(effects)), **{k: float(closed[k]) for k in ("fraction", "low", "high")}}
+    return {"effects": label(causes[0]["effects"]), **{k: float(closed[k]) for k in ("fraction", "low", "high")}}
 
 
 def answer(

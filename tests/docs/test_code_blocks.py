@@ -26,7 +26,8 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_RUN = re.compile(r"^\*Not run by the tests: \S.{5,}\.\*$")
 PROSE = ("", "text")
 """Blocks that hold no code: what a program printed, a formula."""
-SECONDS = 240
+SECONDS = 900
+"""After which a block counts as hung, on the slowest machine."""
 MOST = {"realizations": 4, "starts": 10}
 
 

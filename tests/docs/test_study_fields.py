@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -72,8 +73,9 @@ def test_the_table_holds_no_field_that_is_gone() -> None:
     assert set(fields) - known - studies == set()
 
 
-def test_every_pipeline_is_listed_and_can_be_read() -> None:
+def test_every_pipeline_is_listed_and_every_study_can_be_read() -> None:
     text = PAGE.read_text(encoding="utf-8")
     for path in PAGE.parent.glob("*.toml"):
         assert f"| `{path.name}` |" in text, path.name
-        assert read_study(path).fits > 0
+        if "study" in tomllib.loads(path.read_text(encoding="utf-8")):
+            assert read_study(path).fits > 0

@@ -1,7 +1,7 @@
 """Floating-point operations of the kernel, counted by running its own source with lanes that count.
 
 The kernel's source is executed as plain Python: its compiler is replaced by nothing, and its lanes by arrays of eight
-numbers that add one to a counter per addition, subtraction, multiplication or division, and two per fused
+numbers that add one to a counter per addition, subtraction, multiplication, division or root, and two per fused
 multiply-add. Comparisons, roundings, sign changes, loads and the few operations on single lanes count nothing. So the
 count follows every change of the kernel, and is exact for the model and the frequencies it is given.
 """
@@ -72,6 +72,11 @@ def _fnma(x: Counted, y: Counted, z: Counted) -> Counted:
     return Counted(z.v - x.v * y.v)
 
 
+def _root(x: Counted) -> Counted:
+    Counter.flops += 1
+    return Counted(np.sqrt(x.v))
+
+
 _LANES: dict[str, Any] = {
     "load": _load,
     "store": _store,
@@ -80,6 +85,7 @@ _LANES: dict[str, Any] = {
     "fnma": _fnma,
     "negative": lambda x: Counted(-x.v),
     "nearest": lambda x: Counted(np.rint(x.v)),
+    "root": _root,
     "where_less": lambda x, y, a, b: Counted(np.where(x.v < y.v, a.v, b.v)),
 }
 

@@ -14,7 +14,7 @@ class Sizes:
     ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``.
     """
 
-    realizations: int = 5
+    realizations: int = 3
     starts: int = 50
     slow_starts: int = 10
     repeats: int = 3

@@ -54,6 +54,11 @@ class Ceiling:
         """Power at `LEVEL` of the one-sided test that knows direction and covariance: the normal distribution."""
         return float(stats.norm.sf(stats.norm.isf(LEVEL) - delta))
 
+    @staticmethod
+    def omnibus(delta: float, dof: int) -> float:
+        """Power at `LEVEL` of the chi-squared test that knows the covariance and ``dof`` dimensions, no direction."""
+        return float(stats.ncx2.sf(stats.chi2.isf(LEVEL, dof), dof, max(delta, 1e-6) ** 2))
+
     def rounded(self) -> dict[str, float]:
         """As plain numbers for the key."""
         return {k: round(float(v), 4) for k, v in asdict(self).items()}

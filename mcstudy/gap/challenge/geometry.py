@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from mcstudy.fit.problem import ml_cost
 from mcstudy.fit.solvers import fit
@@ -23,7 +24,7 @@ from mcstudy.gap.make_recording import Protocol
 from mcstudy.gap.recording import Recording
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
-from mcstudy.stance.response import frf
+from mcstudy.stance.response import frf, frf_jacobian, system
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.stance.stability import growth_rate
 
@@ -42,6 +43,9 @@ INVISIBLE = 0.2
 GAINS, DELAYS_S = (-2.0, 6.0), (0.001, 0.3)
 """Bounds of a refit: gains as multiples of the nominal value, delays in s. Nobody is told the body's parameters, so
 bounds may not make an effect visible."""
+
+SPLINES = 12
+"""Knots over log frequency of a smooth torque, about one and a half per octave."""
 
 DISCARD = 1
 """Cycles at the start of a trial that hold the transient."""
@@ -96,10 +100,12 @@ def cycle_responses(recording: Recording, setting: Setting) -> np.ndarray:
     return np.array(out)
 
 
-def remaining(model: Model, starts: np.ndarray, f: np.ndarray, y: np.ndarray, C: np.ndarray) -> float:
-    """Noncentrality 2 V that the best fit of ``model`` from ``starts`` (S, P) leaves in noise-free FRFs y (N, 2)."""
+def best_fit(model: Model, starts: np.ndarray, f: np.ndarray, y: np.ndarray, C: np.ndarray) -> tuple[float, np.ndarray]:
+    """Noncentrality 2 V that the best fit of ``model`` from ``starts`` (S, P) leaves in noise-free FRFs y (N, 2), and
+    the FRFs (N, 2) of that fit."""
     inside = np.clip(np.atleast_2d(starts), model.lower, model.upper)
-    return 2.0 * float(np.nanmin(fit(ml_cost(model, f, y, C), inside, "lm").cost))
+    fits = fit(ml_cost(model, f, y, C), inside, "lm")
+    return 2.0 * float(fits.cost[fits.best]), frf(model, fits.estimate[fits.best], f)
 
 
 def scatter(cycles: np.ndarray, share: np.ndarray, C: np.ndarray) -> float:
@@ -158,6 +164,33 @@ class Geometry:
         done = fit(ml_cost(self.base, self.setting.f, y, self.C), self.theta[None], "lm")
         return self.whiten(y - frf(self.base, done.estimate[0], self.setting.f))
 
+    @cached_property
+    def _smooth(self) -> np.ndarray:
+        """Orthonormal basis (4 N, d) of what smooth torques of any shape do, beyond the model's own parameters."""
+        model, f = self.base, self.setting.f
+        A, _ = system(model, self.theta, 2j * np.pi * f)
+        pull = np.linalg.inv(A)
+        splines = _splines(np.log(f), SPLINES)
+        columns = [
+            self.whiten(unit * spline[:, None] * pull[:, :, row])
+            for row in (0, 1)
+            for spline in splines
+            for unit in (1.0, 1j)
+        ]
+        _, J = frf_jacobian(model, self.theta, f)
+        own = [self.whiten(J[..., p]) for p in range(J.shape[-1])]
+        stacked = np.column_stack([x / np.linalg.norm(x) for x in (*own, *columns)])
+        return np.asarray(np.linalg.qr(stacked)[0][:, len(own) :])
+
+    def smooth_delta(self, x: np.ndarray) -> float:
+        """Delta of the part of a whitened residual (4 N,) that a smooth torque can make."""
+        return float(np.linalg.norm(self._smooth.T @ x))
+
+    @property
+    def smooth_dof(self) -> int:
+        """Dimension of what smooth torques can make."""
+        return int(self._smooth.shape[1])
+
     def response(self, effects: Sequence[str], sizes: Mapping[str, float], decay: float) -> np.ndarray | None:
         """FRFs (N, 2) with linear effects; None when the slowest mode decays more slowly than ``decay`` (1/s)."""
         model = library.apply(self.base, *effects)
@@ -180,6 +213,12 @@ class Geometry:
                         out.append(Column(Probe(probe.effect, sizes), x / delta, delta))
                     break
         return out
+
+
+def _splines(x: np.ndarray, n: int) -> np.ndarray:
+    """Natural cubic splines through unit values at ``n`` equal steps of x, (n, len(x))."""
+    knots = np.linspace(x.min(), x.max(), n)
+    return np.asarray(CubicSpline(knots, np.eye(n), bc_type="natural")(x).T)
 
 
 PROBED = 6.0

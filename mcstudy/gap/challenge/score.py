@@ -94,13 +94,13 @@ FIGURES = {
     ),
     "pairs: both named": share(between(0.0, math.inf, "pair"), lambda j: j.top),
     "pairs: both named, second one visible (delta >= 4)": share(
-        lambda j: j.kind == "pair" and j.case["residual_delta"] >= 4.0, lambda j: j.top
+        lambda j: j.kind == "pair" and j.case.get("residual_delta", 0.0) >= 4.0, lambda j: j.top
     ),
     "pairs: detected": share(between(0.0, math.inf, "pair"), lambda j: j.detected, "known_direction"),
-    "outsiders: detected": share(outside, lambda j: j.detected, "known_direction"),
+    "outsiders: detected": share(outside, lambda j: j.detected, "detected"),
     "outsiders: flagged": share(outside, lambda j: j.flagged, "flagged"),
-    "outsiders that no effect imitates (delta left >= 6): flagged": share(
-        lambda j: outside(j) and j.case["residual_delta"] >= 6.0, lambda j: j.flagged, "flagged"
+    "outsiders no effect imitates (delta left >= 6): flagged": share(
+        lambda j: outside(j) and j.case.get("smooth_residual", 0.0) >= 6.0, lambda j: j.flagged, "flagged"
     ),
     "false unknown, nothing missing": share(nothing, lambda j: j.flagged),
     "false unknown, known causes": share(known, lambda j: j.flagged),

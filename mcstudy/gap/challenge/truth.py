@@ -14,7 +14,7 @@ from mcstudy.gap.challenge.cases import Case, draw_body, draw_linear, pool, prot
 from mcstudy.gap.challenge.ceiling import Ceiling, Classifier, size_grid
 from mcstudy.gap.challenge.colour import noise_of
 from mcstudy.gap.challenge.design import NOTHING, ChallengeFile, Series
-from mcstudy.gap.challenge.geometry import ALIKE, KIN, Column, Geometry, Probe, free, groups, likeness, remaining
+from mcstudy.gap.challenge.geometry import ALIKE, KIN, Column, Geometry, Probe, best_fit, free, groups, likeness
 from mcstudy.gap.challenge.withheld import Drawn, draw_nonlinear, draw_outsider
 from mcstudy.gap.make_recording import simulate_recording
 from mcstudy.gap.outsiders import OUTSIDERS
@@ -140,7 +140,7 @@ def _linear(series: Series, rng: np.random.Generator, names: list[str]) -> tuple
     if len(names) == 2 and names[1] in around.group(names[0]):
         return None
     delta = float(np.linalg.norm(geometry.unexplained(y)))
-    more = _explained(geometry, probes, y, 0.0, delta) | _likeness(around, described)
+    more = _explained(geometry, probes, y) | _likeness(around, described)
     if len(names) == 1:
         column = len(around.columns) - 1
         more["ceiling"] = _classifier(series, around).ceiling(rng, column, delta).rounded()
@@ -179,29 +179,43 @@ def _outsider(series: Series, rng: np.random.Generator) -> tuple[Recording, dict
 def _simulated(series: Series, rng: np.random.Generator, drawn: Drawn) -> tuple[Recording, dict[str, Any]]:
     probes = shared(series)[1]
     m = drawn.measured
-    more = _explained(drawn.geometry, probes, m.response, m.scatter, m.delta)
-    more["ceiling"] = {"known_direction": Ceiling.power(m.delta), "flagged": Ceiling.power(more["residual_delta"])}
+    more = _explained(drawn.geometry, probes, m.response)
+    ceiling = {
+        "known_direction": Ceiling.power(m.delta),
+        "detected": Ceiling.omnibus(m.delta, drawn.geometry.smooth_dof),
+    }
+    if "smooth_residual" in more:
+        ceiling["flagged"] = Ceiling.omnibus(more["smooth_residual"], drawn.geometry.smooth_dof)
+    more |= {"ceiling": {k: round(v, 4) for k, v in ceiling.items()}, "total_delta": round(m.total, 4)}
     return drawn.simulate(protocol_of(series), rng), more
 
 
-def _explained(
-    geometry: Geometry, probes: Sequence[Probe], y: np.ndarray, between: float, delta: float
-) -> dict[str, Any]:
-    """What each effect of the library closes of the gap in noise-free FRFs, the best one, and the delta it leaves."""
+LEAST_GAP = 1.0
+"""Delta of the mean response below which shares of the gap mean nothing (a drift, for example, leaves it as it is)."""
+
+
+def _explained(geometry: Geometry, probes: Sequence[Probe], y: np.ndarray) -> dict[str, Any]:
+    """What each effect of the library closes of the gap in noise-free mean FRFs, the best one, and what it leaves."""
     closable: dict[str, float] = {}
+    left: dict[str, np.ndarray] = {}
     f, C, theta = geometry.setting.f, geometry.C, geometry.theta
+    gap = float(np.linalg.norm(geometry.unexplained(y)))
+    if gap < LEAST_GAP:
+        return {"closable": {}}
     for name in dict.fromkeys(p.effect for p in probes):
         model = library.apply(geometry.base, name)
         own = library.effect(name).sizes
         starts = [[s.parameter.value for s in own]]
         starts += [[p.sizes[s.name] for s in own] for p in probes if p.effect == name]
-        left = remaining(model, np.array([[*theta, *s] for s in starts]), f, y, C) + between
-        closable[name] = round(float(np.clip(1 - left / delta**2, 0.0, 1.0)), 5)
+        noncentrality, fitted = best_fit(model, np.array([[*theta, *s] for s in starts]), f, y, C)
+        left[name] = geometry.whiten(y - fitted)
+        closable[name] = round(float(np.clip(1 - noncentrality / gap**2, 0.0, 1.0)), 5)
     nearest = max(closable, key=lambda n: closable[n])
     return {
         "closable": closable,
         "nearest": nearest,
-        "residual_delta": round(float(delta * np.sqrt(1 - closable[nearest])), 4),
+        "residual_delta": round(float(np.linalg.norm(left[nearest])), 4),
+        "smooth_residual": round(geometry.smooth_delta(left[nearest]), 4),
     }
 
 

@@ -1,5 +1,10 @@
 """Causes without a closed form - outsiders, nonlinear and drifting effects - measured by noise-free time simulations.
 
+The delta of an outsider is that of the part of its residual that a smooth torque can make. A nonlinearity also
+scatters energy from line to line, and a wandering one from cycle to cycle; nobody who does not know the cause can tell
+that from noise, so it does not count. For a nonlinear or drifting effect of the library, which a diagnosis does know,
+all of it counts.
+
 The response of a cause is the difference between simulations with and without it, added to the closed form, so that
 what the simulator itself leaves (a transient that has not died out) is not taken for a cause.
 """
@@ -16,7 +21,7 @@ from mcstudy.gap import effects as library
 from mcstudy.gap.challenge.cases import draw_body, draw_delta, shared
 from mcstudy.gap.challenge.colour import SILENT, noise_of
 from mcstudy.gap.challenge.design import Series
-from mcstudy.gap.challenge.geometry import Geometry, Setting, cycle_responses, free, remaining, scatter
+from mcstudy.gap.challenge.geometry import Geometry, Setting, cycle_responses, free, scatter
 from mcstudy.gap.make_recording import Protocol, simulate_recording
 from mcstudy.gap.outsiders import OUTSIDERS, simulate_outsider
 from mcstudy.gap.recording import Recording
@@ -38,20 +43,20 @@ BODIES = 6
 
 @dataclass(frozen=True)
 class Measured:
-    """A cause at one size: mean FRF (N, 2) it gives, noncentrality of the differences between cycles, and delta."""
+    """A cause at one size: mean FRF (N, 2) it gives, delta by which it is sized, and delta of all it does."""
 
     size: float
     response: np.ndarray
-    scatter: float
     delta: float
+    total: float
 
 
 class Withheld:
     """A cause on one body, with its responses by size."""
 
-    def __init__(self, geometry: Geometry, simulate: Simulate, lasting: bool) -> None:
-        """``lasting``: whether the cause is the same in every cycle."""
-        self.geometry, self._simulate, self.lasting = geometry, simulate, lasting
+    def __init__(self, geometry: Geometry, simulate: Simulate, lasting: bool, named: bool) -> None:
+        """``lasting``: whether the cause is the same in every cycle. ``named``: whether the library holds it."""
+        self.geometry, self._simulate, self.lasting, self.named = geometry, simulate, lasting, named
         own = geometry.setting.protocol
         self._protocol = replace(own, noise=SILENT, cycles=SETTLED if lasting else own.cycles)
         if len(set(own.amplitudes)) == 1:
@@ -75,8 +80,9 @@ class Withheld:
         y = self._cycles(size) - self._without + frf(g.base, g.theta, g.setting.f)
         mean = np.einsum("r,rnj->nj", g.setting.share, y)
         between = scatter(y, g.setting.share, g.C)
-        left = remaining(g.base, g.theta, g.setting.f, mean, g.C)
-        return Measured(size, mean, between, float(np.sqrt(left + between)))
+        left = g.unexplained(mean)
+        total = float(np.sqrt(left @ left + between))
+        return Measured(size, mean, total if self.named else g.smooth_delta(left), total)
 
     def at_delta(self, start: float, largest: float, wanted: float) -> Measured | None:
         """The cause near the wanted delta, from at most six simulations; None when it cannot be had."""
@@ -111,6 +117,7 @@ def _draw(
     rng: np.random.Generator,
     make: Callable[[np.ndarray], Simulate],
     lasting: bool,
+    named: bool,
     size: float,
     top: float,
 ) -> tuple[np.ndarray, Geometry, Measured, Simulate] | None:
@@ -119,7 +126,7 @@ def _draw(
         theta = draw_body(series, rng, False)
         geometry = Geometry(free(two_segment()), theta, setting, noise_of(series.noise))
         simulate = make(theta)
-        found = Withheld(geometry, simulate, lasting).at_delta(size, top, draw_delta(series, rng))
+        found = Withheld(geometry, simulate, lasting, named).at_delta(size, top, draw_delta(series, rng))
         if found is not None:
             return theta, geometry, found, simulate
     return None
@@ -138,7 +145,7 @@ def draw_outsider(series: Series, rng: np.random.Generator, name: str) -> Drawn 
         return simulate
 
     low, high = outsider.size
-    done = _draw(series, rng, make, outsider.measure is None, float(np.sqrt(low * high)), 3 * high)
+    done = _draw(series, rng, make, outsider.measure is None, False, float(np.sqrt(low * high)), 3 * high)
     if done is None:
         return None
     theta, geometry, found, simulate = done
@@ -160,7 +167,7 @@ def draw_nonlinear(series: Series, rng: np.random.Generator, name: str) -> Drawn
         return simulate
 
     start = sign * float(np.sqrt(first.published[0] * first.published[1]))
-    done = _draw(series, rng, make, effect.kind == "nonlinear", start, max(abs(first.lower), abs(first.upper)))
+    done = _draw(series, rng, make, effect.kind == "nonlinear", True, start, max(abs(first.lower), abs(first.upper)))
     if done is None:
         return None
     theta, geometry, found, simulate = done

@@ -21,10 +21,14 @@ def main(args: argparse.Namespace) -> int:
     from mcstudy.errors import InputError
     from mcstudy.report.page import page
 
-    text = page(args.out)
     try:
-        args.output.write_text(text, encoding="utf-8")
+        # Opened first: nobody should wait for a page that cannot be kept.
+        file = args.output.open("a", encoding="utf-8")
     except OSError as error:
         raise InputError(f"{args.output}: expected a file that can be written, got {error.strerror}") from None
+    with file:
+        text = page(args.out)
+        file.truncate(0)
+        file.write(text)
     print(f"{args.output}: {len(text.encode()) / 1e6:.2f} MB")
     return DONE

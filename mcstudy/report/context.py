@@ -51,10 +51,18 @@ class Context:
         return list(self.data["groups"][view.name]["cells"])
 
     @cached_property
+    def held(self) -> list[GroupView]:
+        """Groups of which something is done."""
+        return [g for g in self.study.groups.values() if bool(g.cells["cost"].notnull().any())]
+
+    def _if_held(self, view: GroupView | None) -> GroupView | None:
+        return view if view in self.held else None
+
+    @cached_property
     def accuracy(self) -> GroupView | None:
         """The group for estimates with noise: the paper's if there is one, else the one with most conditions."""
-        noisy = [g for g in self.study.groups.values() if g.noisy and g.group.realizations > 1]
-        return self.study.accuracy(FMAX_HZ, AMPLITUDES_NM) or max(
+        noisy = [g for g in self.held if g.noisy and g.group.realizations > 1]
+        return self._if_held(self.study.accuracy(FMAX_HZ, AMPLITUDES_NM)) or max(
             noisy, key=lambda g: (len(g.group.fmax) * len(g.group.amplitude), g.group.realizations), default=None
         )
 
@@ -62,35 +70,52 @@ class Context:
     def others(self) -> list[GroupView]:
         """Further groups with noise whose settings differ from those of `accuracy`."""
         main = self.accuracy
-        noisy = [g for g in self.study.groups.values() if g.noisy and g.group.realizations > 1 and g is not main]
+        noisy = [g for g in self.held if g.noisy and g.group.realizations > 1 and g is not main]
         return [g for g in noisy if main is None or _settings(g) != _settings(main)]
 
     @cached_property
     def theory(self) -> GroupView | None:
         """The group without noise for Fig. 3A and 4."""
-        free = [g for g in self.study.groups.values() if not g.noisy]
-        return self.study.noise_free(8.0, STARTS) or max(
+        free = [g for g in self.held if not g.noisy]
+        return self._if_held(self.study.noise_free(8.0, STARTS)) or max(
             free, key=lambda g: (g.group.fmax[-1], g.group.starts), default=None
         )
 
     @cached_property
     def pools(self) -> GroupView | None:
         """The group with noise and most starts, for Fig. 3B and the waterfall."""
-        noisy = [g for g in self.study.groups.values() if g.noisy]
-        return self.study.pools(CONVERGENCE_FMAX_HZ, AMPLITUDES_NM[0], 100) or max(
+        noisy = [g for g in self.held if g.noisy]
+        return self._if_held(self.study.pools(CONVERGENCE_FMAX_HZ, AMPLITUDES_NM[0], 100)) or max(
             noisy, key=lambda g: g.group.starts, default=None
         )
 
     @cached_property
     def free_pools(self) -> GroupView | None:
         """The group without noise for Fig. 3B."""
-        return self.study.noise_free(CONVERGENCE_FMAX_HZ, 100) or self.theory
+        return self._if_held(self.study.noise_free(CONVERGENCE_FMAX_HZ, 100)) or self.theory
 
 
 def _settings(view: GroupView) -> str:
     """Everything but the axes."""
     axes = {"realizations", "starts", "fmax", "amplitude"}
     return json.dumps(view.group.model_dump(mode="json", exclude=axes), sort_keys=True)
+
+
+def conditions(view: GroupView, ends_only: bool = False) -> list[tuple[float, float]]:
+    """(amplitude, Fmax) of which something is done, by Fmax; or only the smallest and the largest amplitude of each."""
+    done = view.cells["cost"].notnull().any("realization")
+    out = []
+    for f in view.cube["fmax"].values.tolist():
+        amplitudes = [a for a in view.cube["amplitude"].values.tolist() if bool(done.sel(amplitude=a, fmax=f))]
+        if ends_only and amplitudes:
+            amplitudes = list(dict.fromkeys((amplitudes[0], amplitudes[-1])))
+        out += [(a, f) for a in amplitudes]
+    return out
+
+
+def largest_amplitude(view: GroupView) -> float:
+    """The largest amplitude of which something is done."""
+    return max(a for a, _ in conditions(view))
 
 
 def stat(result: dict[str, Any], factor: float = 1.0) -> str:
@@ -105,7 +130,9 @@ def value_of(result: xr.Dataset) -> str:
 
 
 def finite(x: Any) -> float | None:
-    """A float, or None where it is not finite."""
+    """A float, or None where there is none or it is not finite."""
+    if x is None:
+        return None
     value = float(x)
     return value if value - value == 0 else None
 

@@ -24,8 +24,8 @@ fmax = [8.0]
 amplitude = [5.0]
 
 [group.accuracy]
-realizations = 6
-starts = 8
+realizations = 5
+starts = 5
 fmax = [0.41, 1.2, 8.0]
 amplitude = [3.0, 5.0]
 """

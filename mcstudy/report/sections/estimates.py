@@ -8,7 +8,7 @@ from mcstudy.analysis.sensitivity import RANGES
 from mcstudy.analysis.text import with_error
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
-from mcstudy.report.context import Context, short, stat, value_of
+from mcstudy.report.context import Context, conditions, largest_amplitude, short, stat, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.accuracy import bias_of, cv_at
 from mcstudy.report.figures.common import chosen_fmax
@@ -40,7 +40,7 @@ def _fig_4(context: Context) -> Figure | Missing:
     view = context.theory
     if view is None:
         return Missing("Fig. 4", title, "the study has no group without noise (simulator = 'none')")
-    a, f = float(view.cube["amplitude"].values[-1]), float(view.cube["fmax"].values[-1])
+    a, f = conditions(view)[-1]
     return Figure(
         "fig4",
         "Fig. 4",
@@ -62,9 +62,9 @@ def _fig_4(context: Context) -> Figure | Missing:
 
 
 def _fig_4_noise(view: GroupView) -> Figure | Missing:
-    a = float(view.cube["amplitude"].values[-1])
+    a = largest_amplitude(view)
     panels = []
-    for f in view.cube["fmax"].values.tolist():
+    for f in [f for amplitude, f in conditions(view) if amplitude == a]:
         panels += [
             Panel(f"gain of the angles, Fmax {f:g} Hz", lambda ax, f=f: figures.frf_gain(view, a, f, ax)),  # type: ignore[misc]
             Panel(

@@ -7,9 +7,10 @@ import xarray as xr
 
 from mcstudy.analysis.by_starts import mean_absolute_bias_percent, mean_cv
 from mcstudy.analysis.convergence import starts_needed
+from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
-from mcstudy.report.context import Context, finite, short, stat, value_of
+from mcstudy.report.context import Context, conditions, finite, largest_amplitude, short, stat, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
 from mcstudy.report.figures.search import spread_of_curve
@@ -140,19 +141,12 @@ def _fig_3c(context: Context) -> Figure | Missing:
         ],
         [
             Panel(f"Fmax {f:g} Hz", lambda ax, f=f: figures.controller_error_by_noise(view, f, ax))  # type: ignore[misc]
-            for f in view.cube["fmax"].values.tolist()
+            for f in sorted({f for _, f in conditions(view)})
         ],
         [Table("Best fits, ± MCSE", header, rows)],
         ("unstable_8",),
         f'figures.controller_error_by_noise(tree["{view.name}"], fmax={view.cube["fmax"].values[-1]:g})',
     )
-
-
-def _conditions(view: GroupView) -> list[tuple[float, float]]:
-    """Smallest and largest amplitude at every Fmax."""
-    amplitudes = view.cube["amplitude"].values.tolist()
-    ends = dict.fromkeys((amplitudes[0], amplitudes[-1]))
-    return [(a, f) for f in view.cube["fmax"].values.tolist() for a in ends]
 
 
 def _waterfall(context: Context) -> Figure | Missing:
@@ -176,7 +170,7 @@ def _waterfall(context: Context) -> Figure | Missing:
                 (4.3, 2.9),
             )
             for v in views
-            for a, f in _conditions(v)
+            for a, f in conditions(v, ends_only=True)
         ],
         [_hits_table(v) for v in views],
         (),
@@ -188,11 +182,10 @@ def _hits_table(view: GroupView) -> Table:
     rate = 100 * starts_needed(view.cube)["hit_rate"].compute()
     rows = [
         [
-            cell_label(view, float(a), float(f)),
-            *(short(rate.sel(amplitude=a, fmax=f).quantile(q), 2) for q in (0.0, 0.1, 0.5, 0.9)),
+            cell_label(view, a, f),
+            *(short(rate.sel(amplitude=a, fmax=f).dropna(REALIZATION).quantile(q), 2) for q in (0.0, 0.1, 0.5, 0.9)),
         ]
-        for f in view.cube["fmax"].values
-        for a in view.cube["amplitude"].values
+        for a, f in conditions(view)
     ]
     header = ["condition", "worst realization", "10th percentile", "median", "90th percentile"]
     return Table(f"Group {view.name}: starts that reach the lowest minimum (%)", header, rows)
@@ -203,8 +196,8 @@ def _atlas(context: Context) -> Figure | Missing:
     view = context.accuracy or context.theory
     if view is None or view.group.starts < 2:
         return Missing("", title, "no group has more than one start")
-    amplitude = float(view.cube["amplitude"].values[-1])
-    fmaxes = view.cube["fmax"].values.tolist()
+    amplitude = largest_amplitude(view)
+    fmaxes = [f for a, f in conditions(view) if a == amplitude]
     return Figure(
         "atlas",
         "",

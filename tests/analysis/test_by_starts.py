@@ -1,0 +1,26 @@
+"""More starts give better fits, and the last point is the study itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import xarray as xr
+
+from mcstudy.analysis.by_starts import by_starts, mean_absolute_bias_percent, mean_cv
+from mcstudy.analysis.selection import best
+
+
+def test_with_every_start_the_curve_is_the_study(make_cube: Callable[..., xr.Dataset]) -> None:
+    cube = make_cube(realizations=8, starts=12)
+    for statistic in (mean_absolute_bias_percent, mean_cv):
+        curve = by_starts(cube, statistic)
+        assert curve["drawn"].values.tolist() == [1, 2, 3, 5, 10, 12]
+        xr.testing.assert_allclose(curve["value"].isel(drawn=-1, drop=True), statistic(best(cube))["value"])
+
+
+def test_a_minimum_that_few_starts_reach_shows_as_bias_at_few_starts(make_cube: Callable[..., xr.Dataset]) -> None:
+    """The invented cube's wrong minimum is off by 50 %: the first start is in it most of the time, all 60 never."""
+    cube = make_cube(realizations=30, starts=60, hit_rate=0.2, spread=0.01)
+    bias = by_starts(cube, mean_absolute_bias_percent)["value"].mean(("amplitude", "fmax"))
+    assert float(bias.sel(drawn=1)) > 30
+    assert float(bias.sel(drawn=60)) < 2

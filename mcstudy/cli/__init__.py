@@ -17,6 +17,8 @@ VERBS = {
     "run": "run a study file into a results cube, or resume it",
     "plan": "what a study will cost and how precise it will be, before running it",
     "status": "how far a results cube is",
+    "extend": "grow a results cube; only the new cells are run",
+    "replay": "run one stored fit again, iteration by iteration, and compare it with what is stored",
     "verify": "check every chunk of a results cube, and recompute a sample",
     "show": "print the tables of a results cube",
     "report": "write a results cube as one page with figures",

@@ -21,6 +21,8 @@ from mcstudy.errors import InputError
 
 CONNECT_S = 10
 
+RESTART_S = 20
+
 DASHBOARD_PORT = 8787
 
 
@@ -35,6 +37,7 @@ class ClusterOptions:
     dashboard: whether the local scheduler serves its dashboard, on 127.0.0.1 only.
     insecure: whether an unencrypted scheduler on another machine is accepted.
     tls_ca, tls_cert, tls_key: certificate files for a ``tls://`` scheduler.
+    block_timeout: seconds a block may run; None for no limit.
     """
 
     workers: int | None = None
@@ -44,6 +47,7 @@ class ClusterOptions:
     tls_ca: Path | None = None
     tls_cert: Path | None = None
     tls_key: Path | None = None
+    block_timeout: float | None = None
 
     @property
     def threads(self) -> int:
@@ -118,16 +122,31 @@ def _local(threads: int, dashboard: bool) -> Iterator[Client]:
             "dashboard_address": f"127.0.0.1:{_free(DASHBOARD_PORT) if dashboard else 0}",
         },
     }
-    worker = {
+    worker: dict[str, Any] = {
         "cls": _Worker,
         "options": {"nthreads": threads, "dashboard": False, "dashboard_address": "127.0.0.1:0", "memory_limit": 0},
     }
+    spare = {**worker, "options": {**worker["options"], "nthreads": 1}}
     with (
         dask.config.set({**quiet, **limits}),
-        SpecCluster(workers={0: worker}, scheduler=scheduler, silence_logs=logging.CRITICAL) as cluster,
+        SpecCluster({0: worker}, scheduler, spare, silence_logs=logging.CRITICAL) as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
         yield client
+
+
+def more_threads(client: Client) -> None:
+    """One more thread for the local scheduler, in place of one that a block holds for good."""
+    cluster: Any = client.cluster
+    cluster.scale(len(cluster.worker_spec) + 1)
+
+
+def restart_worker(client: Client, address: str) -> None:
+    """Kill a worker that hangs; its nanny starts another one, and without a nanny it leaves."""
+    try:
+        client.restart_workers([address], timeout=RESTART_S, raise_for_error=False)
+    except ValueError:  # no nanny, or gone already
+        client.retire_workers([address], close_workers=True, remove=True)
 
 
 @contextlib.contextmanager

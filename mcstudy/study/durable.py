@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ctypes
 import errno
 import fcntl
 import hashlib
 import os
+import shutil
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -58,6 +60,50 @@ def sync_tree(root: Path) -> None:
                 os.fsync(file.fileno())
         sync_folder(Path(folder))
     sync_folder(root.parent)
+
+
+def replace_tree(old: Path, new: Path) -> None:
+    """Put the folder ``new`` in the place of ``old``, which is removed; a stop at any moment leaves one of them whole.
+
+    Where the system cannot exchange two names in one step, `recover` finishes what a kill between two steps left.
+    """
+    sync_tree(new)
+    if _exchange(old, new):
+        sync_folder(old.parent)
+        shutil.rmtree(new, ignore_errors=True)
+        return
+    aside = _aside(old)
+    shutil.rmtree(aside, ignore_errors=True)
+    old.rename(aside)
+    new.rename(old)
+    sync_folder(old.parent)
+    shutil.rmtree(aside, ignore_errors=True)
+
+
+def recover(path: Path) -> None:
+    """Bring back the folder that a kill inside `replace_tree` left without its name; does nothing otherwise."""
+    aside = _aside(path)
+    if not aside.exists():
+        return
+    if path.exists():
+        shutil.rmtree(aside, ignore_errors=True)
+    else:
+        aside.rename(path)
+        sync_folder(path.parent)
+
+
+def _aside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.replaced")
+
+
+def _exchange(a: Path, b: Path) -> bool:
+    """Exchange two names in one step (Linux ``renameat2``); whether the system could."""
+    here, exchange = -100, 2
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError):
+        return False
+    return bool(renameat2(here, os.fsencode(a), here, os.fsencode(b), exchange) == 0)
 
 
 def sweep(root: Path) -> int:

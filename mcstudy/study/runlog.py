@@ -25,3 +25,20 @@ class RunLog:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         with self._file.open("a", encoding="utf-8") as file:
             print(json.dumps({"time": now, "run": self._run, "event": event, **values}), file=file)
+
+
+def last_begin(path: Path) -> dict[str, Any]:
+    """The ``begin`` of the latest run of a cube, empty when there is none that can be read."""
+    found: dict[str, Any] = {}
+    try:
+        with (log_folder(path) / "runs.jsonl").open(encoding="utf-8", errors="replace") as file:
+            for line in file:
+                try:
+                    event = json.loads(line)
+                except (ValueError, RecursionError):
+                    continue  # the last line of a run that was killed, or damage
+                if isinstance(event, dict) and event.get("event") == "begin":
+                    found = event
+    except OSError:
+        pass
+    return found

@@ -83,6 +83,14 @@ class GroupStore:
         """Whether every array of a chunk is intact."""
         return all(self.intact(name, chunk) for name in self.layout.results)
 
+    def consistent(self, chunk: Chunk) -> bool:
+        """Whether a chunk is intact, and holds an estimate exactly where its status says that a fit ended with one."""
+        if not self.complete(chunk):
+            return False
+        usable = np.isin(self.read("status", chunk), [int(s) for s in Status if s.usable])
+        estimated = np.isfinite(self.read("estimate", chunk)).all(axis=-1)
+        return bool(((np.isfinite(self.read("cost", chunk)) == usable) & (estimated == usable)).all())
+
     def pending(self, chunk: Chunk) -> int:
         """Number of fits of a chunk still to run; all of them when any part of it is missing or damaged."""
         if not self.complete(chunk):
@@ -167,7 +175,7 @@ class Cube:
     @classmethod
     def open_unchecked(cls, path: Path) -> Cube:
         """Open a cube whose metadata may be damaged, by the study it names; raises `StoreError` without one."""
-        attributes = _document(path).get("attributes", {})
+        attributes = document(path).get("attributes", {})
         for name, kind in (("study", str), ("fingerprint", str), ("environment", dict)):
             if not isinstance(attributes.get(name), kind):
                 raise StoreError(f"{path}: attribute {name}: expected the {name} of the study")
@@ -190,11 +198,11 @@ def describe(path: Path) -> dict[str, Any]:
 
     ``{"attributes": ..., "groups": {name: {"attributes": ..., "arrays": {name: document}}}}``
     """
-    root = _document(path)
+    root = document(path)
     groups = {}
     for folder in _folders(path):
-        arrays = {array.name: _document(array) for array in _folders(folder)}
-        groups[folder.name] = {"attributes": _document(folder).get("attributes"), "arrays": arrays}
+        arrays = {array.name: document(array) for array in _folders(folder)}
+        groups[folder.name] = {"attributes": document(folder).get("attributes"), "arrays": arrays}
     return {"attributes": root.get("attributes", {}), "groups": groups}
 
 
@@ -202,7 +210,8 @@ def _folders(path: Path) -> list[Path]:
     return sorted(p for p in path.iterdir() if p.is_dir())
 
 
-def _document(path: Path) -> dict[str, Any]:
+def document(path: Path) -> dict[str, Any]:
+    """The metadata document of a folder of a cube, without its consolidated copy; raises `StoreError`."""
     try:
         with (path / "zarr.json").open("rb") as file:
             if os.fstat(file.fileno()).st_size > 100_000_000:

@@ -7,7 +7,6 @@ and randomly chosen fits are run again and compared bit for bit.
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +19,7 @@ from mcstudy.fit.status import Status
 from mcstudy.study import environment
 from mcstudy.study.durable import PARTIAL
 from mcstudy.study.layout import Chunk
+from mcstudy.study.repair import skeleton
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.streams import stream
 from mcstudy.study.tasks import fill
@@ -94,9 +94,7 @@ def _readable(path: Path, verdict: Verdict) -> Cube:
 
 def _skeleton_damage(cube: Cube) -> Iterator[str]:
     """Metadata and constant arrays against those of the same study made afresh."""
-    with tempfile.TemporaryDirectory() as folder:
-        fresh = Cube.create(Path(folder) / "fresh", cube.study, cube.attributes["environment"], cube.depths)
-        expected = {p.relative_to(fresh.path): p.read_bytes() for p in fresh.path.rglob("*") if p.is_file()}
+    expected = skeleton(cube)
     chunks = {
         store.chunk_file(name, chunk).relative_to(cube.path)
         for store in cube.groups.values()

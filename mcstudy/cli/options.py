@@ -1,0 +1,83 @@
+"""Arguments that every verb which runs fits takes, and what such a verb prints at its end."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mcstudy.study.cluster import ClusterOptions
+    from mcstudy.study.submission import Outcome
+
+
+def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where to run, and how long a block may take."""
+    parser.add_argument("--workers", type=_positive, help="threads of the local scheduler; default one a core")
+    parser.add_argument("--block", type=_positive, help="chunks a task; default about half a second of work")
+    parser.add_argument(
+        "--scheduler", metavar="ADDR", help="running Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT"
+    )
+    parser.add_argument("--tls-ca", type=Path, metavar="PEM", help="certificate authority of a tls:// scheduler")
+    parser.add_argument("--tls-cert", type=Path, metavar="PEM", help="client certificate for a tls:// scheduler")
+    parser.add_argument("--tls-key", type=Path, metavar="PEM", help="key of the client certificate")
+    parser.add_argument(
+        "--insecure",
+        action="store_true",
+        help="accept a tcp:// scheduler on another machine",
+    )
+    parser.add_argument("--dashboard", action="store_true", help="serve Dask's dashboard on 127.0.0.1:8787")
+    parser.add_argument(
+        "--block-timeout",
+        type=_seconds,
+        metavar="SECONDS",
+        help="longest time a block may run before its worker is restarted; default no limit",
+    )
+
+
+def cluster_options(args: argparse.Namespace) -> ClusterOptions:
+    """What `add_cluster_arguments` declared."""
+    from mcstudy.study.cluster import ClusterOptions
+
+    return ClusterOptions(
+        workers=args.workers,
+        scheduler=args.scheduler,
+        dashboard=args.dashboard,
+        insecure=args.insecure,
+        tls_ca=args.tls_ca,
+        tls_cert=args.tls_cert,
+        tls_key=args.tls_key,
+        block_timeout=args.block_timeout,
+    )
+
+
+def tell(outcome: Outcome, out: Path) -> int:
+    """Print what a run did; returns the exit code."""
+    from mcstudy.cli import DONE, FITS_FAILED
+
+    rate = f", {outcome.fits / outcome.seconds:.0f} fits/s" if outcome.seconds > 0 and outcome.fits else ""
+    print(f"{out}: {outcome.fits} fits in {outcome.seconds:.1f} s{rate}; {outcome.skipped} were there already")
+    for line in outcome.failed_blocks:
+        print(f"failed block: {line}")
+    if not (outcome.failed_blocks or outcome.failed_fits):
+        return DONE
+    from mcstudy.study.failures import failed_fits
+    from mcstudy.study.store import Cube
+
+    for line in failed_fits(Cube.open(out)):
+        print(f"failed fit: {line}")
+    return FITS_FAILED
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text}")
+    return value
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected seconds above 0, got {text}")
+    return value

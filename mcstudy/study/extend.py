@@ -1,0 +1,164 @@
+"""Growing a cube: more realizations, starts, Fmax or amplitudes, of which only the new cells are run.
+
+Streams are keyed by coordinate values, so a cell has the same bits in a small and in a large study. Chunks are not
+the same, so the larger cube is built beside the old one from its finished cells, and takes its place in one step.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from mcstudy.errors import DesignError, StoreError
+from mcstudy.fit.status import Status
+from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.design import Group, Study
+from mcstudy.study.durable import locked, recover, replace_tree, sweep
+from mcstudy.study.layout import Chunk
+from mcstudy.study.run import Outcome, run_cube
+from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.study_file import parse_study, to_toml
+
+CELL = ("amplitude", "fmax", "realization", "start")
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What to add.
+
+    Attributes
+    ----------
+    realizations, starts: new totals; None leaves them.
+    fmax (Hz), amplitude (units of the stimulus): values to add; those already there change nothing.
+    groups: which groups grow; none for all.
+    """
+
+    realizations: int | None = None
+    starts: int | None = None
+    fmax: tuple[float, ...] = ()
+    amplitude: tuple[float, ...] = ()
+    groups: tuple[str, ...] = ()
+
+
+def grown_study(study: Study, growth: Growth) -> Study:
+    """The larger study; raises `DesignError` for what cannot grow, or would not be a valid study file."""
+    for name in growth.groups:
+        if name not in study.group:
+            raise DesignError(f"--group: expected one of {', '.join(study.group)}, got {name}")
+    names = growth.groups or tuple(study.group)
+    groups = {name: _grown(f"group.{name}", g, growth) if name in names else g for name, g in study.group.items()}
+    # Through the text of a study file: what is valid is decided in one place.
+    return parse_study(to_toml(study.model_copy(update={"group": groups})))
+
+
+def _grown(where: str, group: Group, growth: Growth) -> Group:
+    realizations, starts = growth.realizations or group.realizations, growth.starts or group.starts
+    for field, new, old in (("realizations", realizations, group.realizations), ("starts", starts, group.starts)):
+        if new < old:
+            raise DesignError(f"{where}.{field}: expected at least {old}, what the cube has, got {new}")
+    if group.fit.starts == "latin_hypercube" and starts != group.starts:
+        raise DesignError(
+            f"{where}.starts: expected {group.starts}, since Latin hypercube starts depend on their number and "
+            f"all would have to be fitted again (a new study does), got {starts}"
+        )
+    axes = {"fmax": growth.fmax, "amplitude": growth.amplitude}
+    for name, values in axes.items():
+        if not all(math.isfinite(x) for x in values):
+            raise DesignError(f"{where}.{name}: expected finite numbers, got {', '.join(map(str, values))}")
+    merged = {name: tuple(sorted({*getattr(group, name), *values})) for name, values in axes.items()}
+    return group.model_copy(update={"realizations": realizations, "starts": starts, **merged})
+
+
+def extend(out: Path, growth: Growth, options: ClusterOptions | None = None, block: int | None = None) -> Outcome:
+    """Grow the cube ``out`` and run what is pending of it.
+
+    A stop at any moment leaves the old cube or the new one at ``out``, whole and with everything that was done; the
+    same call resumes.
+
+    Raises
+    ------
+    DesignError: the growth is none, or not of a valid study. StoreError, Interrupted: as `run_study`.
+    """
+    out = out.resolve()
+    with locked(out):
+        recover(out)
+        if out.exists():
+            sweep(out)
+        return run_cube(grow(Cube.open(out), growth), [], options, block)
+
+
+def grow(old: Cube, growth: Growth) -> Cube:
+    """The larger cube in the place of ``old``, its finished cells copied; the caller holds the cube locked."""
+    study, out = grown_study(old.study, growth), old.path
+    building = out.with_name(f".{out.name}.extending")
+    if study.fingerprint == old.study.fingerprint:
+        shutil.rmtree(building, ignore_errors=True)
+        return old
+    new = _begin(building, study, old)
+    try:
+        for name, store in new.groups.items():
+            source = old.groups[name]
+            for chunk in store.layout.chunks:
+                if not store.complete(chunk):
+                    _copy(source, store, chunk)
+        replace_tree(out, building)
+    except OSError as error:
+        raise StoreError(f"{out}: expected room for a larger copy beside it ({error.strerror})") from None
+    return Cube.open(out)
+
+
+def _begin(building: Path, study: Study, old: Cube) -> Cube:
+    """The cube being built: what an interrupted call left of the same growth, or a new one."""
+    try:
+        left = Cube.open(building)
+        if (left.study.fingerprint, left.attributes) == (study.fingerprint, {**left.attributes, **_made(old)}):
+            sweep(building)
+            return left
+    except StoreError:
+        pass
+    shutil.rmtree(building, ignore_errors=True)
+    return Cube.create(building, study, old.attributes["environment"])
+
+
+def _made(cube: Cube) -> dict[str, object]:
+    return {"environment": cube.attributes["environment"]}
+
+
+def _copy(old: GroupStore, new: GroupStore, chunk: Chunk) -> None:
+    """Write a chunk of the new cube with every cell the old one has; nothing when it has none."""
+    a, b = old.layout.group, new.layout.group
+    if b.amplitude[chunk.amplitude] not in a.amplitude:
+        return
+    amplitude = a.amplitude.index(b.amplitude[chunk.amplitude])
+    at_fmax = [b.fmax.index(f) for f in a.fmax]
+    cell_axes = (np.arange(1), np.array(at_fmax))
+    starts = np.arange(a.starts)
+
+    @lru_cache(maxsize=2)
+    def chunk_of(block: int) -> dict[str, np.ndarray]:
+        return old.existing(Chunk(amplitude, block))
+
+    data, depth = new.layout.empty(chunk), old.layout.realizations_a_chunk
+    for r, realization in enumerate(new.layout.realizations(chunk)):
+        if realization >= a.realizations:
+            break
+        source = chunk_of(realization // depth)
+        for name, dims in _results(new):
+            if dims[:4] == CELL:
+                place = np.ix_(*cell_axes, np.array([r]), starts)
+                data[name][place] = source[name][:, :, [realization % depth]]
+            else:
+                data[name][0, r] = source[name][0, realization % depth]
+    if (data["status"] != Status.PENDING).any():
+        new.write(chunk, data)
+
+
+def _results(store: GroupStore) -> Iterator[tuple[str, tuple[str, ...]]]:
+    for name in store.layout.results:
+        yield name, store.layout.arrays[name].dims

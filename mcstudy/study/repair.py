@@ -1,0 +1,96 @@
+"""Metadata and coordinates of a cube, made again from its study, and put back where they are damaged.
+
+Everything of a cube except its results follows from the study, the environment it was made in, and the realizations a
+chunk. The first is given, the other two are in the cube twice: in attributes, and in the run log and the arrays.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mcstudy.errors import DesignError, StoreError
+from mcstudy.study import schema
+from mcstudy.study.design import Study
+from mcstudy.study.durable import sync_folder, write
+from mcstudy.study.layout import realizations_a_chunk
+from mcstudy.study.runlog import last_begin
+from mcstudy.study.store import SCHEMA, Cube, document
+from mcstudy.study.study_file import parse_study
+
+
+def skeleton(cube: Cube) -> dict[Path, bytes]:
+    """Every file of an empty cube of the same study, environment and depths: relative path and content."""
+    with tempfile.TemporaryDirectory() as folder:
+        fresh = Cube.create(Path(folder) / "fresh", cube.study, cube.attributes["environment"], cube.depths)
+        return {p.relative_to(fresh.path): p.read_bytes() for p in fresh.path.rglob("*") if p.is_file()}
+
+
+def repairable(path: Path, study: Study) -> bool:
+    """Whether a cube that cannot be opened is this study's: by its fingerprint, its study text, or the run log."""
+    attributes = _attributes(path)
+    found = attributes.get("schema")
+    if isinstance(found, str) and found.startswith("mcstudy:") and found != schema.identifier(SCHEMA):
+        return False  # another version is not damage
+    known = {attributes.get("fingerprint"), last_begin(path).get("fingerprint")}
+    with contextlib.suppress(DesignError, KeyError, TypeError, AttributeError):
+        known.add(parse_study(attributes["study"]).fingerprint)
+    return study.fingerprint in known and _made_in(path, attributes) is not None
+
+
+def repair(path: Path, study: Study) -> tuple[Cube, list[str]]:
+    """The cube at ``path``, which is the study's, with every damaged file of its skeleton written again; and which."""
+    made_in = _made_in(path, _attributes(path))
+    if made_in is None:
+        raise StoreError(f"{path}: attribute environment: expected the environment the cube was made in")
+    depths = {name: _depth(path, name, realizations_a_chunk(group)) for name, group in study.group.items()}
+    cube = Cube(path, study, {"environment": made_in}, depths)
+    repaired = []
+    for file, content in skeleton(cube).items():
+        target = path / file
+        if not target.is_file() or target.read_bytes() != content:
+            try:
+                for folder in reversed(target.relative_to(path).parents):
+                    (path / folder).mkdir(exist_ok=True)
+                write(target, content)
+                sync_folder(target.parent)
+            except OSError as error:
+                raise StoreError(f"{target}: expected a file that can be written ({error.strerror})") from None
+            repaired.append(file.as_posix())
+    return Cube.open(path), repaired
+
+
+def _attributes(path: Path) -> dict[str, Any]:
+    try:
+        return dict(document(path).get("attributes", {}))
+    except StoreError:
+        return {}
+
+
+def _made_in(path: Path, attributes: dict[str, Any]) -> dict[str, Any] | None:
+    for value in (attributes.get("environment"), last_begin(path).get("made_in")):
+        if isinstance(value, dict) and isinstance(value.get("versions"), dict):
+            return value
+    return None
+
+
+def _depth(path: Path, group: str, default: int) -> int:
+    """Realizations a chunk that most of the group's documents agree on."""
+    votes = Counter(_depth_votes(path / group))
+    return votes.most_common(1)[0][0] if votes else default
+
+
+def _depth_votes(folder: Path) -> Iterator[int]:
+    with contextlib.suppress(StoreError, KeyError, TypeError, ValueError):
+        yield int(document(folder)["attributes"]["realizations_a_chunk"])
+    for name in ("status", "cost", "estimate", "frf", "growth_rate"):
+        try:
+            found = document(folder / name)
+            axis = found["dimension_names"].index("realization")
+            yield int(found["chunk_grid"]["configuration"]["chunk_shape"][axis])
+        except (StoreError, KeyError, TypeError, ValueError, IndexError, AttributeError):
+            continue

@@ -1,0 +1,126 @@
+"""One stored fit, run again iteration by iteration, and compared with what is stored bit for bit.
+
+The path is that of the solver itself: the same fit with an iteration limit of 1, 2, 3 ... ends at the points it goes
+through.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mcstudy.errors import InputError
+from mcstudy.fit.problem import Problem
+from mcstudy.fit.solvers import Options, fit
+from mcstudy.fit.status import Status
+from mcstudy.stance.feedback import Model
+from mcstudy.study.layout import Chunk
+from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.tasks import fill
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where a fit was after some iterations: cost, parameters (P,), and the step (P,) from the point before."""
+
+    iteration: int
+    cost: float
+    theta: np.ndarray
+    step: np.ndarray
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A fit run again.
+
+    Attributes
+    ----------
+    model: whose parameters the points hold.
+    path: the start (iteration 0) and every iteration.
+    status: how it ended now; stored_status: how it ended when it was stored.
+    differ: arrays whose recomputed values are not the stored ones, bit for bit.
+    """
+
+    model: Model
+    path: tuple[Point, ...]
+    status: Status
+    stored_status: Status
+    differ: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Place:
+    store: GroupStore
+    chunk: Chunk
+    fmax: int
+    row: int
+    start: int
+
+
+def replay(out: Path, group: str | None, amplitude: float, fmax: float, realization: int, start: int) -> Replay:
+    """Run the fit of one cell again.
+
+    Parameters
+    ----------
+    out: the cube; group: its group, None if it has only one.
+    amplitude (units of the stimulus), fmax (Hz), realization, start: coordinate values of the cell.
+
+    Raises
+    ------
+    InputError: there is no such cell, or it has not been run.
+    """
+    at = _place(Cube.open(out), group, amplitude, fmax, realization, start)
+    store, chunk = at.store, at.chunk
+    stored = {name: store.read(name, chunk) for name in store.layout.results}
+    cell = (0, at.fmax, at.row, at.start)
+    before = Status(int(stored["status"][cell]))
+    if before is Status.PENDING:
+        raise InputError(f"{out}: this fit has not been run yet; expected a finished one")
+    again = {name: values.copy() for name, values in stored.items()}
+    again["status"][stored["status"] == Status.PENDING] = Status.SOLVER_ERROR  # keep `fill` away from them
+    again["status"][cell] = Status.PENDING
+    fill(store, chunk, again, lambda: False)
+    again["status"][stored["status"] == Status.PENDING] = Status.PENDING
+    differ = tuple(n for n in store.layout.results if stored[n].tobytes() != again[n].tobytes())
+    experiment = store.experiment
+    data = experiment.measure(experiment.group.amplitude[chunk.amplitude], realization)
+    problem = experiment.problem(data, experiment.group.fmax[at.fmax])
+    theta = experiment.starts([problem], [realization])[0, at.start]
+    status = Status(int(again["status"][cell]))
+    path = _path(problem, theta, int(again["iterations"][cell]), store) if status.usable else ()
+    return Replay(experiment.model, path, status, before, differ)
+
+
+def _path(problem: Problem, theta: np.ndarray, iterations: int, store: GroupStore) -> tuple[Point, ...]:
+    settings = store.layout.group.fit
+    points = [Point(0, problem.cost(theta), theta, np.zeros_like(theta))]
+    for k in range(1, iterations + 1):
+        one = fit(problem, theta[None], settings.solver, Options(settings.tolerance, k))
+        x = one.estimate[0]
+        points.append(Point(k, float(one.cost[0]), x, x - points[-1].theta))
+    return tuple(points)
+
+
+def _place(cube: Cube, group: str | None, amplitude: float, fmax: float, realization: int, start: int) -> _Place:
+    if group is None and len(cube.groups) > 1:
+        raise InputError(f"--group: expected one of {', '.join(cube.groups)}")
+    name = group or next(iter(cube.groups))
+    if name not in cube.groups:
+        raise InputError(f"--group: expected one of {', '.join(cube.groups)}, got {name}")
+    store = cube.groups[name]
+    design, depth = store.layout.group, store.layout.realizations_a_chunk
+    for option, value, size in (("realization", realization, design.realizations), ("start", start, design.starts)):
+        if not 0 <= value < size:
+            raise InputError(f"--{option}: expected 0 to {size - 1}, got {value}")
+    chunk = Chunk(_index("amplitude", design.amplitude, amplitude), realization // depth)
+    return _Place(store, chunk, _index("fmax", design.fmax, fmax), realization % depth, start)
+
+
+def _index(option: str, axis: tuple[float, ...], value: float) -> int:
+    for k, x in enumerate(axis):
+        if math.isclose(x, value, rel_tol=1e-9):
+            return k
+    raise InputError(f"--{option}: expected one of {', '.join(f'{x:g}' for x in axis)}, got {value:g}")

@@ -166,30 +166,32 @@ class Geometry:
 
     @cached_property
     def _smooth(self) -> np.ndarray:
-        """Orthonormal basis (4 N, d) of what smooth torques of any shape do, beyond the model's own parameters."""
-        model, f = self.base, self.setting.f
-        A, _ = system(model, self.theta, 2j * np.pi * f)
-        pull = np.linalg.inv(A)
-        splines = _splines(np.log(f), SPLINES)
+        """Orthonormal basis (4 N, 12 + d) of what the model's parameters and smooth torques of any shape do.
+
+        Torques are smooth after the loop's own delay, because feedback that is missing is as late as what is there.
+        """
+        model, s = self.base, 2j * np.pi * self.setting.f
+        pull = np.linalg.inv(system(model, self.theta, s)[0])
+        delays = self.theta[np.isin(model.names, model.delays)]
+        late = np.exp(-s * delays.mean())
         columns = [
-            self.whiten(unit * spline[:, None] * pull[:, :, row])
+            self.whiten((unit * spline * late)[:, None] * pull[:, :, row])
             for row in (0, 1)
-            for spline in splines
+            for spline in _splines(np.log(self.setting.f), SPLINES)
             for unit in (1.0, 1j)
         ]
-        _, J = frf_jacobian(model, self.theta, f)
-        own = [self.whiten(J[..., p]) for p in range(J.shape[-1])]
-        stacked = np.column_stack([x / np.linalg.norm(x) for x in (*own, *columns)])
-        return np.asarray(np.linalg.qr(stacked)[0][:, len(own) :])
+        _, J = frf_jacobian(model, self.theta, self.setting.f)
+        columns += [self.whiten(J[..., p]) for p in range(J.shape[-1])]
+        return np.asarray(np.linalg.qr(np.column_stack([x / np.linalg.norm(x) for x in columns]))[0])
 
     def smooth_delta(self, x: np.ndarray) -> float:
-        """Delta of the part of a whitened residual (4 N,) that a smooth torque can make."""
+        """Delta of the part of a whitened residual (4 N,) of a refit that a smooth torque can make."""
         return float(np.linalg.norm(self._smooth.T @ x))
 
     @property
     def smooth_dof(self) -> int:
-        """Dimension of what smooth torques can make."""
-        return int(self._smooth.shape[1])
+        """Dimension of what smooth torques can make beyond the model's parameters."""
+        return int(self._smooth.shape[1]) - self.theta.size
 
     def response(self, effects: Sequence[str], sizes: Mapping[str, float], decay: float) -> np.ndarray | None:
         """FRFs (N, 2) with linear effects; None when the slowest mode decays more slowly than ``decay`` (1/s)."""

@@ -14,8 +14,7 @@ from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.study.design import Group
-from mcstudy.study.experiment import kept_points
-from mcstudy.study.measure import stimulus
+from mcstudy.study.measure import kept_points, stimulus
 from mcstudy.study.models import build_model
 
 DESIGN = "design"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy, neural, selection
@@ -63,16 +63,17 @@ def _row(row: Row) -> dict[str, Any]:
 
 
 def _comparison(c: Comparison) -> dict[str, Any]:
-    def stat(measure: str, fmax: float) -> dict[str, Any]:
-        return _stat(c.result.sel(measure=measure, fmax=fmax))
-
+    read = _reader(c.result.sel(measure=list(MEASURES)), "fmax", "measure")
     return {
         "reference": c.reference,
         "group": c.group,
         "differences": c.differences,
         "amplitudes": c.amplitudes,
         "realizations": c.realizations,
-        "cells": [{"fmax": float(f), **{key: stat(key, f) for key in MEASURES}} for f in c.result["fmax"].values],
+        "cells": [
+            {"fmax": float(fmax), **{key: read(f, k) for k, key in enumerate(MEASURES)}}
+            for f, fmax in enumerate(c.result["fmax"].values)
+        ],
         "claims": [
             {
                 "claim": v.claim.claim,
@@ -134,45 +135,66 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
     if view.combined is not None:
         whole["mean_absolute_bias_percent_combined"] = accuracy.mean_absolute_bias_percent(view.combined)
         whole["mean_spread_percent_combined"] = accuracy.mean_spread_percent(view.combined)
+    axes = ("amplitude", "fmax")
+    readers = {name: _reader(result, *axes) for name, result in whole.items()}
+    hit_rate = needed["hit_rate"].mean("realization").transpose(*axes).values
     parameters = _parameters(view)
     out = []
-    for amplitude in cells["amplitude"].values:
-        for fmax in cells["fmax"].values:
-            at = {"amplitude": amplitude, "fmax": fmax}
+    for a, amplitude in enumerate(cells["amplitude"].values):
+        for f, fmax in enumerate(cells["fmax"].values):
+            counts = account.isel(amplitude=a, fmax=f)
             out.append(
                 {
                     "amplitude": float(amplitude),
                     "fmax": float(fmax),
-                    "realizations": {str(k): int(v) for k, v in account.sel(at).data_vars.items()},
-                    "hit_rate": number(needed["hit_rate"].sel(at).mean()),
-                    **{name: _stat(result.sel(at)) for name, result in whole.items()},
-                    "parameters": [entry(at) for entry in parameters],
+                    "realizations": {str(k): int(v) for k, v in counts.data_vars.items()},
+                    "hit_rate": number(hit_rate[a, f]),
+                    **{name: read(a, f) for name, read in readers.items()},
+                    "parameters": [entry(a, f) for entry in parameters],
                 }
             )
     return out
 
 
-def _stat(result: xr.Dataset) -> dict[str, Any]:
-    """``value`` and ``mcse``, and whatever else of floor, lower, upper the statistic has."""
-    extra = [name for name in ("floor", "lower", "upper") if name in result]
-    return {name: number(result[name]) for name in ("value", "mcse", *extra)}
+def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
+    """Positions along ``dims`` -> ``value`` and ``mcse``, and whatever else of floor, lower, upper there is.
+
+    Arrays once, not a selection a number: a table has thousands.
+    """
+    names = ("value", "mcse", *(name for name in ("floor", "lower", "upper") if name in result))
+    arrays = {name: result[name].transpose(*dims).values for name in names}
+    return lambda *at: {name: number(array[at]) for name, array in arrays.items()}
 
 
-def _parameters(view: GroupView) -> list[Any]:
-    """Per parameter (and combined stiffness), a function from a cell's coordinates to its entry."""
+def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
+    """Per parameter (and combined stiffness), a function from a cell's position to its entry."""
     single = _measures(view.cells)
-    single["at_bound"] = accuracy.at_bound(view.cells)
+    bounds = accuracy.at_bound(view.cells)
+    for side in ("lower", "upper"):
+        single[f"at_{side}_bound"] = bounds.sel(side=side)
     if view.bounds_on_sd is not None:
         single["efficiency"] = efficiency(view.cells, view.bounds_on_sd)
-    truth, units = view.cells["truth"], dict(zip(view.model.names, view.model.units, strict=True))
-    entries = [_entry(name, units[name], float(truth.sel(parameter=name)), single) for name in view.model.names]
+    units = dict(zip(view.model.names, view.model.units, strict=True))
+    entries = _entries(view.cells, list(view.model.names), units, single)
     if view.combined is not None:
-        measures = _measures(view.combined)
         new = [str(n) for n in view.combined["parameter"].values if str(n) not in units]
-        for name in new:
-            value = float(view.combined["truth"].sel(parameter=name))
-            entries.append(_entry(name, units[name.split("+")[0]], value, measures))
+        entries += _entries(view.combined, new, units, _measures(view.combined))
     return entries
+
+
+def _entries(
+    cells: xr.Dataset, names: list[str], units: dict[str, str], measures: dict[str, xr.Dataset]
+) -> list[Callable[[int, int], dict[str, Any]]]:
+    every = [str(n) for n in cells["parameter"].values]
+    readers = {key: _reader(result, "amplitude", "fmax", "parameter") for key, result in measures.items()}
+    truth = cells["truth"].values
+
+    def entry(name: str) -> Callable[[int, int], dict[str, Any]]:
+        p = every.index(name)
+        fixed = {"name": name, "unit": units[name.split("+")[0]], "truth": number(truth[p])}
+        return lambda a, f: {**fixed, **{key: read(a, f, p) for key, read in readers.items()}}
+
+    return [entry(name) for name in names]
 
 
 _MEASURES: dict[str, Statistic] = {
@@ -191,18 +213,3 @@ def _measures(cells: xr.Dataset) -> dict[str, xr.Dataset]:
     out = {name: every.sel(measure=name) for name in _MEASURES}
     out["absolute_bias_percent"] = out["absolute_bias_percent"].assign(floor=accuracy.floor_percent(cells))
     return out
-
-
-def _entry(name: str, unit: str, truth: float, measures: dict[str, xr.Dataset]) -> Any:
-    def at(where: dict[str, np.floating[Any]]) -> dict[str, Any]:
-        out: dict[str, Any] = {"name": name, "unit": unit, "truth": number(truth)}
-        for measure, result in measures.items():
-            here = result.sel(where).sel(parameter=name)
-            if measure == "at_bound":
-                for side in ("lower", "upper"):
-                    out[f"at_{side}_bound"] = _stat(here.sel(side=side))
-            else:
-                out[measure] = _stat(here)
-        return out
-
-    return at

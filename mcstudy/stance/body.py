@@ -49,9 +49,7 @@ class Body:
         """
         m12, m22 = m2 * L1 * h2, I2 + m2 * h2**2
         m11 = I1 + m1 * h1**2 + m2 * L1**2
-        return cls(
-            J1=m11 + m12, J2=m22, C1=m12, C2=m12 + m22, A1=m1 * h1 + m2 * L1, A2=m2 * h2, g=g
-        )
+        return cls(J1=m11 + m12, J2=m22, C1=m12, C2=m12 + m22, A1=m1 * h1 + m2 * L1, A2=m2 * h2, g=g)
 
     @property
     def mgh(self) -> float:

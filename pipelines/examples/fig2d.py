@@ -7,7 +7,9 @@ to 8 Hz: its cost J and the mean error of the 12 parameters.
 """
 
 import argparse
+import shutil
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -131,10 +133,28 @@ def run(case: Case) -> Result:
     )
 
 
+def held_recording(source: Path, target: Path) -> None:
+    """Copy a recording of the nominal body (a folder of `mcstudy simulate`) as if its torque had been held."""
+    shutil.copytree(source, target)
+    factor = 10
+    for file in sorted(source.glob("*.csv")):
+        header = file.read_text().split("\n", 1)[0]
+        record = np.loadtxt(file, delimiter=",", skiprows=1)
+        straight = simulate(body, body.truth, record[:, 1], SAMPLED_HZ).angle
+        held = simulate(body, body.truth, np.repeat(record[:, 1], factor), factor * SAMPLED_HZ).angle[::factor]
+        record[:, 2:4] += np.degrees(held - straight)  # the loop is linear: noise-evoked sway stays as it is
+        np.savetxt(target / file.name, record, delimiter=",", header=header, comments="", fmt="%.12g")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--held", type=Path, nargs=2, metavar=("REC", "OUT"), help="instead: hold a recording's torque")
     parser.add_argument("--fine", type=float, default=2000.0, help="the faster solver rate, Hz (the paper: 10000)")
-    fine = parser.parse_args().fine
+    arguments = parser.parse_args()
+    if arguments.held:
+        held_recording(*arguments.held)
+        raise SystemExit
+    fine = arguments.fine
     rates = [growth_rate(m, m.truth) for m in (subject(False), subject(True))]
     print(f"slowest mode: {rates[0]:.2f} 1/s; of the body with a slow mode: {rates[1]:.3f} 1/s")
     print(f"{'case':<47}{'Hz':>6}{'0.41 Hz':>9}{'1.2 Hz':>9}{'8 Hz':>9}{'sway %':>9}{'same %':>8}{'J':>9}{'par. %':>8}")

@@ -61,3 +61,20 @@ def test_knowing_what_is_between_the_samples_removes_it(found) -> None:
     for name in ("straight, drive times sinc squared", "held, drive times sinc and half a sample late"):
         assert np.abs(found[name].error).max() < 1e-5
         assert found[name].fit[1] < 0.01
+
+
+def test_a_recording_can_be_given_a_held_torque(fig2d, tmp_path) -> None:
+    n, source = fig2d.coarse.samples, tmp_path / "straight"
+    source.mkdir()
+    torque = fig2d.coarse.waveform()
+    straight = np.degrees(fig2d.simulate(fig2d.body, fig2d.body.truth, torque, 200.0).angle)
+    noise = np.random.default_rng(1).normal(size=(n, 2))
+    record = np.column_stack([np.arange(n) / 200.0, torque, straight + noise])
+    np.savetxt(source / "trial1.csv", record, delimiter=",", header="time,stimulus,theta1,theta2", comments="")
+    fig2d.held_recording(source, tmp_path / "held")
+    held = np.loadtxt(tmp_path / "held" / "trial1.csv", delimiter=",", skiprows=1)
+    assert held[:, :2] == pytest.approx(record[:, :2])
+    # sway without the noise comes 2.25 ms later
+    sway, late = straight[:, 0], held[:, 2] - noise[:, 0]
+    rate = np.gradient(sway, 1 / 200.0)
+    assert -(late - sway) @ rate / (rate @ rate) == pytest.approx(2.25e-3, rel=0.02)

@@ -70,5 +70,7 @@ def undetectable(found: Sequence[Signature], contrasts: Sequence[Contrast], tria
             change = next((c for c in kinds[e.contrast].changes if c.effect == e.name), None)
             if change is None or FOUND * change.se > 0.4:
                 worst = "" if change is None else f"; a change of gain of {FOUND * change.se:.2g} would be found"
-                out.append(Undetectable(e.name, f"the {e.contrast} contrast is too weak{worst}", None, e.size.unit, None))
+                out.append(
+                    Undetectable(e.name, f"the {e.contrast} contrast is too weak{worst}", None, e.size.unit, None)
+                )
     return tuple(out)

@@ -18,11 +18,16 @@ from scipy import stats
 
 from mcstudy.gap.fitting import Data, Fitted, whiten
 from mcstudy.gap.lines import Lines
+from mcstudy.gap.small_linear import orthonormal
+from mcstudy.stance.response import frf_jacobian
 
 FLOOR = 0.1
 """Upper limit of the remaining share below which the gap is closed to the noise floor."""
 
 WANTED_HALF_WIDTH = 0.15
+
+LEAST = 0.05
+"""Share of its length that a deviation must keep, at right angles to the parameters, to count as a dimension."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +46,8 @@ class Closed:
 
 def _basis(fitted: Fitted, data: Data, space: np.ndarray) -> np.ndarray:
     """Orthonormal basis (4 N, K) of ``space`` (4 N, M) without what the parameters of the fit can give."""
-    J = fitted.jacobian(data)
-    q = np.linalg.qr(J * fitted.prior.scale)[0]
-    left = space - q @ (q.T @ space)
-    u, s, _ = np.linalg.svd(left / np.maximum(np.linalg.norm(space, axis=0), 1e-300), full_matrices=False)
-    return np.asarray(u[:, s > 0.03 * s[0]])
+    J = fitted.jacobian(data) * fitted.prior.scale
+    return np.asarray(orthonormal(np.ascontiguousarray(J.T), np.ascontiguousarray(space.T), LEAST).T)
 
 
 def energy(fitted: Fitted, data: Data, lines: Lines, space: np.ndarray) -> tuple[float, int]:
@@ -64,9 +66,7 @@ def energy(fitted: Fitted, data: Data, lines: Lines, space: np.ndarray) -> tuple
     return (float(mean @ mean) - same) / (1 - float((w**2).sum())), basis.shape[1]
 
 
-def close(
-    base: Fitted, added: Fitted, data: Data, lines: Lines, space: np.ndarray, rng: np.random.Generator
-) -> Closed:
+def close(base: Fitted, added: Fitted, data: Data, lines: Lines, space: np.ndarray, rng: np.random.Generator) -> Closed:
     """Share of the gap of ``base`` that ``added`` closes; ``space`` (4 N, M) holds the deviations that count."""
     before, _ = energy(base, data, lines, space)
     after, k = energy(added, data, lines, space)
@@ -90,10 +90,16 @@ def _left(total: float, k: int, u: np.ndarray) -> np.ndarray:
     return np.interp(u, np.maximum.accumulate(cdf), grid)
 
 
-def sway_rms_deg(fitted: Fitted | None, data: Data, lines: Lines) -> float:
-    """Root-mean-square error of predicted sway over both angles and all lines, deg; None for the noise floor."""
-    if fitted is None:
-        square = np.einsum("nii->n", lines.C).real
-    else:
-        square = (np.abs(data.y - fitted.response(data.f)) ** 2).sum(axis=1)
+def sway_rms_deg(fitted: Fitted, data: Data, lines: Lines) -> float:
+    """Root-mean-square error of predicted sway over both angles and all lines, deg."""
+    square = (np.abs(data.y - fitted.response(data.f)) ** 2).sum(axis=1)
     return float(np.rad2deg(np.sqrt((2 * lines.power * square).sum())))
+
+
+def floor_rms_deg(fitted: Fitted, data: Data, lines: Lines) -> float:
+    """The same error where nothing but noise is left: what noise the fit of these parameters does not absorb, deg."""
+    colour = np.linalg.inv(data.weight)
+    J = np.moveaxis(frf_jacobian(fitted.model, fitted.theta, data.f)[1], -1, 0)
+    noise = 2 * np.einsum("nij,nij->n", colour, colour.conj()).real
+    taken = np.einsum("pni,pq,qni->n", J, fitted.covariance, J.conj(), optimize=True).real
+    return float(np.rad2deg(np.sqrt((2 * lines.power * np.maximum(noise - taken, 0.05 * noise)).sum())))

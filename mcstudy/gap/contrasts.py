@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 from mcstudy.errors import ModelError
 from mcstudy.gap import effects as library
 from mcstudy.gap.draws import NullDraws
-from mcstudy.gap.fitting import Fitted, whiten
+from mcstudy.gap.fitting import Fitted, understatement, whiten
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.scores import log_factor
 from mcstudy.stance.response import frf_jacobian
@@ -57,7 +57,8 @@ class Contrast:
 def _difference(first: Lines, second: Lines) -> tuple[np.ndarray, np.ndarray]:
     """Whitened difference (4 N,) of second minus first, and its whitener (N, 2, 2)."""
     nu = np.maximum(first.dof, 3.0)
-    weight = np.linalg.inv(np.linalg.cholesky(first.C + second.C)) * np.sqrt(2 * (nu - 2) / nu)[:, None, None]
+    shrink = np.sqrt(2 * (nu - 2) / nu / understatement(first))
+    weight = np.linalg.inv(np.linalg.cholesky(first.C + second.C)) * shrink[:, None, None]
     return whiten(weight, second.y - first.y), weight
 
 
@@ -87,18 +88,31 @@ def contrast(
             continue
         # a positive size lowers the gain with amplitude, except for a dead zone, which hides small sway
         sign = {"dead_zone": 1.0, "gain_drift": 1.0}.get(e.name, -1.0)
-        z = float(sign * J @ difference / length)
+        unit = sign * J / length
+        spread = _spread(unit, difference[:, None])[0]
+        z = float(unit @ difference) / spread
         scale = TYPICAL_CHANGE * length
         one_sided = not e.size.signed
         value = float(log_factor(np.array(z), scale, one_sided))
-        null.append(log_factor(sign * J @ noise / length, scale, one_sided))
-        gain = sign * z / length
-        changes.append(Change(e.name, value, z, gain, 1 / length, _size(e.name, gain, between)))
+        null.append(log_factor(unit @ noise / _spread(unit, noise), scale, one_sided))
+        gain = sign * z * spread / length
+        changes.append(Change(e.name, value, z, gain, float(spread) / length, _size(e.name, gain, between)))
     if not changes:
         return Contrast(kind, between, (), 1.0)
     statistic = logsumexp([c.log_factor for c in changes])
     exceed = int((logsumexp(null, axis=0) >= statistic).sum())
     return Contrast(kind, between, tuple(changes), (1 + exceed) / (1 + draws))
+
+
+def _spread(unit: np.ndarray, difference: np.ndarray) -> np.ndarray:
+    """Root-mean-square (n,) of differences (4 N, n) at the lines a signature weighs, without the signature itself.
+
+    Cycles of one trial are not quite independent, so the noise of their difference is judged by the difference.
+    """
+    rest = difference - np.outer(unit, unit @ difference)
+    power = (unit**2).reshape(2, -1, 2).sum(axis=(0, 2))
+    weight = np.broadcast_to(power[None, :, None] / 4, (2, power.size, 2)).ravel()
+    return np.sqrt(np.maximum(weight @ rest**2 / (weight @ (1 - unit**2)), 0.3))
 
 
 def _size(name: str, gain: float, between: tuple[float, float]) -> float | None:

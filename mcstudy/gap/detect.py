@@ -9,6 +9,7 @@ and serves as goodness of fit. Null distributions come from draws with the estim
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -103,7 +104,7 @@ def detect(
     p_value = (1 + int((scores(null).gap >= statistic).sum())) / (1 + draws)
     chi2 = float(residual @ residual)
     null_chi2 = (null**2).sum(axis=0)
-    z, null_z = _standardised(fitted, data, lines, residual[:, None]), _standardised(fitted, data, lines, null)
+    z, null_z = _standardised(fitted, data, residual[:, None]), _standardised(fitted, data, null)
     return Detection(
         p_value,
         statistic,
@@ -118,20 +119,20 @@ def detect(
     )
 
 
-def _standardised(fitted: Fitted, data: Data, lines: Lines, r: np.ndarray) -> np.ndarray:
+def _standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
     """(N, 2, n): residuals by angle over their standard deviation after the fit."""
     colour = np.linalg.inv(data.weight)
     J = colour @ _complex(fitted.jacobian(data))  # derivative of the FRFs, (N, 2, P)
     variance = 2 * np.einsum("nij,nij->ni", colour, colour.conj()).real
     taken = np.einsum("nip,pq,niq->ni", J, fitted.covariance, J.conj()).real
-    left = np.maximum(variance - 2 * taken, 0.05 * variance)
+    left = np.maximum(variance - taken, 0.05 * variance)
     return np.einsum("nij,njk->nik", colour, _complex(r)) / np.sqrt(left)[..., None]
 
 
 def _bands(f: np.ndarray, angles: tuple[str, str], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
     """Bands with a limit that noise passes in any of them 5 times of 100."""
     rows, level, ratio = [], [], []
-    for low, high in zip(EDGES_HZ[:-1], EDGES_HZ[1:], strict=True):
+    for low, high in pairwise(EDGES_HZ):
         inside = (f >= low) & (f < high)
         if not inside.any():
             continue

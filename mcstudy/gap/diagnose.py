@@ -13,7 +13,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.gap import effects as library
 from mcstudy.gap.ambiguity import undetectable
-from mcstudy.gap.close import Closed, close, sway_rms_deg
+from mcstudy.gap.close import Closed, close, floor_rms_deg, sway_rms_deg
 from mcstudy.gap.contrasts import Contrast, contrasts
 from mcstudy.gap.detect import Detection, detect
 from mcstudy.gap.diagnosis import LEVEL, Diagnosis, Shift
@@ -106,28 +106,39 @@ def _diagnose(
 ) -> Diagnosis:
     lines = measure(recording, fmax, discard)
     warnings = _suspicions(recording, lines, accept)
-    nominal = model or recording.base_model()
     if isinstance(recording, FrfRecording) and recording.single:
         warnings = (*warnings, "only one angle was published, so the hip is not tested")
-    data, opened_model = Data.of(lines), opened(nominal)
-    fitter = Fitter(opened_model, opened_model, data.f)
-    base = fitter.best(data, base_starts(opened_model, seed))
-    effects = usable(base.model)
+    outcome = diagnose_lines(
+        lines, model or recording.base_model(), draws=draws, refits=refits, seed=seed, name=recording.name
+    )
+    return replace(
+        outcome,
+        warnings=(*warnings, *outcome.warnings),
+        method={**outcome.method, "fmax": fmax, "discard": discard},
+    )
+
+
+def diagnose_lines(
+    lines: Lines, nominal: Model, *, draws: int, refits: bool, seed: int = 0, name: str = "lines"
+) -> Diagnosis:
+    """Diagnosis of measured lines under a base model whose values are the order of magnitude of a person's."""
+    data, model = Data.of(lines), opened(nominal)
+    fitter = Fitter(model, model, data.f)
+    base = fitter.best(data, base_starts(model, seed))
+    effects = usable(model)
     found = signatures(base, data, effects)
-    cosine_names, cosine = likeness(found)
-    ambiguous = groups(cosine_names, cosine)
+    ambiguous = groups(*likeness(found))
     scores = Scores(base, data, found, [library.effect(s.effect).size.signed for s in found])
     detection = detect(base, fitter, data, lines, scores, stream(seed, "gap null"), draws, refits)
     compared = contrasts(lines, base, stream(seed, "gap contrasts"))
     explanation = explain(base, data, effects, found, ambiguous, scores, compared)
     p_value = _combined(detection, compared)
     detected = p_value < LEVEL
-    leading = explanation.causes[0] if explanation.causes else None
+    leading = explanation.causes[0] if detected and explanation.causes else None
     place, abstained = places(explanation)
-    closed = _closed(base, leading, data, lines, scores, seed) if detected and leading is not None else None
     trials = int(np.unique(lines.trial).size)
     return Diagnosis(
-        name=recording.name,
+        name=name,
         detected=detected,
         p_value=p_value,
         place=place,
@@ -136,22 +147,20 @@ def _diagnose(
         none_probability=explanation.none,
         unknown_probability=explanation.unknown,
         credible_set=credible_set(explanation),
-        closed=closed,
-        sway_rms_deg=_sway(base, leading if detected else None, data, lines),
+        closed=None if leading is None else _closed(base, leading, data, lines, scores, seed),
+        sway_rms_deg=_sway(base, leading, data, lines),
         undetectable=undetectable(found, compared, trials),
         detection=detection,
         contrasts=tuple(compared),
-        shifts=_shifts(base, leading if detected else None),
+        shifts=_shifts(base, leading),
         groups=tuple(ambiguous),
         f=lines.f,
         torque=missing_torque(base, data),
-        warnings=(*warnings, *_other_axes(lines)),
+        warnings=tuple(_other_axes(lines)),
         method={
             "null": "bootstrap with refits" if refits else "linearised",
             "draws": draws,
             "seed": seed,
-            "fmax": fmax,
-            "discard": discard,
             "trials": trials,
             "repeats": int(lines.repeats.shape[0]),
         },
@@ -216,7 +225,7 @@ def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict
     return {
         "before": sway_rms_deg(base, data, lines),
         "after": None if leading is None else sway_rms_deg(leading.fitted, data, lines),
-        "floor": sway_rms_deg(None, data, lines),
+        "floor": floor_rms_deg(base if leading is None else leading.fitted, data, lines),
     }
 
 

@@ -13,8 +13,7 @@ from mcstudy.gap.close import Closed
 from mcstudy.gap.contrasts import Contrast
 from mcstudy.gap.detect import Detection
 from mcstudy.gap.explain import Cause
-
-SCHEMA = "1.0.0"
+from mcstudy.study import schema
 
 LEVEL = 0.05
 """Probability of a false alarm."""
@@ -83,11 +82,11 @@ class Diagnosis:
         return html(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON data, valid under ``results_schema/1.0.0/diagnosis.schema.json``."""
+        """Plain JSON data, valid under ``results_schema/1.0.0/diagnosis.json``."""
         d = self.detection
         return _plain(
             {
-                "schema": SCHEMA,
+                "schema": schema.identifier("diagnosis"),
                 "name": self.name,
                 "verdict": self.verdict(),
                 "detected": self.detected,

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from scipy.special import logsumexp
@@ -109,9 +108,7 @@ def explain(
         for h in leaders[:1]:
             weighted.append(
                 (
-                    Hypothesis(
-                        (*h.effects, k.effect), h.log_evidence + k.log_factor, h.fitted, (*h.sizes, *sizes)
-                    ),
+                    Hypothesis((*h.effects, k.effect), h.log_evidence + k.log_factor, h.fitted, (*h.sizes, *sizes)),
                     np.log(PAIR / n_pairs),
                 )
             )
@@ -140,15 +137,13 @@ def _grouped(
     """Hypotheses merged by ambiguity group, most probable first."""
     merged: dict[tuple[object, ...], list[tuple[Hypothesis, float]]] = {}
     for h, p in posterior:
-        key = tuple(sorted((str(group_of.get(n, n)) for n in h.effects)))
+        key = tuple(sorted(str(group_of.get(n, n)) for n in h.effects))
         merged.setdefault(key, []).append((h, p))
     causes = []
     for members in merged.values():
         best = max(members, key=lambda m: m[1])[0]
         alternatives = tuple(groups[group_of[n]] if n in group_of else (n,) for n in best.effects)
-        causes.append(
-            Cause(best.effects, alternatives, float(sum(p for _, p in members)), best.sizes, best.fitted)
-        )
+        causes.append(Cause(best.effects, alternatives, float(sum(p for _, p in members)), best.sizes, best.fitted))
     return tuple(sorted(causes, key=lambda c: -c.probability))
 
 
@@ -207,10 +202,11 @@ def _unknown(
     for h in leaders:
         settings.append((h, Scores(h.fitted, data, [], []), np.log(UNKNOWN / 2 / n_causes)))
     for h, at, weight in settings:
-        scored = at(h.fitted.residual(data))
+        scored = at(h.fitted.free_residual(data))
         log = h.log_evidence + weight + float(scored.unknown[0])
-        terms = [(x - np.log(2 * len(scored.plain)), p) for x, (_, p, _) in zip(scored.plain[:, 0], at.plain, strict=True)]
-        terms += [(x - np.log(2 * len(scored.free)), f.places) for x, f in zip(scored.free[:, 0], at.families, strict=True)]
+        plain, free = scored.plain[:, 0], scored.free[:, 0]
+        terms = [(x - np.log(2 * len(plain)), p) for x, (_, p, _) in zip(plain, at.plain, strict=True)]
+        terms += [(x - np.log(2 * len(free)), f.places) for x, f in zip(free, at.families, strict=True)]
         share = np.exp(np.array([x for x, _ in terms]) - float(scored.unknown[0]))
         places: dict[str, float] = {}
         for s, (_, where) in zip(share / share.sum(), terms, strict=True):
@@ -218,5 +214,3 @@ def _unknown(
             places[place] = places.get(place, 0.0) + float(s)
         out.append((log, places))
     return out
-
-

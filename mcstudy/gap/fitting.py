@@ -43,7 +43,7 @@ def opened(model: Model) -> Model:
         {
             p.name: (min(0.005, p.value), max(0.25, p.value))
             if p.name in model.delays
-            else tuple(sorted((-p.value, 4.0 * p.value)))
+            else (-abs(p.value), 4.0 * abs(p.value))
             for p in model.parameters
         }
     )
@@ -75,10 +75,23 @@ class Prior:
         return cls(np.array(mean), np.array(scale))
 
 
+def understatement(lines: Lines) -> np.ndarray:
+    """True over estimated covariance from even lines, on average, (N,).
+
+    Found by measuring several hundred simulated recordings of 3, 6 and 20 cycles and two colours of noise: the
+    prewhitening is fitted to the lines it whitens, which takes 4 % of one trial's noise away, and at the lowest
+    lines the neighbours lie to one side only, which costs up to another 40 %. 1 for covariances of other origin.
+    """
+    if lines.even is None or lines.harmonic is None:
+        return np.ones(len(lines))
+    trials = np.unique(lines.trial).size
+    return np.asarray((1 + 0.04 / trials) * (1 + 0.42 * np.exp(-(((lines.harmonic - 1) / 5.0) ** 2))))
+
+
 def whitener(lines: Lines) -> np.ndarray:
-    """W (N, 2, 2), lower triangular: sqrt(2) W^H W is the unbiased estimate of the precision of y."""
+    """W (N, 2, 2), lower triangular: W^H W / 2 is the unbiased estimate of the precision of y."""
     nu = np.maximum(lines.dof, 3.0)
-    shrink = np.sqrt(2 * (nu - 2) / nu)
+    shrink = np.sqrt(2 * (nu - 2) / nu / understatement(lines))
     return np.linalg.inv(np.linalg.cholesky(lines.C)) * shrink[:, None, None]
 
 
@@ -106,9 +119,9 @@ class Data:
     def packed(self) -> np.ndarray:
         """Data and weights in the kernel's order, (8 N,)."""
         y, W = self.y, self.weight
-        columns = (y[:, 0].real, y[:, 0].imag, y[:, 1].real, y[:, 1].imag)
-        columns += (W[:, 0, 0].real, W[:, 1, 1].real, W[:, 1, 0].real, W[:, 1, 0].imag)
-        return np.stack(columns, axis=1).ravel()
+        data = [y[:, 0].real, y[:, 0].imag, y[:, 1].real, y[:, 1].imag]
+        weight = [W[:, 0, 0].real, W[:, 1, 1].real, W[:, 1, 0].real, W[:, 1, 0].imag]
+        return np.stack([*data, *weight], axis=1).ravel()
 
     def with_y(self, y: np.ndarray) -> Data:
         """The same lines with other responses."""
@@ -150,6 +163,16 @@ class Fitted:
     def residual(self, data: Data) -> np.ndarray:
         """Whitened residual y - model, (4 N,)."""
         return whiten(data.weight, data.y - self.response(data.f))
+
+    def free_residual(self, data: Data) -> np.ndarray:
+        """Residual (4 N,) of the linearised fit without bounds: `residual` itself unless a bound holds the fit.
+
+        Its square never exceeds ``chi2 + penalty``, so evidence computed from it stays honest at a bound.
+        """
+        J = self.jacobian(data)
+        r = self.residual(data)
+        off = (self.theta - self.prior.mean) / self.prior.scale**2
+        return r - J @ (self.covariance @ (J.T @ r - off))
 
     def jacobian(self, data: Data) -> np.ndarray:
         """Whitened derivative of the model, (4 N, P)."""

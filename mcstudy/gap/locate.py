@@ -19,11 +19,11 @@ from mcstudy.stance.response import system
 
 def places(explanation: Explanation) -> tuple[dict[str, float], float]:
     """Probability of every place, and the probability that is given to none."""
-    out = dict.fromkeys(PLACES, 0.0)
+    out: dict[str, float] = dict.fromkeys(PLACES, 0.0)
     for hypothesis, probability in explanation.hypotheses:
         where = [p for n in hypothesis.effects for p in effect(n).place]
         for p in where:
-            out[str(p)] += probability / len(where)
+            out[p] += probability / len(where)
     for place, share in explanation.unknown_places.items():
         if place in out:
             out[place] += share

@@ -19,6 +19,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from mcstudy.gap.fitting import Data, Fitted
 from mcstudy.gap.signatures import Signature
+from mcstudy.gap.small_linear import gaussian_factor
 from mcstudy.gap.unknown import Family, free_torques, plain_feedback, strange
 
 TYPICAL_DELTA = 6.0
@@ -45,21 +46,15 @@ def log_factor(z: np.ndarray, scale: float | np.ndarray, one_sided: bool) -> np.
 
 @dataclass(frozen=True)
 class _Block:
-    """A family after the projection: which rows of the score vector, its eigenvalues and rotation, its prior."""
+    """A family after the projection: which rows of the score vector, its Gram matrix, its prior."""
 
     family: Family
     rows: slice
-    eigenvalue: np.ndarray
-    rotation: np.ndarray
+    gram: np.ndarray
 
     def log_factor(self, b: np.ndarray) -> np.ndarray:
         """ln Bayes factor (n,) from scores (K, n), averaged over the sizes."""
-        rotated = (self.rotation.T @ b) ** 2
-        logs = []
-        for v in self.family.variances:
-            gain = 1.0 / (self.eigenvalue + 1.0 / v)
-            logs.append(0.5 * gain @ rotated - 0.5 * np.log1p(v * self.eigenvalue).sum())
-        return np.asarray(logsumexp(logs, axis=0) - np.log(len(logs)))
+        return _mean(np.array([gaussian_factor(self.gram, np.ascontiguousarray(b), v) for v in self.family.variances]))
 
 
 class Scores:
@@ -90,8 +85,7 @@ class Scores:
         first = K + G
         for f in families:
             rows = slice(first, first + f.columns.shape[1])
-            value, vector = np.linalg.eigh(gram[rows, rows])
-            self._blocks.append(_Block(f, rows, np.maximum(value, 0.0), vector))
+            self._blocks.append(_Block(f, rows, np.ascontiguousarray(gram[rows, rows])))
             first = rows.stop
 
     def project(self, x: np.ndarray) -> np.ndarray:
@@ -104,9 +98,9 @@ class Scores:
         b = (self._projected if linear else self._raw).T @ r
         K, G = len(self.library), len(self.plain)
         z = b[: K + G] / self._length[:, None]
-        named = np.array(
-            [log_factor(z[k], TYPICAL_DELTA, not self._signed[k]) for k in range(K)]
-        ).reshape(K, r.shape[1])
+        named = np.array([log_factor(z[k], TYPICAL_DELTA, not self._signed[k]) for k in range(K)]).reshape(
+            K, r.shape[1]
+        )
         plain = np.array([log_factor(z[K + k], TYPICAL_DELTA, False) for k in range(G)]).reshape(G, r.shape[1])
         free = np.array([k.log_factor(b[k.rows]) for k in self._blocks])
         return Scored(z[:K], named, plain, free)

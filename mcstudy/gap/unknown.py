@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -49,14 +50,21 @@ class Family:
     variances: tuple[float, ...]
 
 
+@lru_cache(maxsize=32)
+def _modes(first: float, last: float, length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Grid of ln frequency (60,), largest eigenvalues (`RANK`,) and eigenvectors (60, `RANK`) of the kernel on it."""
+    grid = np.linspace(first, last, 60)
+    value, vector = np.linalg.eigh(np.exp(-0.5 * ((grid[:, None] - grid) / length) ** 2))
+    keep = np.argsort(value)[::-1][:RANK]
+    return grid, value[keep], vector[:, keep]
+
+
 def smooth_functions(f: np.ndarray, length: float) -> np.ndarray:
     """(N, `RANK`) orthogonal functions whose sum of squares is a unit-variance process smooth over ln f."""
     x = np.log(f)
-    grid = np.linspace(x[0], x[-1], 60)
-    value, vector = np.linalg.eigh(np.exp(-0.5 * ((grid[:, None] - grid) / length) ** 2))
-    keep = np.argsort(value)[::-1][:RANK]
+    grid, value, vector = _modes(round(float(x[0]), 9), round(float(x[-1]), 9), length)
     cross = np.exp(-0.5 * ((x[:, None] - grid) / length) ** 2)
-    return cross @ vector[:, keep] / np.sqrt(np.maximum(value[keep], 1e-9))
+    return np.asarray(cross @ vector / np.sqrt(np.maximum(value, 1e-9)))
 
 
 def _complex(columns: np.ndarray) -> np.ndarray:

@@ -66,10 +66,10 @@ def verdict(d: Diagnosis) -> str:
                     else ""
                 )
             )
-    for c in d.contrasts:
-        if c.p_value < 0.01 and c.changes:
-            best = max(c.changes, key=lambda k: k.log_factor)
-            what = "with amplitude" if c.kind == "amplitude" else "over the recording"
+    for contrast in d.contrasts:
+        if contrast.p_value < 0.01 and contrast.changes:
+            best = max(contrast.changes, key=lambda k: k.log_factor)
+            what = "with amplitude" if contrast.kind == "amplitude" else "over the recording"
             parts.append(f"The active gains change {what} by {100 * best.gain:+.0f} % (± {100 * best.se:.0f}).")
     missed = [words(u.effect) for u in d.undetectable]
     if missed:

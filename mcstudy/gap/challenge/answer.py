@@ -58,7 +58,7 @@ def from_diagnosis(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
     causes = [
         {
             "effects": [str(e) for e in cause["effects"]],
-            "group": [str(a[0]) for a in cause.get("alternatives", ()) if len(a) == 1],
+            "group": [str(e) for e in cause["alternatives"][0]] if len(cause["effects"]) == 1 else [],
             "probability": float(cause["probability"]),
             "size": _sizes(cause.get("size") or {}),
         }

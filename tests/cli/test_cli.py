@@ -137,10 +137,10 @@ def test_status_counts_fits_by_outcome(cube: Path, capsys: pytest.CaptureFixture
 def test_failed_fits_are_listed_and_exit_4(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(_: object, starts: np.ndarray, *__: object) -> Fits:
+    def broken(_: object, __: object, starts: np.ndarray, *___: object) -> Fits:
         return Fits.failed(starts, Status.SOLVER_ERROR)
 
-    monkeypatch.setattr(tasks, "fit", broken)
+    monkeypatch.setattr(tasks, "fit_queue", broken)
     words = ["run", str(study), "-o", str(tmp_path / "out.zarr"), "--workers", "1"]
     assert main(words) == FITS_FAILED
     out = capsys.readouterr().out

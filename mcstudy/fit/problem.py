@@ -105,10 +105,21 @@ class Fits:
 
     @classmethod
     def of(
-        cls, model: Model, estimate: np.ndarray, cost: np.ndarray, status: np.ndarray, iterations: np.ndarray
+        cls,
+        model: Model,
+        estimate: np.ndarray,
+        cost: np.ndarray,
+        status: np.ndarray,
+        iterations: np.ndarray,
+        reach: float = 0.0,
     ) -> Fits:
-        """Complete raw solver output with the bounds it ended on (exact equality: solvers return clipped points)."""
-        at_bound = (estimate >= model.upper).astype(np.int8) - (estimate <= model.lower).astype(np.int8)
+        """Complete raw solver output with the bounds it ended on.
+
+        A parameter counts as on a bound within ``reach`` of it, in widths of its bounds: 0 for a solver that puts
+        parameters on bounds, more for one that only comes near them.
+        """
+        near = reach * (model.upper - model.lower)
+        at_bound = (estimate >= model.upper - near).astype(np.int8) - (estimate <= model.lower + near).astype(np.int8)
         return cls(estimate, cost, status.astype(np.uint8), iterations.astype(np.int32), at_bound)
 
     @classmethod

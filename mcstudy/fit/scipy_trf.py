@@ -10,6 +10,9 @@ from mcstudy.fit.status import Status
 
 _STATUS = {0: Status.ITERATION_LIMIT, 1: Status.CONVERGED, 2: Status.CONVERGED, 3: Status.STALLED, 4: Status.CONVERGED}
 
+REACH = 1e-06
+"""How near a bound its solutions end that lie on it, in widths of the bounds."""
+
 
 def trf(problem: Problem, starts: np.ndarray, tolerance: float, max_iterations: int) -> Fits:
     """Fit with ``scipy.optimize.least_squares(method="trf")`` and the exact Jacobian, scaled by the bounds' widths."""
@@ -31,4 +34,4 @@ def trf(problem: Problem, starts: np.ndarray, tolerance: float, max_iterations: 
         )
         estimate[i], cost[i], iterations[i] = out.x, 2 * out.cost, out.njev
         status[i] = _STATUS[out.status]
-    return Fits.of(model, estimate, cost, status, iterations)
+    return Fits.of(model, estimate, cost, status, iterations, REACH)

@@ -12,6 +12,9 @@ from mcstudy.fit.status import Status
 
 _STATUS = {0: Status.ITERATION_LIMIT, 1: Status.CONVERGED, 2: Status.CONVERGED, 3: Status.SOLVER_ERROR}
 
+REACH = 0.0001
+"""How near a bound its solutions end that lie on it, in widths of the bounds."""
+
 
 def trust_constr(problem: Problem, starts: np.ndarray, tolerance: float, max_iterations: int) -> Fits:
     """Fit with ``scipy.optimize.minimize(method="trust-constr")``: barrier for the bounds, Gauss-Newton Hessian.
@@ -57,4 +60,4 @@ def trust_constr(problem: Problem, starts: np.ndarray, tolerance: float, max_ite
             )
         estimate[i] = np.clip(lower + width * out.x, model.lower, model.upper)
         cost[i], iterations[i], status[i] = problem.cost(estimate[i]), out.nit, _STATUS[out.status]
-    return Fits.of(model, estimate, cost, status, iterations)
+    return Fits.of(model, estimate, cost, status, iterations, REACH)

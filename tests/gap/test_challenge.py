@@ -281,3 +281,23 @@ def test_cases_do_not_depend_on_workers_or_order(tiny: ChallengeFile, made: tupl
         read_recording(tmp_path / "data" / "case1.nc").trials[0].theta,
         read_recording(made[0] / "case1.nc").trials[0].theta,
     )
+
+
+def test_a_stopped_run_says_so_and_keeps_what_is_done(tmp_path: Path) -> None:
+    script = (
+        "import os, signal, sys\n"
+        "from mcstudy.cli import main\n"
+        "from mcstudy.gap.challenge import make\n"
+        "whole = make.make_case\n"
+        "def stop(file, case):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    return whole(file, case)\n"
+        "make.make_case = stop\n"
+        f"sys.exit(main(['gap', 'challenge', 'make', {str(tmp_path / 'c.toml')!r}, '--data', {str(tmp_path / 'd')!r}, "
+        f"'--key', {str(tmp_path / 'k.json')!r}, '--workers', '1']))\n"
+    )
+    (tmp_path / "c.toml").write_text('[challenge]\nname = "c"\nseed = 1\ncases = 3\n[protocol]\ncycles = 3\n')
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 3
+    assert "run the same command again to resume" in done.stderr
+    assert not (tmp_path / "k.json").exists()

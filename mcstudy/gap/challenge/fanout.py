@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
+
+import dask.array  # noqa: F401  # xarray imports it on first use, which two threads must not do at once
 
 from mcstudy.errors import Interrupted
 from mcstudy.study.cluster import ClusterOptions, connect
@@ -28,41 +33,58 @@ class Counting(Progress):
         return super().line().replace(" fits", " cases")
 
 
+@contextlib.contextmanager
+def _stop_requests() -> Iterator[threading.Event]:
+    """An event that Ctrl-C or SIGTERM sets; a second one ends the process at once."""
+    stop = threading.Event()
+
+    def handle(*_: Any) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    in_main = threading.current_thread() is threading.main_thread()
+    previous = {n: signal.signal(n, handle) for n in (signal.SIGINT, signal.SIGTERM)} if in_main else {}
+    try:
+        yield stop
+    finally:
+        for number, old in previous.items():
+            signal.signal(number, old)
+
+
 def fan_out(
     work: Callable[[Item], Any], items: Sequence[Item], options: ClusterOptions, what: str
 ) -> Iterator[tuple[Item, Any]]:
     """Yield (item, result) in the order of completion; ``work`` must not raise for what concerns one item only.
 
-    Raises whatever ``work`` raises, and `Interrupted` on Ctrl-C: what was yielded before is for the caller to keep.
+    Raises whatever ``work`` raises, and `Interrupted` on Ctrl-C or SIGTERM: what was yielded is for the caller to keep.
     """
     if not items:
         return
     progress = Counting(len(items))
     finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    with connect(options) as client:
+    with _stop_requests() as stop, connect(options) as client:
         running: dict[Any, Item] = {}
         waiting = iter(items)
         left, counted, threads = len(items), -COUNT_S, 1
-        try:
-            while left:
-                if time.monotonic() > counted + COUNT_S:
-                    counted, threads = time.monotonic(), max(1, sum(client.nthreads().values()))
-                while len(running) < WINDOW * threads and (item := next(waiting, None)) is not None:
-                    future = client.submit(work, item, pure=False, retries=0)
-                    running[future] = item
-                    future.add_done_callback(finished.put)
-                try:
-                    future = finished.get(timeout=0.2)
-                except queue.Empty:
-                    progress.show()
-                    continue
-                item = running.pop(future)
-                result = future.result()
-                future.release()
-                left -= 1
-                progress.add(1, 0)
-                progress.show()
-                yield item, result
-        except KeyboardInterrupt:
-            raise Interrupted(f"{what}: stopped with {left} cases left; run the same command again to resume") from None
+        while left:
+            if stop.is_set():
+                raise Interrupted(f"{what}: stopped with {left} cases left; run the same command again to resume")
+            if time.monotonic() > counted + COUNT_S:
+                counted, threads = time.monotonic(), max(1, sum(client.nthreads().values()))
+            while len(running) < WINDOW * threads and (item := next(waiting, None)) is not None:
+                future = client.submit(work, item, pure=False, retries=0)
+                running[future] = item
+                future.add_done_callback(finished.put)
+            progress.show()
+            try:
+                future = finished.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            item = running.pop(future)
+            result = future.result()
+            future.release()
+            left -= 1
+            progress.add(1, 0)
+            yield item, result
         progress.show(last=True)

@@ -140,7 +140,10 @@ def test_the_model_of_the_study_is_written_out_in_full(tiny: str) -> None:
     assert study.group["noisy"].model.body["J1"] == 51.26
 
 
-@pytest.mark.parametrize("file", sorted((Path(__file__).parents[2] / "pipelines").glob("*.toml")), ids=lambda p: p.name)
+STUDIES = [p for p in sorted((Path(__file__).parents[2] / "pipelines").glob("*.toml")) if not p.name.startswith("gap_")]
+
+
+@pytest.mark.parametrize("file", STUDIES, ids=lambda p: p.name)
 def test_every_shipped_pipeline_is_valid_and_says_what_it_regenerates(file: Path) -> None:
     study = read_study(file)
     assert study.study.name == file.stem

@@ -1,0 +1,102 @@
+"""Whether there is a gap: the null distributions hold, and an effect that shows is found where it acts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mcstudy.gap import effects as library
+from mcstudy.gap.detect import Detection, detect, linear_null, refitted_null
+from mcstudy.gap.draws import NullDraws
+from mcstudy.gap.fitting import Data, Fitter, base_starts, opened, whiten, whitener
+from mcstudy.gap.lines import Lines
+from mcstudy.gap.scores import Scores, log_factor
+from mcstudy.gap.signatures import signatures, usable
+from mcstudy.stance.body import two_segment
+from mcstudy.stance.response import frf
+
+BASE = two_segment()
+OPEN = opened(BASE)
+
+
+def test_draws_have_the_level_and_the_heavy_tails_of_measured_errors(plain_lines: list[Lines]) -> None:
+    """Whitened with their own estimated covariance, errors are wider than a chi-squared says."""
+    lines = plain_lines[0]
+    draws = NullDraws(lines)(np.random.default_rng(0), 2000)
+    assert draws.shape == (4 * len(lines), 2000)
+    assert (draws**2).mean() == pytest.approx(1.0, abs=0.02)
+    total = (draws**2).sum(axis=0)
+    assert total.std() > 1.15 * np.sqrt(2 * 4 * len(lines))
+    errors = np.array([whiten(whitener(x), x.y - frf(BASE, BASE.truth, x.f)) for x in plain_lines])
+    assert (errors**2).mean() == pytest.approx(1.0, abs=0.06)
+
+
+def test_linearised_and_refitted_nulls_agree(plain_lines: list[Lines]) -> None:
+    data = Data.of(plain_lines[0])
+    fitter = Fitter(OPEN, OPEN, data.f)
+    fitted = fitter.best(data, base_starts(OPEN, 0, 8))
+    noise = NullDraws(plain_lines[0])(np.random.default_rng(1), 40)
+    linear, refitted = linear_null(fitted, data, noise), refitted_null(fitted, fitter, data, noise)
+    ratio = (refitted**2).sum(axis=0) / (linear**2).sum(axis=0)
+    assert np.abs(ratio - 1).max() < 0.02
+
+
+def test_score_of_no_deviation_is_evidence_against_one() -> None:
+    z = np.linspace(-6, 6, 25)
+    both, right = log_factor(z, 6.0, False), log_factor(z, 6.0, True)
+    assert both[12] < -1.5
+    np.testing.assert_allclose(both, both[::-1])
+    assert (right[z < -1] < both[z < -1]).all()
+    assert (right[z > 1] > both[z > 1]).all()
+    # the prior integrates to one: the mean Bayes factor under the null is 1
+    x = np.linspace(-9, 9, 4001)
+    density = np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)
+    for one_sided in (True, False):
+        assert np.trapezoid(density * np.exp(log_factor(x, 1.5, one_sided)), x) == pytest.approx(1.0, abs=2e-3)
+
+
+def _detect(lines: Lines, refits: bool = False, draws: int = 200) -> Detection:
+    data = Data.of(lines)
+    fitter = Fitter(OPEN, OPEN, data.f)
+    base = fitter.best(data, base_starts(OPEN, 0, 8))
+    found = signatures(base, data, [library.effect("head_mode"), library.effect("sensor_lag_both")])
+    scores = Scores(base, data, found, [library.effect(s.effect).size.signed for s in found])
+    return detect(base, fitter, data, lines, scores, np.random.default_rng(2), draws, refits)
+
+
+def test_nothing_missing_raises_no_alarm(plain_lines: list[Lines]) -> None:
+    p = np.array([_detect(x).p_value for x in plain_lines[:8]])
+    assert (p > 0.05).sum() >= 6
+    assert p.max() > 0.3
+
+
+def test_a_gap_stands_out_in_bands_and_noise_does_not(
+    plain_lines: list[Lines], with_effects: Callable[..., Lines]
+) -> None:
+    """Where it stands out is where refitting could not hide it, not where the effect acts."""
+    out = _detect(with_effects(0, {"head_mode": {"m_head": 2.0, "f_head": 2.5}}), refits=True)
+    assert out.p_value == pytest.approx(1 / 201)
+    assert any(b.beyond for b in out.bands)
+    noise = [any(b.beyond for b in _detect(x).bands) for x in plain_lines[:8]]
+    assert sum(noise) <= 2
+    assert out.z.shape == (175, 2)
+
+
+def test_a_delta_of_four_is_usually_found(plain_lines: list[Lines], with_effects: Callable[..., Lines]) -> None:
+    """V alone would find it once in ten."""
+    data = Data.of(plain_lines[0])
+    base = Fitter(OPEN, OPEN, data.f).best(data, OPEN.truth[None])
+    (signature,) = signatures(base, data, [library.effect("sensor_lag_both")])
+    size = signature.sizes["tau_sensors"] * 4 / signature.delta
+    found = [_detect(with_effects(k, {"sensor_lag_both": {"tau_sensors": size}})).p_value < 0.05 for k in range(8)]
+    assert sum(found) >= 5
+
+
+def test_effects_that_do_not_fit_the_model_are_left_out() -> None:
+    from mcstudy.stance.body import one_segment
+
+    names = {e.name for e in usable(opened(one_segment()))}
+    assert "activation_dynamics" in names
+    assert "passive_damping_hip" not in names

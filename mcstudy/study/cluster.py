@@ -108,7 +108,6 @@ def _local(threads: int, dashboard: bool) -> Iterator[Client]:
 
     Dask gives both of them an HTTP server even without a dashboard, on all interfaces unless told otherwise.
     """
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     quiet: dict[str, list[str]] = {"distributed.worker.http.routes": []}
     if not dashboard:
         quiet["distributed.scheduler.http.routes"] = []
@@ -152,6 +151,9 @@ def restart_worker(client: Client, address: str) -> None:
 @contextlib.contextmanager
 def connect(options: ClusterOptions) -> Iterator[Client]:
     """A client of the local or the given scheduler; raises `InputError` when the latter is not usable."""
+    # What goes wrong with workers and schedulers is told in our own words, one line each.
+    for name in [n for n in logging.root.manager.loggerDict if n.split(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if options.scheduler is None:
         with _local(options.threads, options.dashboard) as client:
             yield client

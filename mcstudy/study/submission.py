@@ -25,7 +25,7 @@ from distributed.scheduler import KilledWorker
 from mcstudy.errors import Interrupted
 from mcstudy.fit.status import Status
 from mcstudy.study import environment
-from mcstudy.study.attempt import attempt, topic
+from mcstudy.study.attempt import Attempt, Failure, attempt, topic
 from mcstudy.study.cluster import ClusterOptions, more_threads, restart_worker
 from mcstudy.study.layout import Chunk
 from mcstudy.study.progress import Progress
@@ -34,7 +34,10 @@ from mcstudy.study.store import Cube
 from mcstudy.study.tasks import Report, Task
 
 ATTEMPTS = 3
-"""Times a block is tried before it is reported as failed, and workers it may lose before it is set aside."""
+"""Times a block that raises is tried before it is reported as failed."""
+
+STARTS = 3
+"""Starts of a block at which it is set aside, or given up when it was alone: its worker died every time before."""
 
 TIMED_OUT = 2
 """Times a block may run out of time: a second chance on another worker, no more, since each costs the whole limit."""
@@ -187,18 +190,21 @@ class Submission:
         if flight.starts > 1 or self.attempts[block] > 1:
             self.doubtful.append(block)
         try:
-            report, place = future.result()
+            result: Attempt = future.result()
         except CancelledError:
             raise self._interrupted("the scheduler was lost") from None  # nobody else cancels what is running
         except KilledWorker as error:
             self._killer(flight, str(error))
             return
-        except Exception as error:  # whatever a block raises is an outcome of that block, not of the run
-            self._failed(block, error)
+        except Exception as error:  # what came back is no `Attempt`: it could not be sent, or not be read
+            self._failed(block, Failure(f"{type(error).__name__}: {error}"[:300], None))
             return
         finally:
             future.release()
-        self._done(block, report, place)
+        if isinstance(result.ended, Failure):
+            self._failed(block, result.ended)
+        else:
+            self._done(block, result.ended, result.environment)
 
     def _done(self, block: Block, report: Report, place: dict[str, Any]) -> None:
         failed = sum(n for status, n in report.counts.items() if not Status(status).usable)
@@ -219,21 +225,20 @@ class Submission:
             **({"other_environment": differ} if differ else {}),
         )
 
-    def _failed(self, block: Block, error: Exception) -> None:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+    def _failed(self, block: Block, failure: Failure) -> None:
         self.failures[block] += 1
-        self.log.add("block_failed", group=block.group, attempt=self.failures[block], reason=reason)
-        if isinstance(error, OSError):
+        self.log.add("block_failed", group=block.group, attempt=self.failures[block], reason=failure.reason)
+        if failure.disk is not None:
             # The disk, not the block: trying others would only repeat it.
             self.stop.set()
             raise Interrupted(
-                f"{self.cube.path}: expected a store that can be written ({error.strerror or error}); "
+                f"{self.cube.path}: expected a store that can be written ({failure.disk}); "
                 "run the same command again to resume"
             )
         if self.failures[block] < ATTEMPTS:
             self.waiting.append(block)
         else:
-            self._give_up(block, f"after {ATTEMPTS} attempts", reason)
+            self._give_up(block, f"after {ATTEMPTS} attempts", failure.reason)
 
     def _give_up(self, block: Block, when: str, reason: str) -> None:
         self.given_up.add(block)
@@ -263,7 +268,7 @@ class Submission:
                     flight.starts += 1
         limit = self.options.block_timeout or math.inf
         for future, flight in flights.values():
-            if flight.starts > ATTEMPTS:
+            if flight.starts >= STARTS:
                 self._take_away(future)
                 self._killer(flight, f"{flight.starts - 1} workers died")
             elif time.monotonic() > flight.began + limit:

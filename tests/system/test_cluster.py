@@ -1,0 +1,216 @@
+"""A scheduler and workers of real processes: same bytes, whoever dies, and nothing done twice or lost."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from certificates import certificates
+from dask_processes import Cluster, cluster
+from distributed.security import Security
+
+from mcstudy.errors import InputError, Interrupted
+from mcstudy.study import submission
+from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.durable import tree_digest
+from mcstudy.study.run import Outcome, run_study
+from mcstudy.study.study_file import parse_study, read_study
+
+STUDY = """
+[study]
+name = "shared"
+seed = 7
+
+[group.noisy]
+realizations = 60
+starts = 4
+fmax = [0.41]
+amplitude = [5.0]
+
+[group.odd]
+realizations = 4
+starts = 2
+fmax = [0.41]
+amplitude = [5.0]
+"""
+
+STUDY_FITS = 60 * 4 + 4 * 2
+
+# Loaded by workers: every block takes a moment, so that there is a middle of the run to kill in; and one group may
+# do worse.
+PRELOAD = """
+import os, time
+import mcstudy.study.attempt as attempt
+from mcstudy.study.tasks import run_task  # this file may be loaded twice
+def slow(task):
+    time.sleep(0.05)
+    if task.group == "odd":
+        {odd}
+    return run_task(task)
+attempt.run_task = slow
+"""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_chunks() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (8, 8))
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("cluster")
+    (path / "shared.toml").write_text(STUDY)
+    for name, odd in (("slow", "pass"), ("kill", "os._exit(1)"), ("hang", "time.sleep(1000)")):
+        (path / f"{name}.py").write_text(PRELOAD.format(odd=odd))
+    return path
+
+
+@pytest.fixture(scope="module")
+def local(folder: Path, small_chunks: None) -> str:  # noqa: ARG001
+    """Digest of a run on threads of one process."""
+    run_study(parse_study(STUDY), folder / "local.zarr", ClusterOptions(workers=1))
+    return tree_digest(folder / "local.zarr")
+
+
+@pytest.fixture(scope="module")
+def plain(folder: Path) -> Iterator[Cluster]:
+    with cluster(folder / "plain") as made:
+        for _ in range(2):
+            made.add_worker("--preload", str(folder / "slow.py"))
+        made.wait_for(2)
+        yield made
+
+
+def run(out: Path, made: Cluster, **options: object) -> Outcome:
+    return run_study(
+        read_study(out.parent / "shared.toml"), out, ClusterOptions(scheduler=made.address, **options), block=1
+    )  # type: ignore[arg-type]
+
+
+def meanwhile(out: Path, chunks: int, act: Callable[[], None]) -> threading.Thread:
+    """Do something as soon as some chunks are on disk, beside a run."""
+
+    def wait() -> None:
+        end = time.monotonic() + 100
+        while sum(1 for _ in (out / "noisy" / "status").glob("c.*")) < chunks and time.monotonic() < end:
+            time.sleep(0.01)
+        act()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    return thread
+
+
+def test_two_worker_processes_write_the_same_bytes_as_local_threads(folder: Path, local: str, plain: Cluster) -> None:
+    outcome = run(folder / "tcp.zarr", plain)
+    assert (outcome.fits, outcome.failed_blocks) == (STUDY_FITS, [])
+    assert tree_digest(folder / "tcp.zarr") == local
+
+
+def test_a_killed_worker_and_then_all_of_them_replaced_cost_nothing(folder: Path, local: str, plain: Cluster) -> None:
+    def kill_all_and_replace() -> None:
+        for worker in plain.workers[:2]:
+            worker.kill()
+        plain.add_worker("--preload", str(folder / "slow.py"))
+
+    out = folder / "killed.zarr"
+    threads = [meanwhile(out, 3, plain.workers[0].kill), meanwhile(out, 10, kill_all_and_replace)]
+    outcome = run(out, plain)
+    for thread in threads:
+        thread.join()
+    assert outcome.failed_blocks == []
+    assert tree_digest(out) == local
+
+
+def test_a_killed_scheduler_ends_the_run_as_resumable(folder: Path, local: str, plain: Cluster) -> None:
+    out = folder / "orphaned.zarr"
+    study = parse_study(STUDY)
+    thread = meanwhile(out, 3, plain.scheduler.kill)
+    with pytest.raises(Interrupted, match=r"the scheduler was lost with .* run the same command again to resume"):
+        run(out, plain)
+    thread.join()
+    done = run_study(study, out, ClusterOptions(workers=1))
+    assert done.skipped > 0
+    assert tree_digest(out) == local
+
+
+def test_a_scheduler_that_is_gone_is_exit_3_and_never_there_exit_2(folder: Path) -> None:
+    with cluster(folder / "short") as made:
+        out = folder / "exit.zarr"
+        command = [sys.executable, "-m", "mcstudy", "run", str(folder / "shared.toml"), "-o", str(out)]
+        process = subprocess.Popen([*command, "--scheduler", made.address], stderr=subprocess.PIPE, text=True)
+        assert process.stderr is not None
+        while "no workers" not in process.stderr.readline():
+            assert process.poll() is None
+        made.scheduler.send_signal(signal.SIGKILL)
+        _, errors = process.communicate(timeout=60)
+        assert process.returncode == 3, errors
+        assert "the scheduler was lost" in errors.splitlines()[-1]
+        assert "Traceback" not in errors
+    with pytest.raises(InputError, match="expected a running scheduler"):
+        run(folder / "never.zarr", made)
+
+
+def test_tls_with_certificates_gives_the_same_bytes_and_refuses_those_without(folder: Path, local: str) -> None:
+    files = certificates(folder / "tls")
+    words = ("--tls-ca-file", str(files["ca"]), "--tls-cert", str(files["cert"]), "--tls-key", str(files["key"]))
+    security = Security(
+        tls_ca_file=str(files["ca"]),
+        tls_client_cert=str(files["cert"]),
+        tls_client_key=str(files["key"]),
+        require_encryption=True,
+    )
+    with cluster(folder / "tls", "tls", words) as made:
+        assert made.address.startswith("tls://")
+        for _ in range(2):
+            made.add_worker()
+        made.wait_for(2, security)
+        out = folder / "tls.zarr"
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("mcstudy.study.cluster.CONNECT_S", 2)
+            stranger = certificates(folder / "stranger")
+            for own in ({}, {f"tls_{k}": stranger[k] for k in ("ca", "cert", "key")}):
+                with pytest.raises(InputError, match="expected a running scheduler"):
+                    run(out, made, **own)
+        run(out, made, **{f"tls_{k}": files[k] for k in ("ca", "cert", "key")})
+        assert tree_digest(out) == local
+
+
+def test_a_block_that_kills_every_worker_it_meets_is_reported_and_the_rest_finishes(
+    folder: Path, local: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(submission, "STARTS", 2)
+    out = folder / "killer.zarr"
+    with cluster(folder / "killer") as made:
+        made.add_worker("--preload", str(folder / "kill.py"), nanny=True)
+        outcome = run(out, made)
+    (line,) = outcome.failed_blocks
+    assert "group odd" in line
+    assert "workers died" in line
+    assert outcome.fits == STUDY_FITS - 8
+    run_study(parse_study(STUDY), out, ClusterOptions(workers=1))
+    assert tree_digest(out) == local
+
+
+def test_a_block_that_hangs_loses_its_worker_and_the_rest_finishes(
+    folder: Path, local: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(submission, "TIMED_OUT", 1)
+    out = folder / "hung.zarr"
+    with cluster(folder / "hung") as made:
+        made.add_worker("--preload", str(folder / "hang.py"), nanny=True)
+        outcome = run(out, made, block_timeout=5.0)
+    (line,) = outcome.failed_blocks
+    assert "group odd" in line
+    assert "ran longer than 5 s" in line
+    assert outcome.fits == STUDY_FITS - 8
+    run_study(parse_study(STUDY), out, ClusterOptions(workers=1))
+    assert tree_digest(out) == local

@@ -5,9 +5,9 @@ tolerance 1e-12 of the study in their own terms:
 
 - trf, ls_trf, lmfit: ``ftol`` = 1e-12 (relative decrease of the cost), ``xtol`` = 1e-15 and no test of the gradient,
   so that no other test stops them first;
-- fides: ``frtol`` = 1e-12, its absolute tests off; Gauss-Newton Hessian (its best here), full-space steps;
+- fides: ``frtol`` = 1e-12, its absolute tests off; Gauss-Newton Hessian, full-space steps;
 - trust-constr: it has no test of the decrease; ``gtol``, ``xtol`` and ``barrier_tol`` = 1e-12 of the cost at the
-  start, which ends about where the others do.
+  start.
 
 At most 1000 iterations.
 """
@@ -80,12 +80,12 @@ def _trust_constr(problem: Problem, starts: np.ndarray, newton: bool, tolerance:
 
 
 def scipy_trust_constr(problem: Problem, starts: np.ndarray) -> np.ndarray:
-    """`scipy.optimize.minimize` trust-constr with the Gauss-Newton Hessian: an interior-point method at its best."""
+    """`scipy.optimize.minimize` trust-constr with the Gauss-Newton Hessian and the default barrier."""
     return _trust_constr(problem, starts, True, TOLERANCE)
 
 
 def scipy_trust_constr_loose(problem: Problem, starts: np.ndarray) -> np.ndarray:
-    """The same with tolerances of 1e-9: the loosest whose minima still count as the same (relative 1e-6)."""
+    """The same with tolerances of 1e-9, since at 1e-12 it spends much of its time below what the others resolve."""
     return _trust_constr(problem, starts, True, LOOSE)
 
 

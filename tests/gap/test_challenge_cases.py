@@ -73,6 +73,12 @@ def test_effects_that_the_parameters_absorb_are_not_drawn() -> None:
     assert set(drawable) <= set(library.LINEAR)
 
 
+def test_an_integral_term_stands_though_it_is_slow(geometry: Geometry) -> None:
+    for name in ("integral_ankle", "force_feedback"):
+        assert draw_linear(SERIES, np.random.default_rng(2), [name]) is not None
+    assert geometry.response(["activation_dynamics"], {"Tact": 0.1}, 0.0) is None
+
+
 def test_a_sensor_lag_and_an_actuator_lag_are_one_group(geometry: Geometry) -> None:
     names, cosine = likeness(geometry.columns(shared(SERIES)[1]))
     own = next(g for g in groups(names, cosine) if "sensor_lag_both" in g)

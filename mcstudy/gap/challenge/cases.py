@@ -17,11 +17,10 @@ from mcstudy.errors import DesignError
 from mcstudy.gap import effects as library
 from mcstudy.gap.challenge.colour import noise_of
 from mcstudy.gap.challenge.design import KINDS, ChallengeFile, Kind, Series
-from mcstudy.gap.challenge.geometry import VISIBLE, Geometry, Probe, Setting, free, probes, size_for
+from mcstudy.gap.challenge.geometry import VISIBLE, Geometry, Probe, Setting, free, probes, size_for, stands
 from mcstudy.gap.make_recording import Protocol
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.stability import growth_rate
 from mcstudy.study.streams import stream
 
 ATTEMPTS = 200
@@ -120,7 +119,7 @@ def draw_body(series: Series, rng: np.random.Generator, shifted: bool, nimble: f
         factor = 1 + change
         factor[lag] *= nimble
         theta = np.clip(base.truth * factor, base.lower, base.upper)
-        if float(growth_rate(base, theta)) < -series.body.decay:
+        if stands(base, theta, series.body.decay):
             return np.asarray(theta)
     raise DesignError(f"body: none that stands found in {ATTEMPTS} draws with a spread of {spread:g}")
 

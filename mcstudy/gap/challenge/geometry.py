@@ -26,7 +26,7 @@ from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, frf_jacobian, system
 from mcstudy.stance.simulate_spectral import sway_psd
-from mcstudy.stance.stability import growth_rate
+from mcstudy.stance.stability import rightmost_root
 
 ALIKE = 0.95
 """|cosine| of two signatures from which they are one ambiguity group."""
@@ -47,8 +47,20 @@ bounds may not make an effect visible."""
 SPLINES = 12
 """Knots over log frequency of a smooth torque, about one and a half per octave."""
 
+REAL = 1e-6
+"""Imaginary part (rad/s) below which a root is real."""
+
 DISCARD = 1
 """Cycles at the start of a trial that hold the transient."""
+
+
+def stands(model: Model, theta: np.ndarray, decay: float) -> bool:
+    """Whether the loop is stable and its slowest mode dies out faster than ``decay`` (1/s).
+
+    A slow mode that does not swing may be as slow as it likes: an integral term makes one that carries next to nothing.
+    """
+    root = complex(rightmost_root(model, theta).root)
+    return root.real < (0.0 if abs(root.imag) < REAL else -decay)
 
 
 def free(model: Model) -> Model:
@@ -194,11 +206,11 @@ class Geometry:
         return int(self._smooth.shape[1]) - self.theta.size
 
     def response(self, effects: Sequence[str], sizes: Mapping[str, float], decay: float) -> np.ndarray | None:
-        """FRFs (N, 2) with linear effects; None when the slowest mode decays more slowly than ``decay`` (1/s)."""
+        """FRFs (N, 2) with linear effects; None when the body does not stand well enough, see `stands`."""
         model = library.apply(self.base, *effects)
         own = [sizes.get(s.name, s.parameter.value) for n in effects for s in library.effect(n).sizes]
         theta = np.concatenate([self.theta, own])
-        return frf(model, theta, self.setting.f) if float(growth_rate(model, theta)) < -decay else None
+        return frf(model, theta, self.setting.f) if stands(model, theta, decay) else None
 
     def columns(self, probes: Sequence[Probe]) -> list[Column]:
         """Signatures of the probes on this body, each shrunk until the body can stand with it."""

@@ -25,7 +25,7 @@ PARTS = {
     "starts": [("mcstudy.study.experiment", "Experiment", "starts")],
     "store": [("mcstudy.study.store", "GroupStore", "write"), ("mcstudy.study.store", "GroupStore", "existing")],
     "cube made": [("mcstudy.study.run", None, "open_or_create")],
-    "solver around the kernel": [("mcstudy.study.tasks", None, "fit")],
+    "solver around the kernel": [("mcstudy.study.tasks", None, "fit_queue")],
     "task around all these": [("mcstudy.study.tasks", None, "run_task")],
 }
 

@@ -194,8 +194,8 @@ def test_ideal_classifier_is_calibrated_and_bounded_by_what_it_knows() -> None:
     prior = np.array([0.4, 0.2, 0.2, 0.2])
     ideal = Classifier(cosine, np.array([0, 1, 2]), prior, np.ones(3), delta, weight)
     rng = np.random.default_rng(2)
-    found = [ideal.ceiling(rng, k, float(d), 200) for k in range(3) for d in np.linspace(1, 12, 30)]
-    nothing = [ideal.ceiling(rng, None, 0.0, 200) for _ in range(30)]
+    found = [ideal.ceiling(rng, k, float(d), n=200) for k in range(3) for d in np.linspace(1, 12, 30)]
+    nothing = [ideal.ceiling(rng, None, 0.0, n=200) for _ in range(30)]
     right = 0.6 * np.mean([c.top for c in found]) + 0.4 * np.mean([c.top for c in nothing])
     covered = 0.6 * np.mean([c.covered for c in found]) + 0.4 * np.mean([c.covered for c in nothing])
     # A Bayes classifier cannot be more often right than the best guess; its 95 % sets hold at least 95 %.
@@ -205,6 +205,17 @@ def test_ideal_classifier_is_calibrated_and_bounded_by_what_it_knows() -> None:
     alike = np.mean([c.top for c in found[:60]])
     apart = np.mean([c.top for c in found[60:]])
     assert apart > alike + 0.05
+
+
+def test_groups_that_count_as_one_are_easier_to_name() -> None:
+    cosine = np.array([[1.0, 0.92], [0.92, 1.0]])
+    delta, weight = size_grid([Stratum(share=1.0, low=5.0, high=7.0)])
+    ideal = Classifier(cosine, np.array([0, 1]), np.array([0.4, 0.3, 0.3]), np.ones(2), delta, weight)
+    apart = ideal.ceiling(np.random.default_rng(3), 0, 6.0)
+    together = ideal.ceiling(np.random.default_rng(3), 0, 6.0, kin=[0, 1])
+    assert together.top > apart.top
+    assert together.probability > 0.99
+    assert together.set_size < apart.set_size
 
 
 def test_evidence_of_a_fixed_size_is_exact() -> None:

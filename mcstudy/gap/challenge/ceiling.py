@@ -110,8 +110,13 @@ class Classifier:
             [np.logaddexp.reduce(single[:, self.group == g], axis=1) for g in range(self.prior.size - 1)], axis=1
         )
 
-    def ceiling(self, rng: np.random.Generator, column: int | None, delta: float, n: int = 400) -> Ceiling:
-        """Expected figures when signature ``column`` has the given delta (nothing when None), from ``n`` draws."""
+    def ceiling(
+        self, rng: np.random.Generator, column: int | None, delta: float, kin: Sequence[int] = (), n: int = 400
+    ) -> Ceiling:
+        """Expected figures when signature ``column`` has the given delta (nothing when None), from ``n`` draws.
+
+        ``kin``: other groups that count as the true one, because an answer may name them together with it.
+        """
         null = self.ratio(self.draws(rng, 4 * n))
         prior = np.log(self.prior[1:]) - np.log(self.prior[1:].sum())
         threshold = np.quantile(np.logaddexp.reduce(null + prior, axis=1), 1 - LEVEL)
@@ -123,6 +128,9 @@ class Classifier:
         detected = np.logaddexp.reduce(ratio + prior, axis=1) > threshold
         log_p = np.column_stack([np.zeros(n), ratio]) + np.log(self.prior)
         p = np.exp(log_p - np.logaddexp.reduce(log_p, axis=1)[:, None])
+        others = [1 + g for g in kin if 1 + g != truth]
+        p[:, truth] += p[:, others].sum(axis=1)
+        p[:, others] = 0.0
         order = np.argsort(-p, axis=1)
         before = np.cumsum(np.take_along_axis(p, order, axis=1), axis=1)
         size = 1 + (before < SET).sum(axis=1)

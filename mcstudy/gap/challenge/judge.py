@@ -19,6 +19,9 @@ from mcstudy.gap.challenge.design import NOTHING
 CONFIDENT = 0.8
 """Probability above which a wrong name is a confident one."""
 
+SHARE = 0.005
+"""Shares of a gap are judged to half a percent: members of one ambiguity group close it all but for so much."""
+
 TRUTH = "truth"
 
 
@@ -167,4 +170,4 @@ def _closed_inside(case: Mapping[str, Any], answer: Mapping[str, Any]) -> bool |
     if case["kind"] in NOTHING or closed is None or not answer["detected"]:
         return None
     true = case.get("closable", {}).get(closed["effects"])
-    return None if true is None else bool(closed["low"] <= true <= closed["high"])
+    return None if true is None else bool(closed["low"] - SHARE <= true <= closed["high"] + SHARE)

@@ -92,6 +92,12 @@ FIGURES = {
     "effect-size intervals hold the truth": share(
         lambda j: j.size_inside is not None, lambda j: bool(j.size_inside), 0.95
     ),
+    "gap-closed intervals hold the truth, known causes": share(
+        lambda j: known(j) and j.closed_inside is not None, lambda j: bool(j.closed_inside), 0.95
+    ),
+    "gap-closed intervals hold the truth, outsiders": share(
+        lambda j: outside(j) and j.closed_inside is not None, lambda j: bool(j.closed_inside), 0.95
+    ),
     "pairs: both named": share(between(0.0, math.inf, "pair"), lambda j: j.top),
     "pairs: both named, second one visible (delta >= 4)": share(
         lambda j: j.kind == "pair" and j.case.get("residual_delta", 0.0) >= 4.0, lambda j: j.top

@@ -143,7 +143,8 @@ def _linear(series: Series, rng: np.random.Generator, names: list[str]) -> tuple
     more = _explained(geometry, probes, y) | _likeness(around, described)
     if len(names) == 1:
         column = len(around.columns) - 1
-        more["ceiling"] = _classifier(series, around).ceiling(rng, column, delta).rounded()
+        kin = [i for i, g in enumerate(around.groups) if set(g) & set(around.kin(names[0]))]
+        more["ceiling"] = _classifier(series, around).ceiling(rng, column, delta, kin).rounded()
     else:
         more["closable"]["+".join(names)] = 1.0
         more["ceiling"] = {"known_direction": Ceiling.power(delta)}

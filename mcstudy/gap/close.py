@@ -1,22 +1,28 @@
-"""How far the gap shrinks when a cause is added: residual energy between independent repeats.
+"""How far the gap shrinks when a cause is added.
 
-The energy of a gap, G = mean over pairs of independent repeats of r_i' r_j (whitened residuals of the repeats in units
-of the covariance of their mean), is zero on average when only noise is left. It is taken inside the space of smooth
-deviations and of the library's signatures, at right angles to the parameters of the model: a gap lives there, the
-other several hundred dimensions hold noise only, and estimation errors of the parameters do not enter. Derived.
+Two views of the same question.
 
-The interval combines what is certain about the explained part (a squared normal score) and about what is left (a
-noncentral chi-squared).
+*Energies* come from the data alone: G = mean over pairs of independent repeats of r_i' r_j (whitened residuals of the
+repeats in units of the covariance of their mean) is zero on average when only noise is left. It is taken inside the
+space of smooth deviations and of the library's signatures, at right angles to the parameters of the model: a gap of a
+linear body lives there, the other several hundred dimensions hold noise, and errors of the parameters do not enter.
+
+The *share* that the leading cause closes is what it would close without noise, with an interval that knows what is
+uncertain: that the cause is another one (each other hypothesis says what share the leading one closes if it is true),
+that it is outside the library (what is left in the smooth space), and that something is left that is not smooth at
+all, as nonlinear bodies do (a spike at zero and a slab). Derived.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
-from mcstudy.gap.fitting import Data, Fitted, whiten
+from mcstudy.gap.evidence import Hypothesis
+from mcstudy.gap.fitting import Data, Fitted, Fitter, whiten
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.small_linear import orthonormal
 from mcstudy.stance.response import frf_jacobian
@@ -29,10 +35,22 @@ WANTED_HALF_WIDTH = 0.15
 LEAST = 0.05
 """Share of its length that a deviation must keep, at right angles to the parameters, to count as a dimension."""
 
+ROUGH = 0.1
+"""Prior probability that a body also leaves a gap that is not smooth over frequency."""
+
+ROUGH_DELTA = 10.0
+"""Standard deviation of the prior on its delta."""
+
+CONSIDERED = 3e-3
+"""Posterior probability from which another hypothesis has a say in the interval."""
+
+SAMPLES = 8000
+
 
 @dataclass(frozen=True)
 class Closed:
-    """Share of the gap that a cause explains, with 95 % limits; energies before and after; trials for +-15 %."""
+    """Share of the gap that a cause closes: median and 95 % limits; energies between repeats before and after, in
+    ``dimensions``; trials like these to know the share to +-15 %."""
 
     fraction: float
     low: float
@@ -66,28 +84,116 @@ def energy(fitted: Fitted, data: Data, lines: Lines, space: np.ndarray) -> tuple
     return (float(mean @ mean) - same) / (1 - float((w**2).sum())), basis.shape[1]
 
 
-def close(base: Fitted, added: Fitted, data: Data, lines: Lines, space: np.ndarray, rng: np.random.Generator) -> Closed:
-    """Share of the gap of ``base`` that ``added`` closes; ``space`` (4 N, M) holds the deviations that count."""
+@dataclass(frozen=True)
+class Belief:
+    """What the posterior says when the share is asked for: hypotheses with their probabilities, the unknown's, and the
+    square of the whole residual (n,) under the null."""
+
+    hypotheses: Sequence[tuple[Hypothesis, float]]
+    unknown: float
+    null_chi2: np.ndarray
+
+
+def close(
+    base: Fitted,
+    added: Fitted,
+    data: Data,
+    lines: Lines,
+    space: np.ndarray,
+    belief: Belief,
+    rng: np.random.Generator,
+) -> Closed:
+    """Share of the gap of ``base`` that ``added`` closes; ``space`` (4 N, M) holds the deviations that are smooth."""
     before, _ = energy(base, data, lines, space)
     after, k = energy(added, data, lines, space)
-    explained = max(before - after, 0.0)
-    n = 4000
-    score = np.sqrt(explained) + rng.standard_normal(n)
-    left = _left(max(after + k, 0.0), k, rng.random(n))
-    fraction = score**2 / np.maximum(score**2 + left, 1e-9)
-    low, high = (float(x) for x in np.quantile(fraction, (0.025, 0.975)))
-    point = float(np.clip(explained / max(explained + max(after, 0.0), 1e-9), 0.0, 1.0))
+    residual = added.residual(data)
+    inside = _basis(added, data, space).T @ residual
+    smooth_square = float(inside @ inside)
+    first = base.residual(data)
+    explained = max(float(first @ first) - float(residual @ residual), 1.0)
+    scale, dof = _rest_scale(belief.null_chi2, k)
+    rough = _rough(max(float(residual @ residual) - smooth_square, 0.0) / scale, dof, rng)
+    fraction = _shares(base, added, data, belief, explained, _left(smooth_square, k, rng), rough, rng)
+    low, middle, high = (float(x) for x in np.quantile(fraction, (0.025, 0.5, 0.975)))
     trials = int(np.unique(lines.trial).size)
-    half = (high - low) / 2
-    needed = int(np.ceil(trials * max(1.0, half / WANTED_HALF_WIDTH)))
-    return Closed(point, low, high, 1 - low < FLOOR, before, after, k, needed)
+    needed = int(np.ceil(trials * max(1.0, (high - low) / 2 / WANTED_HALF_WIDTH)))
+    return Closed(middle, low, high, 1 - low < FLOOR, before, after, k, needed)
 
 
-def _left(total: float, k: int, u: np.ndarray) -> np.ndarray:
-    """Draws of the noncentrality whose confidence distribution a noncentral chi-squared ``total`` gives."""
-    grid = np.concatenate([[0.0], np.geomspace(1e-2, max(4 * total, 40.0), 300)])
-    cdf = stats.ncx2.sf(total, k, np.maximum(grid, 1e-12))
-    return np.interp(u, np.maximum.accumulate(cdf), grid)
+def _shares(
+    base: Fitted,
+    added: Fitted,
+    data: Data,
+    belief: Belief,
+    explained: float,
+    left: np.ndarray,
+    rough: np.ndarray,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Draws of the share, (`SAMPLES`,), over all hypotheses that have a gap."""
+    weight, energies, shares = [], [], []
+    for h, p in belief.hypotheses:
+        if not h.effects or p < CONSIDERED:
+            continue
+        if h.fitted.model.name == added.model.name:
+            total, remains = explained, 0.0
+        else:
+            clean = data.with_y(h.fitted.response(data.f))
+            total = _remains(base, base, clean)
+            remains = min(_remains(added, base, clean), total)
+        weight.append(p)
+        energies.append(max(total, 1e-6))
+        shares.append(1 - remains / max(total, 1e-6))
+    weight.append(belief.unknown)
+    energies.append(np.nan)
+    shares.append(np.nan)
+    chosen = rng.choice(len(weight), SAMPLES, p=np.array(weight) / np.sum(weight))
+    # the explained part of an unknown gap is a squared score, known to one standard deviation
+    score = (np.sqrt(max(explained - 1.0, 0.0)) + rng.standard_normal(SAMPLES)) ** 2
+    unknown = chosen == len(weight) - 1
+    whole = np.where(unknown, score + left, np.array(energies)[chosen])
+    closed = np.where(unknown, score, np.array(energies)[chosen] * np.array(shares)[chosen])
+    return np.asarray(closed / np.maximum(whole + rough, 1e-9))
+
+
+def _remains(fitted: Fitted, base: Fitted, clean: Data) -> float:
+    """Square of the whitened residual that the model leaves in noise-free responses."""
+    fitter = Fitter(fitted.model, base.model, clean.f)
+    r = fitter.best(clean, fitted.theta).residual(clean)
+    return float(r @ r)
+
+
+def _rest_scale(null_chi2: np.ndarray, k: int) -> tuple[float, float]:
+    """Scale and degrees of freedom of the square of the residual outside k smooth dimensions, under the null.
+
+    A chi-squared of that mean and variance: the covariance is an estimate, so the variance is larger than twice the
+    mean.
+    """
+    mean, variance = float(null_chi2.mean()) - k, float(null_chi2.var()) - 2 * k
+    scale = max(variance / (2 * mean), 1.0)
+    return scale, mean / scale
+
+
+def _rough(total: float, dof: float, rng: np.random.Generator) -> np.ndarray:
+    """Draws (`SAMPLES`,) of the energy of a gap that is not smooth, from the square left outside the smooth space."""
+    delta = np.linspace(0.0, 5 * ROUGH_DELTA + np.sqrt(max(total, 0.0)), 600)[1:]
+    log_slab = stats.ncx2.logpdf(total, dof, delta**2) - 0.5 * (delta / ROUGH_DELTA) ** 2
+    step = delta[1] - delta[0]
+    slab = np.exp(log_slab - stats.chi2.logpdf(total, dof)) * step * np.sqrt(2 / np.pi) / ROUGH_DELTA
+    slab = np.nan_to_num(slab, nan=0.0, posinf=1e300)
+    odds = ROUGH / (1 - ROUGH) * slab.sum()
+    there = rng.random(SAMPLES) < odds / (1 + odds)
+    if slab.sum() <= 0:
+        return np.zeros(SAMPLES)
+    return np.where(there, rng.choice(delta, SAMPLES, p=slab / slab.sum()) ** 2, 0.0)
+
+
+def _left(total: float, k: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws (`SAMPLES`,) of the energy left in k smooth dimensions whose square is ``total``; flat prior on delta."""
+    delta = np.linspace(0.0, np.sqrt(max(total, 0.0)) + 8.0, 600)[1:]
+    log_p = stats.ncx2.logpdf(max(total, 1e-3), k, delta**2)
+    p = np.exp(log_p - log_p.max())
+    return np.asarray(rng.choice(delta, SAMPLES, p=p / p.sum()) ** 2)
 
 
 def sway_rms_deg(fitted: Fitted, data: Data, lines: Lines) -> float:

@@ -48,7 +48,8 @@ class Detection:
     p_value: of the statistic of detection. statistic: ln Bayes factor of any gap against none.
     chi2, expected_chi2, fit_p_value: the whole residual, its mean under the null, and its p-value.
     z: (N, 2) standardised residuals, leverage removed, E|z|^2 = 1 under the null. z_limit: 95 % limit of max |z|.
-    bands: sums of |z|^2. refits: whether the null was refitted draw by draw. draws: their number.
+    bands: sums of |z|^2. refits: whether the null was refitted draw by draw. draws: their number. null_chi2: (draws,)
+    the whole residual under the null.
     """
 
     p_value: float
@@ -61,6 +62,7 @@ class Detection:
     bands: tuple[Band, ...]
     refits: bool
     draws: int
+    null_chi2: np.ndarray
 
 
 def _complex(r: np.ndarray) -> np.ndarray:
@@ -116,6 +118,7 @@ def detect(
         _bands(lines.f, fitted.model.angles, z[..., 0], null_z),
         refits,
         draws,
+        null_chi2,
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.gap import effects as library
 from mcstudy.gap.ambiguity import undetectable
-from mcstudy.gap.close import Closed, close, floor_rms_deg, sway_rms_deg
+from mcstudy.gap.close import Belief, Closed, close, floor_rms_deg, sway_rms_deg
 from mcstudy.gap.contrasts import Contrast, contrasts
 from mcstudy.gap.detect import Detection, detect
 from mcstudy.gap.diagnosis import LEVEL, Diagnosis, Shift
@@ -137,6 +137,7 @@ def diagnose_lines(
     leading = explanation.causes[0] if detected and explanation.causes else None
     place, abstained = places(explanation)
     trials = int(np.unique(lines.trial).size)
+    belief = Belief(explanation.hypotheses, explanation.unknown, detection.null_chi2)
     return Diagnosis(
         name=name,
         detected=detected,
@@ -147,7 +148,7 @@ def diagnose_lines(
         none_probability=explanation.none,
         unknown_probability=explanation.unknown,
         credible_set=credible_set(explanation),
-        closed=None if leading is None else _closed(base, leading, data, lines, scores, seed),
+        closed=None if leading is None else _closed(base, leading, data, lines, scores, belief, seed),
         sway_rms_deg=_sway(base, leading, data, lines),
         undetectable=undetectable(found, compared, trials),
         detection=detection,
@@ -208,7 +209,9 @@ def credible_set(explanation: Explanation) -> tuple[int | str, ...]:
     return tuple(out)
 
 
-def _closed(base: Fitted, leading: Cause, data: Data, lines: Lines, scores: Scores, seed: int) -> Closed:
+def _closed(
+    base: Fitted, leading: Cause, data: Data, lines: Lines, scores: Scores, belief: Belief, seed: int
+) -> Closed:
     space = np.concatenate(
         [
             *(s.vector[:, None] for s in scores.library),
@@ -216,7 +219,7 @@ def _closed(base: Fitted, leading: Cause, data: Data, lines: Lines, scores: Scor
         ],
         axis=1,
     )
-    return close(base, leading.fitted, data, lines, space, stream(seed, "gap closed"))
+    return close(base, leading.fitted, data, lines, space, belief, stream(seed, "gap closed"))
 
 
 def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict[str, float | None]:

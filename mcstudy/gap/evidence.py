@@ -6,6 +6,8 @@ that bounds, skewness and one-sided priors are taken as they are. Two effects to
 
 Prior of a size: half as published (normal, the larger published figure as standard deviation), half of the size that
 would just show in these data (`TYPICAL_DELTA` standard errors), all but a twentieth on the sign that people have. A
+hypothesis speaks of an effect that shows: where the published size does not, the second half is all of it, so that an
+effect the recording cannot speak about gains nothing by fitting as well as no effect. A
 stimulus gain may also be a mix-up of peak and peak-to-peak amplitude, a factor 2 or 1/2.
 """
 
@@ -73,7 +75,8 @@ def log_prior(size: Size, a: np.ndarray, se: float) -> np.ndarray:
     def normal(centre: float, sd: float) -> np.ndarray:
         return np.asarray(-0.5 * ((x - centre) / sd) ** 2 - np.log(sd * np.sqrt(2 * np.pi)))
 
-    parts = [normal(0.0, size.published[1]) + np.log(0.5), normal(0.0, TYPICAL_DELTA * se) + np.log(0.5)]
+    shows = TYPICAL_DELTA * se
+    parts = [normal(0.0, max(size.published[1], shows)) + np.log(0.5), normal(0.0, shows) + np.log(0.5)]
     out = logsumexp(parts, axis=0)
     if not size.signed:
         out = out + np.log(2) + np.where(x >= 0, np.log(1 - WRONG_SIGN), np.log(WRONG_SIGN))

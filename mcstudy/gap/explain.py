@@ -1,9 +1,8 @@
 """Which effect: the posterior over none, every effect, pairs, amplitude dependence, drift and the unknown.
 
 Prior: `NONE` that nothing is missing, `SINGLE` shared by the causes of the library, `PAIR` by their pairs, `UNKNOWN`
-that the cause is not in the library - half of that with the base model, half beside a named effect, which takes what
-looks like it. Effects that this recording cannot tell apart (`mcstudy.gap.signatures`) are one group with one
-probability.
+that the cause is not in the library, `BESIDE` that it is not and a named effect takes what looks like it. Effects
+that this recording cannot tell apart (`mcstudy.gap.signatures`) are one group with one probability.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from mcstudy.gap.scores import Scores
 from mcstudy.gap.signatures import Signature
 from mcstudy.stance.response import frf
 
-NONE, SINGLE, PAIR, UNKNOWN = 0.30, 0.45, 0.10, 0.15
+NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.47, 0.08, 0.11, 0.04
 
 LEADERS = 3
 """Leading single effects beside which others, and the unknown, are tried."""
@@ -198,9 +197,9 @@ def _unknown(
 ) -> list[tuple[float, dict[str, float]]]:
     """(ln weight times evidence, shares of the places) of the unknown beside the base model and the leaders."""
     out = []
-    settings = [(none, scores, np.log(UNKNOWN / 2))]
+    settings = [(none, scores, np.log(UNKNOWN))]
     for h in leaders:
-        settings.append((h, Scores(h.fitted, data, [], []), np.log(UNKNOWN / 2 / n_causes)))
+        settings.append((h, Scores(h.fitted, data, [], []), np.log(BESIDE / n_causes)))
     for h, at, weight in settings:
         scored = at(h.fitted.free_residual(data))
         log = h.log_evidence + weight + float(scored.unknown[0])

@@ -22,7 +22,7 @@ from mcstudy.gap.signatures import Signature
 from mcstudy.gap.small_linear import gaussian_factor
 from mcstudy.gap.unknown import Family, free_torques, plain_feedback, strange
 
-TYPICAL_DELTA = 6.0
+TYPICAL_DELTA = 7.0
 """Scale of the prior on how visible a deviation is: the size of effects one has a chance to find."""
 
 WRONG_SIGN = 0.05
@@ -68,7 +68,8 @@ class Scores:
 
     def __init__(self, fitted: Fitted, data: Data, found: Sequence[Signature], signed: Sequence[bool]) -> None:
         J = fitted.jacobian(data)
-        self._J, self._covariance = J, fitted.covariance
+        # M = I - Q Q' with Q the top of an orthonormal basis of J stacked on the root of the prior's precision
+        self._Q = np.linalg.qr(np.concatenate([J, np.diag(1 / fitted.prior.scale)]))[0][: J.shape[0]]
         self.library = [s for s in found if s.delta > 0.3]
         self._signed = [x for s, x in zip(found, signed, strict=True) if s.delta > 0.3]
         unit = np.array([s.vector / s.delta for s in self.library]).reshape(-1, J.shape[0]).T
@@ -90,7 +91,7 @@ class Scores:
 
     def project(self, x: np.ndarray) -> np.ndarray:
         """M x: without what the base parameters can give, for (4 N,) or (4 N, K)."""
-        return x - self._J @ (self._covariance @ (self._J.T @ x))
+        return np.asarray(x - self._Q @ (self._Q.T @ x))
 
     def __call__(self, residual: np.ndarray, linear: bool = False) -> Scored:
         """Scores of residuals (4 N, n) of fits; ``linear`` when they are raw errors that still have to be fitted."""

@@ -23,8 +23,9 @@ def gaussian_factor(A, b, variance):  # type: ignore[no-untyped-def]
             for k in range(j):
                 v -= L[i, k] * L[j, k]
             if i == j:
-                L[j, j] = np.sqrt(max(v, 1e-300))
-                log_det += np.log(variance * max(v, 1e-300))
+                v = max(v, 1.0 / variance)  # A is positive semidefinite, up to rounding
+                L[j, j] = np.sqrt(v)
+                log_det += np.log(variance * v)
             else:
                 L[i, j] = v / L[j, j]
     out = np.zeros(n)

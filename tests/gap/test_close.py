@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mcstudy.gap import effects as library
-from mcstudy.gap.close import close, energy, floor_rms_deg, sway_rms_deg
+from mcstudy.gap.close import Belief, close, energy, floor_rms_deg, sway_rms_deg
+from mcstudy.gap.evidence import Hypothesis
 from mcstudy.gap.fitting import Data, Fitted, Fitter, base_starts, opened
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.signatures import signatures, usable
@@ -51,12 +52,13 @@ def test_the_true_cause_closes_the_gap_and_a_wrong_one_does_not(with_effects: Ca
     true = _fit(data, "sensor_lag_theta1", start={"tau_theta1": 0.008})
     wrong = _fit(data, "trunk_inertia_error", start={"eps_trunk": 0.05})
     space, rng = _space(data, base), np.random.default_rng(0)
-    right = close(base, true, data, lines, space, rng)
+    certain = Belief([(Hypothesis(("sensor_lag_theta1",), 0.0, true), 0.97)], 0.03, rng.chisquare(690, 500))
+    right = close(base, true, data, lines, space, certain, rng)
     assert right.fraction > 0.9
     assert right.low > 0.8
     assert right.high <= 1.0
     assert right.before > 100
-    other = close(base, wrong, data, lines, space, rng)
+    other = close(base, wrong, data, lines, space, certain, rng)
     assert other.fraction < 0.8
     assert not other.at_noise_floor
     assert sway_rms_deg(true, data, lines) < sway_rms_deg(base, data, lines)

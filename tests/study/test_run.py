@@ -6,6 +6,7 @@ import json
 import threading
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
@@ -233,3 +234,65 @@ def test_a_cube_keeps_its_chunks_when_the_program_would_choose_others_now(
     monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (500, 5000))
     run_study(study, out, ONE)
     assert tree_digest(out) == before
+
+
+def test_a_block_that_hangs_is_given_up_and_the_rest_finishes(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    release, run_task = threading.Event(), tasks.run_task
+
+    def hang(task: tasks.Task) -> tasks.Report:
+        if task.group == "ideal":
+            release.wait(60)
+        return run_task(task)
+
+    out, whole, study = tmp_path / "out.zarr", tmp_path / "whole.zarr", parse_study(tiny)
+    with monkeypatch.context() as patch:
+        patch.setattr("mcstudy.study.attempt.run_task", hang)
+        outcome = run_study(study, out, ClusterOptions(workers=1, block_timeout=3.0))
+        release.set()
+    assert outcome.fits == 120
+    (line,) = outcome.failed_blocks
+    assert "group ideal" in line
+    assert "ran longer than 3 s" in line
+    run_study(study, out, ONE)
+    run_study(study, whole, ONE)
+    assert tree_digest(out) == tree_digest(whole)
+
+
+def test_a_chunk_that_two_workers_wrote_at_once_gets_a_second_look(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_task, torn = tasks.run_task, []
+
+    def first_time_torn(task: tasks.Task) -> tasks.Report:
+        report = run_task(task)
+        if task.group == "ideal" and not torn:
+            # The status of the faster of two writers over the numbers of the slower one, which had not got so far.
+            store = tasks.open_group(task.path, task.study, task.group, task.depth)
+            data = store.existing(task.chunks[0])
+            data["cost"][..., 2:], data["estimate"][..., 2:, :] = np.nan, np.nan
+            store.write(task.chunks[0], data)
+            torn.append(task)
+            raise RuntimeError("the connection was lost")
+        return report
+
+    out, whole, study = tmp_path / "out.zarr", tmp_path / "whole.zarr", parse_study(tiny)
+    with monkeypatch.context() as patch:
+        patch.setattr("mcstudy.study.attempt.run_task", first_time_torn)
+        assert run_study(study, out, ONE).failed_blocks == []
+    assert torn
+    run_study(study, whole, ONE)
+    assert tree_digest(out) == tree_digest(whole)
+
+
+def test_an_error_that_cannot_be_sent_is_still_reported(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: tasks.Task) -> tasks.Report:
+        raise ValueError(threading.Lock(), "cannot be pickled")
+
+    monkeypatch.setattr("mcstudy.study.attempt.run_task", broken)
+    outcome = run_study(parse_study(tiny), tmp_path / "out.zarr", ONE, 100)
+    assert len(outcome.failed_blocks) == 2
+    assert all("cannot be pickled" in line for line in outcome.failed_blocks)

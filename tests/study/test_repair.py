@@ -1,0 +1,153 @@
+"""Whatever is damaged is found, named, and repaired by the next run - and only that."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mcstudy.errors import StoreError
+from mcstudy.study import tasks
+from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.durable import log_folder, tree_digest
+from mcstudy.study.run import run_study
+from mcstudy.study.study_file import parse_study
+from mcstudy.study.verify import verify
+
+ONE = ClusterOptions(workers=1)
+
+
+@pytest.fixture(autouse=True)
+def fresh_worker() -> None:
+    tasks.open_group.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Path:
+    out = tmp_path_factory.mktemp("repair") / "out.zarr"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (24, 24))  # not what the design would give later
+        run_study(parse_study(tiny), out, ONE)
+    return out
+
+
+@pytest.fixture
+def copy(tmp_path: Path, sound: Path) -> Path:
+    shutil.copytree(log_folder(sound), tmp_path / "out.zarr.log")
+    return shutil.copytree(sound, tmp_path / "out.zarr")
+
+
+def edit(place: str, value: object) -> Callable[[Path], None]:
+    """Set one value of a JSON document."""
+
+    def change(file: Path) -> None:
+        document = json.loads(file.read_text())
+        *parents, last = place.split(".")
+        inner = document
+        for key in parents:
+            inner = inner[key]
+        assert inner[last] != value
+        inner[last] = value
+        file.write_text(json.dumps(document))
+
+    return change
+
+
+def flip(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 16
+    file.write_bytes(content)
+
+
+def cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:20])
+
+
+SKELETON = [
+    ("zarr.json", Path.unlink),
+    ("zarr.json", cut),
+    ("zarr.json", edit("attributes.fingerprint", "0" * 64)),
+    ("zarr.json", edit("attributes.study", "")),
+    ("zarr.json", edit("attributes.seed", 8)),
+    ("zarr.json", edit("attributes.environment", None)),
+    ("noisy/zarr.json", edit("attributes.design", {})),
+    ("noisy/zarr.json", edit("attributes.realizations_a_chunk", 3)),
+    ("noisy/zarr.json", Path.unlink),
+    ("noisy/status/zarr.json", edit("chunk_grid.configuration.chunk_shape", [1, 2, 5, 6])),
+    ("noisy/estimate/zarr.json", edit("shape", [10**9] * 5)),
+    ("noisy/truth/zarr.json", edit("attributes.provenance", "measured")),
+    ("noisy/cost/zarr.json", cut),
+    ("noisy/fmax/c.0", flip),
+    ("ideal/parameter/c.0", Path.unlink),
+    ("ideal/true_frf", shutil.rmtree),
+]
+
+
+@pytest.mark.parametrize(("file", "damage"), SKELETON)
+def test_damaged_metadata_and_coordinates_are_named_and_repaired_without_a_fit(
+    copy: Path, sound: Path, tiny: str, file: str, damage: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    damage(copy / file)
+    try:
+        found = verify(copy, cells=0).damage
+    except StoreError as error:
+        found = [str(error)]  # not even the study it belongs to can be read
+    assert [line for line in found if str(copy) in line]
+    assert run_study(parse_study(tiny), copy, ONE).fits == 0
+    assert tree_digest(copy) == tree_digest(sound)
+    assert f"repaired: {file}" in capsys.readouterr().err
+
+
+def test_a_lost_array_is_made_again_with_its_fits_and_no_others(copy: Path, sound: Path, tiny: str) -> None:
+    shutil.rmtree(copy / "ideal" / "cost")
+    assert [line for line in verify(copy, cells=0).damage if "ideal/cost" in line]
+    assert run_study(parse_study(tiny), copy, ONE).fits == 8
+    assert tree_digest(copy) == tree_digest(sound)
+
+
+def test_everything_damaged_at_once_is_repaired_at_once(copy: Path, sound: Path, tiny: str) -> None:
+    for file, damage in SKELETON[1], SKELETON[9], SKELETON[13], SKELETON[15]:
+        damage(copy / file)
+    chunk = sorted((copy / "noisy" / "estimate").glob("c.*"))[0]
+    flip(chunk)
+    assert run_study(parse_study(tiny), copy, ONE).fits == 24
+    assert tree_digest(copy) == tree_digest(sound)
+
+
+def test_what_cannot_be_told_to_be_this_study_is_left_alone(copy: Path, tiny: str) -> None:
+    (copy / "zarr.json").unlink()
+    shutil.rmtree(log_folder(copy))
+    before = tree_digest(copy)
+    with pytest.raises(StoreError, match=r"expected a results cube"):
+        run_study(parse_study(tiny), copy, ONE)
+    assert tree_digest(copy) == before
+
+
+def test_a_cube_of_another_version_is_not_repaired(copy: Path, tiny: str) -> None:
+    edit("attributes.schema", "mcstudy:study_cube:99.0.0")(copy / "zarr.json")
+    before = tree_digest(copy)
+    with pytest.raises(StoreError, match="expected a cube of schema"):
+        run_study(parse_study(tiny), copy, ONE)
+    assert tree_digest(copy) == before
+
+
+def test_blocks_of_another_environment_are_warned_of_and_recorded(
+    copy: Path, sound: Path, tiny: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (copy / "ideal" / "status" / "c.0.0.0.0").unlink()
+    here = json.loads((copy / "zarr.json").read_text())["attributes"]["environment"]
+    other = {**here, "versions": {**here["versions"], "numpy": "1.0"}, "machine": "abacus"}
+    monkeypatch.setattr("mcstudy.study.attempt.environment", lambda: other)  # the worker's, not the client's
+    assert run_study(parse_study(tiny), copy, ONE).fits == 8
+    warned = capsys.readouterr().err
+    expected = [f"versions.numpy: {here['versions']['numpy']} -> 1.0", f"machine: {here['machine']} -> abacus"]
+    for line in expected:
+        assert warned.count(f"another environment than the cube was made in: {line}") == 1
+    events = [json.loads(line) for line in (log_folder(copy) / "runs.jsonl").read_text().splitlines()]
+    blocks = [e for e in events if e["event"] == "block"]
+    assert [b.get("other_environment") for b in blocks[:-1]] == [None] * (len(blocks) - 1)
+    assert blocks[-1]["other_environment"] == expected
+    assert tree_digest(copy) == tree_digest(sound)

@@ -106,7 +106,7 @@ def detect(
     p_value = (1 + int((scores(null).gap >= statistic).sum())) / (1 + draws)
     chi2 = float(residual @ residual)
     null_chi2 = (null**2).sum(axis=0)
-    z, null_z = _standardised(fitted, data, residual[:, None]), _standardised(fitted, data, null)
+    z, null_z = standardised(fitted, data, residual[:, None]), standardised(fitted, data, null)
     return Detection(
         p_value,
         statistic,
@@ -122,7 +122,7 @@ def detect(
     )
 
 
-def _standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
+def standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
     """(N, 2, n): residuals by angle over their standard deviation after the fit."""
     colour = np.linalg.inv(data.weight)
     J = colour @ _complex(fitted.jacobian(data))  # derivative of the FRFs, (N, 2, P)

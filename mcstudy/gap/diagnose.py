@@ -60,7 +60,7 @@ def diagnose(
 
     Raises `RecordingError` for recordings that cannot be analysed or whose channels are not what they are labelled.
     """
-    return _diagnose(_pooled(recording), bootstrap, True, seed, model, fmax, discard, accept)
+    return _diagnose(pooled(recording), bootstrap, True, seed, model, fmax, discard, accept)
 
 
 def diagnose_fast(
@@ -73,10 +73,11 @@ def diagnose_fast(
     accept: Iterable[str] = (),
 ) -> Diagnosis:
     """Diagnosis with asymptotic nulls: draws of noise and its covariance through the linearised fit. See `diagnose`."""
-    return _diagnose(_pooled(recording), FAST_DRAWS, False, seed, model, fmax, discard, accept)
+    return _diagnose(pooled(recording), FAST_DRAWS, False, seed, model, fmax, discard, accept)
 
 
-def _pooled(recording: Recording | FrfRecording | Sequence[Recording]) -> Recording | FrfRecording:
+def pooled(recording: Recording | FrfRecording | Sequence[Recording]) -> Recording | FrfRecording:
+    """One recording with all trials; raises `RecordingError` when kind, sampling or body differ."""
     if isinstance(recording, Recording | FrfRecording):
         return recording
     first, *rest = recording

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mcstudy.gap.diagnosis import Diagnosis
+    from mcstudy.gap.frf_only import FrfRecording
+    from mcstudy.gap.recording import Recording
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -13,12 +19,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     effects.set_defaults(run=_effects)
 
     diagnose = verbs.add_parser("diagnose", help="diagnose recordings of one body")
-    diagnose.add_argument("recordings", nargs="+", type=Path, metavar="REC", help=".nc, .zarr, .toml, or .csv")
     diagnose.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write diagnosis.json and diagnosis.txt")
     diagnose.add_argument("--json", action="store_true", help="print JSON, as results_schema describes")
-    diagnose.add_argument("--fast", action="store_true", help="asymptotic statistics in place of the bootstrap")
-    diagnose.add_argument("--accept", action="append", default=[], metavar="CODE", help="keep a suspicious labelling")
     diagnose.set_defaults(run=_diagnose)
+
+    report = verbs.add_parser("report", help="diagnose recordings of one body and write it as one page with figures")
+    report.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE", help="the page to write (.html)")
+    report.set_defaults(run=_report)
+    for verb in (diagnose, report):
+        verb.add_argument("recordings", nargs="+", type=Path, metavar="REC", help=".nc, .zarr, .toml, or .csv")
+        verb.add_argument("--fast", action="store_true", help="asymptotic statistics in place of the bootstrap")
+        verb.add_argument("--accept", action="append", default=[], metavar="CODE", help="keep a suspicious labelling")
 
     challenge = verbs.add_parser("challenge", help="the benchmark on withheld causes")
     _challenge_arguments(challenge)
@@ -73,29 +84,55 @@ def _effects(_: argparse.Namespace) -> int:
     return 0
 
 
-def _diagnose(args: argparse.Namespace) -> int:
-    import json
-
+def _diagnosed(args: argparse.Namespace) -> tuple[Diagnosis, Recording | FrfRecording | list[Recording]]:
+    """The diagnosis, and the recording or recordings it is of."""
     from mcstudy.errors import RecordingError
-    from mcstudy.gap.challenge.files import write_json
     from mcstudy.gap.diagnose import diagnose, diagnose_fast
-    from mcstudy.gap.frf_only import FrfRecording
     from mcstudy.gap.read import read_recording
+    from mcstudy.gap.recording import Recording
 
     run = diagnose_fast if args.fast else diagnose
     read = [read_recording(path, accept=args.accept) for path in args.recordings]
     if len(read) == 1:
-        diagnosis = run(read[0], accept=args.accept)
-    else:
-        for path, one in zip(args.recordings, read, strict=True):
-            if isinstance(one, FrfRecording):
-                raise RecordingError(f"{path}: expected a recording with trials beside others, got an FRF")
-        diagnosis = run([one for one in read if not isinstance(one, FrfRecording)], accept=args.accept)
+        return run(read[0], accept=args.accept), read[0]
+    several = []
+    for path, one in zip(args.recordings, read, strict=True):
+        if not isinstance(one, Recording):
+            raise RecordingError(f"{path}: expected a recording with trials beside others, got an FRF")
+        several.append(one)
+    return run(several, accept=args.accept), several
+
+
+def _diagnose(args: argparse.Namespace) -> int:
+    import json
+
+    from mcstudy.gap.challenge.files import write_json
+
+    diagnosis, _ = _diagnosed(args)
     if args.out:
         write_json(args.out / "diagnosis.json", diagnosis.to_dict())
         (args.out / "diagnosis.txt").write_text(f"{diagnosis.verdict()}\n", encoding="utf-8")
     print(json.dumps(diagnosis.to_dict(), indent=1) if args.json else diagnosis.verdict())
     return 0
+
+
+def _report(args: argparse.Namespace) -> int:
+    import shlex
+
+    from mcstudy.cli.report import write_page
+    from mcstudy.report.style import require_matplotlib
+
+    require_matplotlib()
+
+    def text() -> str:
+        from mcstudy.report.gap_page import gap_page
+
+        diagnosis, recording = _diagnosed(args)
+        options = [*("--fast" for _ in range(args.fast)), *(w for code in args.accept for w in ("--accept", code))]
+        command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(args.output)]
+        return gap_page(diagnosis, recording, command=shlex.join(command))
+
+    return write_page(args.output, text)
 
 
 def _make(args: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 
@@ -17,18 +18,23 @@ def main(args: argparse.Namespace) -> int:
     from mcstudy.report.style import require_matplotlib
 
     require_matplotlib()
-    from mcstudy.cli import DONE
-    from mcstudy.errors import InputError
     from mcstudy.report.page import page
 
+    return write_page(args.output, lambda: page(args.out))
+
+
+def write_page(file: Path, text: Callable[[], str]) -> int:
+    """Write what ``text`` returns; the file is opened first: nobody should wait for a page that cannot be kept."""
+    from mcstudy.cli import DONE
+    from mcstudy.errors import InputError
+
     try:
-        # Opened first: nobody should wait for a page that cannot be kept.
-        file = args.output.open("a", encoding="utf-8")
+        opened = file.open("a", encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{args.output}: expected a file that can be written, got {error.strerror}") from None
-    with file:
-        text = page(args.out)
-        file.truncate(0)
-        file.write(text)
-    print(f"{args.output}: {len(text.encode()) / 1e6:.2f} MB")
+        raise InputError(f"{file}: expected a file that can be written, got {error.strerror}") from None
+    with opened:
+        content = text()
+        opened.truncate(0)
+        opened.write(content)
+    print(f"{file}: {len(content.encode()) / 1e6:.2f} MB")
     return DONE

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import xarray as xr
 
 from mcstudy.analysis.published import METHODS, VARIANTS
 from mcstudy.report.context import Context
+from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figure, missing
 from mcstudy.report.html import Table, details, escape, table
 from mcstudy.report.sections.compare import comparison_html
 from mcstudy.report.sections.estimates import efficiency_figure, estimates, paper_estimate_figures
 from mcstudy.report.sections.search import further_search_figures, paper_search_figures
 from mcstudy.report.sections.signals import signal_figures
-from mcstudy.report.style import COLOURS, DARK
 from mcstudy.report.words import beside, groups, headline, introduction
 from mcstudy.study.results import open_results
 
@@ -44,30 +43,12 @@ def page_of(tree: xr.DataTree) -> str:
         ("groups", "All groups in numbers", groups(context)),
         ("study", "How this was made", _provenance(context)),
     ]
-    parts = [part for part in parts if part[2]]
-    contents = "".join(f'<li><a href="#{key}">{escape(title)}</a></li>' for key, title, _ in parts)
-    body = "".join(
-        f'<section id="{key}" aria-labelledby="{key}-h"><h2 id="{key}-h">{escape(title)}</h2>{content}</section>'
-        for key, title, content in parts
+    return document(
+        context.name,
+        introduction(context),
+        parts,
+        "± is one Monte Carlo standard error (MCSE) unless it says SD.",
     )
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
-        f"<title>{escape(context.name)} · mcstudy report</title><style>{_style()}</style></head><body>"
-        '<a class="skip" href="#main">Skip to the results</a>'
-        f"<header><h1>{escape(context.name)}</h1>{introduction(context)}</header>"
-        f'<nav aria-label="Contents"><ul>{contents}</ul></nav><main id="main" tabindex="-1">{body}</main>'
-        "<footer><p>± is one Monte Carlo standard error (MCSE) unless it says SD.</p></footer></body></html>\n"
-    )
-
-
-def _style() -> str:
-    def variables(palette: dict[str, str]) -> str:
-        return "".join(f"--{name}:{value};" for name, value in palette.items())
-
-    text = files("mcstudy.report").joinpath("page.css").read_text(encoding="utf-8")
-    return text.replace("/* LIGHT */", variables(COLOURS)).replace("/* DARK */", variables(DARK))
 
 
 def _figures(context: Context, items: list[Figure | Missing]) -> str:

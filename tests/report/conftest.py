@@ -92,3 +92,19 @@ def other_page(other_cube: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
     file = tmp_path_factory.mktemp("page") / "other.html"
     assert main(["report", str(other_cube), "-o", str(file)]) == DONE
     return file
+
+
+@pytest.fixture(scope="session")
+def lagging_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A body whose hip angle is measured late."""
+    file = tmp_path_factory.mktemp("recording") / "lagging.nc"
+    words = ["--effect", "sensor_lag_theta2=0.03", "--cycles", "4", "--rate", "100", "--seed", "2"]
+    assert main(["simulate", "-o", str(file), *words]) == DONE
+    return file
+
+
+@pytest.fixture(scope="session")
+def gap_page(lagging_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "gap.html"
+    assert main(["gap", "report", str(lagging_recording), "--fast", "-o", str(file)]) == DONE
+    return file

@@ -41,7 +41,7 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.mark.parametrize("width", [380, 1600])
-@pytest.mark.parametrize("page", ["paper_page", "other_page"])
+@pytest.mark.parametrize("page", ["paper_page", "other_page", "gap_page"])
 def test_every_figure_is_drawn_nothing_is_fetched_and_nothing_sticks_out(
     browser: Browser, page: str, width: int, request: pytest.FixtureRequest
 ) -> None:
@@ -61,8 +61,11 @@ def test_every_figure_is_drawn_nothing_is_fetched_and_nothing_sticks_out(
 
 
 @pytest.mark.parametrize("width", [380, 1600])
-def test_the_smallest_label_in_a_figure_can_be_read(browser: Browser, paper_page: Path, width: int) -> None:
-    browser.open(paper_page, width)
+@pytest.mark.parametrize("page", ["paper_page", "gap_page"])
+def test_the_smallest_label_in_a_figure_can_be_read(
+    browser: Browser, page: str, width: int, request: pytest.FixtureRequest
+) -> None:
+    browser.open(request.getfixturevalue(page), width)
     assert browser.evaluate(SMALLEST_TEXT) >= 8.0
 
 

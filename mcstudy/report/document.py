@@ -1,0 +1,43 @@
+"""The frame of every page: one HTML file with its style inside, contents, a way past them for the keyboard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+
+from mcstudy.report.html import escape
+from mcstudy.report.style import COLOURS, DARK
+
+
+def document(title: str, introduction: str, parts: Sequence[tuple[str, str, str]], footer: str) -> str:
+    """A page.
+
+    Parameters
+    ----------
+    title, footer: text. introduction: HTML below the title.
+    parts: (id, heading, HTML) of every section; sections without HTML are left out.
+    """
+    held = [part for part in parts if part[2]]
+    contents = "".join(f'<li><a href="#{key}">{escape(heading)}</a></li>' for key, heading, _ in held)
+    body = "".join(
+        f'<section id="{key}" aria-labelledby="{key}-h"><h2 id="{key}-h">{escape(heading)}</h2>{content}</section>'
+        for key, heading, content in held
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
+        f"<title>{escape(title)} · mcstudy report</title><style>{_style()}</style></head><body>"
+        '<a class="skip" href="#main">Skip to the results</a>'
+        f"<header><h1>{escape(title)}</h1>{introduction}</header>"
+        f'<nav aria-label="Contents"><ul>{contents}</ul></nav><main id="main" tabindex="-1">{body}</main>'
+        f"<footer><p>{escape(footer)}</p></footer></body></html>\n"
+    )
+
+
+def _style() -> str:
+    def variables(palette: dict[str, str]) -> str:
+        return "".join(f"--{name}:{value};" for name, value in palette.items())
+
+    text = files("mcstudy.report").joinpath("page.css").read_text(encoding="utf-8")
+    return text.replace("/* LIGHT */", variables(COLOURS)).replace("/* DARK */", variables(DARK))

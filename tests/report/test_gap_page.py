@@ -1,0 +1,116 @@
+"""The page of a diagnosis shows the diagnosis, and the recording as it was diagnosed."""
+
+from __future__ import annotations
+
+import html
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcstudy.cli import BAD_INPUT, main
+from mcstudy.errors import InputError
+from mcstudy.gap.diagnose import diagnose_fast
+from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.fitting import Data
+from mcstudy.gap.frf_only import FrfRecording
+from mcstudy.gap.read import read_recording
+from mcstudy.gap.recording import Recording
+from mcstudy.report.gap_data import GapData
+from mcstudy.report.gap_page import gap_page as page_of
+from mcstudy.report.sway_traces import SwayTraces
+
+
+@pytest.fixture(scope="module")
+def recording(lagging_recording: Path) -> Recording:
+    read = read_recording(lagging_recording)
+    assert isinstance(read, Recording)
+    return read
+
+
+@pytest.fixture(scope="module")
+def diagnosis(recording: Recording) -> Diagnosis:
+    return diagnose_fast(recording)
+
+
+@pytest.fixture(scope="module")
+def data(diagnosis: Diagnosis, recording: Recording) -> GapData:
+    return GapData.of(diagnosis, recording)
+
+
+def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Path, diagnosis: Diagnosis) -> None:
+    text = gap_page.read_text(encoding="utf-8")
+    assert diagnosis.verdict() in html.unescape(text)
+    for key in ("frf", "misfit", "zmap", "causes", "closed", "traces"):
+        assert f'<figure id="{key}"' in text, key
+    for cause in diagnosis.causes[:3]:
+        assert f"{cause.probability:.3f}" in text
+    assert diagnosis.closed is not None
+    assert f"{diagnosis.closed.low:.3f} to {diagnosis.closed.high:.3f}" in text
+    assert len(text.encode()) < 3e6
+    assert "http://" not in re.sub(r'xmlns="http://www.w3.org/2000/svg"', "", text)
+
+
+def test_every_figure_says_which_command_made_it(gap_page: Path, lagging_recording: Path) -> None:
+    text = gap_page.read_text(encoding="utf-8")
+    command = f"mcstudy gap report {lagging_recording} --fast -o {gap_page}"
+    assert text.count(f"Made by <code>{command}</code>") == text.count("<figure ")
+
+
+def test_the_model_before_is_the_one_whose_misfit_was_tested(data: GapData, diagnosis: Diagnosis) -> None:
+    lines = Data.of(data.lines)
+    r = np.einsum("nij,nj->ni", lines.weight, data.lines.y - data.before(data.lines.f))
+    assert (np.abs(r) ** 2).sum() == pytest.approx(diagnosis.detection.chi2, rel=1e-9)
+
+
+def test_the_true_cause_takes_the_residuals_down_to_noise(data: GapData) -> None:
+    assert data.z_after is not None
+    before, after = (np.sqrt(np.mean(z**2)) for z in (data.z_before, data.z_after))
+    assert before > 1.2
+    assert after == pytest.approx(1.0, abs=0.15)
+
+
+def test_averages_scatter_about_the_model_after_as_their_errors_say(data: GapData) -> None:
+    a = data.averages
+    z = np.abs(a.ratio - a.after) / a.sd
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.35)
+    assert np.sqrt(np.mean((np.abs(a.ratio - 1) / a.sd) ** 2)) > 1.5
+
+
+def test_predicted_sway_comes_closer_to_the_measured_one(data: GapData) -> None:
+    traces = SwayTraces.of(data)
+    assert traces.after is not None
+    before, after = (np.sqrt(np.mean((traces.measured - x) ** 2)) for x in (traces.before, traces.after))
+    assert after < 0.8 * before
+    assert after < 0.2 * traces.measured.std()
+
+
+def test_without_a_period_predicted_sway_follows_the_measured_one(recording: Recording) -> None:
+    aperiodic = replace(recording, period_s=None)
+    traces = SwayTraces.of(GapData.of(diagnose_fast(aperiodic), aperiodic))
+    assert np.corrcoef(traces.measured[:, 0], traces.before[:, 0])[0, 1] > 0.9
+
+
+def test_another_recording_than_the_diagnosed_one_is_refused(diagnosis: Diagnosis, recording: Recording) -> None:
+    other = replace(recording, period_s=None)
+    with pytest.raises(InputError, match="expected the recording and model that were diagnosed"):
+        page_of(diagnosis, other)
+
+
+def test_a_published_frf_has_a_page_without_sway(data: GapData) -> None:
+    frf = FrfRecording(
+        replace(data.lines.subset(np.arange(len(data.lines.repeats))), power=np.full(len(data.lines), np.nan))
+    )
+    text = page_of(diagnose_fast(frf), frf)
+    assert "published FRF" in text
+    assert '<figure id="zmap"' in text
+    assert '<figure id="traces"' not in text
+
+
+def test_a_page_that_cannot_be_written_is_told_before_the_diagnosis(
+    lagging_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["gap", "report", str(lagging_recording), "-o", str(tmp_path / "no" / "page.html")]) == BAD_INPUT
+    assert "expected a file that can be written" in capsys.readouterr().err

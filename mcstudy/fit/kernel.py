@@ -21,9 +21,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mcstudy.fit.lanes import WIDTH, fma, fnma, load, nearest, negative, splat, store, where_less
+from mcstudy.fit.lanes import WIDTH, fma, fnma, load, nearest, negative, root, splat, store, where_less
 
 CONVERGED, STALLED, ITERATION_LIMIT, NON_FINITE_MODEL = 1, 2, 3, 4
+
+BLOCK = 4
+"""Frequencies worked on at a time: enough independent work to hide latencies, little enough to stay in the cache."""
+
+TILE = 3
+"""Rows and columns of a tile of the Gram matrix kept in registers (`_tile` is written out for it)."""
 
 LAMBDA_START = 1e-2
 LAMBDA_LEAST = 1e-14
@@ -85,6 +91,13 @@ def _over(ar, ai, br, bi):
     """Complex quotient."""
     scale = splat(1.0) / fma(bi, bi, br * br)
     return fma(ai, bi, ar * br) * scale, fnma(ar, bi, ai * br) * scale
+
+
+@njit(nogil=True, inline="always")
+def _inverse(re, im):
+    """One over a complex number."""
+    scale = splat(1.0) / fma(im, im, re * re)
+    return re * scale, negative(im * scale)
 
 
 @njit(nogil=True, inline="always")
@@ -158,7 +171,40 @@ def _evaluate_filters(w, x, at, slope_at, omega, filter_pair, monomial, power1, 
         store(w, slot + 1, im)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
+def _add(w, slot, value):
+    """Add lanes to a slot."""
+    store(w, slot, load(w, slot) + value)
+
+
+@njit(nogil=True, inline="always")
+def _tile(w, left, right, gram, stride, n):
+    """Add Re(conj(left_i) right_j), summed over ``n`` frequencies, to the nine slots of a 3 x 3 tile.
+
+    Column i of ``left`` and of ``right`` begins ``i * stride`` slots on; real parts of all frequencies, then imaginary.
+    """
+    c00, c01, c02 = load(w, gram), load(w, gram + 1), load(w, gram + 2)
+    c10, c11, c12 = load(w, gram + 3), load(w, gram + 4), load(w, gram + 5)
+    c20, c21, c22 = load(w, gram + 6), load(w, gram + 7), load(w, gram + 8)
+    for part in range(2):
+        for f in range(part * BLOCK, part * BLOCK + n):
+            a0, a1, a2 = load(w, left + f), load(w, left + stride + f), load(w, left + 2 * stride + f)
+            b0, b1, b2 = load(w, right + f), load(w, right + stride + f), load(w, right + 2 * stride + f)
+            c00, c01, c02 = fma(a0, b0, c00), fma(a0, b1, c01), fma(a0, b2, c02)
+            c10, c11, c12 = fma(a1, b0, c10), fma(a1, b1, c11), fma(a1, b2, c12)
+            c20, c21, c22 = fma(a2, b0, c20), fma(a2, b1, c21), fma(a2, b2, c22)
+    store(w, gram, c00)
+    store(w, gram + 1, c01)
+    store(w, gram + 2, c02)
+    store(w, gram + 3, c10)
+    store(w, gram + 4, c11)
+    store(w, gram + 5, c12)
+    store(w, gram + 6, c20)
+    store(w, gram + 7, c21)
+    store(w, gram + 8, c22)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def evaluate(
     w,
     x,
@@ -179,29 +225,62 @@ def evaluate(
     power1,
     coefficient,
     output_filter,
+    single,
+    both,
+    column,
+    delay_first,
+    cleared,
 ):
-    """Cost, gradient and Gram matrix at the parameters in slots ``x``; all in one pass over the frequencies.
+    """Cost, gradient and Gram matrix at the parameters in slots ``x``; a few frequencies at a time.
 
     ``gram`` receives the lower triangle, row by row, of [J r]^T [J r]: P (P + 1) / 2 slots of J^T J, then P of the
     gradient J^T r, then the cost r^T r. ``data`` holds per frequency y1, y2 (re, im), W11, W22 and W21 (re, im).
+
+    A parameter moves the residual through the torques it makes: J_p = B t_p, with B (2 x 2) the same for all. Most
+    parameters act on a single row k: J_p = b_k t_p with one complex number t_p and b_k the column of B scaled to unit
+    length (t_p takes the length). Their products are Re(conj(t_p) t_q) within a row and Re(conj(t_p) rho t_q) between
+    rows, rho = b_1^H b_0: half the work of whole columns. ``single`` lists these parameters by row, filled up with -1
+    to whole tiles; the few others (``both``) and the residual are whole columns. ``column`` says where t of a
+    (parameter, row) is kept.
     """
     P, E, G = n_parameters, entry.shape[0], group_delay.shape[0]
-    Q, S = filter_pair.shape[0], sensed.shape[0]
+    Q, S, N = filter_pair.shape[0], sensed.shape[0], omega.shape[0]
+    W, C = single.shape[1], both.shape[0]
+    T = W // 3
     n_triangle = (P + 1) * (P + 2) // 2
+    n_tiles = T * (2 * T + 1)
     zero = splat(0.0)
+    F = BLOCK
+    at_A = scratch
+    at_E = at_A + 12 * F
+    at_B = at_E + 2 * G * F
+    at_rho = at_B + 8 * F
+    at_v = at_rho + 2 * F
+    at_H = at_v + 4 * F
+    at_norm = at_H + 4 * F
+    at_r = at_norm + 2 * F
+    at_Z = at_r + 4 * F
+    at_p = at_Z + 2 * S * F
+    at_group = at_p + 2 * F
+    at_T = at_group + 4 * G * F
+    at_cross = at_T + 4 * (W + C) * F
+    at_column = at_cross + 2 * W * F
+    at_tiles = at_column + 8 * C * F
+    at_gain = at_tiles + 9 * n_tiles
+    at_filter = at_gain + E
+    at_slope = at_filter + 4 * (monomial.shape[0] + 1)
+    filter_stride = 4 * (monomial.shape[0] + 1) + 4 * Q
+    stride = 2 * F
     for k in range(n_triangle):
         store(w, gram + k, zero)
-    at_A = scratch
-    at_b = at_A + 8
-    at_E = at_b + 4
-    at_U = at_E + 2 * G
-    at_gain = at_U + 2 * E
-    at_B = at_gain + E
-    at_D = at_B + 8
-    at_T = at_D + 4 * S
-    at_J = at_T + 4 * G
-    at_filter = at_J + 4 * (P + 1)
-    at_slope = at_filter + 4 * (monomial.shape[0] + 1)
+    for k in range(9 * n_tiles):
+        store(w, at_tiles + k, zero)
+    for k in range(2 * W):
+        if single[k // W, k % W] < 0:
+            for f in range(stride):
+                store(w, at_T + k * stride + f, zero)
+                if k >= W:
+                    store(w, at_cross + (k - W) * stride + f, zero)
     for e in range(E):
         gain = splat(weight[e, 0])
         for g in range(3, 5):
@@ -209,190 +288,361 @@ def evaluate(
                 gain = gain * load(w, x + entry[e, g])
         store(w, at_gain + e, gain)
 
-    for n in range(omega.shape[0]):
-        om = omega[n]
+    for first in range(0, N, F):
+        n = min(F, N - first)
         if monomial.shape[0] > 0:
-            _evaluate_filters(w, x, at_filter, at_slope, om, filter_pair, monomial, power1, coefficient)
+            for f in range(n):
+                at, om = f * filter_stride, omega[first + f]
+                _evaluate_filters(w, x, at_filter + at, at_slope + at, om, filter_pair, monomial, power1, coefficient)
         for g in range(G):
-            re, im = splat(1.0), zero
-            if group_delay[g] >= 0:
-                sine, re = _sin_cos(splat(om) * load(w, x + group_delay[g]))
-                im = negative(sine)
+            at = at_E + g * stride
+            delay = group_delay[g]
+            if delay >= 0:
+                value = load(w, x + delay)
+                for f in range(n):
+                    sine, cosine = _sin_cos(splat(omega[first + f]) * value)
+                    store(w, at + f, cosine)
+                    store(w, at + F + f, negative(sine))
+            else:
+                for f in range(n):
+                    store(w, at + f, splat(1.0))
+                    store(w, at + F + f, zero)
             for c in range(4):
                 k = group_filters[g, c]
                 if k >= 0:
-                    re, im = _times(re, im, load(w, at_filter + 4 * k), load(w, at_filter + 4 * k + 1))
-            store(w, at_E + 2 * g, re)
-            store(w, at_E + 2 * g + 1, im)
-            for k in range(4):
-                store(w, at_T + 4 * g + k, zero)
+                    for f in range(n):
+                        own = at_filter + f * filter_stride + 4 * k
+                        re, im = _times(load(w, at + f), load(w, at + F + f), load(w, own), load(w, own + 1))
+                        store(w, at + f, re)
+                        store(w, at + F + f, im)
 
         # A(s) and b(s): what does not depend on the parameters, then term by term
         for k in range(12):
-            store(w, at_A + k, splat(constant[n, k]))
+            for f in range(n):
+                store(w, at_A + k * F + f, splat(constant[first + f, k]))
         for e in range(E):
-            group = entry[e, 2]
-            ur, ui = _times_s(load(w, at_E + 2 * group), load(w, at_E + 2 * group + 1), entry[e, 1], om)
-            store(w, at_U + 2 * e, ur)
-            store(w, at_U + 2 * e + 1, ui)
-            gain = load(w, at_gain + e)
-            qr, qi = gain * ur, gain * ui
-            for c in range(2):
+            row, order, of, gain = entry[e, 0], entry[e, 1], at_E + entry[e, 2] * stride, load(w, at_gain + e)
+            for c in range(3):
                 if weight[e, 1 + c] != 0.0:
-                    slot, factor = at_A + 4 * entry[e, 0] + 2 * c, splat(weight[e, 1 + c])
-                    store(w, slot, fma(factor, qr, load(w, slot)))
-                    store(w, slot + 1, fma(factor, qi, load(w, slot + 1)))
-            if weight[e, 3] != 0.0:
-                slot, factor = at_b + 2 * entry[e, 0], splat(weight[e, 3])
-                store(w, slot, fnma(factor, qr, load(w, slot)))
-                store(w, slot + 1, fnma(factor, qi, load(w, slot + 1)))
+                    at = at_A + (8 + 2 * row if c == 2 else 4 * row + 2 * c) * F
+                    factor = splat(-weight[e, 1 + c] if c == 2 else weight[e, 1 + c]) * gain
+                    if order == 0:
+                        for f in range(n):
+                            store(w, at + f, fma(factor, load(w, of + f), load(w, at + f)))
+                            store(w, at + F + f, fma(factor, load(w, of + F + f), load(w, at + F + f)))
+                    elif order == 1:
+                        for f in range(n):
+                            by = splat(omega[first + f]) * factor
+                            store(w, at + f, fnma(by, load(w, of + F + f), load(w, at + f)))
+                            store(w, at + F + f, fma(by, load(w, of + f), load(w, at + F + f)))
+                    else:
+                        for f in range(n):
+                            re, im = _times_s(load(w, of + f), load(w, of + F + f), order, omega[first + f])
+                            store(w, at + f, fma(factor, re, load(w, at + f)))
+                            store(w, at + F + f, fma(factor, im, load(w, at + F + f)))
 
-        # H = A^-1 b by the adjugate; M = A^-1 with the output filters on its rows
-        ar, ai = load(w, at_A), load(w, at_A + 1)
-        br, bi = load(w, at_A + 2), load(w, at_A + 3)
-        cr, ci = load(w, at_A + 4), load(w, at_A + 5)
-        dr, di = load(w, at_A + 6), load(w, at_A + 7)
-        pr, pi = _times(ar, ai, dr, di)
-        qr, qi = _times(br, bi, cr, ci)
-        det_r, det_i = _over(splat(1.0), zero, pr - qr, pi - qi)
-        ar, ai = _times(ar, ai, det_r, det_i)
-        br, bi = _times(br, bi, det_r, det_i)
-        cr, ci = _times(cr, ci, det_r, det_i)
-        dr, di = _times(dr, di, det_r, det_i)
-        f0r, f0i = load(w, at_b), load(w, at_b + 1)
-        f1r, f1i = load(w, at_b + 2), load(w, at_b + 3)
-        pr, pi = _times(dr, di, f0r, f0i)
-        qr, qi = _times(br, bi, f1r, f1i)
-        h0r, h0i = pr - qr, pi - qi
-        pr, pi = _times(ar, ai, f1r, f1i)
-        qr, qi = _times(cr, ci, f0r, f0i)
-        h1r, h1i = pr - qr, pi - qi
-        y0r, y0i, y1r, y1i = h0r, h0i, h1r, h1i
-        m00r, m00i, m01r, m01i = dr, di, negative(br), negative(bi)
-        m10r, m10i, m11r, m11i = negative(cr), negative(ci), ar, ai
-        k = output_filter[0]
-        if k >= 0:
-            fr, fi = load(w, at_filter + 4 * k), load(w, at_filter + 4 * k + 1)
-            y0r, y0i = _times(y0r, y0i, fr, fi)
-            m00r, m00i = _times(m00r, m00i, fr, fi)
-            m01r, m01i = _times(m01r, m01i, fr, fi)
-        k = output_filter[1]
-        if k >= 0:
-            fr, fi = load(w, at_filter + 4 * k), load(w, at_filter + 4 * k + 1)
-            y1r, y1i = _times(y1r, y1i, fr, fi)
-            m10r, m10i = _times(m10r, m10i, fr, fi)
-            m11r, m11i = _times(m11r, m11i, fr, fi)
+        cost = load(w, gram + n_triangle - 1)
+        for f in range(n):
+            # H = A^-1 b by the adjugate; M = A^-1 with the output filters on its rows
+            at = at_A + f
+            ar, ai = load(w, at), load(w, at + F)
+            br, bi = load(w, at + 2 * F), load(w, at + 3 * F)
+            cr, ci = load(w, at + 4 * F), load(w, at + 5 * F)
+            dr, di = load(w, at + 6 * F), load(w, at + 7 * F)
+            pr, pi = _times(ar, ai, dr, di)
+            qr, qi = _times(br, bi, cr, ci)
+            det_r, det_i = _inverse(pr - qr, pi - qi)
+            ar, ai = _times(ar, ai, det_r, det_i)
+            br, bi = _times(br, bi, det_r, det_i)
+            cr, ci = _times(cr, ci, det_r, det_i)
+            dr, di = _times(dr, di, det_r, det_i)
+            f0r, f0i = load(w, at + 8 * F), load(w, at + 9 * F)
+            f1r, f1i = load(w, at + 10 * F), load(w, at + 11 * F)
+            pr, pi = _times(dr, di, f0r, f0i)
+            qr, qi = _times(br, bi, f1r, f1i)
+            h0r, h0i = pr - qr, pi - qi
+            pr, pi = _times(ar, ai, f1r, f1i)
+            qr, qi = _times(cr, ci, f0r, f0i)
+            h1r, h1i = pr - qr, pi - qi
+            at = at_H + f
+            store(w, at, h0r)
+            store(w, at + F, h0i)
+            store(w, at + 2 * F, h1r)
+            store(w, at + 3 * F, h1i)
+            y0r, y0i, y1r, y1i = h0r, h0i, h1r, h1i
+            m00r, m00i, m01r, m01i = dr, di, negative(br), negative(bi)
+            m10r, m10i, m11r, m11i = negative(cr), negative(ci), ar, ai
+            k = output_filter[0]
+            if k >= 0:
+                at = at_filter + f * filter_stride + 4 * k
+                fr, fi = load(w, at), load(w, at + 1)
+                y0r, y0i = _times(y0r, y0i, fr, fi)
+                m00r, m00i = _times(m00r, m00i, fr, fi)
+                m01r, m01i = _times(m01r, m01i, fr, fi)
+            k = output_filter[1]
+            if k >= 0:
+                at = at_filter + f * filter_stride + 4 * k
+                fr, fi = load(w, at), load(w, at + 1)
+                y1r, y1i = _times(y1r, y1i, fr, fi)
+                m10r, m10i = _times(m10r, m10i, fr, fi)
+                m11r, m11i = _times(m11r, m11i, fr, fi)
 
-        # weighted residual W (H - y), and B = -W M, the response of the residual to a torque on each row
-        at = data + 8 * n
-        w00, w11, w10r, w10i = load(w, at + 4), load(w, at + 5), load(w, at + 6), load(w, at + 7)
-        e0r, e0i = y0r - load(w, at), y0i - load(w, at + 1)
-        e1r, e1i = y1r - load(w, at + 2), y1i - load(w, at + 3)
-        last = at_J + 4 * P
-        pr, pi = _times(w10r, w10i, e0r, e0i)
-        store(w, last, w00 * e0r)
-        store(w, last + 1, w00 * e0i)
-        store(w, last + 2, fma(w11, e1r, pr))
-        store(w, last + 3, fma(w11, e1i, pi))
-        pr, pi = _times(w10r, w10i, m00r, m00i)
-        store(w, at_B, negative(w00 * m00r))
-        store(w, at_B + 1, negative(w00 * m00i))
-        store(w, at_B + 2, negative(fma(w11, m10r, pr)))
-        store(w, at_B + 3, negative(fma(w11, m10i, pi)))
-        pr, pi = _times(w10r, w10i, m01r, m01i)
-        store(w, at_B + 4, negative(w00 * m01r))
-        store(w, at_B + 5, negative(w00 * m01i))
-        store(w, at_B + 6, negative(fma(w11, m11r, pr)))
-        store(w, at_B + 7, negative(fma(w11, m11i, pi)))
+            # weighted residual W (H - y), and B = -W M, the response of the residual to a torque on each row
+            at = data + 8 * (first + f)
+            w00, w11, w10r, w10i = load(w, at + 4), load(w, at + 5), load(w, at + 6), load(w, at + 7)
+            e0r, e0i = y0r - load(w, at), y0i - load(w, at + 1)
+            e1r, e1i = y1r - load(w, at + 2), y1i - load(w, at + 3)
+            pr, pi = _times(w10r, w10i, e0r, e0i)
+            r0r, r0i, r1r, r1i = w00 * e0r, w00 * e0i, fma(w11, e1r, pr), fma(w11, e1i, pi)
+            cost = fma(r1i, r1i, fma(r1r, r1r, fma(r0i, r0i, fma(r0r, r0r, cost))))
+            for row in range(2):
+                if row == 1:
+                    m00r, m00i, m10r, m10i = m01r, m01i, m11r, m11i
+                pr, pi = _times(w10r, w10i, m00r, m00i)
+                b0r, b0i = negative(w00 * m00r), negative(w00 * m00i)
+                b1r, b1i = negative(fma(w11, m10r, pr)), negative(fma(w11, m10i, pi))
+                square = fma(b1i, b1i, fma(b1r, b1r, fma(b0i, b0i, b0r * b0r)))
+                norm = root(square)
+                scale = where_less(zero, square, splat(1.0) / norm, zero)  # a padded row moves nothing
+                b0r, b0i, b1r, b1i = scale * b0r, scale * b0i, scale * b1r, scale * b1i
+                store(w, at_norm + row * F + f, norm)
+                at = at_v + row * stride + f
+                store(w, at, fma(b1i, r1i, fma(b1r, r1r, fma(b0i, r0i, b0r * r0r))))
+                store(w, at + F, fnma(b1i, r1r, fma(b1r, r1i, fnma(b0i, r0r, b0r * r0i))))
+                at = at_B + 4 * row * F + f
+                store(w, at, b0r)
+                store(w, at + F, b0i)
+                store(w, at + 2 * F, b1r)
+                store(w, at + 3 * F, b1i)
+                if row == 0:
+                    c0r, c0i, c1r, c1i = b0r, b0i, b1r, b1i
+                else:  # b_0^H b_1
+                    store(w, at_rho + f, fma(c1i, b1i, fma(c1r, b1r, fma(c0i, b0i, c0r * b0r))))
+                    store(w, at_rho + F + f, fnma(c1i, b1r, fma(c1r, b1i, fnma(c0i, b0r, c0r * b0i))))
+            if C > 0:
+                store(w, at_r + f, r0r)
+                store(w, at_r + F + f, r0i)
+                store(w, at_r + 2 * F + f, r1r)
+                store(w, at_r + 3 * F + f, r1i)
+        store(w, gram + n_triangle - 1, cost)
 
-        # what each distinct (row, sense) passes on: B_row times what is sensed
+        # what each distinct (row, sense) passes on
         for c in range(S):
-            w0, w1 = splat(sensed_weight[c, 0]), splat(sensed_weight[c, 1])
-            zr = fma(w0, h0r, fma(w1, h1r, splat(sensed_weight[c, 2])))
-            zi = fma(w0, h0i, w1 * h1i)
-            at = at_B + 4 * sensed[c]
-            pr, pi = _times(load(w, at), load(w, at + 1), zr, zi)
-            qr, qi = _times(load(w, at + 2), load(w, at + 3), zr, zi)
-            store(w, at_D + 4 * c, pr)
-            store(w, at_D + 4 * c + 1, pi)
-            store(w, at_D + 4 * c + 2, qr)
-            store(w, at_D + 4 * c + 3, qi)
+            w0, w1, w2 = splat(sensed_weight[c, 0]), splat(sensed_weight[c, 1]), splat(sensed_weight[c, 2])
+            for f in range(n):
+                at, to, norm = at_H + f, at_Z + c * stride + f, load(w, at_norm + sensed[c] * F + f)
+                store(w, to, norm * fma(w0, load(w, at), fma(w1, load(w, at + 2 * F), w2)))
+                store(w, to + F, norm * fma(w0, load(w, at + F), w1 * load(w, at + 3 * F)))
 
-        # derivatives: gains term by term; delays and filters through their group
-        for k in range(4 * P):
-            store(w, at_J + k, zero)
+        # torques of the parameters: gains term by term; delays and filters through their group
+        for k in range(cleared.shape[0]):
+            for f in range(stride):
+                store(w, at_T + cleared[k] * stride + f, zero)
         for e in range(E):
-            ur, ui = load(w, at_U + 2 * e), load(w, at_U + 2 * e + 1)
-            at = at_D + 4 * entry[e, 5]
-            pr, pi = _times(ur, ui, load(w, at), load(w, at + 1))
-            qr, qi = _times(ur, ui, load(w, at + 2), load(w, at + 3))
-            for g in range(3, 5):
-                p = entry[e, g]
-                if p >= 0:
-                    factor = splat(weight[e, 0])
-                    other = entry[e, 7 - g]
-                    if other >= 0:
-                        factor = factor * load(w, x + other)
-                    at = at_J + 4 * p
-                    store(w, at, fma(factor, pr, load(w, at)))
-                    store(w, at + 1, fma(factor, pi, load(w, at + 1)))
-                    store(w, at + 2, fma(factor, qr, load(w, at + 2)))
-                    store(w, at + 3, fma(factor, qi, load(w, at + 3)))
-            group = entry[e, 2]
+            row, order, group, p = entry[e, 0], entry[e, 1], entry[e, 2], entry[e, 3]
+            of, z = at_E + group * stride, at_Z + entry[e, 5] * stride
+            direct = entry[e, 8] != 0 and entry[e, 4] < 0 and weight[e, 0] == 1.0
+            to = at_T + column[p, row] * stride if direct else at_p
+            if order == 0:
+                for f in range(n):
+                    pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, z + f), load(w, z + F + f))
+                    store(w, to + f, pr)
+                    store(w, to + F + f, pi)
+            else:
+                for f in range(n):
+                    pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, z + f), load(w, z + F + f))
+                    pr, pi = _times_s(pr, pi, order, omega[first + f])
+                    store(w, to + f, pr)
+                    store(w, to + F + f, pi)
+            if not direct:
+                for g in range(3, 5):
+                    p = entry[e, g]
+                    if p >= 0:
+                        factor = splat(weight[e, 0])
+                        other = entry[e, 7 - g]
+                        if other >= 0:
+                            factor = factor * load(w, x + other)
+                        _gather(w, at_T + column[p, row] * stride, to, factor, entry[e, 5 + g], n)
             if entry[e, 6] != 0:
-                gain = load(w, at_gain + e)
-                at = at_T + 4 * group
-                store(w, at, fma(gain, pr, load(w, at)))
-                store(w, at + 1, fma(gain, pi, load(w, at + 1)))
-                store(w, at + 2, fma(gain, qr, load(w, at + 2)))
-                store(w, at + 3, fma(gain, qi, load(w, at + 3)))
+                _gather(w, at_group + (2 * group + row) * stride, to, load(w, at_gain + e), entry[e, 7], n)
         for g in range(G):
-            t0r, t0i = load(w, at_T + 4 * g), load(w, at_T + 4 * g + 1)
-            t1r, t1i = load(w, at_T + 4 * g + 2), load(w, at_T + 4 * g + 3)
-            if group_delay[g] >= 0:
-                s = splat(om)
-                at = at_J + 4 * group_delay[g]
-                store(w, at, fma(s, t0i, load(w, at)))
-                store(w, at + 1, fnma(s, t0r, load(w, at + 1)))
-                store(w, at + 2, fma(s, t1i, load(w, at + 2)))
-                store(w, at + 3, fnma(s, t1r, load(w, at + 3)))
-            for q in range(Q):
-                for c in range(4):
-                    if group_filters[g, c] == filter_pair[q, 0]:
-                        sr, si = load(w, at_slope + 4 * q), load(w, at_slope + 4 * q + 1)
-                        pr, pi = _times(t0r, t0i, sr, si)
-                        qr, qi = _times(t1r, t1i, sr, si)
-                        at = at_J + 4 * filter_pair[q, 1]
-                        store(w, at, load(w, at) + pr)
-                        store(w, at + 1, load(w, at + 1) + pi)
-                        store(w, at + 2, load(w, at + 2) + qr)
-                        store(w, at + 3, load(w, at + 3) + qi)
-        for q in range(Q):
-            sr, si = load(w, at_slope + 4 * q), load(w, at_slope + 4 * q + 1)
-            at = at_J + 4 * filter_pair[q, 1]
-            if output_filter[0] == filter_pair[q, 0]:
-                pr, pi = _times(y0r, y0i, sr, si)
-                qr, qi = _times(w10r, w10i, pr, pi)
-                store(w, at, fma(w00, pr, load(w, at)))
-                store(w, at + 1, fma(w00, pi, load(w, at + 1)))
-                store(w, at + 2, load(w, at + 2) + qr)
-                store(w, at + 3, load(w, at + 3) + qi)
-            if output_filter[1] == filter_pair[q, 0]:
-                pr, pi = _times(y1r, y1i, sr, si)
-                store(w, at + 2, fma(w11, pr, load(w, at + 2)))
-                store(w, at + 3, fma(w11, pi, load(w, at + 3)))
+            p = group_delay[g]
+            for row in range(2):
+                if delay_first[g, row] < 0:
+                    continue
+                of = at_group + (2 * g + row) * stride
+                if p >= 0:
+                    at = at_T + column[p, row] * stride
+                    if delay_first[g, row] == 1:
+                        for f in range(n):
+                            om = splat(omega[first + f])
+                            store(w, at + f, om * load(w, of + F + f))
+                            store(w, at + F + f, negative(om * load(w, of + f)))
+                    else:
+                        for f in range(n):
+                            om = splat(omega[first + f])
+                            store(w, at + f, fma(om, load(w, of + F + f), load(w, at + f)))
+                            store(w, at + F + f, fnma(om, load(w, of + f), load(w, at + F + f)))
+                for q in range(Q):
+                    for c in range(4):
+                        if group_filters[g, c] == filter_pair[q, 0]:
+                            at = at_T + column[filter_pair[q, 1], row] * stride
+                            for f in range(n):
+                                own = at_slope + f * filter_stride + 4 * q
+                                pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, own), load(w, own + 1))
+                                _add(w, at + f, pr)
+                                _add(w, at + F + f, pi)
 
-        k = gram
-        for i in range(P + 1):
-            at = at_J + 4 * i
-            a0, a1, a2, a3 = load(w, at), load(w, at + 1), load(w, at + 2), load(w, at + 3)
+        # products among single-row parameters, and with the residual
+        for i in range(W):
+            if single[1, i] >= 0:
+                of, to = at_T + (W + i) * stride, at_cross + i * stride
+                for f in range(n):
+                    pr, pi = _times(load(w, at_rho + f), load(w, at_rho + F + f), load(w, of + f), load(w, of + F + f))
+                    store(w, to + f, pr)
+                    store(w, to + F + f, pi)
+        tile = at_tiles
+        for i in range(2 * T):
             for j in range(i + 1):
-                at = at_J + 4 * j
-                total = fma(a0, load(w, at), load(w, k))
-                total = fma(a1, load(w, at + 1), total)
-                total = fma(a2, load(w, at + 2), total)
-                store(w, k, fma(a3, load(w, at + 3), total))
-                k += 1
+                left = at_T + 3 * i * stride
+                if i >= T and j < T:
+                    left = at_cross + 3 * (i - T) * stride
+                _tile(w, left, at_T + 3 * j * stride, tile, stride, n)
+                tile += 9
+        for k in range(2 * W):
+            j = single[k // W, k % W]
+            if j >= 0:
+                _products(w, gram + P * (P + 1) // 2 + j, at_v + (k // W) * stride, at_T + k * stride, n)
+
+        # whole columns: the parameters that act on both rows or on the output
+        for c in range(C):
+            p, whole = both[c], at_column + 8 * c * F
+            of = at_T + (2 * W + 2 * c) * stride
+            for f in range(n):
+                for k in range(2):
+                    at = at_B + 2 * k * F + f
+                    pr, pi = _times(load(w, at), load(w, at + F), load(w, of + f), load(w, of + F + f))
+                    at += 4 * F
+                    qr, qi = _times(
+                        load(w, at), load(w, at + F), load(w, of + stride + f), load(w, of + stride + F + f)
+                    )
+                    store(w, whole + k * stride + f, pr + qr)
+                    store(w, whole + k * stride + F + f, pi + qi)
+            for q in range(Q):
+                if filter_pair[q, 1] == p:
+                    for f in range(n):
+                        _filtered_output(
+                            w,
+                            whole + f,
+                            at_H + f,
+                            data + 8 * (first + f) + 4,
+                            at_filter + f * filter_stride,
+                            at_slope + f * filter_stride + 4 * q,
+                            filter_pair[q, 0],
+                            output_filter,
+                        )
+            for f in range(n):
+                c0r, c0i = load(w, whole + f), load(w, whole + F + f)
+                c1r, c1i = load(w, whole + 2 * F + f), load(w, whole + 3 * F + f)
+                for row in range(2):
+                    at = at_B + 4 * row * F + f
+                    b0r, b0i, b1r, b1i = load(w, at), load(w, at + F), load(w, at + 2 * F), load(w, at + 3 * F)
+                    to = whole + (4 + 2 * row) * F + f
+                    store(w, to, fma(b1i, c1i, fma(b1r, c1r, fma(b0i, c0i, b0r * c0r))))
+                    store(w, to + F, fnma(b1i, c1r, fma(b1r, c1i, fnma(b0i, c0r, b0r * c0i))))
+            for k in range(2 * W):
+                j = single[k // W, k % W]
+                if j >= 0:
+                    to = gram + max(p, j) * (max(p, j) + 1) // 2 + min(p, j)
+                    _products(w, to, whole + (4 + 2 * (k // W)) * F, at_T + k * stride, n)
+            for other in range(c + 1):
+                j, right = both[other], at_column + 8 * other * F
+                to = gram + max(p, j) * (max(p, j) + 1) // 2 + min(p, j)
+                _products(w, to, whole, right, n)
+                _products(w, to, whole + stride, right + stride, n)
+            _products(w, gram + P * (P + 1) // 2 + p, whole, at_r, n)
+            _products(w, gram + P * (P + 1) // 2 + p, whole + stride, at_r + stride, n)
+
+    tile = at_tiles
+    for i in range(2 * T):
+        for j in range(i + 1):
+            for k in range(9):
+                a, b = 3 * i + k // 3, 3 * j + k % 3
+                if a >= b:
+                    p, q = single[a // W, a % W], single[b // W, b % W]
+                    if p >= 0 and q >= 0:
+                        store(w, gram + max(p, q) * (max(p, q) + 1) // 2 + min(p, q), load(w, tile + k))
+            tile += 9
+
+
+@njit(nogil=True, inline="always")
+def _gather(w, to, of, factor, first, n):
+    """Set (``first``) or add ``factor`` times complex numbers at ``n`` frequencies."""
+    if first != 0:
+        for f in range(n):
+            store(w, to + f, factor * load(w, of + f))
+            store(w, to + BLOCK + f, factor * load(w, of + BLOCK + f))
+    else:
+        for f in range(n):
+            store(w, to + f, fma(factor, load(w, of + f), load(w, to + f)))
+            store(w, to + BLOCK + f, fma(factor, load(w, of + BLOCK + f), load(w, to + BLOCK + f)))
+
+
+@njit(nogil=True, inline="always")
+def _products(w, to, left, right, n):
+    """Add Re(conj(left) right), summed over ``n`` frequencies, to one slot."""
+    total, more = load(w, to), splat(0.0)
+    for f in range(n):
+        total = fma(load(w, left + f), load(w, right + f), total)
+        more = fma(load(w, left + BLOCK + f), load(w, right + BLOCK + f), more)
+    store(w, to, total + more)
+
+
+@njit(nogil=True)
+def _filtered_output(w, column, at_h, at_weight, at_filter, at_slope, number, output_filter):
+    """Add to one column, at one frequency, what a parameter does to the measured angles through an output filter."""
+    w00, w11, w10r, w10i = load(w, at_weight), load(w, at_weight + 1), load(w, at_weight + 2), load(w, at_weight + 3)
+    sr, si = load(w, at_slope), load(w, at_slope + 1)
+    if output_filter[0] == number:
+        own = at_filter + 4 * number
+        yr, yi = _times(load(w, at_h), load(w, at_h + BLOCK), load(w, own), load(w, own + 1))
+        pr, pi = _times(yr, yi, sr, si)
+        qr, qi = _times(w10r, w10i, pr, pi)
+        _add(w, column, w00 * pr)
+        _add(w, column + BLOCK, w00 * pi)
+        _add(w, column + 2 * BLOCK, qr)
+        _add(w, column + 3 * BLOCK, qi)
+    if output_filter[1] == number:
+        own = at_filter + 4 * number
+        yr, yi = _times(load(w, at_h + 2 * BLOCK), load(w, at_h + 3 * BLOCK), load(w, own), load(w, own + 1))
+        pr, pi = _times(yr, yi, sr, si)
+        _add(w, column + 2 * BLOCK, w11 * pr)
+        _add(w, column + 3 * BLOCK, w11 * pi)
+
+
+@njit(nogil=True)
+def _solve(w, matrix, right, n):
+    """Solve a positive definite system in place, L D L^T by columns: the updates of a column wait for none another.
+
+    ``matrix`` holds the lower triangle row by row, ``right`` the right-hand side and then the solution.
+    """
+    for k in range(n):
+        column = matrix + k  # entry (i, k) lies i (i + 1) / 2 further on
+        inverse = splat(1.0) / load(w, column + k * (k + 1) // 2)
+        store(w, column + k * (k + 1) // 2, inverse)
+        last = load(w, right + k)
+        for i in range(k + 1, n):
+            row = matrix + i * (i + 1) // 2
+            factor = load(w, row + k) * inverse
+            store(w, right + i, fnma(factor, last, load(w, right + i)))
+            for j in range(k + 1, i + 1):
+                store(w, row + j, fnma(factor, load(w, column + j * (j + 1) // 2), load(w, row + j)))
+        store(w, right + k, last * inverse)
+    for i in range(n - 1, 0, -1):  # back substitution; (i, k) still holds the product with the pivot of k
+        row, found = matrix + i * (i + 1) // 2, load(w, right + i)
+        for k in range(i):
+            factor = load(w, row + k) * load(w, matrix + k * (k + 1) // 2 + k)
+            store(w, right + k, fnma(factor, found, load(w, right + k)))
 
 
 @njit(nogil=True)
@@ -416,15 +666,16 @@ def _step(w, x, trial, gram, held, matrix, step, lower, upper, damping, n_parame
         on_high = where_less(at, high, zero, where_less(g, zero, one, zero))
         store(w, held + i, on_low + on_high)
         store(w, step + i, zero)
-    for _ in range(outer):
+    for k in range(outer):
         for i in range(P):
             hold_i = load(w, held + i)
             free_i = one - hold_i
             row = gram + i * (i + 1) // 2
             right = negative(load(w, gradient + i))
-            for j in range(P):
-                k = row + j if j <= i else gram + j * (j + 1) // 2 + i
-                right = fnma(load(w, k), load(w, step + j) * load(w, held + j), right)
+            if k > 0:  # before, nothing that is held has moved
+                for j in range(P):
+                    at = row + j if j <= i else gram + j * (j + 1) // 2 + i
+                    right = fnma(load(w, at), load(w, step + j) * load(w, held + j), right)
             store(w, trial + i, fma(free_i, right, hold_i * load(w, step + i)))
             at = matrix + i * (i + 1) // 2
             for j in range(i):
@@ -432,30 +683,7 @@ def _step(w, x, trial, gram, held, matrix, step, lower, upper, damping, n_parame
             diagonal = load(w, row + i)
             diagonal = where_less(zero, diagonal, diagonal, splat(1e-300))
             store(w, at + i, fma(free_i, fma(ridge, splat((upper[i] - lower[i]) ** -2), diagonal), hold_i))
-        # L D L^T in place, then the two substitutions in ``trial``
-        for i in range(P):
-            ri = matrix + i * (i + 1) // 2
-            for j in range(i):
-                rj = matrix + j * (j + 1) // 2
-                total = load(w, ri + j)
-                for k in range(j):
-                    total = fnma(load(w, ri + k), load(w, rj + k), total)
-                store(w, ri + j, total)
-            pivot = load(w, ri + i)
-            right = load(w, trial + i)
-            for j in range(i):
-                raw = load(w, ri + j)
-                factor = raw * load(w, matrix + j * (j + 1) // 2 + j)
-                pivot = fnma(raw, factor, pivot)
-                right = fnma(factor, load(w, trial + j), right)
-                store(w, ri + j, factor)
-            store(w, ri + i, one / pivot)
-            store(w, trial + i, right)
-        for i in range(P - 1, -1, -1):
-            total = load(w, trial + i) * load(w, matrix + i * (i + 1) // 2 + i)
-            for j in range(i + 1, P):
-                total = fnma(load(w, matrix + j * (j + 1) // 2 + i), load(w, trial + j), total)
-            store(w, trial + i, total)
+        _solve(w, matrix, trial, P)
         crossed = zero
         for i in range(P):
             at, hold = load(w, x + i), load(w, held + i)
@@ -492,12 +720,12 @@ def _predicted(w, gram, step, n_parameters):
     gradient = gram + P * (P + 1) // 2
     total = splat(0.0)
     for i in range(P):
-        inner = splat(2.0) * load(w, gradient + i)
-        for j in range(P):
-            k = gram + i * (i + 1) // 2 + j if j <= i else gram + j * (j + 1) // 2 + i
-            inner = fma(load(w, k), load(w, step + j), inner)
+        row, inner = gram + i * (i + 1) // 2, load(w, gradient + i)
+        for j in range(i):
+            inner = fma(load(w, row + j), load(w, step + j), inner)
+        inner = fma(splat(0.5) * load(w, row + i), load(w, step + i), inner)
         total = fnma(inner, load(w, step + i), total)
-    return total
+    return total + total
 
 
 @njit(nogil=True)
@@ -558,6 +786,11 @@ def levenberg_marquardt(
     power1,
     coefficient,
     output_filter,
+    single,
+    both,
+    column,
+    delay_first,
+    cleared,
 ):
     """Fit every start; see `mcstudy.fit.lm` for the shapes. Results are written into the last four arrays of line 3."""
     n_fits, P = starts.shape
@@ -571,6 +804,7 @@ def levenberg_marquardt(
     predicted = np.zeros(WIDTH)
     evaluations = np.zeros(WIDTH, dtype=np.int64)
     outcome = np.zeros(WIDTH, dtype=np.int64)
+    half = splat(0.5)
     next_fit = 0
     running = 0
     for lane in range(WIDTH):  # every lane begins with some start, so that idle lanes hold finite numbers
@@ -604,7 +838,13 @@ def levenberg_marquardt(
             power1,
             coefficient,
             output_filter,
+            single,
+            both,
+            column,
+            delay_first,
+            cleared,
         )
+        store(w, at_matrix, splat(0.0))
         for lane in range(WIDTH):
             if fit[lane] < 0:
                 continue
@@ -626,12 +866,14 @@ def levenberg_marquardt(
                     outcome[lane] = STALLED
             fresh[lane] = False
             if accept:
-                for k in range(n_triangle):
-                    w[(at_gram + k) * WIDTH + lane] = w[(at_gram_trial + k) * WIDTH + lane]
-                for p in range(P):
-                    w[(at_x + p) * WIDTH + lane] = w[(at_trial + p) * WIDTH + lane]
+                w[at_matrix * WIDTH + lane] = 1.0
                 if new <= floor[lane]:
                     outcome[lane] = CONVERGED
+        accepted = load(w, at_matrix)
+        for k in range(n_triangle):
+            store(w, at_gram + k, where_less(half, accepted, load(w, at_gram_trial + k), load(w, at_gram + k)))
+        for p in range(P):
+            store(w, at_x + p, where_less(half, accepted, load(w, at_trial + p), load(w, at_x + p)))
 
         _step(w, at_x, at_trial, at_gram, at_held, at_matrix, at_step, lower, upper, at_damping, P, P)
         store(w, at_matrix, _predicted(w, at_gram, at_step, P))

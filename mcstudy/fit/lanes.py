@@ -167,6 +167,17 @@ def nearest(_context: Any, _x: Any) -> Any:
 
 
 @intrinsic
+def root(_context: Any, _x: Any) -> Any:
+    """Square root, rounded once."""
+    call = _llvm("sqrt", 1)
+
+    def code(_c: Any, builder: Any, _s: Any, args: Any) -> Any:
+        return call(builder, args)
+
+    return lanes(lanes), code
+
+
+@intrinsic
 def where_less(_context: Any, _x: Any, _y: Any, _a: Any, _b: Any) -> Any:
     """``a`` in the lanes with x < y, else ``b`` (also where x or y is not a number)."""
 

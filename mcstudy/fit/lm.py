@@ -13,14 +13,19 @@ from mcstudy.fit.lanes import WIDTH
 from mcstudy.fit.problem import Fits, Problem
 from mcstudy.stance.feedback import Model
 
+CACHE_LINE = 64
+"""Bytes."""
+
 
 @dataclass(frozen=True)
 class Plan:
     """A model table at fixed frequencies, in the form the kernel reads.
 
     Terms without parameters are summed once into ``constant`` (N, 12): A(s) by rows, then b(s), re and im in turn.
-    ``entry`` (E, 7): row, order, group, first gain, second gain, index into ``sensed``, whether its group carries a
-    delay or filter parameter. ``sensed`` lists the distinct (row, sense) pairs.
+    ``entry`` (E, 10): row, order, group, first gain, second gain, index into ``sensed``, whether its group carries a
+    delay or filter parameter, and whether it is the first to reach the sum of its group and of its gains.
+    ``sensed`` lists the distinct (row, sense) pairs. ``single``, ``both``, ``column``: see `_columns`;
+    ``delay_first``, ``cleared``: see `_first`.
     """
 
     model: Model
@@ -31,6 +36,11 @@ class Plan:
     sensed: np.ndarray
     sensed_weight: np.ndarray
     filter_pair: np.ndarray
+    single: np.ndarray
+    both: np.ndarray
+    column: np.ndarray
+    delay_first: np.ndarray
+    cleared: np.ndarray
 
     @classmethod
     def of(cls, model: Model, f: np.ndarray) -> Plan:
@@ -55,15 +65,23 @@ class Plan:
             in_group[entry[:, 2]],
         ]
         filter_pair = sorted({(int(m[0]), int(p)) for m in table.monomial for p in m[4:] if p >= 0})
+        wide = np.column_stack([entry, *columns]).astype(np.int64).reshape(-1, 7)
+        single, both, column = _columns(model, entry)
+        first, delay_first, cleared = _first(model, wide, column)
         return cls(
             model=model,
             omega=omega,
             constant=constant,
-            entry=np.ascontiguousarray(np.column_stack([entry, *columns]).astype(np.int64).reshape(-1, 7)),
+            entry=np.hstack([wide, first]),
             weight=np.ascontiguousarray(weight),
             sensed=np.array([p[0] for p in distinct], dtype=np.int64),
             sensed_weight=np.array([p[1:] for p in distinct], dtype=float).reshape(-1, 3),
             filter_pair=np.array(filter_pair, dtype=np.int64).reshape(-1, 2),
+            single=single,
+            both=both,
+            column=column,
+            delay_first=delay_first,
+            cleared=cleared,
         )
 
     def tables(self) -> tuple[np.ndarray, ...]:
@@ -83,17 +101,85 @@ class Plan:
             table.monomial_power,
             table.monomial_coefficient,
             table.output_filter,
+            self.single,
+            self.both,
+            self.column,
+            self.delay_first,
+            self.cleared,
         )
 
     def workspace(self) -> tuple[np.ndarray, tuple[int, ...]]:
         """Zeroed workspace and the first slots of its parts, in the order in which the kernel unpacks its layout."""
         P, E, G = len(self.model.parameters), self.entry.shape[0], self.model.table.group_delay.size
         triangle = (P + 1) * (P + 2) // 2
-        scratch = 8 + 4 + 2 * G + 3 * E + 8 + 4 * self.sensed.size + 4 * G + 4 * (P + 1)
-        scratch += 4 * (self.model.table.monomial.shape[0] + 1) + 4 * self.filter_pair.shape[0]
+        S, W, C = self.sensed.size, self.single.shape[1], self.both.size
+        filters = 4 * (self.model.table.monomial.shape[0] + 1) + 4 * self.filter_pair.shape[0]
+        a_frequency = 38 + 6 * G + 2 * S + 6 * W + 12 * C + filters
+        scratch = kernel.BLOCK * a_frequency + W * (2 * W + 3) + E
         sizes = (P, P, triangle, triangle, P, triangle, P, 1, 8 * self.omega.size, scratch)
         first = np.concatenate([[0], np.cumsum(sizes)])
-        return np.zeros(int(first[-1]) * WIDTH), tuple(int(k) for k in first[:-1])
+        return _aligned(int(first[-1]) * WIDTH), tuple(int(k) for k in first[:-1])
+
+
+def _aligned(size: int) -> np.ndarray:
+    """Zeros that begin on a cache line: lanes that straddle two lines cost the kernel a third of its speed."""
+    spare = np.zeros(size + WIDTH)
+    begin = -spare.ctypes.data % CACHE_LINE // spare.itemsize
+    return spare[begin : begin + size]
+
+
+def _columns(model: Model, entry: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which parameters act on one row of the equations of motion alone, and where the kernel keeps their torques.
+
+    Returns ``single`` (2, W), those of each row, filled up with -1 to a multiple of the kernel's tiles; ``both``, the
+    others, among them all that act on the measured angles; ``column`` (P, 2), the place of (parameter, row).
+    """
+    table, P = model.table, len(model.parameters)
+    inside: dict[int, set[int]] = {k: set() for k in range(table.n_filters)}
+    for m in table.monomial:
+        inside[int(m[0])] |= {int(p) for p in m[4:] if p >= 0}
+    rows: list[set[int]] = [set() for _ in range(P)]
+    for e in entry:
+        acting = {int(p) for p in (*e[3:5], table.group_delay[e[2]]) if p >= 0}
+        for p in acting.union(*(inside[int(k)] for k in table.group_filters[e[2]] if k >= 0)):
+            rows[p].add(int(e[0]))
+    outside = set().union(*(inside[int(k)] for k in table.output_filter if k >= 0))
+    lists = [[p for p in range(P) if rows[p] == {row} and p not in outside] for row in range(2)]
+    both = [p for p in range(P) if p not in lists[0] and p not in lists[1]]
+    width = kernel.TILE * max(1, -(-max(map(len, lists)) // kernel.TILE))
+    single, column = np.full((2, width), -1, dtype=np.int64), np.full((P, 2), -1, dtype=np.int64)
+    for row, members in enumerate(lists):
+        single[row, : len(members)] = members
+        column[members, row] = row * width + np.arange(len(members))
+    column[both] = 2 * width + np.arange(2 * len(both)).reshape(-1, 2)
+    return single, np.array(both, dtype=np.int64), column
+
+
+def _first(model: Model, entry: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Who writes first to each of the kernel's sums, in the order in which it runs through the table.
+
+    Returns flags (E, 3) of the terms - sum of their group, first gain, second gain; flags (G, 2) of the delays - 1
+    first, 0 not, -1 nothing to add on this row; and the places that nobody writes to first.
+    """
+    groups, places = set(), set()
+    flags = np.zeros((len(entry), 3), dtype=np.int64)
+    for flag, e in zip(flags, entry, strict=True):
+        if e[6]:
+            flag[0] = (e[2], e[0]) not in groups
+            groups.add((e[2], e[0]))
+        for k, p in enumerate(e[3:5]):
+            if p >= 0:
+                flag[1 + k] = column[p, e[0]] not in places
+                places.add(column[p, e[0]])
+    delays = np.full((model.table.group_delay.size, 2), -1, dtype=np.int64)
+    for g, p in enumerate(model.table.group_delay):
+        for row in range(2):
+            if (g, row) in groups:
+                delays[g, row] = p >= 0 and column[p, row] not in places
+                if p >= 0:
+                    places.add(column[p, row])
+    rest = sorted(set(column[column >= 0].tolist()) - {int(k) for k in places})
+    return flags, delays, np.array(rest, dtype=np.int64)
 
 
 def _pack(problem: Problem) -> np.ndarray:

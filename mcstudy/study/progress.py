@@ -1,13 +1,18 @@
-"""How far a run is, on stderr: one line that changes on a terminal, now and then a plain line otherwise."""
+"""How far a run is: blocks, fits, speed, time left, failures, and what the results say so far with its error."""
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import TextIO
 
-PLAIN_EVERY_S = 10.0
-TERMINAL_EVERY_S = 0.2
+from mcstudy.study.display import Display
+from mcstudy.study.watch import Watch
+
+LOOK_EVERY_S = 2.0
+"""How often results are looked at."""
+
+LOOK_SHARE = 0.02
+"""Part of the time that may be spent on looking at results."""
 
 
 def duration(seconds: float) -> str:
@@ -20,20 +25,29 @@ def duration(seconds: float) -> str:
     return f"{s // 3600} h {s % 3600 // 60:02d} min"
 
 
+def fits_line(done: int, total: int, failed: int, rate: float) -> str:
+    """``done/total fits``, share, fits/s, time left, failures."""
+    left = duration((total - done) / rate) if rate > 0 else "unknown"
+    share = 100 * done / total if total else 100.0
+    return f"{done}/{total} fits ({share:.0f} %)  {rate:.0f} fits/s  {left} left  {failed} failed"
+
+
 class Progress:
     """Counts fits and shows them.
 
     Parameters
     ----------
-    total: fits this run is to do.
-    stream: where to write.
+    total: fits this run is to do. stream: where to write; by default stderr or the notebook's cell.
+    blocks: blocks this run is to do. watch: the cube's results; without them only counts are shown.
     """
 
-    def __init__(self, total: int, stream: TextIO | None = None) -> None:
+    def __init__(
+        self, total: int, stream: TextIO | None = None, *, blocks: int = 0, watch: Watch | None = None
+    ) -> None:
         self.total, self.done, self.failed = total, 0, 0
-        self._stream = stream or sys.stderr
-        self._terminal = self._stream.isatty()
-        self._begun = self._shown = time.monotonic()
+        self.blocks, self.blocks_done = blocks, 0
+        self._watch, self._display = watch, Display(stream)
+        self._begun = self._looked = time.monotonic()
 
     @property
     def seconds(self) -> float:
@@ -44,25 +58,28 @@ class Progress:
         """The present state in one line."""
         seconds = self.seconds
         rate = self.done / seconds if seconds > 0 else 0.0
-        left = duration((self.total - self.done) / rate) if rate > 0 else "unknown"
-        share = 100 * self.done / self.total if self.total else 100.0
-        return f"{self.done}/{self.total} fits ({share:.0f} %)  {rate:.0f} fits/s  {left} left  {self.failed} failed"
+        blocks = f"{self.blocks_done}/{self.blocks} blocks  " if self.blocks else ""
+        return blocks + fits_line(self.done, self.total, self.failed, rate)
 
     def add(self, done: int, failed: int) -> None:
-        """Count more fits."""
+        """Count the fits of one more block."""
         self.done, self.failed = self.done + done, self.failed + failed
+        self.blocks_done += 1
 
     def show(self, last: bool = False) -> None:
-        """Show the line when it is due, or for the last time."""
-        now = time.monotonic()
-        if not last and now - self._shown < (TERMINAL_EVERY_S if self._terminal else PLAIN_EVERY_S):
-            return
-        self._shown = now
-        if self._terminal:
-            print(f"\r\033[K{self.line()}", end="\n" if last else "", file=self._stream, flush=True)
-        else:
-            print(self.line(), file=self._stream, flush=True)
+        """Show the state when it is due, or for the last time."""
+        if last or self._display.due():
+            self._display.show([self.line(), *self._headlines()])
 
     def say(self, message: str) -> None:
         """Show a message of its own."""
-        print(f"\r\033[K{message}" if self._terminal else message, file=self._stream, flush=True)
+        self._display.say(message)
+
+    def _headlines(self) -> list[str]:
+        if self._watch is None:
+            return []
+        now = time.monotonic()
+        if now > self._looked + LOOK_EVERY_S:
+            self._watch.look(LOOK_SHARE * (now - self._looked))
+            self._looked = now
+        return self._watch.headlines()

@@ -27,6 +27,7 @@ from mcstudy.study.runlog import RunLog
 from mcstudy.study.store import Cube
 from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission
 from mcstudy.study.tasks import STOP
+from mcstudy.study.watch import Watch
 
 __all__ = ["ATTEMPTS", "Block", "Outcome", "default_out", "open_or_create", "pending_blocks", "run_cube", "run_study"]
 
@@ -98,7 +99,7 @@ def run_cube(cube: Cube, repaired: list[str], options: ClusterOptions | None, bl
     blocks = list(pending_blocks(cube, options.threads, block))
     total = sum(b.fits for b in blocks)
     outcome.skipped = study.fits - total
-    progress = Progress(total)
+    progress = Progress(total, blocks=len(blocks), watch=Watch(cube))
     differ = environment.differences(cube.attributes["environment"], here)
     log.add(
         "begin",

@@ -6,7 +6,9 @@ results must not. No host or user names.
 
 from __future__ import annotations
 
+import contextlib
 import json
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,9 +29,8 @@ class RunLog:
             print(json.dumps({"time": now, "run": self._run, "event": event, **values}), file=file)
 
 
-def last_begin(path: Path) -> dict[str, Any]:
-    """The ``begin`` of the latest run of a cube, empty when there is none that can be read."""
-    found: dict[str, Any] = {}
+def events(path: Path) -> Iterator[dict[str, Any]]:
+    """Every event of a cube's log that can be read."""
     try:
         with (log_folder(path) / "runs.jsonl").open(encoding="utf-8", errors="replace") as file:
             for line in file:
@@ -37,8 +38,29 @@ def last_begin(path: Path) -> dict[str, Any]:
                     event = json.loads(line)
                 except (ValueError, RecursionError):
                     continue  # the last line of a run that was killed, or damage
-                if isinstance(event, dict) and event.get("event") == "begin":
-                    found = event
+                if isinstance(event, dict):
+                    yield event
     except OSError:
-        pass
+        return
+
+
+def last_begin(path: Path) -> dict[str, Any]:
+    """The ``begin`` of the latest run of a cube, empty when there is none that can be read."""
+    found: dict[str, Any] = {}
+    for event in events(path):
+        if event.get("event") == "begin":
+            found = event
     return found
+
+
+def reported(path: Path, fingerprint: str) -> set[tuple[str, int, int]]:
+    """Chunks (group, amplitude, block) that runs of the study have reported as complete."""
+    chunks: set[tuple[str, int, int]] = set()
+    ours = False
+    for event in events(path):
+        if event.get("event") == "begin":
+            ours = event.get("fingerprint") == fingerprint  # a study that grew has other chunks
+        elif event.get("event") == "block" and ours and event.get("complete") is True:
+            with contextlib.suppress(KeyError, TypeError, ValueError):
+                chunks |= {(str(event["group"]), int(a), int(b)) for a, b in event["chunks"]}
+    return chunks

@@ -221,6 +221,7 @@ class Submission:
             group=block.group,
             chunks=[[c.amplitude, c.block] for c in block.chunks],
             fits=report.fits,
+            complete=report.complete,
             seconds=round(report.seconds, 3),
             **({"other_environment": differ} if differ else {}),
         )

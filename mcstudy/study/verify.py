@@ -16,7 +16,7 @@ import numpy as np
 
 from mcstudy.errors import StoreError
 from mcstudy.fit.status import Status
-from mcstudy.study import environment
+from mcstudy.study import environment, runlog
 from mcstudy.study.durable import PARTIAL
 from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import skeleton
@@ -66,10 +66,14 @@ def verify(path: Path, cells: int = 20, seed: int = 0) -> Verdict:
         verdict.notes.append(f"made in another environment: {line}")
     verdict.damage += _skeleton_damage(cube)
     sound: list[tuple[GroupStore, Chunk]] = []
-    for store in cube.groups.values():
+    reported = runlog.reported(path, cube.study.fingerprint)
+    for name, store in cube.groups.items():
         for chunk in store.layout.chunks:
             verdict.chunks += 1
             damage = list(_chunk_damage(store, chunk))
+            status_file = store.chunk_file("status", chunk)
+            if (name, chunk.amplitude, chunk.block) in reported and not status_file.exists():
+                damage.append(f"{status_file}: missing, though a run has reported the chunk as complete")
             verdict.damage += damage
             if not damage and (left := store.pending(chunk)) < store.layout.fits(chunk):
                 verdict.pending += left
@@ -137,6 +141,7 @@ def _chunk_damage(store: GroupStore, chunk: Chunk) -> Iterator[str]:
     status_file = store.chunk_file("status", chunk)
     if not status_file.exists():
         return  # status is written last: whatever else is there belongs to a run that was stopped
+        # (for the same reason a pending fit may have an estimate already)
     data: dict[str, np.ndarray] = {}
     for name in store.layout.results:
         file = store.chunk_file(name, chunk)
@@ -160,8 +165,6 @@ def _chunk_damage(store: GroupStore, chunk: Chunk) -> Iterator[str]:
         yield f"{store.chunk_file('estimate', chunk)}: an estimate outside the bounds"
     if not (data["cost"][usable] >= 0).all():
         yield f"{store.chunk_file('cost', chunk)}: a negative or missing cost of a finished fit"
-    if not np.isnan(data["estimate"][status == Status.PENDING]).all():
-        yield f"{store.chunk_file('estimate', chunk)}: an estimate of a fit that was not run"
 
 
 def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, verdict: Verdict) -> None:

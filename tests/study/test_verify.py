@@ -12,6 +12,7 @@ import pytest
 
 from mcstudy.errors import StoreError
 from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.durable import log_folder
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
@@ -133,3 +134,13 @@ def test_what_was_not_run_is_pending_and_not_damaged(tmp_path: Path, tiny: str) 
 def test_a_folder_that_is_no_cube_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match=r"^[^\n]+$"):
         verify(tmp_path)
+
+
+def test_a_chunk_that_was_reported_and_is_gone_is_damage_and_not_merely_not_run(sound: Path, copy: Path) -> None:
+    shutil.copytree(log_folder(sound), log_folder(copy))
+    store = Cube.open(copy).groups["ideal"]
+    for name in store.layout.results:
+        store.chunk_file(name, store.layout.chunks[0]).unlink()
+    (line,) = verify(copy, cells=0).damage
+    assert "ideal/status" in line
+    assert "missing, though a run has reported the chunk as complete" in line

@@ -1,0 +1,157 @@
+"""What a cube holds so far, looked at again and again while it grows: every finished chunk is read once.
+
+The headline number of a group with noise is the paper's bias, the mean over parameters of |mean estimate - truth| in
+percent of the truth (Goodworth & Peterka 2018, note to Table II), at its largest amplitude and every Fmax; that of a
+group without noise is the largest error of a best fit. Both are those of ``mcstudy show`` on the realizations that are
+complete.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mcstudy.errors import StoreError
+from mcstudy.fit.status import Status
+from mcstudy.study.layout import Chunk
+from mcstudy.study.store import Cube, GroupStore
+
+USABLE = [int(s) for s in Status if s.usable]
+
+LEAST = 3
+"""Realizations from which an error of a mean is worth showing."""
+
+MOST_FMAX = 4
+"""Values of Fmax that a headline has room for."""
+
+
+@dataclass
+class Moments:
+    """Count, mean (P,) and summed outer products (P, P) about it, of relative errors of best fits; and the largest."""
+
+    n: int = 0
+    mean: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    square: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    largest: float = 0.0
+
+    def add(self, x: np.ndarray) -> None:
+        """More rows (n, P)."""
+        if not len(x):
+            return
+        if not self.n:
+            self.mean, self.square = np.zeros(x.shape[1]), np.zeros((x.shape[1], x.shape[1]))
+        total, centre = self.n + len(x), x.mean(axis=0)
+        off = centre - self.mean
+        self.square += (x - centre).T @ (x - centre) + np.outer(off, off) * self.n * len(x) / total
+        self.mean = self.mean + off * len(x) / total
+        self.n, self.largest = total, max(self.largest, float(np.abs(x).max()))
+
+    def mean_absolute_bias(self) -> tuple[float, float]:
+        """Mean |bias| over parameters and its Monte Carlo standard error, both relative to the truth."""
+        weight = np.sign(self.mean) / self.mean.size
+        variance = weight @ self.square @ weight / (self.n - 1) / self.n
+        return float(np.abs(self.mean).mean()), math.sqrt(max(variance, 0.0))
+
+
+class Watch:
+    """A cube that may be growing."""
+
+    def __init__(self, cube: Cube) -> None:
+        self.cube = cube
+        self.chunks = sum(len(store.layout.chunks) for store in cube.groups.values())
+        self._complete: set[tuple[str, Chunk]] = set()
+        self._partial: dict[tuple[str, Chunk], tuple[int, Counter[int]]] = {}
+        self._counts: Counter[int] = Counter()
+        self._moments: dict[tuple[str, int, int], Moments] = {}
+
+    @property
+    def chunks_done(self) -> int:
+        """Complete chunks seen so far."""
+        return len(self._complete)
+
+    @property
+    def counts(self) -> Counter[int]:
+        """Fits seen so far by `Status` value, pending ones left out."""
+        return sum((c for _, c in self._partial.values()), self._counts)
+
+    @property
+    def failed(self) -> int:
+        """Fits that ended without a usable result."""
+        return sum(n for status, n in self.counts.items() if status not in USABLE)
+
+    @property
+    def done(self) -> int:
+        """Fits that were run."""
+        return sum(self.counts.values())
+
+    def look(self, seconds: float = math.inf) -> None:
+        """Read what is new, for at most about ``seconds``; what is damaged or half written waits."""
+        end = time.monotonic() + seconds
+        for name, store in self.cube.groups.items():
+            for chunk in store.layout.chunks:
+                if (name, chunk) in self._complete:
+                    continue
+                if time.monotonic() > end:
+                    return
+                self._look_at(name, store, chunk)
+
+    def _look_at(self, name: str, store: GroupStore, chunk: Chunk) -> None:
+        try:
+            changed = store.chunk_file("status", chunk).stat().st_mtime_ns
+        except OSError:
+            return  # not there yet
+        if self._partial.get((name, chunk), (0,))[0] == changed:
+            return
+        try:
+            status = store.read("status", chunk)
+            counts = Counter(status[status != Status.PENDING].tolist())
+            if counts.total() < status.size:
+                self._partial[name, chunk] = changed, counts
+                return
+            self._add(name, store, chunk, status)
+        except StoreError:
+            return  # `verify` names it, `run` repairs it
+        self._partial.pop((name, chunk), None)
+        self._complete.add((name, chunk))
+        self._counts += counts
+
+    def _add(self, name: str, store: GroupStore, chunk: Chunk, status: np.ndarray) -> None:
+        cost, estimate = store.read("cost", chunk)[0], store.read("estimate", chunk)[0]
+        cost = np.where(np.isin(status[0], USABLE) & np.isfinite(cost), cost, np.inf)
+        first = cost.argmin(axis=-1)[..., None]
+        best = np.take_along_axis(estimate, first[..., None], axis=2)[:, :, 0]
+        found = np.isfinite(np.take_along_axis(cost, first, axis=-1)[..., 0])
+        truth = store.experiment.model.truth
+        known = truth != 0
+        for k in range(best.shape[0]):
+            cell = self._moments.setdefault((name, chunk.amplitude, k), Moments())
+            cell.add(best[k][found[k]][:, known] / truth[known] - 1)
+
+    def headlines(self) -> list[str]:
+        """A line for every group of which enough is done."""
+        out = []
+        for name, store in self.cube.groups.items():
+            group = store.layout.group
+            a = len(group.amplitude) - 1
+            cells = [(f, self._moments.get((name, a, k), Moments())) for k, f in enumerate(group.fmax)][:MOST_FMAX]
+            if group.simulator == "none":
+                held = [f"{100 * m.largest:.1e} % ({f:g} Hz)" for f, m in cells if m.n]
+                out += [f"{name}: largest error of a best fit {', '.join(held)}"] if held else []
+                continue
+            held = [_bias(f, m) for f, m in cells if m.n >= LEAST]
+            if held:
+                n = max(m.n for _, m in cells)
+                out.append(
+                    f"{name}, {group.amplitude[a]:g} {store.experiment.model.stimulus_unit}, {n} realizations: "
+                    f"mean |bias| ± MCSE {', '.join(held)}"
+                )
+        return out
+
+
+def _bias(fmax: float, m: Moments) -> str:
+    value, error = (100 * x for x in m.mean_absolute_bias())
+    return f"{value:.3g} ± {error:.2g} % ({fmax:g} Hz)"

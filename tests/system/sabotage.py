@@ -1,0 +1,143 @@
+"""Break the promises on purpose, and see that the campaign of kills notices each time.
+
+    python tests/system/sabotage.py
+
+Prints one line a sabotage; 0 when each was noticed. Deaths between lines are aimed at the lines of the sabotage, so
+that this takes a minute and not an hour.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+import shutil
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import forked
+import kill_campaign
+import numpy as np
+from kill_campaign import KILLS, Campaign
+
+from mcstudy.study import durable, experiment, extend, layout
+from mcstudy.study.layout import Chunk
+from mcstudy.study.store import GroupStore
+from mcstudy.study.streams import stream
+
+MOST = 40
+"""Faults after which a sabotage counts as unnoticed."""
+
+
+def write_in_place(path: Path, content: bytes | memoryview) -> None:
+    """A write that is not atomic."""
+    with path.open("wb") as file:
+        file.write(content[: len(content) // 2])
+        file.flush()
+        file.write(content[len(content) // 2 :])
+
+
+write = GroupStore.write
+
+
+def write_later(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
+    """A chunk that is reported before it is written."""
+    later = threading.Timer(0.2, write, (self, chunk, {name: values.copy() for name, values in data.items()}))
+    later.start()
+
+
+def status_first(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
+    """A chunk whose status does not come last."""
+    *first, last = self.layout.results
+    for name in (last, *first):
+        self._arrays[name][self.layout.region(name, chunk)] = data[name]
+
+
+drawn = itertools.count()
+
+
+def next_stream(seed: int, realization: int) -> np.random.Generator:
+    """Random numbers by the order in which they are asked for."""
+    del realization
+    return stream(seed, "noise", next(drawn))
+
+
+def replace_in_two_steps(old: Path, new: Path) -> None:
+    """An old cube that is gone before the new one is there."""
+    shutil.rmtree(old)
+    new.rename(old)
+
+
+def there(self: GroupStore, name: str, chunk: Chunk) -> bool:
+    """A file that is not looked into."""
+    return self.chunk_file(name, chunk).exists()
+
+
+LINES = f"{KILLS}run, between"
+SABOTAGES: tuple[tuple[str, Any, str, Any], ...] = (
+    (LINES, durable, "write", write_in_place),
+    (f"{KILLS}run, any moment", GroupStore, "write", write_later),
+    (LINES, GroupStore, "write", status_first),
+    (f"{KILLS}run, any moment", experiment, "start_stream", next_stream),
+    (f"{KILLS}extend, between", extend, "replace_tree", replace_in_two_steps),
+    ("file damaged", GroupStore, "intact", there),
+)
+"""Faults that are tried, and what is replaced by what."""
+
+
+@contextmanager
+def sabotaged(place: Any, name: str, by: Any) -> Iterator[None]:
+    honest = getattr(place, name)
+    setattr(place, name, by)
+    try:
+        yield
+    finally:
+        setattr(place, name, honest)
+
+
+def noticed(campaign: Campaign, faults: str) -> bool:
+    """Whether the campaign finds something lost or wrong, or a run that does not end as it should."""
+    for count in (campaign.tried, campaign.lost, campaign.wrong):
+        count.clear()
+    for kills in range(1, MOST + 1):
+        try:
+            if kills == 1:
+                campaign.look_at_lines()
+                own = {work: [at for at in lines if at[0] == __file__] for work, lines in campaign.lines.items()}
+                campaign.lines = {work: own[work] or lines for work, lines in campaign.lines.items()}
+            campaign.run(kills, faults)
+        except AssertionError:
+            return True
+        if any(campaign.lost.values()) or any(campaign.wrong.values()):
+            return True
+    return False
+
+
+def main() -> int:
+    """Try every sabotage; the number of those that went unnoticed."""
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    layout.FITS_A_CHUNK = (8, 8)
+    kill_campaign.WRITERS.add(__file__)
+    missed = 0
+    with tempfile.TemporaryDirectory() as folder, open(os.devnull, "w") as nowhere:
+        sys.stderr = nowhere
+        campaign = Campaign(Path(folder), seed=1)
+        try:
+            for faults, place, name, by in SABOTAGES:
+                with sabotaged(place, name, by):
+                    found = noticed(campaign, faults)
+                missed += not found
+                n = sum(campaign.tried.values())
+                print(f"{'noticed' if found else 'MISSED'} after {n} faults: {by.__doc__}", flush=True)
+        finally:
+            forked.kill_all()
+    return missed
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,34 +1,49 @@
-"""``mcstudy status``: how far a results cube is."""
+"""``mcstudy status``: how far a results cube is, once or as it grows."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mcstudy.study.store import Cube
+
+WINDOW_S = 30.0
+"""Seconds over which the speed of a run that is watched is taken."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
-    parser.add_argument("--json", action="store_true", help="machine-readable")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--json", action="store_true", help="machine-readable")
+    how.add_argument("--watch", action="store_true", help="follow a run from another shell until it is complete")
+    parser.add_argument("--every", type=float, default=2.0, metavar="SECONDS", help="how often --watch looks")
 
 
 def main(args: argparse.Namespace) -> int:
     """Print a table of fits by status; returns the exit code."""
+    from mcstudy.study.store import Cube
+
+    cube = Cube.open(args.out)
+    return _watch(cube, max(args.every, 0.1)) if args.watch else _once(cube, args.json)
+
+
+def _once(cube: Cube, as_json: bool) -> int:
     import json
 
     from mcstudy.cli import DONE, FITS_FAILED
     from mcstudy.fit.status import Status
     from mcstudy.study.failures import counts, failed_fits
-    from mcstudy.study.store import Cube
 
-    cube = Cube.open(args.out)
     by_group = {name: counts(store) for name, store in cube.groups.items()}
     failed = list(failed_fits(cube))
-    if args.json:
+    if as_json:
         groups = {name: {s.name.lower(): c[s] for s in Status} for name, c in by_group.items()}
         print(json.dumps({"study": cube.study.study.name, "fingerprint": cube.study.fingerprint, "groups": groups}))
         return FITS_FAILED if failed else DONE
-    print(f"{args.out}: study {cube.study.study.name}, seed {cube.study.study.seed}")
+    print(f"{cube.path}: study {cube.study.study.name}, seed {cube.study.study.seed}")
     print(f"fingerprint {cube.study.fingerprint}")
     shown = [s for s in Status if s is Status.PENDING or any(c[s] for c in by_group.values())]
     width = max(len(name) for name in by_group)
@@ -40,3 +55,33 @@ def main(args: argparse.Namespace) -> int:
     if any(c[Status.PENDING] for c in by_group.values()):
         print("not complete: run the study file again to resume")
     return FITS_FAILED if failed else DONE
+
+
+def _watch(cube: Cube, every: float) -> int:
+    import sys
+    import time
+    from collections import deque
+
+    from mcstudy.cli import DONE, FITS_FAILED
+    from mcstudy.study.display import Display
+    from mcstudy.study.progress import fits_line
+    from mcstudy.study.watch import Watch
+
+    watch, display = Watch(cube), Display(sys.stdout)
+    total = cube.study.fits
+    seen: deque[tuple[float, int]] = deque()
+    try:
+        while True:
+            watch.look()
+            now, done = time.monotonic(), watch.done
+            while len(seen) > 1 and seen[0][0] < now - WINDOW_S:
+                seen.popleft()
+            rate = (done - seen[0][1]) / (now - seen[0][0]) if seen else 0.0
+            seen.append((now, done))
+            line = f"{watch.chunks_done}/{watch.chunks} chunks  {fits_line(done, total, watch.failed, rate)}"
+            display.show([f"{cube.path}: study {cube.study.study.name}", line, *watch.headlines()])
+            if done >= total:
+                return FITS_FAILED if watch.failed else DONE
+            time.sleep(every)
+    except KeyboardInterrupt:
+        return DONE  # only the watching ends

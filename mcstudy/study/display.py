@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Sequence
 from typing import Any, TextIO
@@ -42,9 +43,10 @@ class Display:
         if self._cell is not None:
             self._cell.update(_Text(lines))
         elif self._terminal:
-            width = shutil.get_terminal_size().columns - 1  # a line that wraps could not be taken back
-            self._write(self._back() + "".join(f"{line[:width]}\n" for line in lines))
-            self._height = len(lines)
+            width = shutil.get_terminal_size().columns - 1  # what the terminal wraps could not be taken back
+            wrapped = [part for line in lines for part in textwrap.wrap(line, max(width, 20), subsequent_indent="  ")]
+            self._write(self._back() + "".join(f"{line}\n" for line in wrapped))
+            self._height = len(wrapped)
         else:
             self._write("".join(f"{line}\n" for line in lines))
 

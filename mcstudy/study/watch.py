@@ -3,7 +3,7 @@
 The headline number of a group with noise is the paper's bias, the mean over parameters of |mean estimate - truth| in
 percent of the truth (Goodworth & Peterka 2018, note to Table II), at its largest amplitude and every Fmax; that of a
 group without noise is the largest error of a best fit. Both are those of ``mcstudy show`` on the realizations that are
-complete.
+complete, the standard error to first order (a bias near zero keeps its sign).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ USABLE = [int(s) for s in Status if s.usable]
 LEAST = 3
 """Realizations from which an error of a mean is worth showing."""
 
-MOST_FMAX = 4
-"""Values of Fmax that a headline has room for."""
+MOST_FMAX, MOST_LINES = 4, 12
+"""Values of Fmax of a group, and lines in all, that a screen has room for."""
 
 
 @dataclass
@@ -132,26 +132,17 @@ class Watch:
             cell.add(best[k][found[k]][:, known] / truth[known] - 1)
 
     def headlines(self) -> list[str]:
-        """A line for every group of which enough is done."""
+        """Lines for every group of which enough is done."""
         out = []
         for name, store in self.cube.groups.items():
-            group = store.layout.group
+            group, unit = store.layout.group, store.experiment.model.stimulus_unit
             a = len(group.amplitude) - 1
-            cells = [(f, self._moments.get((name, a, k), Moments())) for k, f in enumerate(group.fmax)][:MOST_FMAX]
-            if group.simulator == "none":
-                held = [f"{100 * m.largest:.1e} % ({f:g} Hz)" for f, m in cells if m.n]
-                out += [f"{name}: largest error of a best fit {', '.join(held)}"] if held else []
-                continue
-            held = [_bias(f, m) for f, m in cells if m.n >= LEAST]
-            if held:
-                n = max(m.n for _, m in cells)
-                out.append(
-                    f"{name}, {group.amplitude[a]:g} {store.experiment.model.stimulus_unit}, {n} realizations: "
-                    f"mean |bias| ± MCSE {', '.join(held)}"
-                )
-        return out
-
-
-def _bias(fmax: float, m: Moments) -> str:
-    value, error = (100 * x for x in m.mean_absolute_bias())
-    return f"{value:.3g} ± {error:.2g} % ({fmax:g} Hz)"
+            for k, f in list(enumerate(group.fmax))[:MOST_FMAX]:
+                m = self._moments.get((name, a, k), Moments())
+                if group.simulator == "none" and m.n:
+                    out.append(f"{name}, {f:g} Hz: largest error of a best fit {100 * m.largest:.1e} %")
+                elif group.simulator != "none" and m.n >= LEAST:
+                    value, error = (100 * x for x in m.mean_absolute_bias())
+                    where = f"{name}, {group.amplitude[a]:g} {unit}, {f:g} Hz"
+                    out.append(f"{where}: mean |bias| {value:.3g} ± {error:.2g} % (MCSE; {m.n} realizations)")
+        return out[:MOST_LINES]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy  # loads its `optimize` when it is first used: half a second that most studies never need
 
 from mcstudy.fit.problem import Fits, Problem
 from mcstudy.fit.status import Status
@@ -20,7 +20,7 @@ def trf(problem: Problem, starts: np.ndarray, tolerance: float, max_iterations: 
     estimate, cost = np.empty_like(starts), np.empty(len(starts))
     status, iterations = np.empty(len(starts), dtype=np.uint8), np.empty(len(starts), dtype=np.int32)
     for i, x0 in enumerate(starts):
-        out = least_squares(
+        out = scipy.optimize.least_squares(
             problem.residual,
             np.clip(x0, model.lower, model.upper),
             problem.jacobian,

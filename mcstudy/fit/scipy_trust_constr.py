@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from scipy.optimize import Bounds, minimize
+import scipy  # loads its `optimize` when it is first used: half a second that most studies never need
 
 from mcstudy.fit.problem import Fits, Problem
 from mcstudy.fit.status import Status
@@ -42,13 +42,13 @@ def trust_constr(problem: Problem, starts: np.ndarray, tolerance: float, max_ite
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # quasi-Newton and degenerate-barrier notices; the status tells
-            out = minimize(
+            out = scipy.optimize.minimize(
                 value,
                 np.clip((x0 - lower) / width, 1e-6, 1 - 1e-6),
                 jac=gradient,
                 hess=hessian,
                 method="trust-constr",
-                bounds=Bounds(np.zeros_like(width), np.ones_like(width), keep_feasible=True),
+                bounds=scipy.optimize.Bounds(np.zeros_like(width), np.ones_like(width), keep_feasible=True),
                 options={
                     "gtol": tolerance,
                     "xtol": 1e-12,

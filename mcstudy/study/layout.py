@@ -18,8 +18,12 @@ from mcstudy.study.design import Group
 CHUNKS_A_GROUP = 400
 """Chunks a large group is cut into: enough to share out, few enough for a file system."""
 
-FITS_A_CHUNK = (500, 5000)
-"""Smallest and largest number of fits aimed at in a chunk."""
+FITS_A_CHUNK = (1500, 50_000)
+"""Smallest and largest number of fits aimed at in a chunk of the compiled solver: enough to keep its lanes full and to
+make nothing of the few milliseconds that writing takes, at most some seconds and 5 MB."""
+
+SLOW_FITS_A_CHUNK = (20, 500)
+"""The same for SciPy's solvers, which take 10 ms to a second a fit."""
 
 NAN = float("nan")
 COMPLEX_NAN = complex(NAN, NAN)
@@ -102,7 +106,7 @@ class Layout:
 
 def realizations_a_chunk(group: Group) -> int:
     """Realizations that share a chunk."""
-    low, high = FITS_A_CHUNK
+    low, high = FITS_A_CHUNK if group.fit.solver == "lm" else SLOW_FITS_A_CHUNK
     target = min(max(group.fits // CHUNKS_A_GROUP, low), high)
     return max(1, min(group.realizations, round(target / (len(group.fmax) * group.starts))))
 

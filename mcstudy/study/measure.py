@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from mcstudy.fit.problem import ml_cost
 from mcstudy.fit.solvers import fit
 from mcstudy.spectra import periods
 from mcstudy.spectra.bands import Bands, averaged, narrower, odd_lines, published
-from mcstudy.spectra.estimate import SpectralExperiment, frf_from_recording
+from mcstudy.spectra.estimate import LineNoise, SpectralExperiment, frf_from_recording
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
@@ -23,6 +24,9 @@ from mcstudy.study.streams import noise_stream
 
 HIGHEST_HZ = 8.0
 """Highest frequency point, whatever the Fmax: the points, and with them the data, do not depend on the fits."""
+
+KEPT_REALIZATIONS = 512
+"""Noise realizations a group remembers, some 30 kB each: those of a chunk, for its neighbours at other amplitudes."""
 
 SPECTRUM = {"keep": periods.raw, "remove": periods.ramp_removed}
 
@@ -72,18 +76,23 @@ def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measure:
     """Ideal response plus the spectrum of steady-state noise sway: the paper's "sim" FRF."""
     s = group.stimulus
     noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
-    spectrum = SPECTRUM[group.spectra.ramp]
-    unit = stimulus(group, 1.0)
-    subject = SpectralExperiment(model, model.truth, unit, noise, bands, s.cycles, s.discard, spectrum)
+
+    @cache
+    def subject() -> SpectralExperiment:  # made for the first cell: who only reads a cube never needs it
+        unit, spectrum = stimulus(group, 1.0), SPECTRUM[group.spectra.ramp]
+        return SpectralExperiment(model, model.truth, unit, noise, bands, s.cycles, s.discard, spectrum)
+
+    @lru_cache(maxsize=KEPT_REALIZATIONS)
+    def drawn(realization: int) -> LineNoise:
+        return subject().realization(noise_stream(seed, realization))
 
     def measure(amplitude: float, realization: int) -> Measurement:
-        return Measurement(*subject.frf(subject.realization(noise_stream(seed, realization)), amplitude))
+        return Measurement(*subject().frf(drawn(realization), amplitude))
 
     def through_loop(amplitude: float, realization: int) -> Measurement:
-        line_noise = subject.realization(noise_stream(seed, realization))
-        first = ml_cost(model, bands.f, *subject.frf(line_noise, amplitude))
+        first = ml_cost(model, bands.f, *subject().frf(drawn(realization), amplitude))
         fits = fit(first, linearised(first, np.random.default_rng(), 1))  # the first start draws nothing
-        return Measurement(*subject.frf(subject.through_loop(line_noise, fits.estimate[0]), amplitude))
+        return Measurement(*subject().frf(subject().through_loop(drawn(realization), fits.estimate[0]), amplitude))
 
     return through_loop if group.spectra.covariance == "through_loop" else measure
 

@@ -155,7 +155,9 @@ def pending_blocks(cube: Cube, threads: int, per_block: int | None) -> Iterator[
 
 def _chunks_a_block(layout: Layout, chunks: int, threads: int) -> int:
     wanted = FITS_A_BLOCK.get(layout.group.fit.solver, 0) // max(1, layout.fits(Chunk(0, 0)))
-    return max(1, min(wanted, chunks // (8 * threads)))  # enough blocks that threads finish together
+    size = max(1, min(wanted, chunks // (8 * threads)))  # enough blocks that threads finish together
+    together = len(layout.group.amplitude)  # they share a realization's noise
+    return size if layout.group.fit.solver != "lm" or size >= chunks else -(-size // together) * together
 
 
 @contextlib.contextmanager

@@ -8,11 +8,11 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
 import warnings
-from functools import cached_property
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +30,15 @@ from mcstudy.study.durable import DurableStore, sync_folder, sync_tree
 from mcstudy.study.environment import environment
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import ArraySpec, Chunk, Layout, layout, realizations_a_chunk
+from mcstudy.study.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, document
 from mcstudy.study.study_file import parse_study, to_toml
+from mcstudy.study.untrusted import LARGEST_CHUNK, real_bytes, refuse_links
 
 SCHEMA = "study_cube"
 CODECS = [ZstdCodec(level=3), Crc32cCodec()]
+
+WRITERS = 16
+"""Threads that only wait for the disk."""
 
 
 class GroupStore:
@@ -52,11 +57,14 @@ class GroupStore:
     def write(self, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
         """Write one chunk: everything, then folders, then status; returns when all of it is on disk."""
         *first, last = self.layout.results
-        for name in first:
-            self._arrays[name][self.layout.region(name, chunk)] = data[name]
-        for name in first:
-            sync_folder(self.path / name)
-        self._arrays[last][self.layout.region(last, chunk)] = data[last]
+        arrays = self._arrays
+
+        def put(name: str) -> None:
+            arrays[name][self.layout.region(name, chunk)] = data[name]
+
+        _together(put, first)
+        _together(lambda name: sync_folder(self.path / name), first)
+        put(last)
         sync_folder(self.path / last)
 
     def read(self, name: str, chunk: Chunk) -> np.ndarray:
@@ -73,8 +81,8 @@ class GroupStore:
     def intact(self, name: str, chunk: Chunk) -> bool:
         """Whether an array's chunk is on disk and its checksum is right; reads the file, decodes nothing."""
         try:
-            content = self.chunk_file(name, chunk).read_bytes()
-        except OSError:
+            content = real_bytes(self.chunk_file(name, chunk))
+        except (OSError, StoreError):
             return False
         # The checksum is the outermost codec: four bytes, little-endian, of everything before them.
         return len(content) > 4 and crc32c(content[:-4]) == int.from_bytes(content[-4:], "little")
@@ -163,23 +171,44 @@ class Cube:
 
     @classmethod
     def open(cls, path: Path) -> Cube:
-        """Open an existing cube; raises `StoreError` when it is not one this version can use."""
+        """Open an existing cube; raises `StoreError` when it is not one this version can use.
+
+        A stranger may have made it: the arrays are compared with what its study asks for, before any is read.
+        """
         description = describe(path)
         found = description["attributes"].get("schema")
         if found != schema.identifier(SCHEMA):
             raise StoreError(f"{path}: expected a cube of schema {schema.identifier(SCHEMA)!r}, found {found!r}")
         schema.validate(SCHEMA, description, str(path))
         depths = {name: group["attributes"]["realizations_a_chunk"] for name, group in description["groups"].items()}
-        return cls._of(path, description["attributes"], depths)
+        cube = cls._of(path, description["attributes"], depths)
+        cube._check_arrays(description["groups"])
+        return cube
+
+    def _check_arrays(self, found: dict[str, Any]) -> None:
+        if set(found) != set(self.groups):
+            raise StoreError(f"{self.path}: expected groups {', '.join(self.groups)}, found {', '.join(found)}")
+        for name, group in self.groups.items():
+            if chunk_bytes(group.layout) > LARGEST_CHUNK:
+                raise StoreError(
+                    f"{group.path}: realizations_a_chunk: expected chunks of at most {LARGEST_CHUNK} bytes"
+                )
+            if found[name]["attributes"].get("design") != group.experiment.group.model_dump(mode="json"):
+                raise StoreError(f"{group.path / 'zarr.json'}: attribute design: expected the group of the study")
+            for array, spec in group.layout.arrays.items():
+                document = found[name]["arrays"].get(array)
+                if document is not None:  # one that lacks is refused by the schema unless it may
+                    check_array(group.path / array, document, spec)
 
     @classmethod
     def open_unchecked(cls, path: Path) -> Cube:
         """Open a cube whose metadata may be damaged, by the study it names; raises `StoreError` without one."""
+        refuse_links(path)
         attributes = document(path).get("attributes", {})
         for name, kind in (("study", str), ("fingerprint", str), ("environment", dict)):
             if not isinstance(attributes.get(name), kind):
                 raise StoreError(f"{path}: attribute {name}: expected the {name} of the study")
-        return cls._of(path, attributes, {})
+        return cls._of(path, attributes, depth_votes(path))
 
     @classmethod
     def _of(cls, path: Path, attributes: dict[str, Any], depths: dict[str, int]) -> Cube:
@@ -193,38 +222,20 @@ class Cube:
         return cls(path, study, attributes, own)
 
 
-def describe(path: Path) -> dict[str, Any]:
-    """The metadata documents of a cube as one JSON value: what the schema describes.
+@cache
+def _writers() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(WRITERS, "mcstudy-writer")
 
-    ``{"attributes": ..., "groups": {name: {"attributes": ..., "arrays": {name: document}}}}``
+
+def _together(work: Callable[[str], None], names: Iterable[str]) -> None:
+    """Do ``work`` for every name at once, all of it ended on return; raises the first error.
+
+    A file system commits together what is synced together: one chunk takes a tenth of the time it takes file by file.
     """
-    root = document(path)
-    groups = {}
-    for folder in _folders(path):
-        arrays = {array.name: document(array) for array in _folders(folder)}
-        groups[folder.name] = {"attributes": document(folder).get("attributes"), "arrays": arrays}
-    return {"attributes": root.get("attributes", {}), "groups": groups}
-
-
-def _folders(path: Path) -> list[Path]:
-    return sorted(p for p in path.iterdir() if p.is_dir())
-
-
-def document(path: Path) -> dict[str, Any]:
-    """The metadata document of a folder of a cube, without its consolidated copy; raises `StoreError`."""
-    try:
-        with (path / "zarr.json").open("rb") as file:
-            if os.fstat(file.fileno()).st_size > 100_000_000:
-                raise StoreError(f"{path / 'zarr.json'}: expected less than 100 MB of metadata")
-            document = json.load(file)
-    except OSError as error:
-        raise StoreError(f"{path}: expected a results cube ({error.strerror}: zarr.json)") from None
-    except (ValueError, RecursionError):
-        raise StoreError(f"{path / 'zarr.json'}: expected a JSON document") from None
-    if not isinstance(document, dict) or not isinstance(document.get("attributes", {}), dict):
-        raise StoreError(f"{path / 'zarr.json'}: expected Zarr metadata")
-    document.pop("consolidated_metadata", None)
-    return document
+    futures = [_writers().submit(work, name) for name in names]
+    wait(futures)
+    for future in futures:
+        future.result()
 
 
 def _root_attributes(study: Study, made_in: dict[str, Any]) -> dict[str, Any]:
@@ -259,8 +270,7 @@ def _create(node: zarr.Group, spec: ArraySpec) -> None:
         compressors=CODECS,
         dimension_names=spec.dims,
         attributes=spec.attributes,
-        # one folder an array: a chunk costs one file and one folder entry to sync
-        chunk_key_encoding={"name": "default", "separator": "."},
+        chunk_key_encoding=KEYS,
         config={"write_empty_chunks": True},
     )
     if spec.values is not None:

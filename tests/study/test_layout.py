@@ -53,6 +53,13 @@ def test_a_chunk_holds_a_sane_number_of_fits(realizations: int, starts: int, n_f
     assert depth == 1 or depth * starts * n_fmax <= 1.5 * FITS_A_CHUNK[1]
 
 
+def test_chunks_of_slow_solvers_are_small_enough_to_share_out_and_to_lose() -> None:
+    solvers = read_study(PIPELINES / "solvers.toml").group
+    for name, group in solvers.items():
+        fits = realizations_a_chunk(group) * group.starts * len(group.fmax)
+        assert fits == (group.fits if name == "lm" else group.starts)
+
+
 def test_a_million_fits_make_a_few_thousand_files() -> None:
     (group,) = read_study(PIPELINES / "large.toml").group.values()
     group_layout = layout_of(group)

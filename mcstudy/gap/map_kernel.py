@@ -131,6 +131,11 @@ def penalised_fits(  # type: ignore[no-untyped-def]
     power1,
     coefficient,
     output_filter,
+    single,
+    both,
+    column,
+    delay_first,
+    cleared,
 ):
     """Minimise cost(x) + sum ((x - mean) / scale)^2 from every start (S, P), inside its own bounds (S, P).
 
@@ -182,6 +187,11 @@ def penalised_fits(  # type: ignore[no-untyped-def]
             power1,
             coefficient,
             output_filter,
+            single,
+            both,
+            column,
+            delay_first,
+            cleared,
         )
         for lane in range(WIDTH):
             index = fit[lane]

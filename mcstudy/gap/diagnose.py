@@ -13,12 +13,13 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.gap import effects as library
 from mcstudy.gap.ambiguity import undetectable
+from mcstudy.gap.base_fit import base_fit
 from mcstudy.gap.close import Belief, Closed, close, floor_rms_deg, sway_rms_deg
 from mcstudy.gap.contrasts import Contrast, contrasts
 from mcstudy.gap.detect import Detection, detect
 from mcstudy.gap.diagnosis import LEVEL, Diagnosis, Shift
 from mcstudy.gap.explain import Cause, Explanation, explain
-from mcstudy.gap.fitting import Data, Fitted, Fitter, base_starts, opened
+from mcstudy.gap.fitting import Data, Fitted, Fitter, opened
 from mcstudy.gap.frf_only import FrfRecording
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.locate import missing_torque, places
@@ -125,14 +126,14 @@ def diagnose_lines(
     """Diagnosis of measured lines under a base model whose values are the order of magnitude of a person's."""
     data, model = Data.of(lines), opened(nominal)
     fitter = Fitter(model, model, data.f)
-    base = fitter.best(data, base_starts(model, seed))
+    base, minima = base_fit(fitter, data, seed)
     effects = usable(model)
     found = signatures(base, data, effects)
     ambiguous = groups(*likeness(found))
     scores = Scores(base, data, found, [library.effect(s.effect).size.signed for s in found])
     detection = detect(base, fitter, data, lines, scores, stream(seed, "gap null"), draws, refits)
     compared = contrasts(lines, base, stream(seed, "gap contrasts"))
-    explanation = explain(base, data, effects, found, ambiguous, scores, compared)
+    explanation = explain(base, minima, data, effects, found, ambiguous, scores, compared)
     p_value = _combined(detection, compared)
     detected = p_value < LEVEL
     leading = explanation.causes[0] if detected and explanation.causes else None

@@ -86,9 +86,10 @@ def log_prior(size: Size, a: np.ndarray, se: float) -> np.ndarray:
     return np.asarray(out)
 
 
-def starts_for(base: Fitted, found: Sequence[Signature], residual: np.ndarray, names: Sequence[str]) -> np.ndarray:
+def starts_for(
+    base: Fitted, minima: np.ndarray, found: Sequence[Signature], residual: np.ndarray, name: str
+) -> np.ndarray:
     """Starts (S, P) of a model with one effect: from its signatures at several sizes, and its published sizes."""
-    (name,) = names
     e = library.effect(name)
     rows = []
     for s in found:
@@ -98,7 +99,7 @@ def starts_for(base: Fitted, found: Sequence[Signature], residual: np.ndarray, n
             theta = base.theta - s.shift * np.clip(factor, -4, 4)
             rows.append([*theta, *(x if k is e.size else s.sizes[k.name] for k in e.sizes)])
     middle = [sum(k.published) / 2 for k in e.sizes]
-    for theta in (base.theta, base.prior.mean):
+    for theta in (*minima, base.prior.mean):
         for factor in (1.0, 0.3) if not e.size.signed else (1.0, -1.0):
             rows.append([*theta, factor * middle[0], *middle[1:]])
     if name == "stimulus_gain":
@@ -106,11 +107,17 @@ def starts_for(base: Fitted, found: Sequence[Signature], residual: np.ndarray, n
     return np.array(rows)
 
 
-def single(base: Fitted, data: Data, name: str, found: Sequence[Signature], residual: np.ndarray) -> Hypothesis:
-    """The hypothesis that one effect acts, from its signatures at the base fit and the base fit's residual."""
+def single(
+    base: Fitted, minima: np.ndarray, data: Data, name: str, found: Sequence[Signature], residual: np.ndarray
+) -> Hypothesis:
+    """The hypothesis that one effect acts.
+
+    Fits start from its signatures at the base fit with that fit's residual, and from its published sizes on the lowest
+    ``minima`` (K, P) of the base model.
+    """
     e = library.effect(name)
     fitter = Fitter(library.apply(base.model, name), base.model, data.f)
-    starts = np.clip(starts_for(base, found, residual, [name]), fitter.model.lower, fitter.model.upper)
+    starts = np.clip(starts_for(base, minima, found, residual, name), fitter.model.lower, fitter.model.upper)
     mode = fitter.pick(fitter.fits(data.packed, starts))
     P = base.theta.size
     covariance = mode.covariance

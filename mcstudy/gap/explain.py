@@ -22,7 +22,7 @@ from mcstudy.gap.scores import Scores
 from mcstudy.gap.signatures import Signature
 from mcstudy.stance.response import frf
 
-NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.47, 0.08, 0.11, 0.04
+NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.50, 0.05, 0.11, 0.04
 
 LEADERS = 3
 """Leading single effects beside which others, and the unknown, are tried."""
@@ -66,6 +66,7 @@ class Explanation:
 
 def explain(
     base: Fitted,
+    minima: np.ndarray,
     data: Data,
     effects: Sequence[Effect],
     found: Sequence[Signature],
@@ -73,11 +74,11 @@ def explain(
     scores: Scores,
     contrasts: Sequence[Contrast],
 ) -> Explanation:
-    """The posterior for one recording."""
+    """The posterior for one recording; effects also start from the lowest ``minima`` (K, P) of the base model."""
     residual = base.residual(data)
     none = Hypothesis((), base.log_evidence, base)
     of = {e.name: [s for s in found if s.effect == e.name] for e in effects}
-    singles = [single(base, data, e.name, of[e.name], residual) for e in effects]
+    singles = [single(base, minima, data, e.name, of[e.name], residual) for e in effects]
     families: dict[str, int] = {}
     for e in effects:
         families[e.cause] = families.get(e.cause, 0) + 1

@@ -13,7 +13,6 @@ nobody and keep the statistics regular.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -259,17 +258,3 @@ class Fitter:
             float(fits.penalty[k]),
             fits.information[k],
         )
-
-
-def base_starts(model: Model, seed: int, n: int = 16) -> np.ndarray:
-    """Starts of the base model: nominal, and draws from half the prior, (n, P)."""
-    rng = np.random.default_rng(seed)
-    prior = Prior.of(model, model)
-    draws = prior.mean + 0.7 * prior.scale * rng.standard_normal((n, prior.mean.size))
-    draws[0] = prior.mean
-    return np.clip(draws, model.lower, model.upper)
-
-
-def applied(base: Model, names: Sequence[str]) -> Model:
-    """The base model with effects."""
-    return library.apply(base, *names)

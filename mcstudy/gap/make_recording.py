@@ -232,7 +232,8 @@ def _with_torque(
     own = np.zeros_like(noise) if rules.motor_noise is None else rules.motor_noise
     extra, step, last = np.zeros_like(noise), 0.8, np.inf
     for _ in range(ITERATIONS):
-        wanted = torque(sway, rate)
+        with np.errstate(over="ignore", invalid="ignore"):
+            wanted = torque(sway, rate)
         if not np.isfinite(wanted).all():
             break
         extra = extra + step * (wanted - extra)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from mcstudy.gap import effects as library
+from mcstudy.gap.base_fit import drawn_starts
 from mcstudy.gap.close import Belief, close, energy, floor_rms_deg, sway_rms_deg
 from mcstudy.gap.evidence import Hypothesis
-from mcstudy.gap.fitting import Data, Fitted, Fitter, base_starts, opened
+from mcstudy.gap.fitting import Data, Fitted, Fitter, opened
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.signatures import signatures, usable
 from mcstudy.gap.small_linear import gaussian_factor, orthonormal
@@ -24,7 +25,7 @@ def _fit(data: Data, *names: str, start: dict[str, float] | None = None) -> Fitt
     model = library.apply(BASE, *names)
     fitter = Fitter(model, BASE, data.f)
     theta = model.with_values(start or {}).truth
-    return fitter.best(data, np.concatenate([theta[None], base_starts(BASE, 0, 1) if not names else theta[None]]))
+    return fitter.best(data, np.concatenate([theta[None], drawn_starts(BASE, 0, 1) if not names else theta[None]]))
 
 
 def _space(data: Data, base: Fitted) -> np.ndarray:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from mcstudy.gap import effects as library
+from mcstudy.gap.base_fit import drawn_starts
 from mcstudy.gap.detect import Detection, detect, linear_null, refitted_null
 from mcstudy.gap.draws import NullDraws
-from mcstudy.gap.fitting import Data, Fitter, base_starts, opened, whiten, whitener
+from mcstudy.gap.fitting import Data, Fitter, opened, whiten, whitener
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.scores import Scores, log_factor
 from mcstudy.gap.signatures import signatures, usable
@@ -36,7 +37,7 @@ def test_draws_have_the_level_and_the_heavy_tails_of_measured_errors(plain_lines
 def test_linearised_and_refitted_nulls_agree(plain_lines: list[Lines]) -> None:
     data = Data.of(plain_lines[0])
     fitter = Fitter(OPEN, OPEN, data.f)
-    fitted = fitter.best(data, base_starts(OPEN, 0, 8))
+    fitted = fitter.best(data, drawn_starts(OPEN, 0, 8))
     noise = NullDraws(plain_lines[0])(np.random.default_rng(1), 40)
     linear, refitted = linear_null(fitted, data, noise), refitted_null(fitted, fitter, data, noise)
     ratio = (refitted**2).sum(axis=0) / (linear**2).sum(axis=0)
@@ -60,7 +61,7 @@ def test_score_of_no_deviation_is_evidence_against_one() -> None:
 def _detect(lines: Lines, refits: bool = False, draws: int = 200) -> Detection:
     data = Data.of(lines)
     fitter = Fitter(OPEN, OPEN, data.f)
-    base = fitter.best(data, base_starts(OPEN, 0, 8))
+    base = fitter.best(data, drawn_starts(OPEN, 0, 8))
     found = signatures(base, data, [library.effect("head_mode"), library.effect("sensor_lag_both")])
     scores = Scores(base, data, found, [library.effect(s.effect).size.signed for s in found])
     return detect(base, fitter, data, lines, scores, np.random.default_rng(2), draws, refits)

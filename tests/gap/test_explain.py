@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from mcstudy.gap import effects as library
+from mcstudy.gap.base_fit import drawn_starts
 from mcstudy.gap.diagnose import diagnose_lines
 from mcstudy.gap.evidence import log_prior, single
-from mcstudy.gap.fitting import Data, Fitted, Fitter, base_starts, opened
+from mcstudy.gap.fitting import Data, Fitted, Fitter, opened
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.signatures import WANTED, groups, likeness, signatures, usable
 from mcstudy.stance.body import two_segment
@@ -22,7 +23,7 @@ OPEN = opened(BASE)
 @pytest.fixture(scope="module")
 def fitted(plain_lines: list[Lines]) -> tuple[Fitted, Data]:
     data = Data.of(plain_lines[0])
-    return Fitter(OPEN, OPEN, data.f).best(data, base_starts(OPEN, 0, 8)), data
+    return Fitter(OPEN, OPEN, data.f).best(data, drawn_starts(OPEN, 0, 8)), data
 
 
 def test_signatures_are_what_refitting_leaves(fitted: tuple[Fitted, Data]) -> None:
@@ -68,7 +69,7 @@ def test_size_comes_back_with_its_error(with_effects: Callable[..., Lines]) -> N
     z = []
     for k in range(6):
         data = Data.of(with_effects(k, {"passive_damping_ankle": {"Bpas1": 60.0}}))
-        base = Fitter(OPEN, OPEN, data.f).best(data, base_starts(OPEN, 0, 8))
+        base = Fitter(OPEN, OPEN, data.f).best(data, drawn_starts(OPEN, 0, 8))
         effect = library.effect("passive_damping_ankle")
         found = single(base, data, effect.name, signatures(base, data, [effect]), base.residual(data))
         size = found.sizes[0]

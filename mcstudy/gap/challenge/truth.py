@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mcstudy.errors import DesignError
+from mcstudy.errors import DesignError, InputError
 from mcstudy.gap import effects as library
 from mcstudy.gap.challenge.cases import Case, draw_body, draw_linear, pool, protocol_of, shared
 from mcstudy.gap.challenge.ceiling import Ceiling, Classifier, size_grid
@@ -156,7 +156,10 @@ def _ruled(series: Series, rng: np.random.Generator, name: str) -> tuple[Recordi
     drawn = draw_nonlinear(series, rng, name)
     if drawn is None:
         return None
-    recording, more = _simulated(series, rng, drawn)
+    done = _simulated(series, rng, drawn)
+    if done is None:
+        return None
+    recording, more = done
     described = [{"effect": name, "sizes": drawn.sizes, "delta": drawn.measured.delta, "group": [name], "kin": [name]}]
     more["closable"][name] = 1.0
     return recording, _entry(drawn.theta, drawn.measured.delta, described, **more)
@@ -170,14 +173,20 @@ def _outsider(series: Series, rng: np.random.Generator) -> tuple[Recording, dict
     for _ in range(REDRAWS):
         name = str(rng.choice(names))
         drawn = draw_outsider(series, rng, name)
-        if drawn is not None:
-            recording, more = _simulated(series, rng, drawn)
+        done = None if drawn is None else _simulated(series, rng, drawn)
+        if drawn is not None and done is not None:
+            recording, more = done
             outside = {"name": name, "size": drawn.measured.size, "unit": OUTSIDERS[name].unit}
             return recording, _entry(drawn.theta, drawn.measured.delta, [], outsider=outside, **more)
     raise DesignError(f"sizes.outsiders: none that a body stands with at the wanted size, in {REDRAWS} draws")
 
 
-def _simulated(series: Series, rng: np.random.Generator, drawn: Drawn) -> tuple[Recording, dict[str, Any]]:
+def _simulated(series: Series, rng: np.random.Generator, drawn: Drawn) -> tuple[Recording, dict[str, Any]] | None:
+    """None when the body that stood without noise falls with it."""
+    try:
+        recording = drawn.simulate(protocol_of(series), rng)
+    except InputError:
+        return None
     probes = shared(series)[1]
     m = drawn.measured
     more = _explained(drawn.geometry, probes, m.response)
@@ -188,7 +197,7 @@ def _simulated(series: Series, rng: np.random.Generator, drawn: Drawn) -> tuple[
     if "smooth_residual" in more:
         ceiling["flagged"] = Ceiling.omnibus(more["smooth_residual"], drawn.geometry.smooth_dof)
     more |= {"ceiling": {k: round(v, 4) for k, v in ceiling.items()}, "total_delta": round(m.total, 4)}
-    return drawn.simulate(protocol_of(series), rng), more
+    return recording, more
 
 
 LEAST_GAP = 1.0

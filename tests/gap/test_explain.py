@@ -71,7 +71,7 @@ def test_size_comes_back_with_its_error(with_effects: Callable[..., Lines]) -> N
         data = Data.of(with_effects(k, {"passive_damping_ankle": {"Bpas1": 60.0}}))
         base = Fitter(OPEN, OPEN, data.f).best(data, drawn_starts(OPEN, 0, 8))
         effect = library.effect("passive_damping_ankle")
-        found = single(base, data, effect.name, signatures(base, data, [effect]), base.residual(data))
+        found = single(base, base.theta[None], data, effect.name, signatures(base, data, [effect]), base.residual(data))
         size = found.sizes[0]
         assert size.low < size.estimate < size.high
         assert size.se < 15

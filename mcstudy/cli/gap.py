@@ -46,7 +46,12 @@ def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
     answer = verbs.add_parser("answer", help="diagnose every recording of a data folder")
     answer.add_argument("data", type=Path, help="folder of the recordings; must not hold the key")
     answer.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="answers (JSON)")
-    answer.add_argument("--method", choices=("fast", "bootstrap"), default="fast", help="statistics of the diagnosis")
+    answer.add_argument(
+        "--method",
+        choices=("fast", "bootstrap", "detect"),
+        default="fast",
+        help="statistics of the diagnosis; detect: no causes",
+    )
     answer.set_defaults(run=_answer)
 
     score = verbs.add_parser("score", help="open the key and score answers")

@@ -42,7 +42,22 @@ def bootstrap(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     return diagnose(recording).to_dict()
 
 
-METHODS: dict[str, Diagnose] = {"fast": fast, "bootstrap": bootstrap}
+def detect(recording: Recording | FrfRecording) -> Mapping[str, Any]:
+    """Only whether there is a gap, as `fast` decides it; a cause is never named."""
+    from mcstudy.gap.diagnose import LEVEL, detect_fast
+
+    p_value = detect_fast(recording).p_value
+    return {
+        "detected": p_value < LEVEL,
+        "p_value": p_value,
+        "none_probability": float(p_value >= LEVEL),
+        "unknown_probability": float(p_value < LEVEL),
+        "causes": [],
+        "credible_set": ["none", "unknown"],
+    }
+
+
+METHODS: dict[str, Diagnose] = {"fast": fast, "bootstrap": bootstrap, "detect": detect}
 
 
 def label(entry: Any) -> str:

@@ -123,9 +123,10 @@ class Noise(Section):
 
 
 class Answering(Section):
-    """Who answers: the shipped diagnosis, asymptotic ("fast") or with its bootstrap ("bootstrap")."""
+    """Who answers: the shipped diagnosis, asymptotic ("fast"), with its bootstrap ("bootstrap"), or
+    only whether there is a gap ("detect")."""
 
-    method: Literal["fast", "bootstrap"] = "fast"
+    method: Literal["fast", "bootstrap", "detect"] = "fast"
 
 
 class Series(Section):

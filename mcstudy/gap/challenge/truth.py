@@ -96,6 +96,8 @@ def _entry(theta: np.ndarray, delta: float, effects: list[dict[str, Any]], **mor
 
 def _nothing(series: Series, rng: np.random.Generator, shifted: bool) -> tuple[Recording, dict[str, Any]]:
     theta = draw_body(series, rng, shifted)
+    if series.mix.none + series.mix.shifted == 1.0:  # nobody is asked for a cause
+        return simulate_recording(protocol_of(series), theta, rng), _entry(theta, 0.0, [])
     setting, probes = shared(series)
     around = Surroundings.of(Geometry(free(two_segment()), theta, setting, noise_of(series.noise)), probes)
     ideal = _classifier(series, around).ceiling(rng, None, 0.0).rounded() if around.columns else {}

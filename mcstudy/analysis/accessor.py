@@ -10,12 +10,25 @@ need all starts say so. Nothing is computed before it is asked for.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from functools import cached_property
 
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis import accuracy, basins, context, convergence, efficiency, minimum_curve, neural, selection
+from mcstudy.analysis import (
+    accuracy,
+    basins,
+    by_starts,
+    context,
+    convergence,
+    efficiency,
+    minimum_curve,
+    neural,
+    selection,
+    stable_starts,
+)
+from mcstudy.analysis import atlas as atlases
 from mcstudy.analysis import sensitivity as sensitivities
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
@@ -144,6 +157,42 @@ class MonteCarlo:
     def basins(self, most: int = 10) -> xr.Dataset:
         """The lowest local minima of every cell, and how often they are reached. Needs all starts."""
         return basins.basins(self._cube, most)
+
+    def atlas(self, amplitude: float | None = None, fmax: float | None = None, most: int = 10) -> xr.Dataset:
+        """Local minima of all realizations in clusters, at the last amplitude and Fmax by default. Needs all starts.
+
+        See `mcstudy.analysis.atlas.atlas`. Raises `InputError` for values the cube does not hold.
+        """
+        cube = self._cube
+        for name, value in (("amplitude", amplitude), ("fmax", fmax)):
+            cube = cube.sel({name: [self._held(name, value)]})
+        found = basins.basins(cube, most).isel(amplitude=0, fmax=0).compute()
+        return atlases.atlas(found, self._data["lower"], self._data["upper"])
+
+    def _held(self, name: str, value: float | None) -> float:
+        held = [float(x) for x in self._data[name].values]
+        if value is None:
+            return held[-1]
+        found = context.nearest(self._data[name].values, value)
+        if found is None:
+            raise InputError(f"{name}: expected one of {', '.join(f'{x:g}' for x in held)}, got {value:g}")
+        return found
+
+    def by_starts(
+        self,
+        statistic: Callable[[xr.Dataset], xr.Dataset] = by_starts.mean_cv,
+        counts: Iterable[int] = by_starts.COUNTS,
+    ) -> xr.Dataset:
+        """A statistic of cells as a function of the number of starts (dim ``drawn``). Needs all starts."""
+        return by_starts.by_starts(self._cube, statistic, counts)
+
+    def hit_rate_by_start(self) -> xr.Dataset:
+        """Share of starts that arrive, for loops that stand at the start and loops that fall. Needs all starts.
+
+        Reads all starts at once; see `mcstudy.analysis.stable_starts.hit_rate_by_start`.
+        """
+        needed = self._cube[["initial", "cost", "status"]].compute()
+        return stable_starts.hit_rate_by_start(needed, self.model)
 
 
 @xr.register_datatree_accessor("mc")

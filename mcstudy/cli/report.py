@@ -10,6 +10,14 @@ from pathlib import Path
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
+    parser.add_argument(
+        "--beside",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FILE",
+        help="alternatives to show on the page: cubes, or files of pipelines/examples/{two_stimuli,population}.py",
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE", help="the page to write (.html)")
 
 
@@ -20,7 +28,7 @@ def main(args: argparse.Namespace) -> int:
     require_matplotlib()
     from mcstudy.report.page import page
 
-    return write_page(args.output, lambda: page(args.out))
+    return write_page(args.output, lambda: page(args.out, args.beside))
 
 
 def write_page(file: Path, text: Callable[[], str]) -> int:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import xarray as xr
 
 from mcstudy.analysis.published import METHODS, VARIANTS
+from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult, read_alternative
 from mcstudy.report.context import Context
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figure, missing
 from mcstudy.report.html import Table, details, escape, table
+from mcstudy.report.sections.alternatives import one_start, population, two_stimuli
 from mcstudy.report.sections.compare import comparison_html
 from mcstudy.report.sections.estimates import efficiency_figure, estimates, paper_estimate_figures
 from mcstudy.report.sections.search import further_search_figures, paper_search_figures
@@ -21,13 +24,37 @@ from mcstudy.report.words import beside, groups, headline, introduction
 from mcstudy.study.results import open_results
 
 
-def page(path: str | Path) -> str:
-    """The page of the cube at ``path``, complete or not; raises `StoreError` when it is not one."""
-    return page_of(open_results(path))
+def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
+    """The page of the cube at ``path``, complete or not.
+
+    ``beside``: alternatives to show on it, each another cube or a file of `mcstudy.report.alternatives`.
+
+    Raises `StoreError` when one of them is neither.
+    """
+    alternatives = [_Beside.open(file) for file in beside]
+    return page_of(open_results(path), alternatives)
 
 
-def page_of(tree: xr.DataTree) -> str:
-    """The page of an open cube."""
+@dataclass(frozen=True)
+class _Beside:
+    """An alternative: the study of another cube, or a result."""
+
+    content: Context | TwoStimuliResult | PopulationResult
+
+    @classmethod
+    def open(cls, file: Path) -> _Beside:
+        return cls(Context(open_results(file)) if file.is_dir() else read_alternative(file))
+
+    def figure(self, key: str) -> tuple[Figure | Missing, str]:
+        """Its figure, and the command that made it."""
+        c = self.content
+        if isinstance(c, Context):
+            return one_start(c, key), f"mcstudy report OUT --beside {c.name}.zarr, after mcstudy run {c.name}.toml"
+        return (two_stimuli(c, key) if isinstance(c, TwoStimuliResult) else population(c, key)), c.command
+
+
+def page_of(tree: xr.DataTree, beside: Sequence[_Beside] = ()) -> str:
+    """The page of an open cube; see `page`."""
     context = Context(tree)
     main = context.accuracy
     paper = signal_figures(context) + paper_search_figures(context) + paper_estimate_figures(context)
@@ -40,6 +67,7 @@ def page_of(tree: xr.DataTree) -> str:
         ("beyond", "What the paper does not show", _figures(context, beyond)),
         ("compared", "Groups compared", comparison_html(context)),
         *_other_groups(context),
+        ("alternatives", "The alternatives the paper argues with", _alternatives(context, beside)),
         ("groups", "All groups in numbers", groups(context)),
         ("study", "How this was made", _provenance(context)),
     ]
@@ -49,6 +77,23 @@ def page_of(tree: xr.DataTree) -> str:
         parts,
         "± is one Monte Carlo standard error (MCSE) unless it says SD.",
     )
+
+
+def _alternatives(context: Context, beside: Sequence[_Beside]) -> str:
+    own = _figures(context, [one_start(context)])
+    shown = []
+    for i, one in enumerate(beside):
+        item, command = one.figure(f"beside-{i}")
+        shown.append(figure(item, "", command) if isinstance(item, Figure) else missing([item]))
+    more = (
+        ""
+        if beside
+        else (
+            "<p>Identification from two stimuli and fits to a population's mean come here with "
+            "<code>mcstudy report OUT --beside FILE</code>; <code>pipelines/examples</code> makes the files.</p>"
+        )
+    )
+    return own + "".join(shown) + more
 
 
 def _figures(context: Context, items: list[Figure | Missing]) -> str:

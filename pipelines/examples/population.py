@@ -3,16 +3,19 @@
 Goodworth & Peterka (2009, 2012) found the two alike in a homogeneous population. Here every subject's gains, damping
 and delays are scattered uniformly within +-15 % of the truth (unstable draws are drawn again), each subject has their
 own sensor noise, and both routes estimate the population's own mean parameters. Bias and spread of the two over many
-populations, in percent of the truth, Fmax 1.2 Hz, 5 N m.
+populations, in percent of the truth, Fmax 1.2 Hz, 5 N m. ``-o FILE`` keeps the result for
+``mcstudy report OUT --beside FILE``.
 """
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 
 from mcstudy.fit.linearised import linearised
 from mcstudy.fit.problem import paper_cost
 from mcstudy.fit.solvers import fit
+from mcstudy.report.alternatives import write_alternative
 from mcstudy.spectra.bands import published
 from mcstudy.spectra.estimate import SpectralExperiment
 from mcstudy.stance.body import two_segment
@@ -69,6 +72,7 @@ if __name__ == "__main__":
     parser.add_argument("--subjects", type=int, default=10)
     parser.add_argument("--seed", type=int, default=2009)
     parser.add_argument("--no-noise", action="store_true", help="scatter of the parameters alone")
+    parser.add_argument("-o", "--output", type=Path)
     a = parser.parse_args()
     model = two_segment()
     noise = SensorNoise((0.0, 0.0)) if a.no_noise else SensorNoise()
@@ -77,10 +81,27 @@ if __name__ == "__main__":
     routes = percent(error, model)
     print(f"{a.populations} populations of {a.subjects} subjects; percent of the truth, +- Monte Carlo standard error")
     print(f"{'':<10}{'mean of fits: bias':>20}{'SD':>7}{'fit to mean: bias':>20}{'SD':>7}{'difference':>16}")
+    rows = []
     for name, values in routes.items():
+        root = np.sqrt(a.populations)
         (each, mean), (sd_each, sd_mean) = values.mean(axis=0), values.std(axis=0, ddof=1)
         paired = values[:, 1] - values[:, 0]
-        root = np.sqrt(a.populations)
+        off, error_of = float(paired.mean()), float(paired.std(ddof=1) / root)
         columns = (f"{each:.1f} +- {sd_each / root:.1f}", f"{sd_each:.1f}", f"{mean:.1f} +- {sd_mean / root:.1f}")
-        difference = f"{paired.mean():.1f} +- {paired.std(ddof=1) / root:.1f}"
+        difference = f"{off:.1f} +- {error_of:.1f}"
         print(f"{name:<10}{columns[0]:>20}{columns[1]:>7}{columns[2]:>20}{sd_mean:>7.1f}{difference:>16}")
+        both = ("mean_of_fits", each, sd_each), ("fit_to_mean", mean, sd_mean)
+        found = {k: {"bias": float(b), "mcse": float(s / root), "sd": float(s)} for k, b, s in both}
+        rows.append({"name": name, **found, "difference": {"value": off, "mcse": error_of}})
+    if a.output:
+        words = f"--populations {a.populations} --subjects {a.subjects} --seed {a.seed}"
+        command = f"python {Path(__file__).name} {words}{' --no-noise' * a.no_noise} -o {a.output.name}"
+        settings = {
+            "populations": a.populations,
+            "subjects in each": a.subjects,
+            "scatter of parameters, +-%": 100 * SCATTER,
+            "sensor noise": "none" if a.no_noise else "the paper's",
+            "ankle torque, N m": AMPLITUDE,
+            "highest frequency, Hz": FMAX,
+        }
+        write_alternative(a.output, {"kind": "population", "command": command, "settings": settings, "rows": rows})

@@ -3,17 +3,21 @@
 The alternative of Boonstra et al. 2013 and Engelhart et al. 2015 that Goodworth & Peterka 2018 discuss. Up to 1.2 Hz,
 per controller and relative to its true magnitude, averaged over frequency: how far the mean estimate lies from the
 truth, how far chance alone would put it (what an unbiased estimator would show), and the error of a single experiment.
-All estimators get two trials of six cycles; the parametric fit uses one of them.
+All estimators get two trials of six cycles; the parametric fit uses one of them. ``-o FILE`` keeps the result for
+``mcstudy report OUT --beside FILE``.
 """
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mcstudy.fit.linearised import linearised
 from mcstudy.fit.problem import paper_cost
 from mcstudy.fit.solvers import fit
+from mcstudy.report.alternatives import write_alternative
 from mcstudy.spectra import nonparametric
 from mcstudy.spectra.bands import odd_lines, published
 from mcstudy.spectra.estimate import SpectralExperiment
@@ -59,29 +63,51 @@ def parametric(rng: np.random.Generator) -> np.ndarray:
     return neural_controllers(model, fits.estimate[fits.best], points.f)
 
 
-ESTIMATORS: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
-    "two stimuli, cross-spectra": two_stimuli,
-    "one stimulus, torque / angle": torque_over_angle,
-    "one stimulus, direct": direct,
-    "one stimulus, 12 parameters": parametric,
+ESTIMATORS: dict[str, tuple[Callable[[np.random.Generator], np.ndarray], int]] = {
+    "two stimuli, cross-spectra": (two_stimuli, 2),
+    "one stimulus, torque / angle": (torque_over_angle, 1),
+    "one stimulus, direct": (direct, 1),
+    "one stimulus, 12 parameters": (parametric, 1),
 }
 CONTROLLERS = {"T11": (1, 0), "T21": (1, 1), "T12": (0, 0), "T22": (0, 1)}
+
+
+def errors(estimator: Callable[[np.random.Generator], np.ndarray], n: int, seed: int) -> dict[str, dict[str, Any]]:
+    """Per controller, in percent by frequency: how far the mean is off, how far by chance, one experiment's error."""
+    truth = neural_controllers(model, model.truth, points.f)
+    error = 100 * (np.stack([estimator(rng) for rng in np.random.default_rng(seed).spawn(n)]) / truth - 1)
+    off = np.abs(error.mean(axis=0))
+    chance = np.sqrt(np.pi / 4 * error.var(axis=0, ddof=1) / n)
+    single_error = np.sqrt(np.mean(np.abs(error) ** 2, axis=0))
+    return {
+        label: {"off": off[:, r, c], "chance": chance[:, r, c], "single": single_error[:, r, c]}
+        for label, (r, c) in CONTROLLERS.items()
+    }
+
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--realizations", type=int, default=100)
     parser.add_argument("--seed", type=int, default=2013)
-    arguments = parser.parse_args()
-    truth = neural_controllers(model, model.truth, points.f)
+    parser.add_argument("-o", "--output", type=Path)
+    a = parser.parse_args()
     header = ("percent of the true magnitude", "controller", "mean off by", "by chance", "one experiment")
     print("{:<30}{:>12}{:>13}{:>11}{:>16}".format(*header))
-    for name, estimator in ESTIMATORS.items():
-        streams = np.random.default_rng(arguments.seed).spawn(arguments.realizations)
-        error = np.stack([estimator(rng) for rng in streams]) / truth - 1
-        chance = np.sqrt(np.pi / 4 * error.var(axis=0, ddof=1) / arguments.realizations)
-        for label, (row, angle) in CONTROLLERS.items():
-            at = np.s_[:, row, angle]
-            off = np.abs(error.mean(axis=0)[at])
-            single_error = np.sqrt(np.mean(np.abs(error) ** 2, axis=0)[at])
-            numbers = (100 * off.mean(), 100 * chance[at].mean(), 100 * single_error.mean())
+    found = []
+    for name, (estimator, stimuli) in ESTIMATORS.items():
+        controllers = errors(estimator, a.realizations, a.seed)
+        for label, e in controllers.items():
+            numbers = (e[key].mean() for key in ("off", "chance", "single"))
             print("{:<30}{:>12}{:>13.1f}{:>11.1f}{:>16.1f}".format(name, label, *numbers))
+        lists = {label: {k: v.tolist() for k, v in e.items()} for label, e in controllers.items()}
+        found.append({"name": name, "stimuli": stimuli, "controllers": lists})
+    if a.output:
+        command = f"python {Path(__file__).name} --realizations {a.realizations} --seed {a.seed} -o {a.output.name}"
+        settings = {
+            "realizations": a.realizations,
+            "ankle torque, N m": ankle.amplitude,
+            "hip torque, N m": HIP_AMPLITUDE,
+            "highest frequency, Hz": FMAX,
+        }
+        result = {"kind": "two_stimuli", "command": command, "settings": settings}
+        write_alternative(a.output, {**result, "frequency": points.f.tolist(), "estimators": found})

@@ -9,6 +9,7 @@ import xarray as xr
 
 from mcstudy import open_results
 from mcstudy.cli import DONE, main
+from mcstudy.report.alternatives import write_alternative
 
 PAPER_LIKE = """
 [study]
@@ -91,6 +92,59 @@ def paper_page(paper_cube: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 def other_page(other_cube: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("page") / "other.html"
     assert main(["report", str(other_cube), "-o", str(file)]) == DONE
+    return file
+
+
+TWO_STIMULI = {
+    "kind": "two_stimuli",
+    "command": "python two_stimuli.py -o two.json",
+    "settings": {"realizations": 3, "sensor noise": "the paper's"},
+    "frequency": [0.1, 0.3, 1.0],
+    "estimators": [
+        {
+            "name": name,
+            "stimuli": stimuli,
+            "controllers": {
+                c: {"off": [off, off, off], "chance": [2.0, 2.5, 3.0], "single": [20.0, 25.0, 30.0]}
+                for c in ("T11", "T21", "T12", "T22")
+            },
+        }
+        for name, stimuli, off in (("two <stimuli>", 2, 2.25), ("one stimulus", 1, 150.0))
+    ],
+}
+POPULATION = {
+    "kind": "population",
+    "command": "python population.py -o population.json",
+    "settings": {"populations": 4},
+    "rows": [
+        {
+            "name": name,
+            "mean_of_fits": {"bias": 1.0, "mcse": 0.5, "sd": 2.0},
+            "fit_to_mean": {"bias": 1.0 + off, "mcse": 1.0, "sd": 5.0},
+            "difference": {"value": off, "mcse": 1.0},
+        }
+        for name, off in (("K11", 2.5), ("Kpas1", 170.0))
+    ],
+}
+
+
+@pytest.fixture(scope="session")
+def alternatives(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Files of the examples with numbers that are easy to find again."""
+    folder = tmp_path_factory.mktemp("alternatives")
+    files = [folder / "two.json", folder / "population.json"]
+    for file, content in zip(files, (TWO_STIMULI, POPULATION), strict=True):
+        write_alternative(file, content)
+    return files
+
+
+@pytest.fixture(scope="session")
+def beside_page(
+    paper_cube: Path, other_cube: Path, alternatives: list[Path], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    file = tmp_path_factory.mktemp("page") / "beside.html"
+    beside = ["--beside", str(other_cube), *map(str, alternatives)]
+    assert main(["report", str(paper_cube), *beside, "-o", str(file)]) == DONE
     return file
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from matplotlib.figure import Figure
 from mcstudy.analysis.selection import best
 from mcstudy.errors import InputError
 from mcstudy.report import figures
+from mcstudy.report.alternatives import read_alternative
 from mcstudy.report.figures.signals import Signals, envelope
 from mcstudy.stance.response import frf
 
@@ -36,6 +38,13 @@ GROUP_FIGURES: dict[str, Callable[[xr.DataTree, Axes], Axes]] = {
     "basin_atlas": lambda t, ax: figures.basin_atlas(t["accuracy"], ax=ax),
     "bias_by_starts": lambda t, ax: figures.bias_by_starts(t["accuracy"], ax),
     "cv_by_starts": lambda t, ax: figures.cv_by_starts(t["accuracy"], ax),
+    "hit_rate_bars": lambda t, ax: figures.hit_rate_bars(
+        t["accuracy"].mc.hit_rate_by_start().isel(amplitude=-1), "title", ax
+    ),
+}
+RESULT_FIGURES: dict[str, Callable[[list[Path], Axes], Axes]] = {
+    "controller_off": lambda files, ax: figures.controller_off(read_alternative(files[0]), "T11", ax),  # type: ignore[arg-type]
+    "population_bias": lambda files, ax: figures.population_bias(read_alternative(files[1]), ax),  # type: ignore[arg-type]
 }
 SIGNAL_FIGURES = [
     name for name in figures.__all__ if name.endswith(("_record", "_spectrum", "error_frf")) and name != "Signals"
@@ -69,8 +78,15 @@ def test_a_signal_figure_fills_and_returns_the_axes_it_is_given(name: str, signa
     assert _drawn(ax) > 0
 
 
+@pytest.mark.parametrize("name", RESULT_FIGURES)
+def test_a_figure_of_an_example_fills_and_returns_the_axes(name: str, alternatives: list[Path], ax: Axes) -> None:
+    assert RESULT_FIGURES[name](alternatives, ax) is ax
+    assert _drawn(ax) > 0
+    ax.figure.draw_without_rendering()  # type: ignore[union-attr]
+
+
 def test_every_figure_is_tested_here() -> None:
-    drawn = {*GROUP_FIGURES, *SIGNAL_FIGURES, "Signals", "influence_shares"}
+    drawn = {*GROUP_FIGURES, *RESULT_FIGURES, *SIGNAL_FIGURES, "Signals", "influence_shares"}
     assert drawn == set(figures.__all__)
 
 

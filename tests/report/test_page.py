@@ -64,7 +64,7 @@ class Reader(HTMLParser):
             assert self.open.pop() == tag
 
 
-@pytest.fixture(scope="session", params=["paper_page", "other_page"])
+@pytest.fixture(scope="session", params=["beside_page", "other_page", "gap_page"])
 def text(request: pytest.FixtureRequest) -> str:
     file: Path = request.getfixturevalue(request.param)
     return file.read_text(encoding="utf-8")
@@ -112,7 +112,9 @@ def test_what_does_not_apply_is_left_out_with_a_reason(other_page: Path) -> None
     assert "nothing to set beside it" in text
 
 
-def test_true_values_are_labelled_a_stand_in(text: str) -> None:
+@pytest.mark.parametrize("study_page", ["paper_page", "other_page"])
+def test_true_values_are_labelled_a_stand_in(study_page: str, request: pytest.FixtureRequest) -> None:
+    text = request.getfixturevalue(study_page).read_text(encoding="utf-8")
     assert "True values:</strong> stand-in" in text
 
 

@@ -10,6 +10,7 @@ from mcstudy.report.style import require_matplotlib
 require_matplotlib()
 
 from mcstudy.report.figures.accuracy import bias_bars, cv_bars, influence_shares, sensitivity_bars  # noqa: E402 - after the check
+from mcstudy.report.figures.alternatives import controller_off, hit_rate_bars, population_bias  # noqa: E402
 from mcstudy.report.figures.efficiency import efficiency_dots  # noqa: E402
 from mcstudy.report.figures.estimates import parameter_bars  # noqa: E402
 from mcstudy.report.figures.optimiser import basin_atlas, bias_by_starts, cv_by_starts  # noqa: E402
@@ -40,16 +41,19 @@ __all__ = [
     "controller_error",
     "controller_error_by_noise",
     "controller_gain",
+    "controller_off",
     "controller_phase",
     "cv_bars",
     "cv_by_starts",
     "efficiency_dots",
     "frf_gain",
     "frf_phase",
+    "hit_rate_bars",
     "influence_shares",
     "noise_spectrum",
     "noise_sway_record",
     "parameter_bars",
+    "population_bias",
     "sensitivity_bars",
     "sensor_noise_record",
     "simulation_error_frf",

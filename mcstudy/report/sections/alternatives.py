@@ -1,0 +1,187 @@
+"""Sections on the alternatives the paper argues with, each with what the paper says of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis.convergence import starts_needed
+from mcstudy.analysis.stable_starts import hit_rate_by_start
+from mcstudy.analysis.text import with_error
+from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult
+from mcstudy.report.context import Context, finite, largest_amplitude, short
+from mcstudy.report.figure import Figure, Missing, Panel
+from mcstudy.report.figures import alternatives as drawn
+from mcstudy.report.html import Table
+from mcstudy.report.labels import amplitude_label, fmax_label
+
+MOST_STARTS = 40_000
+"""Starts of a group whose loops are looked at: one takes some 20 µs."""
+
+ONE_START = "Does one start suffice?"
+
+DISCUSSION = "Goodworth & Peterka 2018, Discussion"
+
+
+def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
+    """Share of starts that arrive, by whether the loop stands at the start, for every group with several starts."""
+    title = f"{ONE_START} (study {context.name})"
+    views = [v for v in context.held if v.group.starts > 1]
+    if not views:
+        return Missing("", title, "no group has more than one start")
+    rates = {}
+    for view in views:
+        a = largest_amplitude(view)
+        cube = view.cube[["initial", "cost", "status"]].sel(amplitude=[a])
+        a_realization = cube.sizes["fmax"] * cube.sizes["start"]
+        some = cube.isel(realization=slice(0, max(1, MOST_STARTS // a_realization))).load()
+        done = some["cost"].notnull().any(("amplitude", "fmax", "start"))
+        held = some.isel(realization=np.flatnonzero(done.values))
+        hits = starts_needed(held)["hit_rate"].mean("realization").isel(amplitude=0)
+        rates[view.name] = view, a, hits, hit_rate_by_start(held, view.model).isel(amplitude=0)
+    titles = {name: f"{name}, {amplitude_label(v, a)}" for name, (v, a, _, _) in rates.items()}
+    return Figure(
+        key,
+        "",
+        title,
+        [
+            "Share of all starts that reach the lowest minimum of their realization, ± MCSE, by whether the loop of "
+            "the model is stable at the start. A fit cannot easily carry a characteristic root across the imaginary "
+            "axis, so where every stable start arrives one reasonable guess suffices; the part of starts that is "
+            "stable is in the numbers.",
+            f"{DISCUSSION}: with a single-link pendulum the fit “typically converges to what is likely to be a global "
+            "minimum value with a single set of reasonable initial guesses”, with two segments it frequently does not.",
+            "Ours, at the lowest and the highest Fmax: "
+            + "; ".join(
+                f"{name} {_of_stable(r, 0)} and {_of_stable(r, -1)} of stable starts arrive"
+                for name, (_, _, _, r) in rates.items()
+            )
+            + ".",
+        ],
+        [
+            Panel(titles[name], lambda ax, r=r, t=titles[name]: drawn.hit_rate_bars(r, t, ax))  # type: ignore[misc]
+            for name, (_, _, _, r) in rates.items()
+        ],
+        [
+            Table(
+                f"Group {name} ({v.group.model.kind.replace('_', ' ')}), {amplitude_label(v, a)}: starts that arrive "
+                "(% ± MCSE)",
+                ["Fmax", "all", "stable start", "worst realization", "unstable start", "stable among starts"],
+                [
+                    [
+                        fmax_label(float(f)),
+                        short(100 * hits.sel(fmax=f), 3),
+                        _percent(r, f, "stable"),
+                        short(100 * r["worst"].sel(fmax=f, loop="stable"), 3),
+                        _percent(r, f, "unstable"),
+                        short(100 * r["starts"].sel(fmax=f, loop="stable") / r["starts"].sel(fmax=f).sum(), 2),
+                    ]
+                    for f in r["fmax"].values
+                ],
+            )
+            for name, (v, a, hits, r) in rates.items()
+        ],
+        python="figures.hit_rate_bars(tree[GROUP].mc.hit_rate_by_start().isel(amplitude=-1))",
+    )
+
+
+def _of_stable(rate: xr.Dataset, fmax: int) -> str:
+    value = finite(rate["value"].isel(fmax=fmax).sel(loop="stable"))
+    return "none" if value is None else f"{100 * value:.0f} %"
+
+
+def _percent(rate: xr.Dataset, fmax: float, loop: str) -> str:
+    here = rate.sel(fmax=fmax, loop=loop)
+    value, mcse = finite(here["value"]), finite(here["mcse"])
+    return with_error(None if value is None else 100 * value, None if mcse is None else 100 * mcse)
+
+
+def two_stimuli(result: TwoStimuliResult, key: str) -> Figure:
+    """Non-parametric identification with two stimuli and with one."""
+    names = list(next(iter(result.estimators.values()))[1])
+    estimators = result.estimators.items()
+    rows = [
+        [f"{name}: {c}", str(stimuli), *(short(values[c][k].mean(), 2) for k in ("off", "chance", "single"))]
+        for name, (stimuli, values) in result.estimators.items()
+        for c in names
+    ]
+    return Figure(
+        key,
+        "",
+        "Two stimuli without a model of the controllers",
+        [
+            "How far the mean estimate of each neural controller lies from the truth, for the cross-spectral estimate "
+            "with two independent torques, two estimates from one torque, and the paper's fit of 12 parameters to one "
+            "torque. Dotted: what the first would show by chance if it is unbiased.",
+            f"{DISCUSSION}: with one stimulus total torque at the ankle “cannot distinguish between T11 and T21”, so "
+            "“it is not possible to accurately calculate the neural controller FRFs by relating total torque to joint "
+            "angle motion with a single stimulus”, while a parametric fit can (after Boonstra et al. 2013 and "
+            "Engelhart et al. 2015).",
+            f"Ours, mean over frequencies and controllers: {'; '.join(_off(n, v) for n, (_, v) in estimators)}.",
+        ],
+        [Panel(c, lambda ax, c=c: drawn.controller_off(result, c, ax), (4.3, 4.0)) for c in names],  # type: ignore[misc]
+        [
+            Table(
+                f"Mean over {result.f.size} frequencies up to {result.f[-1]:.2g} Hz, percent of the true magnitude",
+                ["estimator: controller", "stimuli", "mean off by", "chance alone", "one experiment"],
+                rows,
+            ),
+            _settings(result.settings),
+        ],
+        python="figures.controller_off(read_alternative(FILE), 'T11')",
+    )
+
+
+def _off(name: str, controllers: dict[str, dict[str, np.ndarray]]) -> str:
+    off, chance = (np.mean([v[k].mean() for v in controllers.values()]) for k in ("off", "chance"))
+    return f"{name}: off by {short(off, 3)} % (chance alone {short(chance, 2)} %)"
+
+
+def population(result: PopulationResult, key: str) -> Figure:
+    """Fit to a population's mean against the mean of individual fits."""
+    apart = [
+        f"{r['name']} ({r['difference']['value']:+.1f} ± {r['difference']['mcse']:.1f} %)"
+        for r in result.rows
+        if abs(r["difference"]["value"]) > 3 * r["difference"]["mcse"]
+    ]
+    alike = [r["name"] for r in result.rows if abs(r["difference"]["value"]) <= 3 * r["difference"]["mcse"]]
+    rows = [
+        [
+            r["name"],
+            *(
+                text
+                for route in ("mean_of_fits", "fit_to_mean")
+                for text in (with_error(r[route]["bias"], r[route]["mcse"]), short(r[route]["sd"], 2))
+            ),
+            with_error(r["difference"]["value"], r["difference"]["mcse"]),
+        ]
+        for r in result.rows
+    ]
+    return Figure(
+        key,
+        "",
+        "Mean of fits, fit to the mean",
+        [
+            "Bias ± MCSE (thick) and SD over populations (thin) of the population's mean parameters, by fitting every "
+            "subject and averaging, and by averaging FRFs and fitting once.",
+            f"{DISCUSSION}: “mean parameter estimates based on fits to individual subjects were similar to the "
+            "parameter estimates based on mean experimental data […] in a homogeneous population (Goodworth & Peterka "
+            "2009, 2012)”.",
+            f"Ours: the routes differ by no more than 3 standard errors on {', '.join(alike) or 'nothing'}, by more on "
+            f"{', '.join(apart) or 'nothing'}.",
+        ],
+        [Panel("bias by route", lambda ax: drawn.population_bias(result, ax), (4.3, 5.2))],
+        [
+            Table(
+                "Percent of the truth",
+                ["parameter", "mean of fits: bias ± MCSE", "SD", "fit to mean: bias ± MCSE", "SD", "difference ± MCSE"],
+                rows,
+            ),
+            _settings(result.settings),
+        ],
+        python="figures.population_bias(read_alternative(FILE))",
+    )
+
+
+def _settings(settings: dict[str, object]) -> Table:
+    return Table("Settings", ["", ""], [[k, f"{v:g}" if isinstance(v, float) else str(v)] for k, v in settings.items()])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import zipfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,13 +19,12 @@ import xarray as xr
 from mcstudy.errors import RecordingError
 from mcstudy.gap.checks import rate_of
 from mcstudy.gap.recording import Recording, Trial
+from mcstudy.gap.stranger import LARGEST, check_hdf5, check_zarr
 from mcstudy.gap.units import factor
 from mcstudy.stance.body import STIMULI, Body
 from mcstudy.stance.feedback import ANGLES
 from mcstudy.study import schema
-
-LARGEST = 1 << 31
-"""Bytes a recording may hold in memory; a header that claims more is refused before anything is read."""
+from mcstudy.study.untrusted import GuardedStore
 
 BODY = ("J1", "J2", "C1", "C2", "A1", "A2", "g")
 
@@ -136,13 +134,19 @@ def read_dataset(path: Path) -> Recording:
     }
     try:
         if path.suffix == ".zarr" or path.is_dir():
-            dataset = xr.open_zarr(path, consolidated=False, chunks=None, **options)
+            check_zarr(path)
+            store: Any = GuardedStore(path, read_only=True)
+            dataset = xr.open_zarr(store, consolidated=False, zarr_format=3, chunks=None, **options)
         else:
+            check_hdf5(path)
             dataset = xr.open_dataset(path, engine="h5netcdf", **options)
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError, zipfile.BadZipFile) as error:
-        raise RecordingError(f"{path}: expected NetCDF or Zarr: {str(error).splitlines()[0]}") from error
-    with dataset:
-        return from_dataset(dataset, str(path))
+        with dataset:
+            return from_dataset(dataset, str(path))
+    except RecordingError:
+        raise
+    except Exception as error:  # whatever the libraries make of bytes that are no recording, each in its own way
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:300]
+        raise RecordingError(f"{path}: expected NetCDF or Zarr: {reason}") from error
 
 
 def from_dataset(dataset: xr.Dataset, where: str = "dataset") -> Recording:

@@ -24,20 +24,24 @@ them); files are relative to the TOML file or to the folder given to `read_sheet
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from mcstudy.errors import RecordingError
+from mcstudy.errors import RecordingError, StoreError
 from mcstudy.gap.checks import rate_of
 from mcstudy.gap.columns import TextTable
 from mcstudy.gap.frf_only import FrfRecording, lines_of_columns
 from mcstudy.gap.recording import Recording, Trial
+from mcstudy.gap.stranger import inside
 from mcstudy.gap.units import factor
 from mcstudy.stance.body import STIMULI, Body
+from mcstudy.study.untrusted import real_bytes, toml
+
+LARGEST_SHEET = 1_000_000
+"""Bytes of a TOML file."""
 
 SEGMENTS = ("m1", "h1", "I1", "m2", "h2", "I2", "L1")
 """Names of the segment parameters of `Body.from_segments`."""
@@ -127,10 +131,12 @@ def read_sheet(path: Path, data: Path | None = None) -> Recording | FrfRecording
     Structure only; `mcstudy.gap.read` adds the checks. Raises `RecordingError` naming the file and the field.
     """
     try:
-        text = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = toml(real_bytes(path, LARGEST_SHEET, follow=True).decode("utf-8"))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except StoreError as error:
+        raise RecordingError(str(error)) from error
+    except ValueError as error:
         raise RecordingError(f"{path}: expected TOML: {error}") from error
     try:
         sheet = Sheet.model_validate(text)
@@ -139,7 +145,7 @@ def read_sheet(path: Path, data: Path | None = None) -> Recording | FrfRecording
         raise RecordingError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
     if sheet.stimulus not in STIMULI:
         raise RecordingError(f"{path}: stimulus: expected one of {', '.join(STIMULI)}, got {sheet.stimulus!r}")
-    files = _Files(data or path.parent)
+    files = _Files(data or path.parent, str(path))
     body = _body(sheet.body, files, str(path))
     if sheet.frf is not None:
         if sheet.trials:
@@ -157,13 +163,13 @@ def read_sheet(path: Path, data: Path | None = None) -> Recording | FrfRecording
 class _Files:
     """Data files of one sheet, each read once."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, where: str) -> None:
+        self._folder, self._where = folder, where
         self._tables: dict[str, TextTable] = {}
 
     def table(self, name: str) -> TextTable:
         if name not in self._tables:
-            self._tables[name] = TextTable(self._folder / name)
+            self._tables[name] = TextTable(inside(self._folder, name, self._where))
         return self._tables[name]
 
 

@@ -8,11 +8,19 @@ from mcstudy.errors import DesignError, InputError
 from mcstudy.spectra.bands import PERIOD_S
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import Group
+from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.measure import HIGHEST_HZ, frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model
+from mcstudy.study.untrusted import LARGEST_CHUNK
 
-MAX_SAMPLES = 200_000_000
-"""Longest record a study may ask for."""
+MAX_SAMPLES = 4_000_000
+"""Longest record a study may ask for: preparing one takes about half a kilobyte a sample."""
+
+MAX_FREQUENCIES = 4000
+"""Most frequency points: a cycle of the longest sequence at 20 ms a state has 1600 odd lines up to 8 Hz."""
+
+MAX_CHUNKS = 1_000_000
+"""Most chunks of a group: with the largest ones that are chosen freely, 5e9 fits."""
 
 
 def check(group: Group, model: Model | None = None) -> None:
@@ -24,10 +32,13 @@ def check(group: Group, model: Model | None = None) -> None:
     _check_stimulus(group)
     _check_fit(group)
     _check_frequencies(group, model)
+    _check_size(group, model)
 
 
 def _check_stimulus(group: Group) -> None:
     s = group.stimulus
+    if s.state_s * s.rate_hz > MAX_SAMPLES:
+        raise DesignError(f"stimulus.state_s: expected at most {MAX_SAMPLES} samples a state, got {s.state_s} s")
     try:
         prts = stimulus(group, group.amplitude[0])
     except InputError as error:
@@ -35,7 +46,15 @@ def _check_stimulus(group: Group) -> None:
     if s.discard >= s.cycles:
         raise DesignError(f"stimulus.discard: expected fewer than cycles = {s.cycles}, got {s.discard}")
     if prts.samples * s.cycles > MAX_SAMPLES:
-        raise DesignError(f"stimulus.cycles: expected a record of at most {MAX_SAMPLES} samples")
+        raise DesignError(
+            f"stimulus.cycles: expected a record of at most {MAX_SAMPLES} samples, "
+            f"got {s.cycles} cycles of {prts.samples}"
+        )
+    if HIGHEST_HZ * prts.period_s / 2 > MAX_FREQUENCIES:
+        raise DesignError(
+            f"stimulus.state_s: expected at most {MAX_FREQUENCIES} odd lines up to {HIGHEST_HZ:g} Hz, "
+            f"got a cycle of {prts.period_s:g} s"
+        )
     if s.rate_hz < 4 * HIGHEST_HZ:
         raise DesignError(f"stimulus.rate_hz: expected at least {4 * HIGHEST_HZ} Hz, got {s.rate_hz}")
     if group.spectra.ramp == "remove" and s.discard == 0:
@@ -81,4 +100,28 @@ def _check_frequencies(group: Group, model: Model) -> None:
         raise DesignError(
             f"fmax: expected at least {-(-parameters // a_frequency)} frequencies for {parameters} parameters, "
             f"{group.fmax[0]} Hz leaves {smallest}"
+        )
+
+
+def _realization_bytes(group: Group, parameters: int, frequencies: int) -> int:
+    """Bytes of the results of one realization at one amplitude, uncompressed (`mcstudy.study.layout`)."""
+    a_fit = 2 * 8 * parameters + parameters + 8 + 8 + 4 + 1
+    return a_fit * len(group.fmax) * group.starts + (16 * 2 + 16 * 4) * frequencies
+
+
+def _check_size(group: Group, model: Model) -> None:
+    """What a run must hold in memory at once, and how many files it makes."""
+    cell = len(group.fmax) * group.starts
+    depth = realizations_a_chunk(group)
+    size = depth * _realization_bytes(group, len(model.parameters), len(kept_points(group).f))
+    if size > LARGEST_CHUNK:
+        raise DesignError(
+            f"starts: expected a chunk of at most {LARGEST_CHUNK} bytes, got {size} "
+            f"({depth} realizations x {len(group.fmax)} fmax x {group.starts} starts)"
+        )
+    chunks = len(group.amplitude) * -(-group.realizations // depth)
+    if chunks > MAX_CHUNKS:
+        raise DesignError(
+            f"realizations: expected at most {MAX_CHUNKS} chunks, got {chunks} "
+            f"({group.realizations} realizations x {len(group.amplitude)} amplitudes, {depth * cell} fits in each)"
         )

@@ -141,7 +141,7 @@ class Study(Section):
     """A fully resolved study: nothing is left to a default."""
 
     study: StudySection
-    group: dict[Name, Group] = Field(min_length=1)
+    group: dict[Name, Group] = Field(min_length=1, max_length=200)
 
     @property
     def fits(self) -> int:

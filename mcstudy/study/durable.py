@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from zarr.core.buffer import Buffer
-from zarr.storage import LocalStore
 
 from mcstudy.errors import StoreError
+from mcstudy.study.untrusted import CubeStore
 
 PARTIAL = ".partial"
 """Suffix of a file that is being written; leftovers of a killed run carry it and are swept by the next."""
@@ -117,14 +117,18 @@ def sweep(root: Path) -> int:
 def tree_digest(root: Path) -> str:
     """SHA-256 of every file below ``root``, names and contents, half-written files aside: equal for equal cubes."""
     digest = hashlib.sha256()
-    for file in sorted(p for p in root.rglob("*") if p.is_file() and p.suffix != PARTIAL):
+    for file in sorted(p for p in root.rglob("*") if _counts(p)):
         content = file.read_bytes()
         digest.update(f"{file.relative_to(root).as_posix()}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()
 
 
-class DurableStore(LocalStore):
+def _counts(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink() and path.suffix != PARTIAL
+
+
+class DurableStore(CubeStore):
     """Zarr's local store, with `write` for every value, and without making the folder it is opened on."""
 
     async def _open(self, *, mode: Any = None) -> None:

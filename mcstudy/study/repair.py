@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
-from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +16,11 @@ from mcstudy.study import schema
 from mcstudy.study.design import Study
 from mcstudy.study.durable import sync_folder, write
 from mcstudy.study.layout import realizations_a_chunk
+from mcstudy.study.metadata import depth_votes, document
 from mcstudy.study.runlog import last_begin
-from mcstudy.study.store import SCHEMA, Cube, document
+from mcstudy.study.store import SCHEMA, Cube
 from mcstudy.study.study_file import parse_study
+from mcstudy.study.untrusted import refuse_links
 
 
 def skeleton(cube: Cube) -> dict[Path, bytes]:
@@ -44,10 +44,12 @@ def repairable(path: Path, study: Study) -> bool:
 
 def repair(path: Path, study: Study) -> tuple[Cube, list[str]]:
     """The cube at ``path``, which is the study's, with every damaged file of its skeleton written again; and which."""
+    refuse_links(path)
     made_in = _made_in(path, _attributes(path))
     if made_in is None:
         raise StoreError(f"{path}: attribute environment: expected the environment the cube was made in")
-    depths = {name: _depth(path, name, realizations_a_chunk(group)) for name, group in study.group.items()}
+    votes = depth_votes(path)
+    depths = {name: votes.get(name, realizations_a_chunk(group)) for name, group in study.group.items()}
     cube = Cube(path, study, {"environment": made_in}, depths)
     repaired = []
     for file, content in skeleton(cube).items():
@@ -76,21 +78,3 @@ def _made_in(path: Path, attributes: dict[str, Any]) -> dict[str, Any] | None:
         if isinstance(value, dict) and isinstance(value.get("versions"), dict):
             return value
     return None
-
-
-def _depth(path: Path, group: str, default: int) -> int:
-    """Realizations a chunk that most of the group's documents agree on."""
-    votes = Counter(_depth_votes(path / group))
-    return votes.most_common(1)[0][0] if votes else default
-
-
-def _depth_votes(folder: Path) -> Iterator[int]:
-    with contextlib.suppress(StoreError, KeyError, TypeError, ValueError):
-        yield int(document(folder)["attributes"]["realizations_a_chunk"])
-    for name in ("status", "cost", "estimate", "frf", "growth_rate"):
-        try:
-            found = document(folder / name)
-            axis = found["dimension_names"].index("realization")
-            yield int(found["chunk_grid"]["configuration"]["chunk_shape"][axis])
-        except (StoreError, KeyError, TypeError, ValueError, IndexError, AttributeError):
-            continue

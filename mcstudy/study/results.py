@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
 from mcstudy.study.store import Cube
+from mcstudy.study.untrusted import CubeStore
 
 FITS_A_PIECE = 200_000
 """Fits in one Dask chunk: about 20 MB of estimates, a few tens of pieces for millions of fits."""
@@ -36,7 +38,9 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
     cube = Cube.open(path)
     if lazy is None:
         lazy = cube.study.fits > FITS_IN_MEMORY
-    root = xr.open_datatree(path, engine="zarr", consolidated=False, chunks=None)
+    # The store refuses links, and chunks that claim to be larger than any study's; other formats are not looked for.
+    guarded: Any = CubeStore(path, read_only=True)
+    root = xr.open_datatree(guarded, engine="zarr", consolidated=False, zarr_format=3, chunks=None)
     groups = {}
     for name, store in cube.groups.items():
         group, depth = store.layout.group, store.layout.realizations_a_chunk

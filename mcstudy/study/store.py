@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import zarr
-from google_crc32c import value as crc32c
 from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.errors import ZarrUserWarning
 
@@ -32,7 +31,7 @@ from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import ArraySpec, Chunk, Layout, layout, realizations_a_chunk
 from mcstudy.study.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, document
 from mcstudy.study.study_file import parse_study, to_toml
-from mcstudy.study.untrusted import LARGEST_CHUNK, real_bytes, refuse_links
+from mcstudy.study.untrusted import LARGEST_CHUNK, real_bytes, refuse_links, sealed
 
 SCHEMA = "study_cube"
 CODECS = [ZstdCodec(level=3), Crc32cCodec()]
@@ -84,8 +83,7 @@ class GroupStore:
             content = real_bytes(self.chunk_file(name, chunk))
         except (OSError, StoreError):
             return False
-        # The checksum is the outermost codec: four bytes, little-endian, of everything before them.
-        return len(content) > 4 and crc32c(content[:-4]) == int.from_bytes(content[-4:], "little")
+        return sealed(content)  # the checksum is the outermost codec
 
     def complete(self, chunk: Chunk) -> bool:
         """Whether every array of a chunk is intact."""

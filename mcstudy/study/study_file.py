@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from mcstudy.errors import DesignError
 from mcstudy.study.checks import check
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
 from mcstudy.study.models import with_model_values
+from mcstudy.study.untrusted import toml
 
 MAX_BYTES = 1_000_000
 """A study file larger than this is refused before it is parsed."""
@@ -47,10 +47,12 @@ def read_study(path: str | Path) -> Study:
 
 def parse_study(text: str) -> Study:
     """The resolved study of a study file's text; the one-line `DesignError` starts with the field."""
+    if len(text) > MAX_BYTES:
+        raise DesignError(f"expected a study file of at most {MAX_BYTES} characters")
     try:
-        raw = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DesignError(f"not valid TOML: {' '.join(str(error).split())}") from None
+        raw = toml(text)
+    except ValueError as error:
+        raise DesignError(f"not valid TOML: {error}") from None
     known = ("study", *SECTIONS, "group")
     for key, value in raw.items():
         if key not in known:

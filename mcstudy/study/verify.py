@@ -23,6 +23,7 @@ from mcstudy.study.repair import skeleton
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.streams import stream
 from mcstudy.study.tasks import fill
+from mcstudy.study.untrusted import real_bytes
 
 STARTS_A_CELL = 4
 """Starts recomputed of each sampled cell, at every Fmax."""
@@ -105,11 +106,16 @@ def _skeleton_damage(cube: Cube) -> Iterator[str]:
         for chunk in store.layout.chunks
         for name in store.layout.results
     }
-    found = {p.relative_to(cube.path) for p in cube.path.rglob("*") if p.is_file()}
+    found = set()
+    for path in cube.path.rglob("*"):
+        if path.is_symlink():
+            yield f"{path}: expected a file or a folder, found a link"
+        elif path.is_file():
+            found.add(path.relative_to(cube.path))
     for file, content in expected.items():
         if file not in found:
             yield f"{cube.path / file}: missing"
-        elif (actual := (cube.path / file).read_bytes()) != content:
+        elif (actual := real_bytes(cube.path / file)) != content:
             yield f"{cube.path / file}: {_difference(content, actual)}"
     for file in sorted(found - set(expected) - chunks):
         if not file.name.endswith(PARTIAL):
@@ -145,6 +151,8 @@ def _chunk_damage(store: GroupStore, chunk: Chunk) -> Iterator[str]:
     data: dict[str, np.ndarray] = {}
     for name in store.layout.results:
         file = store.chunk_file(name, chunk)
+        if file.is_symlink():
+            continue  # named with the files that do not belong
         if not file.exists():
             yield f"{file}: missing"
         elif not store.intact(name, chunk):

@@ -15,8 +15,9 @@ from mcstudy.errors import StoreError
 from mcstudy.fit.status import Status
 from mcstudy.study import durable, schema
 from mcstudy.study.layout import Chunk
+from mcstudy.study.metadata import describe
 from mcstudy.study.results import open_results
-from mcstudy.study.store import Cube, describe
+from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 

@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import xarray as xr
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from mcstudy.analysis.efficiency import expected_line_covariance, measured_covariance
-from mcstudy.errors import StoreError
+from mcstudy.errors import ModelError, StoreError
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
@@ -19,6 +19,9 @@ from mcstudy.study.models import build_model
 
 DESIGN = "design"
 """Attribute of a group that holds its resolved design."""
+
+DECLARED = "declared_model"
+"""Attribute of `mcstudy.study.own_model.run_model`'s datasets that holds their model."""
 
 
 def group_of(data: xr.Dataset) -> Group:
@@ -33,11 +36,22 @@ def group_of(data: xr.Dataset) -> Group:
 
 
 def model_of(data: xr.Dataset) -> Model:
-    """Model of the group, with the truth and bounds it was fitted with."""
-    model = build_model(group_of(data))
+    """Model of the group, with the truth and bounds it was fitted with: that of the design, or one declared in Python.
+
+    Raises `StoreError` when what is declared is no model or has other parameters than the data.
+    """
+    model = build_model(group_of(data)) if DECLARED not in data.attrs else _declared(data.attrs[DECLARED])
     if list(model.names) != [str(n) for n in data["parameter"].values]:
         raise StoreError(f"parameter: expected {', '.join(model.names)} as in the design")
     return model
+
+
+def _declared(value: object) -> Model:
+    try:
+        return TypeAdapter(Model).validate_json(json.dumps(value))
+    except (ValidationError, TypeError, ModelError) as error:
+        why = " ".join(str(error).split())[:200]
+        raise StoreError(f"attribute {DECLARED!r}: expected a model, got {why}") from None
 
 
 def points_of(data: xr.Dataset) -> Bands:
@@ -47,7 +61,7 @@ def points_of(data: xr.Dataset) -> Bands:
 
 def provenance_of(data: xr.Dataset) -> str:
     """Where the true values come from; to be shown wherever they are."""
-    return str(data.attrs.get("truth_provenance") or build_model(group_of(data)).provenance)
+    return str(data.attrs.get("truth_provenance") or model_of(data).provenance)
 
 
 def covariance_of(data: xr.Dataset) -> xr.DataArray:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from mcstudy.errors import DesignError
 from mcstudy.stance.feedback import Model
@@ -45,8 +45,9 @@ def run_model(
 
     Returns
     -------
-    Dataset with the variables, dims and units of a group of a cube (results_schema/README.md), ``angle`` named by the
-    model.
+    Dataset with the variables, dims, units and attributes of a group of a cube (results_schema/README.md), ``angle``
+    named by the model. Attribute ``declared_model`` is the model itself, so that `mcstudy.analysis` knows it; the
+    section ``model`` of the design does not speak of it.
 
     Raises
     ------
@@ -69,6 +70,13 @@ def run_model(
         if spec.values is not None:
             out[name] = (spec.dims, spec.values.astype(str if spec.dtype == "string" else spec.dtype))
         out[name].attrs = dict(spec.attributes)
+    out.attrs = {
+        "design": group.model_dump(mode="json"),
+        "declared_model": TypeAdapter(Model).dump_python(model, mode="json"),
+        "model": model.name,
+        "truth_provenance": model.provenance,
+        "stimulus_unit": model.stimulus_unit,
+    }
     angles = {dim: list(model.angles) for dim in ("angle", "angle_2") if dim in out.dims}
     return out.assign_coords({dim: (dim, names, arrays[dim].attributes) for dim, names in angles.items()})
 

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
+import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
 from mcstudy.analysis import accuracy, selection
-from mcstudy.errors import DesignError
+from mcstudy.errors import DesignError, StoreError
 from mcstudy.stance.body import one_segment, two_segment
+from mcstudy.stance.response import frf
 from mcstudy.study.own_model import run_model
 from mcstudy.study.results import open_results
 from mcstudy.study.run import run_study
@@ -42,6 +45,45 @@ def test_analysis_reads_it_like_a_group_of_a_cube() -> None:
     bias = accuracy.absolute_bias_percent(selection.best(cube))
     assert bias["value"].sizes == {"amplitude": 1, "fmax": 1, "parameter": 4}
     assert float(bias["mcse"].max()) < 1e-3  # without noise every realization is the same
+
+
+METHODS = (
+    "bias", "cv", "rmse", "at_bound", "unstable", "efficiency", "sensitivity", "j_nc", "j_nc_within", "starts_needed",
+    "starts_needed_quantiles", "minimum_curve", "asymptote", "basins", "atlas", "by_starts", "hit_rate_by_start",
+    "outcomes", "realizations", "absolute_bias_percent", "mean_absolute_bias_percent",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def sway() -> xr.Dataset:
+    """A model of one's own whose parameters no registered model has."""
+    own = one_segment()
+    renamed = tuple(replace(p, name=f"own_{p.name}") for p in own.parameters)
+    terms = tuple(
+        replace(t, gain=tuple(f"own_{g}" for g in t.gain), delay=t.delay and f"own_{t.delay}") for t in own.terms
+    )
+    model = replace(own, name="own", parameters=renamed, terms=terms)
+    return run_model(model, realizations=4, starts=5, fmax=(1.2, 8.0), amplitude=(3.0, 5.0))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_of_mc_works_on_it(sway: xr.Dataset, method: str) -> None:
+    result = getattr(sway.mc, method)()
+    assert isinstance(result, xr.Dataset | xr.DataArray)
+
+
+def test_the_declared_model_comes_back_whole(sway: xr.Dataset) -> None:
+    model = sway.mc.model
+    assert model.names == ("own_K", "own_B", "own_Kpas", "own_Td")
+    f = sway["frequency"].values
+    np.testing.assert_array_equal(frf(model, model.truth, f), sway["true_frf"].values)
+
+
+def test_what_is_declared_must_be_a_model(sway: xr.Dataset) -> None:
+    for broken in ({}, {"name": "x"}, "no", {**sway.attrs["declared_model"], "parameters": []}):
+        with pytest.raises(StoreError, match="attribute 'declared_model': expected a model") as refused:
+            _ = sway.assign_attrs(declared_model=broken).mc.model
+        assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""``python -m benchmarks [--only NAME ...] [--quick] [--json [FILE]]``."""
+"""``python -m benchmarks [--only NAME ...] [--quick] [--json [FILE]] [--figures DIR]``."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--only", action="append", choices=list(BENCHMARKS), metavar="NAME", help=", ".join(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that everything runs, measures little")
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="write figures of what has one (needs matplotlib)")
     parser.add_argument("--json", nargs="?", const="-", metavar="FILE", help="JSON to FILE, or instead of the tables")
     args = parser.parse_args(arguments)
     document: dict[str, object] = {"machine": machine(), "quick": args.quick}
@@ -33,13 +34,14 @@ def main(arguments: list[str] | None = None) -> int:
         document.update(result.keys)
         details[name] = {"table": result.table, "notes": result.notes}
         print(result.text(), file=sys.stderr if args.json == "-" else sys.stdout, flush=True)
-    document["details"] = details
-    if args.json:
-        text = json.dumps(document, indent=1, default=float)
-        if args.json == "-":
-            print(text)
-        else:
-            Path(args.json).write_text(text + "\n")
+        if args.figures and result.figure is not None:
+            args.figures.mkdir(parents=True, exist_ok=True)
+            result.figure(args.figures / f"{name}.svg")
+        document["details"] = details
+        if args.json not in (None, "-"):  # after each, since all of them take long
+            Path(args.json).write_text(json.dumps(document, indent=1, default=float) + "\n")
+    if args.json == "-":
+        print(json.dumps(document, indent=1, default=float))
     return 0
 
 

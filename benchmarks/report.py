@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 
@@ -35,12 +37,13 @@ QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick")
 
 @dataclass
 class Result:
-    """Numbers by key, a table for people, and remarks."""
+    """Numbers by key, a table for people, remarks, and for some a figure to write to a file."""
 
     name: str
     keys: dict[str, float] = field(default_factory=dict)
     table: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    figure: Callable[[Path], None] | None = None
 
     def text(self) -> str:
         """The table and the keys that it does not hold."""

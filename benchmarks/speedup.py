@@ -56,6 +56,8 @@ def run(sizes: Sizes) -> Result:
         )
         last = rows[-1]
         result.keys[f"speedup_to_certainty.{name}"] = ratio * _starts_ratio(last)
+        result.keys[f"hit_rate_difference.{name}"] = last["own less its"]
+        result.keys[f"hit_rate_difference_se.{name}"] = last["±"]
         result.keys[f"cost_excess.{name}"] = last["minimum of mcstudy above its"]
     result.keys["fit.microseconds"] = rows[0]["ms a start"] * 1e3
     result.keys["fit.hit_rate"] = rows[0]["hit rate"]
@@ -89,11 +91,12 @@ def needed(rate: float) -> float:
 def _row(name: str, ratio: float, took: float, found: dict, own: dict, best: dict) -> dict[str, Any]:
     hits = [np.mean(c <= best[key] * (1 + SAME)) for key, c in found.items()]
     own_hits = [np.mean(own[key][: len(c)] <= best[key] * (1 + SAME)) for key, c in found.items()]
-    excess, apart = [], []
+    excess, apart, more = [], [], []
     for key, c in found.items():
         mine = own[key][: len(c)]
         if np.nanmin(c) <= best[key] * (1 + SAME) and mine.min() <= best[key] * (1 + SAME):
             excess.append(mine.min() / np.nanmin(c) - 1)
+        more.extend((mine <= best[key] * (1 + SAME)).astype(float) - (c <= best[key] * (1 + SAME)))
         same = (c <= best[key] * (1 + SAME)) & (mine <= best[key] * (1 + SAME))
         apart.extend(mine[same] / c[same] - 1)
     rate, own_rate = float(np.mean(hits)), float(np.mean(own_hits))
@@ -103,6 +106,8 @@ def _row(name: str, ratio: float, took: float, found: dict, own: dict, best: dic
         "ms a start": took * 1e3,
         "hit rate": rate,
         "own hit rate": own_rate,
+        "own less its": float(np.mean(more)),
+        "±": float(np.std(more) / np.sqrt(len(more))),
         "ms to 95 %": took * 1e3 * needed(rate),
         "minimum of mcstudy above its": float(max(excess, default=math.nan)),
         "same start, same basin: mcstudy above": float(max(apart, default=math.nan)),

@@ -1,4 +1,4 @@
-"""How many starts reach the lowest minimum with 95 % certainty: every kind of start, every solver.
+"""How many starts reach the lowest minimum with 95 % certainty: every kind of start with every solver.
 
 Per pool (one realization, amplitude and Fmax): the fraction of starts within 1e-6 of the lowest cost that anyone
 found, and from it the starts needed. A linearised start costs some ten fits itself; the last column counts that.
@@ -6,6 +6,8 @@ found, and from it the starts needed. A linearised start costs some ten fits its
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,28 +31,37 @@ def _starts(kind: str, problem: Problem, realization: int, n: int) -> np.ndarray
     return linearised(problem, rng, n) if kind == "linearised" else STARTS[kind](problem.model, rng, n)
 
 
-def _of(solver: str, sizes: Sizes) -> int:
-    return 10 * sizes.starts if solver == "mcstudy" else sizes.starts
+SOLVERS = ("mcstudy", "scipy_trf", "scipy_trust_constr_bfgs", "pypesto_fides", "lmfit")
+"""Solvers that get every kind of start."""
+
+
+def _starts_of(solver: str, kind: str, sizes: Sizes) -> int:
+    """Starts a pool: many for the fast, few for what takes half a second."""
+    if solver == "mcstudy":
+        return max(5, sizes.starts // 5) if kind == "linearised" else 10 * sizes.starts
+    return sizes.of_slow(solver) if "trust_constr" in solver else max(2, sizes.starts // 5)
+
+
+def _pools_of(solver: str, sizes: Sizes) -> int:
+    """Realizations: all for the fast, a fifth for the others, one for the slowest."""
+    return sizes.pools if solver == "mcstudy" else 1 if "trust_constr" in solver else max(1, sizes.pools // 5)
 
 
 def run(sizes: Sizes) -> Result:
-    """Table and curves of success against starts drawn, for starts with our solver and solvers with uniform starts."""
+    """Table and curves of success against starts drawn."""
     result = Result("starts")
     paper = experiment(1)
-    ways = [("mcstudy", kind) for kind in (*STARTS, "linearised")]
-    others = ("scipy_trf", "pypesto_fides", "lmfit")
-    ways += [(name, "uniform") for name in others if name not in peers.missing()]
+    ways = [(s, kind) for s in SOLVERS if s not in peers.missing() for kind in (*STARTS, "linearised")]
     found: dict[tuple[str, str], list[tuple[float, float, np.ndarray, float]]] = {way: [] for way in ways}
-    few = max(1, sizes.pools // 5)
     for r in range(sizes.pools):
         for amplitude in AMPLITUDES:
             data = paper.measure(amplitude, r)
             for fmax in FMAX:
                 problem, costs = paper.problem(data, fmax), {}
                 for solver, kind in ways:
-                    if solver != "mcstudy" and r >= few:
+                    if r >= _pools_of(solver, sizes):
                         continue
-                    n = max(5, sizes.starts // 5) if kind == "linearised" else _of(solver, sizes)
+                    n = _starts_of(solver, kind, sizes)
                     starts, drawing = timed(_starts, kind, problem, r, n)
                     solve = peers.own if solver == "mcstudy" else peers.PEERS[solver]
                     cost, fitting = timed(solve, problem, starts)
@@ -58,6 +69,8 @@ def run(sizes: Sizes) -> Result:
                 best = min(float(np.nanmin(cost)) for cost, _ in costs.values())
                 for way, (cost, seconds) in costs.items():
                     found[way].append((amplitude, fmax, cost <= best * (1 + SAME), seconds))
+    for solver in peers.missing():
+        result.notes.append(f"{solver}: package not installed, left out")
     for way in ways:
         for fmax in FMAX:
             part = [(hit, seconds) for _, f, hit, seconds in found[way] if f == fmax]
@@ -67,8 +80,35 @@ def run(sizes: Sizes) -> Result:
         stem = f"starts.{row['solver']}.{row['starts']}.fmax_{row['fmax']:g}"
         result.keys[f"{stem}.median"] = row["needed, median"]
         result.keys[f"{stem}.p90"] = row["needed, 90 %"]
-        result.keys[f"{stem}.first_hits"] = row["first start hits"]
+        result.keys[f"{stem}.hit_rate"] = row["hit rate"]
+        if row["starts"] == "linearised":
+            result.keys[f"{stem}.first_hits"] = row["first start hits"]
+    result.figure = partial(_draw, result.table)
     return result
+
+
+def _draw(table: list[dict[str, Any]], file: Path) -> None:
+    """One panel a Fmax: probability that the lowest minimum has been found, against starts drawn."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4.5), layout="constrained")
+    axes = figure.subplots(1, len(FMAX), sharey=True)
+    solvers, kinds = list(dict.fromkeys(r["solver"] for r in table)), list(dict.fromkeys(r["starts"] for r in table))
+    for ax, fmax in zip(axes, FMAX, strict=True):
+        for row in table:
+            if row["fmax"] == fmax:
+                style = {
+                    "color": f"C{solvers.index(row['solver'])}",
+                    "ls": ("-", "--", ":", "-.")[kinds.index(row["starts"])],
+                }
+                ax.plot(
+                    list(row["curve"]), list(row["curve"].values()), label=f"{row['solver']}, {row['starts']}", **style
+                )
+        ax.set(xscale="log", xlabel="starts drawn", title=f"Fmax {fmax:g} Hz", ylim=(0, 1.02))
+        ax.axhline(0.95, color="0.7", lw=0.8)
+    axes[0].set_ylabel("lowest minimum found")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize="x-small")
+    figure.savefig(file)
 
 
 def _row(solver: str, kind: str, fmax: float, part: list[tuple[np.ndarray, float]]) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from benchmarks.report import Result, Sizes
 BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "speedup": speedup.run,
     "kernel": kernel_time.run,
-    "framework": framework.run,
     "starts": starts_needed.run,
     "study": studies.whole_study,
     "plan": studies.planner,
-    "workers": studies.workers,
     "limits": limits.run,
     "growth": studies.growth,
+    "workers": studies.workers,
+    "framework": framework.run,
 }

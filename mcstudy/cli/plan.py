@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import time
 from pathlib import Path
 
 
@@ -15,22 +16,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Print the plan; returns the exit code."""
-    from mcstudy.cli import DONE
-    from mcstudy.study.plan import plan
-    from mcstudy.study.progress import duration
     from mcstudy.study.study_file import read_study
 
     study = read_study(args.study)
-    groups = plan(study)
+    import mcstudy.study.run  # noqa: F401 - what a run imports is part of its time
+    from mcstudy.cli import DONE
+    from mcstudy.study.plan import plan
+    from mcstudy.study.progress import duration
+
+    planned = plan(study, imports=time.process_time())
+    groups = planned.groups
     threads = args.workers or len(os.sched_getaffinity(0))
     width = max(len(g.name) for g in groups)
     print(f"study {study.study.name}, seed {study.study.seed}")
     print(f"{'group':<{width}}  {'fits':>10}  {'chunks':>7}  {'MB':>8}  {'CPU':>12}")
     for g in groups:
         print(f"{g.name:<{width}}  {g.fits:>10}  {g.chunks:>7}  {g.bytes / 1e6:>8.1f}  {duration(g.seconds):>12}")
-    seconds, size = sum(g.seconds for g in groups) / threads, sum(g.bytes for g in groups) / 1e6
-    print(f"in all {study.fits} fits, about {duration(seconds)} on {threads} threads, at most {size:.1f} MB")
-    print("expected Monte Carlo standard error of a bias, % of the true value (pilot of 16 realizations):")
+    busy = f", {planned.slowdown:.1f} times as long as when it is idle" if planned.slowdown > 1.1 else ""
+    print(
+        f"in all {study.fits} fits, {planned.bytes / 1e6:.1f} MB, {duration(planned.cpu)} of CPU; about "
+        f"{duration(planned.wall(threads))} on {threads} threads of this machine as it is now{busy}"
+    )
+    print("expected Monte Carlo standard error of a bias, % of the true value:")
     for g in groups:
         if not g.precision:
             print(f"{g.name:<{width}}  none: no noise")

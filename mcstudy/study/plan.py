@@ -1,31 +1,45 @@
 """What a study will cost and how precise it will be, from a small pilot.
 
-The pilot fits a few starts to time them, and 16 noise realizations from the truth itself: the spread of the minima
-next to the truth is the spread the study will find where the data determine the parameters, and it costs one fit a
-realization instead of all starts.
+The pilot runs a few realizations of every group with the program's own tasks into a temporary cube: it times data,
+fits and writing separately, since each grows with something else, and weighs the files. What a study takes by the
+clock is its CPU time on the threads, as much longer as the pilot took by the clock than by the CPU: a busy machine is
+busy for the study too.
+
+Precision comes from more realizations with fewer starts: each is fitted from the truth and from some random starts,
+and the spread of the best fits is the spread the study will find.
 """
 
 from __future__ import annotations
 
 import math
+import tempfile
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from mcstudy.fit.solvers import Options, fit, fit_queue
+from mcstudy.fit.solvers import fit_many
+from mcstudy.fit.starts import uniform
 from mcstudy.stance.stability import growth_rate
-from mcstudy.study.design import Study
+from mcstudy.study.design import Group, Study
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.layout import layout, realizations_a_chunk
+from mcstudy.study.layout import realizations_a_chunk
+from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.streams import start_stream
+from mcstudy.study.tasks import fill
 
-PILOT_REALIZATIONS = 16
+PILOT_FITS = {"lm": 1500}
+"""Fits timed per group; SciPy's solvers are timed on two starts per Fmax."""
 
-PILOT_STARTS = {"lm": 64}
-"""Starts timed per Fmax; SciPy's solvers are timed on two."""
+PILOT_REALIZATIONS = {"spectral": 48, "time_domain": 12}
+"""Realizations behind the expected precision: their spread is known to 10 % (time domain: 20 %)."""
 
-PILOT_CELLS = {"lm": 8}
-"""Realizations timed together (the compiled solver fits several in one queue); one with SciPy's."""
+PILOT_STARTS = 24
+"""Random starts of each of them, besides the truth."""
+
+LOADING_S = 1.0
+"""Longest that loading the compiled solvers takes; the first time of all they are compiled, which a run then is not."""
 
 
 @dataclass(frozen=True)
@@ -41,60 +55,143 @@ class Precision:
 
 @dataclass(frozen=True)
 class GroupPlan:
-    """One group: fits, chunks, bytes before compression, CPU seconds, and precision (none without noise)."""
+    """One group: fits, chunks, bytes on disk, CPU seconds, seconds of waiting for the disk, and precision.
+
+    ``precision`` is empty without noise.
+    """
 
     name: str
     fits: int
     chunks: int
     bytes: int
     seconds: float
+    waiting: float
     precision: tuple[Precision, ...]
 
 
-def plan(study: Study) -> list[GroupPlan]:
-    """Plan every group of a study."""
-    plans = []
-    for name, group in study.group.items():
-        experiment = Experiment(group, study.study.seed)
-        arrays = layout(
-            group,
-            experiment.model,
-            experiment.f,
-            experiment.n_frequencies,
-            experiment.true_frf,
-            realizations_a_chunk(group),
-        )
-        size = sum(
-            math.prod(a.shape) * np.dtype(a.dtype).itemsize for a in arrays.arrays.values() if a.dtype != "string"
-        )
-        cells = group.realizations * len(group.amplitude)
-        seconds = _seconds_a_cell(experiment) * cells
-        plans.append(GroupPlan(name, group.fits, len(arrays.chunks), size, seconds, _precision(experiment)))
-    return plans
+@dataclass(frozen=True)
+class StudyPlan:
+    """All groups.
+
+    Attributes
+    ----------
+    groups: in the order of the study file.
+    start_up: CPU seconds before the first fit, on one thread.
+    slowdown: seconds by the clock per CPU second while the pilot ran: 1 on a quiet machine.
+    metadata: bytes of the empty cube.
+    """
+
+    groups: tuple[GroupPlan, ...]
+    start_up: float
+    slowdown: float
+    metadata: int
+
+    @property
+    def cpu(self) -> float:
+        """CPU seconds of the whole run."""
+        return self.start_up + sum(g.seconds for g in self.groups)
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of the finished cube."""
+        return self.metadata + sum(g.bytes for g in self.groups)
+
+    def wall(self, threads: int) -> float:
+        """Seconds by the clock with this many threads, on a machine as busy as during the pilot."""
+        shared = sum(g.seconds * self.slowdown + g.waiting for g in self.groups)
+        return self.start_up * self.slowdown + shared / threads
 
 
-def _seconds_a_cell(experiment: Experiment) -> float:
-    """CPU seconds of one (amplitude, realization): its data, and all starts at every Fmax."""
-    group = experiment.group
-    pilot = range(min(group.realizations, PILOT_CELLS.get(group.fit.solver, 1)))
-    n = min(group.starts, PILOT_STARTS.get(group.fit.solver, 2))
-    options = Options(group.fit.tolerance, group.fit.max_iterations)
-    experiment.measure(group.amplitude[0], 0)
-    begun = time.process_time()
-    data = [experiment.measure(group.amplitude[0], r) for r in pilot]
-    total = time.process_time() - begun
-    for fmax in group.fmax:
-        problems = [experiment.problem(one, fmax) for one in data]
-        experiment.starts(problems[:1], pilot[:1])  # compiles
-        begun = time.process_time()
-        starts = experiment.starts(problems, pilot)
-        total += time.process_time() - begun
-        which, x0 = np.repeat(np.arange(len(problems)), n), starts[:, :n].reshape(-1, starts.shape[-1])
-        growth_rate(experiment.model, fit(problems[0], x0[:1], group.fit.solver, options).estimate)  # compiles
-        begun = time.process_time()
-        growth_rate(experiment.model, fit_queue(problems, which, x0, group.fit.solver, options).estimate)
-        total += (time.process_time() - begun) / n * group.starts
-    return total / len(pilot)
+def plan(study: Study, imports: float = 0.0) -> StudyPlan:
+    """Plan every group of a study. ``imports``: CPU seconds that a run spends before it comes to the study file."""
+    pilots = {name: _pilot(group) for name, group in study.group.items()}
+    small = study.model_copy(update={"group": pilots})
+    with tempfile.TemporaryDirectory(prefix="mcstudy-plan-") as folder:
+        watch = _Watch()
+        cube = Cube.create(Path(folder) / "pilot.zarr", small, depths={n: g.realizations for n, g in pilots.items()})
+        loading = 0.0
+        for store in cube.groups.values():
+            loading += _load(store)
+        start_up = imports + min(loading, LOADING_S) + (watch.cpu() - loading)
+        metadata = _size(cube.path)
+        watch = _Watch()
+        plans = tuple(_plan_group(name, study, cube.groups[name]) for name in study.group)
+        at_disk = sum(g.waiting / g.chunks for g in plans)
+        slowdown = max(1.0, (watch.wall() - at_disk) / watch.cpu())
+    return StudyPlan(plans, start_up, slowdown, metadata)
+
+
+class _Watch:
+    """Clocks since it was made."""
+
+    def __init__(self) -> None:
+        self._cpu, self._wall = time.process_time(), time.perf_counter()
+
+    def cpu(self) -> float:
+        return time.process_time() - self._cpu
+
+    def wall(self) -> float:
+        return time.perf_counter() - self._wall
+
+
+def _pilot(group: Group) -> Group:
+    """The group with few realizations and starts, all of them one chunk."""
+    if group.fit.solver != "lm":
+        return group.model_copy(update={"realizations": 1, "starts": min(group.starts, 2)})
+    most = PILOT_FITS["lm"] // len(group.fmax)
+    starts = max(1, min(group.starts, most // min(2, group.realizations)))
+    depth = min(max(1, most // starts), realizations_a_chunk(group))
+    return group.model_copy(update={"realizations": depth, "starts": starts})
+
+
+def _load(store: GroupStore) -> float:
+    """Load what is compiled, by one fit; returns CPU seconds."""
+    watch, experiment = _Watch(), store.experiment
+    one = Experiment(experiment.group.model_copy(update={"starts": 1}), experiment.seed)
+    problem = one.problem(one.measure(one.group.amplitude[0], 0), one.group.fmax[0])
+    (fits,) = fit_many([problem], one.starts([problem], [0]), one.group.fit.solver)
+    growth_rate(one.model, fits.estimate)
+    return watch.cpu()
+
+
+def _plan_group(name: str, study: Study, store: GroupStore) -> GroupPlan:
+    """Time and weigh the pilot of one group, and scale it to the whole."""
+    group, pilot, experiment = study.group[name], store.experiment.group, store.experiment
+    chunk, n = store.layout.chunks[0], pilot.realizations
+    first, again = _time_data(experiment, n)
+    data = store.layout.empty(chunk)
+    watch = _Watch()
+    fill(store, chunk, data, lambda: False)
+    fits_cpu = max(watch.cpu() - again * n, 0.0)
+    watch = _Watch()
+    store.write(chunk, data)
+    write_cpu, write_wall = watch.cpu(), watch.wall()
+    chunks = -(-group.realizations // realizations_a_chunk(group)) * len(group.amplitude)
+    cells = group.realizations * len(group.amplitude)
+    share = cells / n * group.starts / pilot.starts
+    size = 0.0
+    for array in store.layout.results:
+        by_fit = "start" in store.layout.arrays[array].dims
+        size += store.chunk_file(array, chunk).stat().st_size * (share if by_fit else cells / n)
+    seconds = group.realizations * (first + again * (len(group.amplitude) - 1)) + fits_cpu * share + chunks * write_cpu
+    waiting = chunks * max(write_wall - write_cpu, 0.0)
+    full = Experiment(group, study.study.seed)
+    return GroupPlan(name, group.fits, chunks, round(size), seconds, waiting, _precision(full))
+
+
+def _time_data(experiment: Experiment, n: int) -> tuple[float, float]:
+    """CPU seconds of a realization's data the first time, and once more at an amplitude (the noise is shared)."""
+    amplitude, begun = experiment.group.amplitude[0], time.process_time()
+    for realization in range(n):
+        experiment.measure(amplitude, realization)
+    between = time.process_time()
+    for realization in range(n):
+        experiment.measure(amplitude, realization)
+    return (between - begun) / n, (time.process_time() - between) / n
+
+
+def _size(folder: Path) -> int:
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
 
 
 def _precision(experiment: Experiment) -> tuple[Precision, ...]:
@@ -102,12 +199,15 @@ def _precision(experiment: Experiment) -> tuple[Precision, ...]:
     if group.simulator == "none":
         return ()
     found = []
+    pilot = range(PILOT_REALIZATIONS[group.simulator])
+    random = [uniform(model, start_stream(experiment.seed, r), min(group.starts, PILOT_STARTS)) for r in pilot]
+    starts = np.stack([np.vstack([model.truth[None], one]) for one in random])
     for amplitude in group.amplitude:
-        pilot = [experiment.measure(amplitude, r) for r in range(PILOT_REALIZATIONS)]
+        data = [experiment.measure(amplitude, r) for r in pilot]
         for fmax in group.fmax:
-            fits = [fit(experiment.problem(data, fmax), model.truth[None]) for data in pilot]
-            spread = np.nanstd([f.estimate[0] for f in fits], axis=0, ddof=1)
-            error = 100 * spread / np.abs(model.truth) / math.sqrt(group.realizations)
+            fits = fit_many([experiment.problem(one, fmax) for one in data], starts)
+            best = [f.estimate[f.best] for f in fits if np.isfinite(f.cost).any()]
+            error = 100 * np.std(best, axis=0, ddof=1) / np.abs(model.truth) / math.sqrt(group.realizations)
             worst = int(np.argmax(error))
             found.append(Precision(amplitude, fmax, float(error.mean()), float(error[worst]), model.names[worst]))
     return tuple(found)

@@ -29,6 +29,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for verb in (diagnose, report):
         verb.add_argument("recordings", nargs="+", type=Path, metavar="REC", help=".nc, .zarr, .toml, or .csv")
         verb.add_argument("--fast", action="store_true", help="asymptotic statistics in place of the bootstrap")
+        verb.add_argument("--bootstrap", type=int, metavar="N", help="draws of the bootstrap (default 1000)")
+        verb.add_argument("--seed", type=int, default=0, help="of every random number (default 0)")
+        verb.add_argument("--fmax", type=float, default=8.0, metavar="HZ", help="highest frequency (default 8)")
+        verb.add_argument(
+            "--discard", type=int, default=1, metavar="N", help="cycles left out of every trial (default 1)"
+        )
+        verb.add_argument("--data", type=Path, metavar="DIR", help="where a .toml finds its files (default: beside it)")
         verb.add_argument("--accept", action="append", default=[], metavar="CODE", help="keep a suspicious labelling")
 
     challenge = verbs.add_parser("challenge", help="the benchmark on withheld causes")
@@ -91,33 +98,40 @@ def _effects(_: argparse.Namespace) -> int:
 
 def _diagnosed(args: argparse.Namespace) -> tuple[Diagnosis, Recording | FrfRecording | list[Recording]]:
     """The diagnosis, and the recording or recordings it is of."""
-    from mcstudy.errors import RecordingError
+    from mcstudy.errors import InputError, RecordingError
     from mcstudy.gap.diagnose import diagnose, diagnose_fast
     from mcstudy.gap.read import read_recording
     from mcstudy.gap.recording import Recording
 
+    if args.fast and args.bootstrap is not None:
+        raise InputError("--bootstrap: expected without --fast, which does not use it")
+    options = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
+    if args.bootstrap is not None:
+        options["bootstrap"] = args.bootstrap
     run = diagnose_fast if args.fast else diagnose
-    read = [read_recording(path, accept=args.accept) for path in args.recordings]
+    read = [read_recording(path, data=args.data, accept=args.accept) for path in args.recordings]
     if len(read) == 1:
-        return run(read[0], accept=args.accept), read[0]
+        return run(read[0], **options), read[0]
     several = []
     for path, one in zip(args.recordings, read, strict=True):
         if not isinstance(one, Recording):
             raise RecordingError(f"{path}: expected a recording with trials beside others, got an FRF")
         several.append(one)
-    return run(several, accept=args.accept), several
+    return run(several, **options), several
 
 
 def _diagnose(args: argparse.Namespace) -> int:
     import json
 
     from mcstudy.gap.challenge.files import write_json
+    from mcstudy.gap.tables import text
 
     diagnosis, _ = _diagnosed(args)
+    words = f"{diagnosis.verdict()}\n\n{text(diagnosis)}"
     if args.out:
         write_json(args.out / "diagnosis.json", diagnosis.to_dict())
-        (args.out / "diagnosis.txt").write_text(f"{diagnosis.verdict()}\n", encoding="utf-8")
-    print(json.dumps(diagnosis.to_dict(), indent=1) if args.json else diagnosis.verdict())
+        (args.out / "diagnosis.txt").write_text(f"{words}\n", encoding="utf-8")
+    print(json.dumps(diagnosis.to_dict(), indent=1) if args.json else words)
     return 0
 
 
@@ -134,6 +148,9 @@ def _report(args: argparse.Namespace) -> int:
 
         diagnosis, recording = _diagnosed(args)
         options = [*("--fast" for _ in range(args.fast)), *(w for code in args.accept for w in ("--accept", code))]
+        for name, default in (("bootstrap", None), ("seed", 0), ("fmax", 8.0), ("discard", 1), ("data", None)):
+            if getattr(args, name) != default:
+                options += [f"--{name}", str(getattr(args, name))]
         command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(args.output)]
         return gap_page(diagnosis, recording, command=shlex.join(command))
 

@@ -94,7 +94,7 @@ class Scores:
         return np.asarray(x - self._Q @ (self._Q.T @ x))
 
     def __call__(self, residual: np.ndarray, linear: bool = False) -> Scored:
-        """Scores of residuals (4 N, n) of fits; ``linear`` when they are raw errors that still have to be fitted."""
+        """Scores of residuals (4 N, n) of fits; ``linear``: what the parameters can give is taken out first."""
         r = residual.reshape(residual.shape[0], -1)
         b = (self._projected if linear else self._raw).T @ r
         K, G = len(self.library), len(self.plain)

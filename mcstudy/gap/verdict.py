@@ -56,8 +56,11 @@ def verdict(d: Diagnosis) -> str:
         parts += _cause(d)
         if d.closed is not None:
             c = d.closed
+            best = words(" and ".join(d.causes[0].effects))
+            unnamed = d.unknown_probability > d.causes[0].probability
             parts.append(
-                f"Adding {words(' and '.join(d.causes[0].effects))} closes {100 * c.fraction:.0f} % "
+                (f"Of the named effects {best} would close" if unnamed else f"Adding {best} closes")
+                + f" {100 * c.fraction:.0f} % "
                 f"[{100 * c.low:.0f}, {100 * c.high:.0f}] of the gap"
                 + (", down to the noise floor." if c.at_noise_floor else ".")
                 + (
@@ -68,9 +71,9 @@ def verdict(d: Diagnosis) -> str:
             )
     for contrast in d.contrasts:
         if contrast.p_value < 0.01 and contrast.changes:
-            best = max(contrast.changes, key=lambda k: k.log_factor)
+            largest = max(contrast.changes, key=lambda k: k.log_factor)
             what = "with amplitude" if contrast.kind == "amplitude" else "over the recording"
-            parts.append(f"The active gains change {what} by {100 * best.gain:+.0f} % (± {100 * best.se:.0f}).")
+            parts.append(f"The active gains change {what} by {100 * largest.gain:+.0f} % (± {100 * largest.se:.0f}).")
     missed = [words(u.effect) for u in d.undetectable]
     if missed:
         parts.append(f"Not excluded, because these data cannot show it: {', '.join(missed)}.")

@@ -101,3 +101,17 @@ def test_effects_that_do_not_fit_the_model_are_left_out() -> None:
     names = {e.name for e in usable(opened(one_segment()))}
     assert "activation_dynamics" in names
     assert "passive_damping_hip" not in names
+
+
+def test_refits_that_go_far_do_not_widen_the_null(plain_lines: list[Lines]) -> None:
+    """Few lines leave the parameters open: refits move along curved valleys, and must not look like gaps for it."""
+    lines = plain_lines[0].below(0.6)
+    data = Data.of(lines)
+    fitter = Fitter(OPEN, OPEN, data.f)
+    base = fitter.best(data, drawn_starts(OPEN, 0, 8))
+    noise = 3 * NullDraws(lines)(np.random.default_rng(3), 200)
+    scores = Scores(base, data, [], [])
+    linear = scores(linear_null(base, data, noise), linear=True).gap
+    far = refitted_null(base, fitter, data, noise)
+    assert np.quantile(scores(far, linear=True).gap, 0.95) < np.quantile(linear, 0.95) + 2
+    assert np.quantile(scores(far).gap, 0.95) > np.quantile(linear, 0.95) + 5

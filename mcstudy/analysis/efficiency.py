@@ -22,6 +22,10 @@ from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, frf_jacobian
 from mcstudy.stance.simulate_spectral import sway_psd
 
+HELD = 1e-3
+"""Standard deviations of the noise that the whole distance between its bounds must move the responses, or else a
+parameter is held by them."""
+
 
 def expected_line_covariance(
     model: Model, theta: np.ndarray, noise: SensorNoise, f: np.ndarray, drive: np.ndarray, duration_s: float
@@ -65,18 +69,41 @@ def overlap_of(bands: Bands) -> np.ndarray:
 def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
     """Cramér-Rao bound on the covariance of unbiased estimates, (P, P), for FRF errors ``joint`` (2N, 2N).
 
+    NaN in the rows and columns of parameters that their bounds hold (`held`); the others are bounded with those known.
     Raises `InputError` where the points do not determine the parameters.
     """
     _, J = frf_jacobian(model, theta, f)
     scale = model.upper - model.lower
-    white = _whitener(joint) @ (J.reshape(-1, theta.size) * scale)
+    white = np.sqrt(2) * _whitener(joint) @ (J.reshape(-1, theta.size) * scale)
+    free = np.flatnonzero(~_held(white))
     # QR instead of the normal matrix: the condition number at low Fmax is not squared
-    R = np.asarray(np.linalg.qr(np.sqrt(2) * np.concatenate([white.real, white.imag]), mode="r"))
+    R = np.asarray(np.linalg.qr(np.concatenate([white[:, free].real, white[:, free].imag]), mode="r"))
     diagonal = np.abs(np.diag(R))
-    if R.shape[0] < theta.size or diagonal.min() <= 1e-13 * diagonal.max():
-        raise InputError(f"frequency: {f.size} points do not determine {theta.size} parameters")
-    inverse = np.linalg.inv(R) * scale[:, None]
-    return inverse @ inverse.T
+    if R.shape[0] < free.size or diagonal.min(initial=np.inf) <= 1e-13 * diagonal.max(initial=0.0):
+        raise InputError(f"frequency: {f.size} points do not determine {free.size} parameters")
+    inverse = np.linalg.inv(R) * scale[free, None]
+    return _among_all(inverse @ inverse.T, free, theta.size)
+
+
+def held(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
+    """Which parameters (P,) are held by their bounds: going from one to the other changes less than noise can show.
+
+    Their estimates say where the bounds are, so no bound on their variance means anything.
+    """
+    _, J = frf_jacobian(model, theta, f)
+    return _held(np.sqrt(2) * _whitener(joint) @ (J.reshape(-1, theta.size) * (model.upper - model.lower)))
+
+
+def _held(white: np.ndarray) -> np.ndarray:
+    """From derivatives (M, P) of the responses, in standard deviations per distance between the bounds."""
+    return np.asarray(np.linalg.norm(white, axis=0) < HELD)
+
+
+def _among_all(matrix: np.ndarray, free: np.ndarray, size: int) -> np.ndarray:
+    """A matrix of the free parameters as one of all, NaN elsewhere."""
+    out = np.full((size, size), np.nan)
+    out[np.ix_(free, free)] = matrix
+    return out
 
 
 def _whitener(joint: np.ndarray) -> np.ndarray:
@@ -92,15 +119,19 @@ def _whitener(joint: np.ndarray) -> np.ndarray:
 
 
 def linearised(model: Model, theta: np.ndarray, f: np.ndarray, weight: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """First-order covariance (P, P) of least squares with weights ``weight`` (N, 2, 2) for FRF errors ``joint``."""
+    """First-order covariance (P, P) of least squares with weights ``weight`` (N, 2, 2) for FRF errors ``joint``.
+
+    NaN for parameters that their bounds hold; see `cramer_rao`.
+    """
+    free = np.flatnonzero(~held(model, theta, f, joint))
     _, J = frf_jacobian(model, theta, f)
-    scale = model.upper - model.lower
+    J, scale = J[..., free], (model.upper - model.lower)[free]
     weighted = np.einsum("nij,njp->nip", weight, J * scale)
-    G = np.einsum("nji,njp->nip", weight.conj(), weighted).reshape(-1, theta.size)
+    G = np.einsum("nji,njp->nip", weight.conj(), weighted).reshape(-1, free.size)
     A = np.einsum("nip,niq->pq", weighted.conj(), weighted).real
     B = (G.conj().T @ joint @ G).real / 2
     half = np.linalg.solve(A, B)
-    return np.linalg.solve(A, half.T) * scale[:, None] * scale[None, :]
+    return _among_all(np.linalg.solve(A, half.T) * scale[:, None] * scale[None, :], free, theta.size)
 
 
 def bounds_on_sd(
@@ -116,20 +147,25 @@ def bounds_on_sd(
 
     Returns
     -------
-    Dataset ``cramer_rao`` and ``paper_cost`` (linearised, what the paper's weights cost), in the parameters' units.
+    Dataset ``cramer_rao`` and ``paper_cost`` (linearised, what the paper's weights cost), in the parameters' units; NaN
+    where ``held`` says that the bounds hold the parameter, whatever the data are.
+
+    Raises `InputError` where the points do not determine the other parameters.
     """
     f, truth = cells["frequency"].values, cells["truth"].values
     shape = (cells.sizes["amplitude"], cells.sizes["fmax"], truth.size)
-    bound, paper = np.full(shape, np.nan), np.full(shape, np.nan)
+    bound, paper, fixed = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=bool)
     weight = paper_cost(model, f, frf(model, truth, f)).weight
     for a, C in enumerate(covariance.transpose("amplitude", "frequency", "angle", "angle_2").values):
         for b, n in enumerate(cells["n_frequencies"].values):
             joint = joint_covariance(C[:n], None if overlap is None else overlap[:n, :n])
+            fixed[a, b] = held(model, truth, f[:n], joint)
             bound[a, b] = np.sqrt(np.diag(cramer_rao(model, truth, f[:n], joint)))
             paper[a, b] = np.sqrt(np.diag(linearised(model, truth, f[:n], weight[:n], joint)))
     dims = ("amplitude", "fmax", "parameter")
     coords = {d: cells[d] for d in dims}
-    return xr.Dataset({"cramer_rao": (dims, bound), "paper_cost": (dims, paper)}, coords=coords)
+    values = {"cramer_rao": (dims, bound), "paper_cost": (dims, paper), "held": (dims, fixed)}
+    return xr.Dataset(values, coords=coords)
 
 
 def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
@@ -142,12 +178,13 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     Dataset ``value``, ``mcse`` (of the variance found; the bound's own error is far smaller), ``n``, ``left_out``,
-    ``cramer_rao_sd``, ``paper_cost_sd`` and ``at_bound``, the fraction of fits with the parameter on a bound: where
-    that is not near zero the Cramér-Rao bound does not apply.
+    ``cramer_rao_sd``, ``paper_cost_sd``, ``held`` (see `bounds_on_sd`) and ``at_bound``, the fraction of fits with the
+    parameter on a bound: where that is not near zero the Cramér-Rao bound does not apply.
     """
     out = statistic_of(cells, lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2)
     return out.assign(
         cramer_rao_sd=bounds["cramer_rao"],
         paper_cost_sd=bounds["paper_cost"],
+        held=bounds["held"],
         at_bound=at_bound(cells)["value"].sum("side", skipna=False),
     )

@@ -196,7 +196,13 @@ def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float
 
 
 def _efficiency(cell: dict[str, Any], parameter: dict[str, Any]) -> str:
-    """Shown only where nearly all fits are off every bound: elsewhere the Cramér-Rao bound does not apply."""
+    """Shown only where nearly all fits are off every bound: elsewhere the Cramér-Rao bound does not apply.
+
+    ``held``: there is none for this parameter, since going from one of its bounds to the other changes nothing.
+    """
+    others = (p.get("efficiency", {}).get("value") for p in cell["parameters"])
+    if "efficiency" in parameter and parameter["efficiency"]["value"] is None and any(v is not None for v in others):
+        return "held"
     inside = cell["inside_bounds"]["value"]
     if "efficiency" not in parameter or inside is None or inside < 0.9:
         return "-"

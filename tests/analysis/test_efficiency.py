@@ -79,6 +79,30 @@ def test_too_few_points_are_refused() -> None:
         )
 
 
+def test_a_parameter_that_its_bounds_hold_has_no_bound_and_the_others_that_of_knowing_it() -> None:
+    f = published().below(1.2).f
+    joint = efficiency.joint_covariance(random_covariance(np.random.default_rng(3), f))
+    k = MODEL.names.index("Kpas1")
+    value = float(MODEL.truth[k])
+    narrow = MODEL.with_bounds({"Kpas1": (value - 5e-10, value + 5e-10)})
+    assert efficiency.held(narrow, MODEL.truth, f, joint).tolist() == [n == "Kpas1" for n in MODEL.names]
+    assert not efficiency.held(MODEL, MODEL.truth, f, joint).any()
+    free = np.delete(np.arange(len(MODEL.names)), k)
+    weight = paper_cost(MODEL, f, frf(MODEL, MODEL.truth, f)).weight
+    for found in (
+        efficiency.cramer_rao(narrow, MODEL.truth, f, joint),
+        efficiency.linearised(narrow, MODEL.truth, f, weight, joint),
+    ):
+        assert np.isnan(found[k]).all()
+        assert np.isnan(found[:, k]).all()
+        assert np.isfinite(found[np.ix_(free, free)]).all()
+    # knowing a parameter is conditioning on it: the Schur complement of the bound
+    C = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint)
+    known = C[np.ix_(free, free)] - np.outer(C[free, k], C[k, free]) / C[k, k]
+    found = efficiency.cramer_rao(narrow, MODEL.truth, f, joint)[np.ix_(free, free)]
+    np.testing.assert_allclose(np.diag(found), np.diag(known), rtol=1e-5)
+
+
 def test_the_expected_covariance_is_that_of_simulated_lines() -> None:
     prts, noise, cycles = Prts(stages=4), SensorNoise(), 3
     lines = np.array([1, 3, 5])

@@ -169,3 +169,21 @@ def test_an_unknown_verb_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
         main(["ruin"])
     assert done.value.code == BAD_INPUT
     assert "run" in capsys.readouterr().err
+
+
+def test_show_says_which_parameter_its_bounds_hold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Bounds a billionth apart leave nothing to estimate: there is no Cramér-Rao bound, and no failure."""
+    file, out = tmp_path / "narrow.toml", tmp_path / "narrow.zarr"
+    bounds = "[group.noisy.model.bounds.absolute]\nKpas1 = [179.9999999995, 180.0000000005]\n"
+    truth = "[group.noisy.model.truth]\nKpas1 = 180.0\n"
+    file.write_text(STUDY.replace("realizations = 2", "realizations = 4") + truth + bounds)
+    assert main(["run", str(file), "-o", str(out), "--workers", "1"]) == DONE
+    capsys.readouterr()
+    assert main(["show", str(out)]) == DONE
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("Kpas1 ")]
+    assert rows
+    assert rows[0][-1] in ("held", "-")
+    assert main(["show", str(out), "--json"]) == DONE
+    parameters = json.loads(capsys.readouterr().out)["groups"]["noisy"]["cells"][0]["parameters"]
+    without = [p["name"] for p in parameters if "efficiency" in p and p["efficiency"]["value"] is None]
+    assert without == ["Kpas1"]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import xarray as xr
+
 from mcstudy.analysis.sensitivity import RANGES
 from mcstudy.analysis.text import with_error
 from mcstudy.analysis.view import GroupView
@@ -240,6 +242,10 @@ def _fig_7c(view: GroupView) -> Figure | Missing:
     )
 
 
+def _efficiency(result: xr.Dataset) -> str:
+    return "held by its bounds" if bool(result["held"]) else value_of(result)
+
+
 def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
     """Efficiency against the Cramér-Rao bound."""
     title = "Efficiency against the Cramér–Rao bound"
@@ -268,7 +274,7 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
                 f"Efficiency ± MCSE, {a:g} {view.model.stimulus_unit}",
                 ["parameter", *(f"{f:g} Hz" for f in result["fmax"].values)],
                 [
-                    [n, *(value_of(result.sel(amplitude=a, fmax=f, parameter=n)) for f in result["fmax"].values)]
+                    [n, *(_efficiency(result.sel(amplitude=a, fmax=f, parameter=n)) for f in result["fmax"].values)]
                     for n in view.model.names
                 ],
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from benchmarks import framework, kernel_time, limits, speedup, starts_needed, studies
+from benchmarks import diagnosis, framework, kernel_time, limits, speedup, starts_needed, studies
 from benchmarks.report import Result, Sizes
 
 BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
@@ -17,4 +17,5 @@ BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "growth": studies.growth,
     "workers": studies.workers,
     "framework": framework.run,
+    "diagnosis": diagnosis.run,
 }

@@ -7,6 +7,7 @@ it). What is left after merging is a `Study`: groups with nothing left to defaul
 from __future__ import annotations
 
 import hashlib
+import html
 import json
 from typing import Annotated, Any, Literal
 
@@ -147,6 +148,22 @@ class Study(Section):
     def fits(self) -> int:
         """Number of fits of all groups."""
         return sum(group.fits for group in self.group.values())
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the groups and what they cost in fits."""
+        rows = "".join(
+            f"<tr><th scope='row'>{html.escape(name)}</th><td>{g.realizations}</td><td>{g.starts}</td>"
+            f"<td>{', '.join(f'{f:g}' for f in g.fmax)}</td><td>{', '.join(f'{a:g}' for a in g.amplitude)}</td>"
+            f"<td>{html.escape(g.model.kind)}</td><td>{g.fit.cost}, {g.fit.solver}</td><td>{g.fits}</td></tr>"
+            for name, g in self.group.items()
+        )
+        columns = ("group", "realizations", "starts", "Fmax (Hz)", "amplitude", "model", "fit", "fits")
+        head = "".join(f"<th scope='col'>{c}</th>" for c in columns)
+        return (
+            f"<h3>Study {html.escape(self.study.name)}</h3><p>{html.escape(self.study.description)}</p>"
+            f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+            f"<p>{self.fits} fits, seed {self.study.seed}, fingerprint {self.fingerprint[:12]}</p>"
+        )
 
     def numbers(self) -> dict[str, Any]:
         """Everything that changes a number of the cube, as plain JSON values (the prose left out)."""

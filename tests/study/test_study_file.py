@@ -153,3 +153,10 @@ def test_every_shipped_pipeline_is_valid_and_says_what_it_regenerates(file: Path
 
 def test_the_large_pipeline_has_a_million_fits() -> None:
     assert read_study(Path(__file__).parents[2] / "pipelines" / "large.toml").fits >= 1_000_000
+
+
+def test_a_notebook_shows_the_groups_and_nothing_of_them_becomes_markup(tiny: str) -> None:
+    shown = parse_study(tiny.replace("seed = 7", 'seed = 7\ndescription = "a <b> & c"'))._repr_html_()
+    assert "a &lt;b&gt; &amp; c" in shown
+    assert "<th scope='row'>noisy</th><td>5</td><td>6</td><td>0.41, 1.2</td><td>3, 5</td>" in shown
+    assert "128 fits, seed 7" in shown

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from mcstudy.analysis.accuracy import absolute_bias_of, absolute_bias_percent, cv_of, statistic_of
 from mcstudy.analysis.montecarlo import Moments
-from mcstudy.analysis.sensitivity import sensitivity
+from mcstudy.analysis.sensitivity import RANGES, sensitivity
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.report.figures.common import Data, axes, chosen_fmax, legend_below, view_of
@@ -101,6 +101,8 @@ def sensitivity_bars(data: Data, frequencies: str = "low", ax: Axes | None = Non
         ax.annotate(f"{v:.1f}" if v >= 0.05 else "0", (v, i), xytext=(3, 0), textcoords="offset points", va="center")
     ax.margins(x=0.14)
     ax.set_xlabel("share of influence (%)")
+    low, high = RANGES[frequencies]
+    ax.set_title(f"{frequencies} frequencies, {low:g} to {high:g} Hz")
     return ax
 
 

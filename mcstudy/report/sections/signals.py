@@ -35,6 +35,9 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
                 f"A pseudorandom ternary stimulus of {peak}, {s.cycles} cycles of {s.prts.period_s:g} s, and the "
                 "sensor noise that is added to the sensed angles (pink through a low-pass), with the sway that this "
                 "noise alone evokes.",
+                "RMS of that sway in this realization: "
+                + ", ".join(f"{n} {short(rms[i], 2)}° (paper about {paper[i]:g}°)" for i, n in enumerate(s.angles))
+                + ".",
             ],
             [
                 Panel("stimulus", lambda ax: figures.stimulus_record(s, ax), (4.3, 2.6)),
@@ -79,13 +82,15 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Fig. 2D",
             "Error of a time simulation",
             [
-                "Integration in time from rest, without noise, against the exact steady state. First panel: the "
-                "transient of the start decays within the first cycle. Second: what is left in the FRFs. If the first "
-                "cycle is kept, its transient leaks into every line, whatever the solver or its step, and the "
-                "relative error grows as the FRF falls: that fits the error which the paper saw at every solver and "
-                "sampling rate and left unexplained. Without that cycle the error is what sampling makes (crosses): a "
-                "torque that is linear between samples has Fourier coefficients (sin x / x)² times those of its "
-                "samples, x = π f / rate.",
+                "Integration in time from rest, without noise, against the exact steady state. First: error of the "
+                "sway; the transient decays within the first cycle, what is left repeats in every cycle. Second: error "
+                "of the FRFs, relative. It is what sampling makes (crosses): the equations are divided by the DFT of "
+                "the torque's samples, while the body is driven by what is between them; a torque that is linear "
+                "between samples has Fourier coefficients (sin x / x)² times those of its samples, x = π f / rate.",
+                "The paper saw small, systematic errors at every solver and up to 10,000 Hz that disturbed fits at "
+                "high frequency, where the FRF is small, and left them unexplained. This fits: small in sway, alike in "
+                "every cycle, growing with frequency, whatever the solver. A transient does not: with the first cycle "
+                "kept (dotted) errors are no longer small. Evidence: pipelines/fig2d.md.",
             ],
             [
                 Panel("sway error over time", lambda ax: figures.simulation_error_record(s, ax)),

@@ -24,6 +24,7 @@ from scipy import stats
 from mcstudy.gap.evidence import Hypothesis
 from mcstudy.gap.fitting import Data, Fitted, Fitter, whiten
 from mcstudy.gap.lines import Lines
+from mcstudy.gap.rough import Rough
 from mcstudy.gap.small_linear import orthonormal
 from mcstudy.stance.response import frf_jacobian
 
@@ -34,12 +35,6 @@ WANTED_HALF_WIDTH = 0.15
 
 LEAST = 0.05
 """Share of its length that a deviation must keep, at right angles to the parameters, to count as a dimension."""
-
-ROUGH = 0.1
-"""Prior probability that a body also leaves a gap that is not smooth over frequency."""
-
-ROUGH_DELTA = 10.0
-"""Standard deviation of the prior on its delta."""
 
 CONSIDERED = 3e-3
 """Posterior probability from which another hypothesis has a say in the interval."""
@@ -111,8 +106,8 @@ def close(
     smooth_square = float(inside @ inside)
     first = base.residual(data)
     explained = max(float(first @ first) - float(residual @ residual), 1.0)
-    scale, dof = _rest_scale(belief.null_chi2, k)
-    rough = _rough(max(float(residual @ residual) - smooth_square, 0.0) / scale, dof, rng)
+    beside = max(float(residual @ residual) - smooth_square, 0.0)
+    rough = Rough.of(belief.null_chi2, taken=k).draws(beside, rng, SAMPLES)
     fraction = _shares(base, added, data, belief, explained, _left(smooth_square, k, rng), rough, rng)
     low, middle, high = (float(x) for x in np.quantile(fraction, (0.025, 0.5, 0.975)))
     trials = int(np.unique(lines.trial).size)
@@ -161,31 +156,6 @@ def _remains(fitted: Fitted, base: Fitted, clean: Data) -> float:
     fitter = Fitter(fitted.model, base.model, clean.f)
     r = fitter.best(clean, fitted.theta).residual(clean)
     return float(r @ r)
-
-
-def _rest_scale(null_chi2: np.ndarray, k: int) -> tuple[float, float]:
-    """Scale and degrees of freedom of the square of the residual outside k smooth dimensions, under the null.
-
-    A chi-squared of that mean and variance: the covariance is an estimate, so the variance is larger than twice the
-    mean.
-    """
-    mean, variance = float(null_chi2.mean()) - k, float(null_chi2.var()) - 2 * k
-    scale = max(variance / (2 * mean), 1.0)
-    return scale, mean / scale
-
-
-def _rough(total: float, dof: float, rng: np.random.Generator) -> np.ndarray:
-    """Draws (`SAMPLES`,) of the energy of a gap that is not smooth, from the square left outside the smooth space."""
-    delta = np.linspace(0.0, 5 * ROUGH_DELTA + np.sqrt(max(total, 0.0)), 600)[1:]
-    log_slab = stats.ncx2.logpdf(total, dof, delta**2) - 0.5 * (delta / ROUGH_DELTA) ** 2
-    step = delta[1] - delta[0]
-    slab = np.exp(log_slab - stats.chi2.logpdf(total, dof)) * step * np.sqrt(2 / np.pi) / ROUGH_DELTA
-    slab = np.nan_to_num(slab, nan=0.0, posinf=1e300)
-    odds = ROUGH / (1 - ROUGH) * slab.sum()
-    there = rng.random(SAMPLES) < odds / (1 + odds)
-    if slab.sum() <= 0:
-        return np.zeros(SAMPLES)
-    return np.where(there, rng.choice(delta, SAMPLES, p=slab / slab.sum()) ** 2, 0.0)
 
 
 def _left(total: float, k: int, rng: np.random.Generator) -> np.ndarray:

@@ -1,9 +1,10 @@
 """Is there a gap, and where in the lines: p-value, goodness of fit, map of standardised residuals.
 
-The statistic of detection is the Bayes factor of any deviation - every effect of the library and the unknown - against
-none. V, the whole residual, has far less power against one effect (it spreads 4 N degrees of freedom over a gap of one)
-and serves as goodness of fit. Null distributions come from draws with the estimated covariance's own uncertainty
-(`mcstudy.gap.draws`), either through the linearised fit or with the model refitted to every draw.
+The statistic of detection is the Bayes factor of any deviation - every effect of the library, the unknown, and what is
+smooth in nothing - against none. V, the whole residual, has far less power against one effect (it spreads 4 N degrees
+of freedom over a gap of one); it serves as goodness of fit, and for what is not smooth. Null distributions come from
+draws with the estimated covariance's own uncertainty (`mcstudy.gap.draws`), either through the linearised fit or with
+the model refitted to every draw.
 """
 
 from __future__ import annotations
@@ -16,11 +17,16 @@ import numpy as np
 from mcstudy.gap.draws import NullDraws
 from mcstudy.gap.fitting import Data, Fitted, Fitter, whiten
 from mcstudy.gap.lines import Lines
+from mcstudy.gap.rough import Rough
 from mcstudy.gap.scores import Scores
 from mcstudy.stance.response import frf
 
 EDGES_HZ = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0, 3.0, 4.5, 6.5, np.inf)
 """Edges of the bands in which the residual map is summed."""
+
+
+ROUGH = 0.05
+"""Share of the gaps looked for that are smooth in nothing."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,7 @@ class Detection:
     chi2, expected_chi2, fit_p_value: the whole residual, its mean under the null, and its p-value.
     z: (N, 2) standardised residuals, leverage removed, E|z|^2 = 1 under the null. z_limit: 95 % limit of max |z|.
     bands: sums of |z|^2. refits: whether the null was refitted draw by draw. draws: their number. null_chi2: (draws,)
-    the whole residual under the null.
+    the whole residual under the null. rough: what that makes of larger ones.
     """
 
     p_value: float
@@ -63,6 +69,7 @@ class Detection:
     refits: bool
     draws: int
     null_chi2: np.ndarray
+    rough: Rough
 
 
 def _complex(r: np.ndarray) -> np.ndarray:
@@ -104,10 +111,12 @@ def detect(
     residual = fitted.residual(data)
     # A refit that went far leaves, through the curvature of the model, what the parameters could take at this fit:
     # a deviation nobody would look for. Both sides are judged without it.
-    statistic = float(scores(residual, linear=refits).gap[0])
-    p_value = (1 + int((scores(null, linear=refits).gap >= statistic).sum())) / (1 + draws)
     chi2 = float(residual @ residual)
     null_chi2 = (null**2).sum(axis=0)
+    rough = Rough.of(null_chi2)
+    statistic = float(_any(scores(residual, linear=refits).gap, rough.log_factor(np.array([chi2])))[0])
+    nulls = _any(scores(null, linear=refits).gap, rough.log_factor(null_chi2))
+    p_value = (1 + int((nulls >= statistic).sum())) / (1 + draws)
     z, null_z = standardised(fitted, data, residual[:, None]), standardised(fitted, data, null)
     return Detection(
         p_value,
@@ -121,7 +130,13 @@ def detect(
         refits,
         draws,
         null_chi2,
+        rough,
     )
+
+
+def _any(smooth: np.ndarray, rough: np.ndarray) -> np.ndarray:
+    """ln Bayes factor of a gap of either kind."""
+    return np.asarray(np.logaddexp(np.log(1 - ROUGH) + smooth, np.log(ROUGH) + rough))
 
 
 def standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:

@@ -135,7 +135,7 @@ def diagnose_lines(
     """Diagnosis of measured lines under a base model whose values are the order of magnitude of a person's."""
     t = tested(lines, nominal, draws, refits, seed)
     base, data, detection, compared = t.base, t.data, t.detection, t.contrasts
-    explanation = explain(base, t.minima, data, t.effects, t.signatures, t.groups, t.scores, compared)
+    explanation = explain(base, t.minima, data, t.effects, t.signatures, t.groups, t.scores, detection.rough, compared)
     detected = t.p_value < LEVEL
     leading = explanation.causes[0] if detected and explanation.causes else None
     place, abstained = places(explanation)

@@ -18,11 +18,15 @@ from mcstudy.gap.contrasts import Contrast
 from mcstudy.gap.declare import Effect
 from mcstudy.gap.evidence import Hypothesis, SizeEstimate, single, together
 from mcstudy.gap.fitting import Data, Fitted, whiten
+from mcstudy.gap.rough import Rough
 from mcstudy.gap.scores import Scores
 from mcstudy.gap.signatures import Signature
 from mcstudy.stance.response import frf
 
-NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.50, 0.05, 0.11, 0.04
+NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.52, 0.03, 0.11, 0.04
+
+ROUGH = 0.25
+"""Share of the unknown that is smooth in nothing (`mcstudy.gap.rough`)."""
 
 LEADERS = 3
 """Leading single effects beside which others, and the unknown, are tried."""
@@ -72,6 +76,7 @@ def explain(
     found: Sequence[Signature],
     groups: Sequence[tuple[str, ...]],
     scores: Scores,
+    rough: Rough,
     contrasts: Sequence[Contrast],
 ) -> Explanation:
     """The posterior for one recording; effects also start from the lowest ``minima`` (K, P) of the base model."""
@@ -113,7 +118,7 @@ def explain(
                 )
             )
     log_named = np.array([h.log_evidence + w for h, w in weighted])
-    strange = _unknown(none, leaders, data, scores, n_causes)
+    strange = _unknown(none, leaders, data, scores, rough, n_causes)
     log_unknown = np.array([x for x, _ in strange])
     total = logsumexp(np.concatenate([log_named, log_unknown]))
     probability = np.exp(log_named - total)
@@ -194,7 +199,7 @@ def pairs(
 
 
 def _unknown(
-    none: Hypothesis, leaders: Sequence[Hypothesis], data: Data, scores: Scores, n_causes: int
+    none: Hypothesis, leaders: Sequence[Hypothesis], data: Data, scores: Scores, rough: Rough, n_causes: int
 ) -> list[tuple[float, dict[str, float]]]:
     """(ln weight times evidence, shares of the places) of the unknown beside the base model and the leaders."""
     out = []
@@ -203,7 +208,9 @@ def _unknown(
         settings.append((h, Scores(h.fitted, data, [], []), np.log(BESIDE / n_causes)))
     for h, at, weight in settings:
         scored = at(h.fitted.free_residual(data))
-        log = h.log_evidence + weight + float(scored.unknown[0])
+        smooth = np.log(1 - ROUGH) + float(scored.unknown[0])
+        scattered = np.log(ROUGH) + float(rough.log_factor(np.array(h.fitted.chi2)))
+        log = h.log_evidence + weight + smooth
         plain, free = scored.plain[:, 0], scored.free[:, 0]
         terms = [(x - np.log(2 * len(plain)), p) for x, (_, p, _) in zip(plain, at.plain, strict=True)]
         terms += [(x - np.log(2 * len(free)), f.places) for x, f in zip(free, at.families, strict=True)]
@@ -213,4 +220,5 @@ def _unknown(
             place = where[0] if len(where) == 1 else ""
             places[place] = places.get(place, 0.0) + float(s)
         out.append((log, places))
+        out.append((h.log_evidence + weight + scattered, {"": 1.0}))
     return out

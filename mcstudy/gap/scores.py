@@ -25,7 +25,7 @@ from mcstudy.gap.unknown import Family, free_torques, plain_feedback, strange
 TYPICAL_DELTA = 7.0
 """Scale of the prior on how visible a deviation is: the size of effects one has a chance to find."""
 
-WRONG_SIGN = 0.05
+WRONG_SIGN = 0.005
 """Prior share of the sign that people do not have, for an effect that has only one."""
 
 

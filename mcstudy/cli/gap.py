@@ -80,7 +80,7 @@ def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
         )
     for verb in (score, run):
         verb.add_argument(
-            "--check", action="store_true", help="exit with 5 when a target is missed by more than its error"
+            "--check", action="store_true", help="exit with 5 when a target is missed beyond doubt (99.9 %% interval)"
         )
 
 

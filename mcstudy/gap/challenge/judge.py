@@ -24,6 +24,9 @@ SHARE = 0.005
 
 TRUTH = "truth"
 
+WRONG = ("nothing missing", "a cause outside the library", "pairs", "other single causes")
+"""Kinds of answers that are wrong for a known cause."""
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -56,6 +59,7 @@ class Judged:
     closed_inside: bool | None = None
     seconds: float = 0.0
     ceiling: Mapping[str, float] = field(default_factory=dict)
+    wrong: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(WRONG, 0.0))
 
     @property
     def kind(self) -> str:
@@ -114,6 +118,7 @@ def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
         _closed_inside(case, answer),
         float(answer["seconds"]),
         ceiling,
+        _wrong(p),
     )
 
 
@@ -126,6 +131,16 @@ def _hypotheses(case: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str,
         name = _name(case, effects, group)
         p[name] = p.get(name, 0.0) + value
     return p
+
+
+def _wrong(p: Mapping[str, float]) -> dict[str, float]:
+    """Probability by kind of wrong answer."""
+    kinds = {"none": WRONG[0], "unknown": WRONG[1], TRUTH: TRUTH}
+    out = dict.fromkeys((*WRONG, TRUTH), 0.0)
+    for name, value in p.items():
+        out[kinds.get(name, WRONG[2] if "+" in name else WRONG[3])] += value
+    out.pop(TRUTH)
+    return out
 
 
 def _name(case: Mapping[str, Any], effects: Sequence[str], group: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from mcstudy.errors import StoreError
 from mcstudy.gap.challenge import files
 from mcstudy.gap.challenge.design import KINDS, MAIN
-from mcstudy.gap.challenge.judge import Judged, judge, true_name
+from mcstudy.gap.challenge.judge import WRONG, Judged, judge, true_name
 from mcstudy.gap.challenge.rates import Figure, mean, rate
 from mcstudy.gap.challenge.targets import (
     AT_MOST_5,
@@ -81,9 +81,19 @@ def score(key: Mapping[str, Any], answers: Mapping[str, Any]) -> Score:
     }
 
 
+BEYOND_DOUBT = 3.29 / 1.96
+"""Width of a 99.9 % interval relative to a 95 % one: ten targets at 95 % would stop every other run by chance."""
+
+
+def _belief(part: str) -> Any:
+    """Figure: mean probability given to a kind of wrong answer at delta = 6."""
+    return average(between(5.5, 6.5), lambda j: j.wrong[part])
+
+
 FIGURES = {
     "mean P(true) of known causes": average(known, lambda j: j.probability, "probability"),
     "group top-1 of known causes": share(known, lambda j: j.top, "top"),
+    **{f"belief at delta = 6 in {part}": _belief(part) for part in WRONG},
     "group top-1 at delta >= 6": share(between(6.0, math.inf), lambda j: j.top, "top"),
     "power at delta = 4 if the direction were known": share(between(3.5, 4.5), lambda j: j.detected, "known_direction"),
     "95 % set holds the truth, all cases": share(lambda _: True, lambda j: j.covered),
@@ -126,6 +136,7 @@ def _target(name: str, goal: Goal, figure: Figure, percent: bool = True) -> dict
         "percent": percent,
         "verdict": word,
         "certain": certain,
+        "beyond_doubt": verdict(goal, figure.widened(BEYOND_DOUBT))[1],
     }
 
 
@@ -186,10 +197,10 @@ def _confusion(main: Sequence[Judged]) -> dict[str, dict[str, int]]:
 
 
 MISSED = 5
-"""Exit code when a target is missed by more than its error."""
+"""Exit code when a target is missed beyond doubt."""
 
 
 def exit_code(score: Mapping[str, Any]) -> int:
-    """`MISSED` when any target or rate of false alarms is certainly missed or a case has no answer, else 0."""
+    """`MISSED` when a target or rate of false alarms is missed beyond doubt or a case has no answer, else 0."""
     rows = [*score["targets"], *score["false_alarms"]]
-    return MISSED if score["errors"] or any(r["verdict"] == "missed" and r["certain"] for r in rows) else 0
+    return MISSED if score["errors"] or any(r["verdict"] == "missed" and r["beyond_doubt"] for r in rows) else 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mcstudy.analysis.text import number, table, with_error
+from mcstudy.analysis.cells import number, table, with_error
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.verdict import named, words
 

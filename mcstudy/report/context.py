@@ -9,9 +9,9 @@ from typing import Any
 
 import xarray as xr
 
+from mcstudy.analysis.cells import number, with_error
 from mcstudy.analysis.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ, STARTS
 from mcstudy.analysis.summary import summary
-from mcstudy.analysis.text import number, with_error
 from mcstudy.analysis.view import GroupView, StudyView
 
 

@@ -13,9 +13,9 @@ import xarray as xr
 
 import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
 from mcstudy.analysis import published
+from mcstudy.analysis.cells import number, table, with_error
 from mcstudy.analysis.paper_rows import rows
 from mcstudy.analysis.tables import Report, report_of
-from mcstudy.analysis.text import number, table, with_error
 from mcstudy.analysis.view import StudyView
 from mcstudy.fit.status import Status
 from mcstudy.study import schema

@@ -12,8 +12,8 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
+from mcstudy.analysis.cells import with_error
 from mcstudy.analysis.stable_starts import hit_rate_by_start
-from mcstudy.analysis.text import with_error
 from mcstudy.cli import BAD_INPUT, main
 from mcstudy.errors import StoreError
 from mcstudy.report.alternatives import TwoStimuliResult, read_alternative, write_alternative

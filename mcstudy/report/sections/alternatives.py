@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from mcstudy.analysis.cells import with_error
 from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.stable_starts import hit_rate_by_start
-from mcstudy.analysis.text import with_error
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult
 from mcstudy.report.context import Context, finite, largest_amplitude, short
 from mcstudy.report.figure import Figure, Missing, Panel

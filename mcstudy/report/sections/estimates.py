@@ -6,8 +6,8 @@ from typing import Any
 
 import xarray as xr
 
+from mcstudy.analysis.cells import with_error
 from mcstudy.analysis.sensitivity import RANGES
-from mcstudy.analysis.text import with_error
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
 from mcstudy.report.context import Context, conditions, largest_amplitude, short, stat, value_of

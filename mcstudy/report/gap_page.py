@@ -36,12 +36,13 @@ def gap_page(
     Raises `InputError` when the recording is not the one that was diagnosed.
     """
     data = GapData.of(diagnosis, recording, model)
+    printed = _diagnose_command(command)
     where = [*response_figures(data), z_figure(data)]
     parts = [
         ("responses", "Measured and modelled responses", _figures(where, command)),
         ("which", "Which effect, where, and how far", _figures(which_figures(diagnosis), command)),
         ("sway", "Sway", _figures([_time(data)], command)),
-        ("numbers", "In numbers", numbers(diagnosis)),
+        ("numbers", "In numbers", numbers(diagnosis) + f'<p class="how">Made by <code>{escape(printed)}</code></p>'),
         ("made", "How this was made", _provenance(data, command)),
     ]
     return document(
@@ -83,6 +84,11 @@ def _figures(items: Sequence[Figure | Missing], command: str) -> str:
     return shown + missing(f for f in items if isinstance(f, Missing))
 
 
+def _diagnose_command(command: str) -> str:
+    """The command that prints the numbers of the page that ``command`` makes."""
+    return command.replace("gap report", "gap diagnose").split(" -o ")[0] + " --json"
+
+
 def _provenance(data: GapData, command: str) -> str:
     d, r = data.diagnosis, data.recording
     rows = [["recording", r.name], ["where it is from", r.provenance or "not stated"], ["stimulus", r.stimulus]]
@@ -95,11 +101,10 @@ def _provenance(data: GapData, command: str) -> str:
         ]
     rows += [["lines", f"{len(data.lines)}, {data.lines.f[0]:.3g} to {data.lines.f[-1]:.3g} Hz"]]
     rows += [[k, str(v)] for k, v in d.method.items()]
-    diagnose = command.replace("gap report", "gap diagnose").split(" -o ")[0]
     commands = "\n".join(
         [
             f"{command}    # this page",
-            f"{diagnose} --json    # every number of it",
+            f"{_diagnose_command(command)}    # every number of it",
             "python    # any figure of it",
             ">>> from mcstudy.gap.diagnose import diagnose",
             ">>> from mcstudy.gap.read import read_recording",

@@ -65,10 +65,10 @@ def page_of(tree: xr.DataTree, beside: Sequence[_Beside] = ()) -> str:
         ("paper", "Beside the paper", headline(context)),
         ("figures", "The paper's figures from this study", _figures(context, paper)),
         ("beyond", "What the paper does not show", _figures(context, beyond)),
-        ("compared", "Groups compared", comparison_html(context)),
+        ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
         ("alternatives", "The alternatives the paper argues with", _alternatives(context, beside)),
-        ("groups", "All groups in numbers", groups(context)),
+        ("groups", "All groups in numbers", _traced(groups(context))),
         ("study", "How this was made", _provenance(context)),
     ]
     return document(
@@ -77,6 +77,12 @@ def page_of(tree: xr.DataTree, beside: Sequence[_Beside] = ()) -> str:
         parts,
         "± is one Monte Carlo standard error (MCSE) unless it says SD.",
     )
+
+
+def _traced(content: str) -> str:
+    """A section of numbers with the command that prints them."""
+    how = '<p class="how">Made by <code>mcstudy show OUT</code> (<code>--json</code> for every digit)</p>'
+    return content + how if content else ""
 
 
 def _alternatives(context: Context, beside: Sequence[_Beside]) -> str:

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
-from mcstudy.analysis.text import number, with_error
+from mcstudy.analysis.cells import number, with_error
 from mcstudy.report.context import Context, short, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label
@@ -39,7 +39,8 @@ def headline(context: Context) -> str:
     if not rows:
         return (
             "<p>No number of the paper is about a group like those of this study (two segments, a torque at the "
-            "ankle, the paper's cost, its Fmax and amplitudes), so there is nothing to set beside it.</p>"
+            "ankle, the paper's cost, its Fmax and amplitudes), so there is nothing to set beside it. Its own "
+            "numbers: <code>mcstudy show OUT</code>.</p>"
         )
     agree = sum(r["agrees"] is True for r in rows)
     judged = sum(r["agrees"] is not None for r in rows)

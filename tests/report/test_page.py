@@ -96,6 +96,14 @@ def test_the_page_is_small(text: str) -> None:
     assert len(text.encode()) < 3_000_000
 
 
+def test_every_section_and_every_figure_shows_the_command_that_made_it(text: str) -> None:
+    for kind in ("section", "figure"):
+        parts = re.findall(rf"<{kind} id=.*?</{kind}>", text, re.DOTALL)
+        assert parts
+        for part in parts:
+            assert re.search(r"<code>(mcstudy|python) \w", part), part[:120]
+
+
 def test_a_study_like_the_papers_has_every_figure_and_every_published_number(
     paper_page: Path, paper_tree: xr.DataTree
 ) -> None:

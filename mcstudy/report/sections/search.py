@@ -166,7 +166,9 @@ def _waterfall(context: Context) -> Figure | Missing:
         [
             Panel(
                 f"group {v.name}, {cell_label(v, a, f)}",
-                lambda ax, v=v, a=a, f=f: figures.waterfall(v, a, f, ax),  # type: ignore[misc]
+                lambda ax, v=v, a=a, f=f: figures.waterfall(v, a, f, ax).set_title(  # type: ignore[misc]
+                    f"{v.name}, {cell_label(v, a, f)}"
+                ),
                 (4.3, 2.9),
             )
             for v in views

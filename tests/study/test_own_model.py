@@ -79,6 +79,12 @@ def test_the_declared_model_comes_back_whole(sway: xr.Dataset) -> None:
     np.testing.assert_array_equal(frf(model, model.truth, f), sway["true_frf"].values)
 
 
+def test_the_example_declares_and_studies_a_model_in_under_40_lines() -> None:
+    """That it runs is what the tests of its page, pipelines/examples/own_model.md, show."""
+    example = Path(__file__).parents[2] / "pipelines" / "examples" / "own_model.py"
+    assert len(example.read_text(encoding="utf-8").splitlines()) < 40
+
+
 def test_what_is_declared_must_be_a_model(sway: xr.Dataset) -> None:
     for broken in ({}, {"name": "x"}, "no", {**sway.attrs["declared_model"], "parameters": []}):
         with pytest.raises(StoreError, match="attribute 'declared_model': expected a model") as refused:

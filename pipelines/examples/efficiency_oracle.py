@@ -26,12 +26,13 @@ ON_BOUND = 0.01
 
 def spread(model, f, data, covariances, n):
     """Best fits (R, P) on the first ``n`` lines: their standard deviations, the errors of these, shares on a bound."""
+    # from the truth: the minimum next to it, not the lowest of many starts
     problems = [ml_cost(model, f[:n], y[:n], C[:n]) for y, C in zip(data, covariances, strict=True)]
     starts = np.repeat(model.truth[None, None], len(problems), axis=0)
     best = np.concatenate([fits.estimate for fits in fit_many(problems, starts)])
     sd = best.std(axis=0, ddof=1)
     kurtosis = ((best - best.mean(axis=0)) ** 4).mean(axis=0) / sd**4
-    error = sd * np.sqrt((kurtosis - 1) / len(best)) / 2
+    error = sd * np.sqrt(np.maximum(kurtosis - 1, 0.0) / len(best)) / 2
     return sd, error, ((best <= model.lower) | (best >= model.upper)).mean(axis=0)
 
 

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import add_cluster_arguments, cluster_options, tell
+
+if TYPE_CHECKING:
+    from mcstudy.study.design import Study
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("study", type=Path, help="study file (TOML)")
     parser.add_argument("-o", "--out", type=Path, help="results cube; default results/NAME.zarr")
+    parser.add_argument(
+        "--until-mcse",
+        metavar="STATISTIC=PERCENT%",
+        help="grow the study until the largest Monte Carlo error of bias (or mean_bias) is this, e.g. bias=1%%",
+    )
+    parser.add_argument("--budget-fits", type=int, metavar="N", help="most fits --until-mcse may come to in all")
     add_cluster_arguments(parser)
 
 
@@ -24,4 +34,29 @@ def main(args: argparse.Namespace) -> int:
     from mcstudy.study.run import default_out, run_study
 
     out = args.out or default_out(study)
+    if args.until_mcse is not None or args.budget_fits is not None:
+        return _until(args, study, out)
     return tell(run_study(study, out, cluster_options(args), args.block), out)
+
+
+def _until(args: argparse.Namespace, study: Study, out: Path) -> int:
+    """Run and grow; returns the exit code."""
+    import sys
+
+    from mcstudy.analysis.until import parse_target, run_until
+    from mcstudy.cli import DONE, INTERRUPTED
+    from mcstudy.errors import InputError
+
+    if args.until_mcse is None or args.budget_fits is None:
+        raise InputError("--until-mcse and --budget-fits: expected both or neither")
+    target = parse_target(args.until_mcse)
+
+    def say(line: str) -> None:
+        print(f"grows: {line}", file=sys.stderr, flush=True)
+
+    until = run_until(study, out, target, args.budget_fits, cluster_options(args), args.block, say)
+    code = tell(until.outcome, out)
+    for line in until.steps:
+        print(f"grown: {line}")
+    print(until.statement)
+    return code if code != DONE or until.reached else INTERRUPTED

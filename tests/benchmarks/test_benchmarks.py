@@ -81,6 +81,5 @@ def test_starts_needed_follow_from_the_hit_rate() -> None:
 
 
 def test_every_part_of_the_suite_has_a_name() -> None:
-    assert {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth"} == set(
-        BENCHMARKS
-    )
+    names = {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth", "diagnosis"}
+    assert names == set(BENCHMARKS)

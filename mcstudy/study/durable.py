@@ -52,6 +52,14 @@ def sync_folder(path: Path) -> None:
         os.close(handle)
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder and its parents, all of which survive a power cut."""
+    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    for folder in reversed(missing):
+        sync_folder(folder.parent)
+
+
 def sync_tree(root: Path) -> None:
     """Sync every file and folder below ``root``, and its entry in the parent folder."""
     for folder, _, files in os.walk(root):
@@ -163,7 +171,7 @@ def locked(path: Path) -> Iterator[None]:
     """
     folder = log_folder(path)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:
         raise StoreError(f"{path}: expected a folder that can be written ({error.strerror})") from None

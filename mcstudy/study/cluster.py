@@ -111,8 +111,9 @@ def _local(threads: int, dashboard: bool) -> Iterator[Client]:
     quiet: dict[str, list[str]] = {"distributed.worker.http.routes": []}
     if not dashboard:
         quiet["distributed.scheduler.http.routes"] = []
-    # Blocks have their own attempt limit; the scheduler's would also condemn blocks that were merely nearby.
-    limits = {"distributed.scheduler.allowed-failures": 1_000_000}
+    # Blocks have their own attempt limit; the scheduler's would also condemn blocks that were merely nearby. A worker
+    # in this process is silent only when all of it is: after a suspended machine wakes, it must not be given up.
+    limits = {"distributed.scheduler.allowed-failures": 1_000_000, "distributed.scheduler.worker-ttl": None}
     scheduler = {
         "cls": Scheduler,
         "options": {

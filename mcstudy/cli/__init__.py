@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 
@@ -31,6 +32,12 @@ EPILOG = (
     "exit codes: 0 done; 2 bad input (one line: file, field, what was expected); "
     "3 interrupted, the same command resumes; 4 some fits failed (listed)"
 )
+
+RESUMES = "run the same command again to resume"
+"""How a message of what can be resumed ends; the command itself is printed behind it."""
+
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+"""Variables that are set to 1 unless the user has set them."""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -65,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(verb: str, words: Sequence[str]) -> int:
     # One thread for linear algebra, set before numpy is imported: parallel work is by fits, and sums that are split
     # differently on another machine would give other last digits.
-    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    for variable in ONE_THREAD:
         os.environ.setdefault(variable, "1")
     try:
         module = importlib.import_module(f"mcstudy.cli.{verb}")
@@ -76,10 +83,9 @@ def _run(verb: str, words: Sequence[str]) -> int:
         print(f"mcstudy: {_one_line(error)}", file=sys.stderr)
         return BAD_INPUT
     except (Interrupted, KeyboardInterrupt) as error:
-        message = (
-            _one_line(error) if isinstance(error, Interrupted) else "stopped; run the same command again to resume"
-        )
-        print(f"mcstudy: {message}", file=sys.stderr, flush=True)
+        message = _one_line(error) if isinstance(error, Interrupted) else f"stopped; {RESUMES}"
+        again = f": {shlex.join(['mcstudy', verb, *words])}" if message.endswith(RESUMES) else ""
+        print(f"mcstudy: {message}{again}", file=sys.stderr, flush=True)
         # Threads that are still computing have nothing to add: whatever they write is whole or absent.
         sys.stdout.flush()
         os._exit(INTERRUPTED)

@@ -1,7 +1,8 @@
-"""What numbers may depend on besides the study file: versions and the CPU's features. No host names, paths or times."""
+"""What numbers may depend on besides the study file: versions, CPU, thread settings. No host names, paths or times."""
 
 from __future__ import annotations
 
+import os
 import platform
 from functools import cache
 from hashlib import sha256
@@ -11,6 +12,8 @@ from typing import Any
 
 PACKAGES = ("mcstudy", "numpy", "scipy", "numba", "llvmlite", "zarr", "numcodecs", "dask", "distributed")
 
+THREADS = ("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""Variables that set how many threads a library sums with: sums that are split differently have other last digits."""
 
 LAYERS = ("stance", "spectra", "fit", "study")
 """Folders of this package that numbers depend on."""
@@ -28,7 +31,7 @@ def source() -> str:
 
 
 def environment() -> dict[str, Any]:
-    """Versions and CPU, as stored in a cube's attributes."""
+    """Versions, CPU, and the thread settings that are set, as stored in a cube's attributes."""
     from llvmlite import binding  # not needed to open a cube
 
     features = sorted(name for name, on in binding.get_host_cpu_features().items() if on)
@@ -38,6 +41,7 @@ def environment() -> dict[str, Any]:
         "machine": platform.machine(),
         "cpu": binding.get_host_cpu_name(),
         "cpu_features": features,
+        "threads": {name: os.environ[name] for name in THREADS if name in os.environ},
     }
 
 
@@ -53,4 +57,11 @@ def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     come = sorted(set(new["cpu_features"]) - set(old.get("cpu_features", [])))
     if gone or come:
         lines.append("cpu_features: " + " ".join([*("-" + f for f in gone), *("+" + f for f in come)]))
+    before, now = old.get("threads"), new["threads"]
+    if before is None:  # a cube from before these were noted
+        lines.append("threads: not noted -> " + (" ".join(f"{name}={value}" for name, value in now.items()) or "unset"))
+        return lines
+    for name in THREADS:
+        if before.get(name) != now.get(name):
+            lines.append(f"threads.{name}: {before.get(name, 'unset')} -> {now.get(name, 'unset')}")
     return lines

@@ -139,11 +139,16 @@ def test_blocks_of_another_environment_are_warned_of_and_recorded(
 ) -> None:
     (copy / "ideal" / "status" / "c.0.0.0.0").unlink()
     here = json.loads((copy / "zarr.json").read_text())["attributes"]["environment"]
-    other = {**here, "versions": {**here["versions"], "numpy": "1.0"}, "machine": "abacus"}
+    threads = {**here["threads"], "OMP_NUM_THREADS": "64"}
+    other = {**here, "versions": {**here["versions"], "numpy": "1.0"}, "machine": "abacus", "threads": threads}
     monkeypatch.setattr("mcstudy.study.attempt.environment", lambda: other)  # the worker's, not the client's
     assert run_study(parse_study(tiny), copy, ONE).fits == 8
     warned = capsys.readouterr().err
-    expected = [f"versions.numpy: {here['versions']['numpy']} -> 1.0", f"machine: {here['machine']} -> abacus"]
+    expected = [
+        f"versions.numpy: {here['versions']['numpy']} -> 1.0",
+        f"machine: {here['machine']} -> abacus",
+        f"threads.OMP_NUM_THREADS: {here['threads']['OMP_NUM_THREADS']} -> 64",
+    ]
     for line in expected:
         assert warned.count(f"another environment than the cube was made in: {line}") == 1
     events = [json.loads(line) for line in (log_folder(copy) / "runs.jsonl").read_text().splitlines()]

@@ -223,6 +223,15 @@ def test_a_scheduler_that_is_not_safe_or_not_there_is_refused(
         run_study(parse_study(tiny), tmp_path / "out.zarr", options)
 
 
+def test_an_unencrypted_scheduler_on_another_machine_is_tried_when_the_user_insists(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mcstudy.study.cluster.CONNECT_S", 0.2)  # an address that nobody has
+    options = ClusterOptions(scheduler="tcp://192.0.2.1:8786", insecure=True)
+    with pytest.raises(InputError, match=r"expected a running scheduler at tcp://192\.0\.2\.1:8786"):
+        run_study(parse_study(tiny), tmp_path / "out.zarr", options)
+
+
 def test_a_cube_keeps_its_chunks_when_the_program_would_choose_others_now(
     tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from certificates import certificates
 from dask_processes import Cluster, cluster
+from distributed import Client
 from distributed.security import Security
 
 from mcstudy.errors import InputError, Interrupted
@@ -54,6 +55,21 @@ def slow(task):
         {odd}
     return run_task(task)
 attempt.run_task = slow
+"""
+
+# Loaded by a worker that, after some blocks, waits for another one to join.
+WAITS = """
+import os, time
+import mcstudy.study.attempt as attempt
+from mcstudy.study.tasks import run_task
+ran = []
+def waits(task):
+    ran.append(task)
+    while len(ran) > 5 and not os.path.exists({joined!r}):
+        time.sleep(0.01)
+    time.sleep(0.05)
+    return run_task(task)
+attempt.run_task = waits
 """
 
 
@@ -126,6 +142,35 @@ def test_a_killed_worker_and_then_all_of_them_replaced_cost_nothing(folder: Path
     outcome = run(out, plain)
     for thread in threads:
         thread.join()
+    assert outcome.failed_blocks == []
+    assert tree_digest(out) == local
+
+
+def test_a_worker_that_retires_and_one_that_joins_mid_run_leave_no_trace(folder: Path, local: str) -> None:
+    out, joined = folder / "handed.zarr", folder / "joined"
+    ends: list[int] = []
+    chunks: list[int] = []
+
+    with cluster(folder / "handed") as made:
+        (folder / "waits.py").write_text(WAITS.format(joined=str(joined)))
+        first = made.add_worker("--preload", str(folder / "waits.py"))
+        made.wait_for(1)
+
+        def hand_over() -> None:
+            with Client(made.address, set_as_default=False) as client:
+                old = list(client.nthreads())
+                made.add_worker("--preload", str(folder / "slow.py"))
+                client.wait_for_workers(2, timeout=60)
+                joined.touch()
+                client.retire_workers(old)
+            ends.append(first.wait(timeout=60))
+            chunks.append(sum(1 for _ in (out / "noisy" / "status").glob("c.*")))
+
+        thread = meanwhile(out, 3, hand_over)
+        outcome = run(out, made)
+        thread.join()
+    assert ends == [0]  # it went by itself
+    assert chunks[0] < 30  # and left something to the other
     assert outcome.failed_blocks == []
     assert tree_digest(out) == local
 

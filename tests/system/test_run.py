@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from urllib.parse import urlsplit
 
+import psutil
 import pytest
 
 from mcstudy.study.durable import log_folder, tree_digest
 
-# Some seconds of work in twenty chunks: enough to be killed in the middle of.
+# Some seconds of work in four chunks: enough to be killed in the middle of.
 STUDY = """
 [study]
 name = "slow"
@@ -24,6 +28,22 @@ realizations = 60
 starts = 50
 fmax = [1.2, 8.0]
 amplitude = [5.0]
+"""
+
+# `mcstudy` with blocks that, from the third on, hang and hear no stop request.
+HANGS = """
+import sys, time
+import mcstudy.study.attempt as attempt
+from mcstudy.study.tasks import run_task
+ran = []
+def hang(task):
+    ran.append(task)
+    if len(ran) > 2:
+        time.sleep(1000)
+    return run_task(task)
+attempt.run_task = hang
+from mcstudy.cli import main
+sys.exit(main(sys.argv[1:]))
 """
 
 
@@ -63,7 +83,7 @@ def whole(folder: Path) -> str:
     return tree_digest(out)
 
 
-@pytest.mark.parametrize("chunks", [1, 7])
+@pytest.mark.parametrize("chunks", [1, 3])
 def test_after_kill_9_a_second_run_completes_the_same_bytes(folder: Path, whole: str, chunks: int) -> None:
     out = folder / f"killed{chunks}.zarr"
     process = start(folder, out, "--workers", "1", "--block", "1")
@@ -83,9 +103,81 @@ def test_ctrl_c_drains_says_how_to_resume_and_loses_nothing(folder: Path, whole:
     process.send_signal(sign)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 3, errors
-    assert "run the same command again to resume" in errors.splitlines()[-1]
+    message, again = errors.splitlines()[-1].split("run the same command again to resume: ")
+    assert " fits left; " in message
+    assert shlex.split(again) == ["mcstudy", *command(folder, out, "--workers", "1", "--block", "1")[3:]]
     assert "Traceback" not in errors
-    finish(folder, out)
+    subprocess.run([sys.executable, "-m", *shlex.split(again)], capture_output=True, text=True, check=True)
+    assert tree_digest(out) == whole
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_ctrl_c_leaves_a_block_that_hangs_and_twice_does_not_wait_for_it_at_all(
+    folder: Path, whole: str, times: int
+) -> None:
+    out = folder / f"hanging{times}.zarr"
+    words = ["run", str(folder / "slow.toml"), "-o", str(out), "--workers", "1", "--block", "1"]
+    process = subprocess.Popen([sys.executable, "-c", HANGS, *words], stderr=subprocess.PIPE, text=True)
+    wait_for_chunks(process, out, 2)
+    process.send_signal(signal.SIGINT)
+    if times == 2:
+        assert process.stderr is not None
+        while "Ctrl-C again to leave at once" not in process.stderr.readline():
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=10)  # it hangs for 1000 s
+    assert process.returncode == 3, errors
+    last = errors.splitlines()[-1]
+    # How many fits are left is what a drained run says; one that left at once has not waited to know.
+    assert (" fits left; " in last) == (times == 1)
+    assert last.endswith(f"run the same command again to resume: {shlex.join(['mcstudy', *words])}")
+    assert "Traceback" not in errors
+    assert " 0 were there already" not in finish(folder, out).stdout
+    assert tree_digest(out) == whole
+
+
+def test_the_dashboard_of_a_run_is_on_this_machine_only(folder: Path) -> None:
+    process = start(folder, folder / "shown.zarr", "--workers", "1", "--block", "1", "--dashboard")
+    assert process.stderr is not None
+    while not (line := process.stderr.readline()).startswith("dashboard: "):
+        assert process.poll() is None
+    process.send_signal(signal.SIGSTOP)  # it listens for as long as this test needs
+    listening = [c for c in psutil.Process(process.pid).net_connections("inet") if c.status == psutil.CONN_LISTEN]
+    process.kill()
+    process.communicate()
+    assert {c.laddr.ip for c in listening} == {"127.0.0.1"}
+    assert urlsplit(line.split()[1]).port in {c.laddr.port for c in listening}
+
+
+def test_a_scheduler_on_another_machine_without_tls_is_one_line_and_exit_2(folder: Path) -> None:
+    out = folder / "elsewhere.zarr"
+    words = command(folder, out, "--scheduler", "tcp://192.0.2.1:8786")
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--scheduler: expected tls:// for 192.0.2.1, which is another machine" in done.stderr
+    assert "--insecure accepts that" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_other_thread_settings_are_warned_of_and_noted_and_a_cube_keeps_those_it_was_made_with(
+    folder: Path, whole: str
+) -> None:
+    out = folder / "threads.zarr"
+    process = start(folder, out, "--workers", "1", "--block", "1")
+    wait_for_chunks(process, out, 1)
+    process.kill()
+    process.communicate()
+    other = {**os.environ, "OMP_NUM_THREADS": "2", "NUMBA_NUM_THREADS": "2"}
+    done = subprocess.run(command(folder, out), capture_output=True, text=True, check=True, env=other)
+    was = os.environ.get("NUMBA_NUM_THREADS", "unset")
+    differ = [f"threads.NUMBA_NUM_THREADS: {was} -> 2", "threads.OMP_NUM_THREADS: 1 -> 2"]
+    for line in differ:
+        assert done.stderr.count(f"warning: the cube was made in another environment: {line}\n") == 1
+    events = [json.loads(line) for line in (log_folder(out) / "runs.jsonl").read_text().splitlines()]
+    first, last = (e for e in events if e["event"] == "begin")
+    assert first["environment"]["threads"]["OMP_NUM_THREADS"] == "1"
+    assert last["environment"]["threads"]["OMP_NUM_THREADS"] == "2"
+    assert [e["other_environment"] for e in events if e["event"] == "block"][-1] == differ
     assert tree_digest(out) == whole
 
 

@@ -81,7 +81,7 @@ class MonteCarlo:
         return selection.outcomes(self._cube)
 
     def realizations(self) -> xr.Dataset:
-        """Counts of realizations used, not run, not finite, failed. Needs all starts."""
+        """Counts of realizations used, not run, with data not finite, diverged, failed. Needs all starts."""
         return selection.realizations(self._cube)
 
     def bias(self) -> xr.Dataset:

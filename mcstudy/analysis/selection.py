@@ -13,7 +13,6 @@ from mcstudy.errors import InputError
 from mcstudy.fit.status import Status
 
 USABLE = tuple(int(s) for s in Status if s.usable)
-NON_FINITE = (int(Status.NON_FINITE_MODEL), int(Status.NON_FINITE_DATA))
 
 COMBINED: dict[str, tuple[str, ...]] = {
     "K11+Kpas1": ("K11", "Kpas1"),
@@ -89,17 +88,22 @@ def outcomes(cube: xr.Dataset) -> xr.DataArray:
 
 
 def realizations(cube: xr.Dataset) -> xr.Dataset:
-    """What became of the realizations, dims (amplitude, fmax): ``used``, ``not_run``, ``non_finite``, ``failed``.
+    """What became of the realizations, dims (amplitude, fmax): a count each of those
 
-    A realization is used when one start is usable; else it is not run when a start is still pending; else its data
-    or model were not finite for every start; else the solver failed.
+    - ``used``: one start is usable;
+    - ``not_run``: none is, and a start is still pending;
+    - ``non_finite``: the data or weights were not finite, so that nothing was fitted;
+    - ``diverged``: the model was not finite from any start;
+    - ``failed``: the rest, where the solver raised an error or came back without a finite cost.
     """
     status = cube["status"]
     used = usable(cube).any("start")
     pending = ~used & (status == int(Status.PENDING)).any("start")
-    non_finite = ~used & ~pending & status.isin(NON_FINITE).all("start")
-    failed = ~used & ~pending & ~non_finite
-    groups = {"used": used, "not_run": pending, "non_finite": non_finite, "failed": failed}
+    ended = ~used & ~pending
+    non_finite = ended & (status == int(Status.NON_FINITE_DATA)).all("start")
+    diverged = ended & (status == int(Status.NON_FINITE_MODEL)).all("start")
+    failed = ended & ~non_finite & ~diverged
+    groups = {"used": used, "not_run": pending, "non_finite": non_finite, "diverged": diverged, "failed": failed}
     return xr.Dataset({name: which.sum("realization") for name, which in groups.items()})
 
 

@@ -50,20 +50,23 @@ def test_a_cost_that_is_not_finite_never_wins(make_cube: Cube) -> None:
 
 
 def test_realizations_without_a_usable_start_are_counted_by_what_became_of_them(make_cube: Cube) -> None:
-    cube = make_cube(realizations=5, starts=3)
+    cube = make_cube(realizations=6, starts=3)
     cube["status"][0, 0, 0] = Status.PENDING
     cube["status"][0, 0, 1] = Status.NON_FINITE_DATA
     cube["status"][0, 0, 2] = [Status.SOLVER_ERROR, Status.NON_FINITE_MODEL, Status.SOLVER_ERROR]
+    cube["status"][0, 0, 5] = Status.NON_FINITE_MODEL
     cube["status"][0, 0, 3, :2] = Status.SOLVER_ERROR  # one start is left, which is enough
     counts = selection.realizations(cube).isel(amplitude=0, fmax=0)
-    assert {k: int(v) for k, v in counts.data_vars.items()} == {"used": 2, "not_run": 1, "non_finite": 1, "failed": 1}
+    assert {k: int(v) for k, v in counts.data_vars.items()} == {
+        "used": 2, "not_run": 1, "non_finite": 1, "diverged": 1, "failed": 1,
+    }  # fmt: skip
     fits = selection.outcomes(cube).isel(amplitude=0, fmax=0)
     assert int(fits.sel(outcome="pending")) == 3
     assert int(fits.sel(outcome="solver_error")) == 4
-    assert int(fits.sum()) == 15
+    assert int(fits.sum()) == 18
     bias = accuracy.bias(selection.best(cube)).isel(amplitude=0, fmax=0)
     assert (bias["n"] == 2).all()
-    assert (bias["left_out"] == 3).all()
+    assert (bias["left_out"] == 4).all()
 
 
 def test_the_best_among_stable_starts_is_stable(make_cube: Cube) -> None:

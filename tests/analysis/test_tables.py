@@ -148,7 +148,7 @@ def test_an_unfinished_cube_shows_what_it_has(make_cube: Cube, left: int) -> Non
     cube["noise_covariance"][:, left:] = np.nan
     report = report_of(tree(g=cube))
     assert report.data["groups"]["g"]["cells"][0]["realizations"] == {
-        "used": left, "not_run": 4 - left, "non_finite": 0, "failed": 0,
+        "used": left, "not_run": 4 - left, "non_finite": 0, "diverged": 0, "failed": 0,
     }  # fmt: skip
     assert f"{left}/4" in report.text()
     assert "pending" in report.text()

@@ -103,6 +103,16 @@ class GroupStore:
             return self.layout.fits(chunk)
         return int(np.count_nonzero(self.read("status", chunk) == Status.PENDING))
 
+    def forget(self, chunk: Chunk) -> None:
+        """Take back that any fit of a damaged chunk is done, on disk, before a part of it is written again.
+
+        Otherwise a kill between its arrays could leave an old status beside new arrays that are only begun.
+        """
+        status = self.chunk_file(self.layout.results[-1], chunk)
+        if status.exists():
+            status.unlink()
+            sync_folder(status.parent)
+
     def existing(self, chunk: Chunk) -> dict[str, np.ndarray]:
         """What a chunk already holds, or all fill values when any part of it is missing or damaged."""
         if self.complete(chunk):

@@ -81,6 +81,8 @@ def run_task(task: Task) -> Report:
         if stop.is_set():
             complete = False
             break
+        if not store.complete(chunk):
+            store.forget(chunk)
         data = store.existing(chunk)
         before = data["status"] != Status.PENDING
         fill(store, chunk, data, _pause(store, chunk, data, stop))

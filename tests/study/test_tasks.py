@@ -178,3 +178,30 @@ def test_the_time_domain_measures_what_the_spectral_simulator_does(tmp_path: Pat
         frfs[simulator] = store.experiment.measure(5.0, 0).frf
     # The residual transient after one cycle is what the paper's Fig. 2D shows; it is small.
     np.testing.assert_allclose(frfs["time_domain"], frfs["spectral"], rtol=0.05)
+
+
+def test_a_damaged_chunk_killed_while_it_is_made_again_is_not_taken_for_done(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kill comes inside a checkpoint: arrays that are only begun are on disk, their status is not."""
+    cube = cube_of(tmp_path / "a.zarr", tiny)
+    run_task(task(cube))
+    whole = tree_digest(cube.path)
+    store = cube.groups["noisy"]
+    chunk = store.layout.chunks[0]
+    damaged = store.chunk_file("estimate", chunk)
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+
+    def killed(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], _: object) -> None:
+        for name in store.layout.results[:-1]:
+            store._arrays[name][store.layout.region(name, chunk)] = data[name]
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(tasks, "fill", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run_task(task(cube))
+    assert store.pending(chunk) == store.layout.fits(chunk)
+    tasks.open_group.cache_clear()
+    run_task(task(cube))
+    assert tree_digest(cube.path) == whole

@@ -10,9 +10,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.errors import InputError
-from mcstudy.fit.status import Status
-
-USABLE = tuple(int(s) for s in Status if s.usable)
+from mcstudy.fit.status import USABLE, Status
 
 COMBINED: dict[str, tuple[str, ...]] = {
     "K11+Kpas1": ("K11", "Kpas1"),

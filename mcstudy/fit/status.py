@@ -36,3 +36,6 @@ _TEXTS = {
     Status.NON_FINITE_DATA: "the data or weights are not finite: nothing was fitted",
     Status.SOLVER_ERROR: "the solver raised an error: nothing was fitted",
 }
+
+USABLE = tuple(int(s) for s in Status if s.usable)
+"""Statuses, as a cube holds them, of fits whose cost and estimate mean something."""

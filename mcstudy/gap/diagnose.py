@@ -81,8 +81,7 @@ def detect_fast(
 ) -> Tested:
     """Only whether there is a gap, exactly as `diagnose_fast` decides it, in half the time. See `diagnose`."""
     whole = pooled(recording)
-    lines = measure(whole, fmax, discard)
-    _suspicions(whole, lines, accept)
+    lines, _ = _measured(whole, fmax, discard, accept)
     return tested(lines, model or whole.base_model(), FAST_DRAWS, False, seed)
 
 
@@ -115,10 +114,7 @@ def _diagnose(
     discard: int,
     accept: Iterable[str],
 ) -> Diagnosis:
-    lines = measure(recording, fmax, discard)
-    warnings = _suspicions(recording, lines, accept)
-    if isinstance(recording, FrfRecording) and recording.single:
-        warnings = (*warnings, "only one angle was published, so the hip is not tested")
+    lines, warnings = _measured(recording, fmax, discard, accept)
     outcome = diagnose_lines(
         lines, model or recording.base_model(), draws=draws, refits=refits, seed=seed, name=recording.name
     )
@@ -171,12 +167,16 @@ def diagnose_lines(
     )
 
 
-def _suspicions(recording: Recording | FrfRecording, lines: Lines, accept: Iterable[str]) -> tuple[str, ...]:
+def _measured(
+    recording: Recording | FrfRecording, fmax: float, discard: int, accept: Iterable[str]
+) -> tuple[Lines, tuple[str, ...]]:
+    """The lines of a recording, and what is odd about it; raises `RecordingError` for what is refused."""
+    lines = measure(recording, fmax, discard)
     if isinstance(recording, FrfRecording):
-        return ()
+        return lines, ("only one angle was published, so the hip is not tested",) if recording.single else ()
     found = recording.suspicions or plausibility(recording, lines)
     refuse(found, accept)
-    return tuple(dict.fromkeys(s.message for s in found))
+    return lines, tuple(dict.fromkeys(s.message for s in found))
 
 
 def _other_axes(lines: Lines) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +46,11 @@ class Tested:
     @property
     def p_value(self) -> float:
         """Of any gap: residual and contrasts, each with its share of the level."""
-        return combined(self.detection, self.contrasts)
+        own = [c.p_value for c in self.contrasts if c.changes]
+        if not own:
+            return self.detection.p_value
+        share = CONTRAST_SHARE / len(own)
+        return float(min(1.0, self.detection.p_value / (1 - CONTRAST_SHARE), *(p / share for p in own)))
 
 
 def tested(lines: Lines, nominal: Model, draws: int, refits: bool, seed: int) -> Tested:
@@ -70,12 +73,3 @@ def tested(lines: Lines, nominal: Model, draws: int, refits: bool, seed: int) ->
         detect(base, fitter, data, lines, scores, stream(seed, "gap null"), draws, refits),
         contrasts(lines, base, stream(seed, "gap contrasts")),
     )
-
-
-def combined(detection: Detection, compared: Sequence[Contrast]) -> float:
-    """One p-value from the residual and the contrasts, each with its share of the level."""
-    own = [c.p_value for c in compared if c.changes]
-    if not own:
-        return detection.p_value
-    share = CONTRAST_SHARE / len(own)
-    return float(min(1.0, detection.p_value / (1 - CONTRAST_SHARE), *(p / share for p in own)))

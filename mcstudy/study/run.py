@@ -7,13 +7,11 @@ stop leaves little to wait for (`mcstudy.study.submission`).
 from __future__ import annotations
 
 import contextlib
-import signal
 import threading
 import uuid
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from mcstudy.errors import StoreError, StudyChangedError
 from mcstudy.study import environment, study_file
@@ -24,6 +22,7 @@ from mcstudy.study.layout import Chunk, Layout
 from mcstudy.study.progress import Progress
 from mcstudy.study.repair import repair, repairable
 from mcstudy.study.runlog import RunLog
+from mcstudy.study.stopping import stop_requests
 from mcstudy.study.store import Cube
 from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission
 from mcstudy.study.tasks import STOP
@@ -137,7 +136,7 @@ def _unsound(cube: Cube, blocks: list[Block]) -> Iterator[Block]:
         store = cube.groups[one.group]
         for chunk in one.chunks:
             if not store.consistent(chunk):
-                store.chunk_file("status", chunk).unlink(missing_ok=True)
+                store.forget(chunk)
             if left := store.pending(chunk):
                 yield Block(one.group, (chunk,), left)
 
@@ -162,19 +161,10 @@ def _chunks_a_block(layout: Layout, chunks: int, threads: int) -> int:
 
 @contextlib.contextmanager
 def _stop_requests(run: str) -> Iterator[threading.Event]:
-    """An event that Ctrl-C or SIGTERM sets; a second one ends the process at once."""
-    stop = STOP[run] = threading.Event()
-
-    def handle(*_: Any) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    in_main = threading.current_thread() is threading.main_thread()
-    previous = {s: signal.signal(s, handle) for s in (signal.SIGINT, signal.SIGTERM)} if in_main else {}
-    try:
-        yield stop
-    finally:
-        for number, old in previous.items():
-            signal.signal(number, old)
-        del STOP[run]
+    """`stop_requests` that the blocks of a run see too, where they run in this process."""
+    with stop_requests() as stop:
+        STOP[run] = stop
+        try:
+            yield stop
+        finally:
+            del STOP[run]

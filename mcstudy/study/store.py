@@ -22,7 +22,7 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.errors import ZarrUserWarning
 
 from mcstudy.errors import DesignError, StoreError
-from mcstudy.fit.status import Status
+from mcstudy.fit.status import USABLE, Status
 from mcstudy.study import schema
 from mcstudy.study.design import Study
 from mcstudy.study.durable import DurableStore, sync_folder, sync_tree
@@ -93,7 +93,7 @@ class GroupStore:
         """Whether a chunk is intact, and holds an estimate exactly where its status says that a fit ended with one."""
         if not self.complete(chunk):
             return False
-        usable = np.isin(self.read("status", chunk), [int(s) for s in Status if s.usable])
+        usable = np.isin(self.read("status", chunk), USABLE)
         estimated = np.isfinite(self.read("estimate", chunk)).all(axis=-1)
         return bool(((np.isfinite(self.read("cost", chunk)) == usable) & (estimated == usable)).all())
 
@@ -103,21 +103,29 @@ class GroupStore:
             return self.layout.fits(chunk)
         return int(np.count_nonzero(self.read("status", chunk) == Status.PENDING))
 
-    def forget(self, chunk: Chunk) -> None:
-        """Take back that any fit of a damaged chunk is done, on disk, before a part of it is written again.
+    def existing(self, chunk: Chunk) -> dict[str, np.ndarray]:
+        """What a chunk already holds, or all fill values when any part of it is missing or damaged."""
+        return self._held(chunk) if self.complete(chunk) else self.layout.empty(chunk)
+
+    def taken_up(self, chunk: Chunk) -> dict[str, np.ndarray]:
+        """As `existing`, before the chunk is written again: what is damaged is forgotten first.
 
         Otherwise a kill between its arrays could leave an old status beside new arrays that are only begun.
         """
+        if self.complete(chunk):
+            return self._held(chunk)
+        self.forget(chunk)
+        return self.layout.empty(chunk)
+
+    def _held(self, chunk: Chunk) -> dict[str, np.ndarray]:
+        return {name: self.read(name, chunk) for name in self.layout.results}
+
+    def forget(self, chunk: Chunk) -> None:
+        """Take back, on disk, that any fit of a chunk is done."""
         status = self.chunk_file(self.layout.results[-1], chunk)
         if status.exists():
             status.unlink()
             sync_folder(status.parent)
-
-    def existing(self, chunk: Chunk) -> dict[str, np.ndarray]:
-        """What a chunk already holds, or all fill values when any part of it is missing or damaged."""
-        if self.complete(chunk):
-            return {name: self.read(name, chunk) for name in self.layout.results}
-        return self.layout.empty(chunk)
 
 
 class Cube:

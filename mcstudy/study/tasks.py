@@ -18,7 +18,7 @@ import numpy as np
 
 from mcstudy.fit.problem import Fits
 from mcstudy.fit.solvers import Options, fit_queue
-from mcstudy.fit.status import Status
+from mcstudy.fit.status import USABLE, Status
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.design import Study
 from mcstudy.study.experiment import Experiment
@@ -81,9 +81,7 @@ def run_task(task: Task) -> Report:
         if stop.is_set():
             complete = False
             break
-        if not store.complete(chunk):
-            store.forget(chunk)
-        data = store.existing(chunk)
+        data = store.taken_up(chunk)
         before = data["status"] != Status.PENDING
         fill(store, chunk, data, _pause(store, chunk, data, stop))
         new = data["status"][~before]
@@ -138,7 +136,7 @@ def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: 
 def _put(
     data: dict[str, np.ndarray], place: tuple[int, int, np.ndarray, np.ndarray], fits: Fits, experiment: Experiment
 ) -> None:
-    usable = np.isin(fits.status, [s for s in Status if s.usable])
+    usable = np.isin(fits.status, USABLE)
     growth = np.full(len(fits.cost), np.nan)
     if usable.any():
         growth[usable] = growth_rate(experiment.model, fits.estimate[usable])

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import StoreError
-from mcstudy.fit.status import Status
+from mcstudy.fit.status import USABLE, Status
 from mcstudy.study import environment, runlog
 from mcstudy.study.durable import PARTIAL
 from mcstudy.study.layout import Chunk
@@ -167,7 +167,7 @@ def _chunk_damage(store: GroupStore, chunk: Chunk) -> Iterator[str]:
     status, model = data["status"], store.experiment.model
     if not np.isin(status, [int(s) for s in Status]).all():
         yield f"{status_file}: a status that does not exist"
-    usable = np.isin(status, [int(s) for s in Status if s.usable])
+    usable = np.isin(status, USABLE)
     estimate = data["estimate"][usable]
     if not ((estimate >= model.lower) & (estimate <= model.upper)).all():
         yield f"{store.chunk_file('estimate', chunk)}: an estimate outside the bounds"

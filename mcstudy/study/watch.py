@@ -16,11 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mcstudy.errors import StoreError
-from mcstudy.fit.status import Status
+from mcstudy.fit.status import USABLE, Status
 from mcstudy.study.layout import Chunk
 from mcstudy.study.store import Cube, GroupStore
-
-USABLE = [int(s) for s in Status if s.usable]
 
 LEAST = 3
 """Realizations from which an error of a mean is worth showing."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from certificates import certificates
+from chunks import complete_chunks
 from dask_processes import Cluster, cluster
 from distributed import Client
 from distributed.security import Security
@@ -116,7 +117,7 @@ def meanwhile(out: Path, chunks: int, act: Callable[[], None]) -> threading.Thre
 
     def wait() -> None:
         end = time.monotonic() + 100
-        while sum(1 for _ in (out / "noisy" / "status").glob("c.*")) < chunks and time.monotonic() < end:
+        while complete_chunks(out) < chunks and time.monotonic() < end:
             time.sleep(0.01)
         act()
 
@@ -164,7 +165,7 @@ def test_a_worker_that_retires_and_one_that_joins_mid_run_leave_no_trace(folder:
                 joined.touch()
                 client.retire_workers(old)
             ends.append(first.wait(timeout=60))
-            chunks.append(sum(1 for _ in (out / "noisy" / "status").glob("c.*")))
+            chunks.append(complete_chunks(out))
 
         thread = meanwhile(out, 3, hand_over)
         outcome = run(out, made)

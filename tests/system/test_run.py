@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 
 import psutil
 import pytest
+from chunks import complete_chunks
 
 from mcstudy.study.durable import log_folder, tree_digest
 
@@ -46,6 +47,12 @@ from mcstudy.cli import main
 sys.exit(main(sys.argv[1:]))
 """
 
+GIVEN_UP_AFTER = "1s"
+"""Silence after which a scheduler that is not told otherwise gives a worker up (its default is five minutes)."""
+
+NAP_S = 8
+"""Longer than that, and than ten of the worker's heartbeats."""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -66,7 +73,7 @@ def start(folder: Path, out: Path, *extra: str) -> subprocess.Popen[str]:
 
 def wait_for_chunks(process: subprocess.Popen[str], out: Path, n: int) -> None:
     """Until ``n`` chunks are complete; fails if the process ends before."""
-    while sum(1 for _ in (out / "noisy" / "status").glob("c.*")) < n:
+    while complete_chunks(out) < n:
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
 
@@ -133,6 +140,22 @@ def test_ctrl_c_leaves_a_block_that_hangs_and_twice_does_not_wait_for_it_at_all(
     assert last.endswith(f"run the same command again to resume: {shlex.join(['mcstudy', *words])}")
     assert "Traceback" not in errors
     assert " 0 were there already" not in finish(folder, out).stdout
+    assert tree_digest(out) == whole
+
+
+def test_a_run_goes_on_after_the_machine_slept(folder: Path, whole: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = folder / "slept.zarr"
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL", GIVEN_UP_AFTER)
+    process = start(folder, out, "--workers", "1", "--block", "1")
+    wait_for_chunks(process, out, 1)
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(NAP_S)
+    process.send_signal(signal.SIGCONT)
+    try:
+        _, errors = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors
     assert tree_digest(out) == whole
 
 

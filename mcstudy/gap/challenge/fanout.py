@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import queue
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
@@ -15,6 +12,7 @@ import dask.array  # noqa: F401  # xarray imports it on first use, which two thr
 from mcstudy.errors import Interrupted
 from mcstudy.study.cluster import ClusterOptions, connect
 from mcstudy.study.progress import Progress
+from mcstudy.study.stopping import stop_requests
 
 Item = TypeVar("Item")
 
@@ -33,25 +31,6 @@ class Counting(Progress):
         return super().line().replace(" fits", " cases")
 
 
-@contextlib.contextmanager
-def _stop_requests() -> Iterator[threading.Event]:
-    """An event that Ctrl-C or SIGTERM sets; a second one ends the process at once."""
-    stop = threading.Event()
-
-    def handle(*_: Any) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    in_main = threading.current_thread() is threading.main_thread()
-    previous = {n: signal.signal(n, handle) for n in (signal.SIGINT, signal.SIGTERM)} if in_main else {}
-    try:
-        yield stop
-    finally:
-        for number, old in previous.items():
-            signal.signal(number, old)
-
-
 def fan_out(
     work: Callable[[Item], Any], items: Sequence[Item], options: ClusterOptions, what: str
 ) -> Iterator[tuple[Item, Any]]:
@@ -63,7 +42,7 @@ def fan_out(
         return
     progress = Counting(len(items))
     finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    with _stop_requests() as stop, connect(options) as client:
+    with stop_requests() as stop, connect(options) as client:
         running: dict[Any, Item] = {}
         waiting = iter(items)
         left, counted, threads = len(items), -COUNT_S, 1

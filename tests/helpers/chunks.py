@@ -1,0 +1,12 @@
+"""How far a study on disk is, seen from beside the run that writes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mcstudy.study.durable import PARTIAL
+
+
+def complete_chunks(out: Path, group: str = "noisy") -> int:
+    """Chunks of a group whose status is in place; one that is still being written under another name is not."""
+    return sum(1 for file in (out / group / "status").glob("c.*") if file.suffix != PARTIAL)

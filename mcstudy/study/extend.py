@@ -21,6 +21,7 @@ from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.design import Group, Study
 from mcstudy.study.durable import locked, recover, replace_tree, sweep
 from mcstudy.study.layout import Chunk
+from mcstudy.study.repair import repair
 from mcstudy.study.run import Outcome, run_cube
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study, to_toml
@@ -90,7 +91,10 @@ def extend(out: Path, growth: Growth, options: ClusterOptions | None = None, blo
         recover(out)
         if out.exists():
             sweep(out)
-        return run_cube(grow(Cube.open(out), growth), [], options, block)
+        old = Cube.open(out)
+        grown_study(old.study, growth)  # what cannot grow is refused before anything is touched
+        old, repaired = repair(out, old.study)
+        return run_cube(grow(old, growth), repaired, options, block)
 
 
 def grow(old: Cube, growth: Growth) -> Cube:

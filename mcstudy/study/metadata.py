@@ -29,18 +29,26 @@ def describe(path: Path) -> dict[str, Any]:
     root = document(path)
     refuse_links(path)
     groups = {}
-    for folder in _folders(path):
-        arrays = {array.name: document(array) for array in _folders(folder)}
+    for folder in folders(path):
+        arrays = {array.name: document(array) for array in folders(folder)}
         groups[folder.name] = {"attributes": document(folder).get("attributes"), "arrays": arrays}
     return {"attributes": root.get("attributes", {}), "groups": groups}
 
 
-def _folders(path: Path) -> list[Path]:
+def folders(path: Path) -> list[Path]:
+    """The folders of a folder, by name."""
     return sorted(p for p in path.iterdir() if p.is_dir())
 
 
 def document(path: Path) -> dict[str, Any]:
     """The metadata document of a folder of a cube, without its consolidated copy; raises `StoreError`."""
+    found = whole_document(path)
+    found.pop("consolidated_metadata", None)
+    return found
+
+
+def whole_document(path: Path) -> dict[str, Any]:
+    """The metadata document of a folder of a cube; raises `StoreError`."""
     try:
         document = json.loads(real_bytes(path / "zarr.json", LARGEST_METADATA))
     except OSError as error:
@@ -49,13 +57,12 @@ def document(path: Path) -> dict[str, Any]:
         raise StoreError(f"{path / 'zarr.json'}: expected a JSON document") from None
     if not isinstance(document, dict) or not isinstance(document.get("attributes", {}), dict):
         raise StoreError(f"{path / 'zarr.json'}: expected Zarr metadata")
-    document.pop("consolidated_metadata", None)
     return document
 
 
 def depth_votes(path: Path) -> dict[str, int]:
     """Realizations a chunk, for each group of a cube that may be damaged: what most of its documents agree on."""
-    votes = {folder.name: Counter(_votes(folder)) for folder in _folders(path)}
+    votes = {folder.name: Counter(_votes(folder)) for folder in folders(path)}
     return {name: found.most_common(1)[0][0] for name, found in votes.items() if found}
 
 

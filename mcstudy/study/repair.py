@@ -1,7 +1,7 @@
 """Metadata and coordinates of a cube, made again from its study, and put back where they are damaged.
 
 Everything of a cube except its results follows from the study, the environment it was made in, and the realizations a
-chunk. The first is given, the other two are in the cube twice: in attributes, and in the run log and the arrays.
+chunk. The first is given, the second is what its copies agree on (`identity`), the third is in attributes and arrays.
 """
 
 from __future__ import annotations
@@ -9,43 +9,38 @@ from __future__ import annotations
 import contextlib
 import tempfile
 from pathlib import Path
-from typing import Any
 
-from mcstudy.errors import DesignError, StoreError
-from mcstudy.study import schema
+from mcstudy.errors import StoreError
+from mcstudy.study import identity, schema
 from mcstudy.study.design import Study
 from mcstudy.study.durable import sync_folder, write
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.metadata import depth_votes, document
-from mcstudy.study.runlog import last_begin
 from mcstudy.study.store import SCHEMA, Cube
-from mcstudy.study.study_file import parse_study
 from mcstudy.study.untrusted import refuse_links
 
 
 def skeleton(cube: Cube) -> dict[Path, bytes]:
     """Every file of an empty cube of the same study, environment and depths: relative path and content."""
+    made_in = identity.made_in(cube.path) or cube.attributes["environment"]
     with tempfile.TemporaryDirectory() as folder:
-        fresh = Cube.create(Path(folder) / "fresh", cube.study, cube.attributes["environment"], cube.depths)
+        fresh = Cube.create(Path(folder) / "fresh", cube.study, made_in, cube.depths)
         return {p.relative_to(fresh.path): p.read_bytes() for p in fresh.path.rglob("*") if p.is_file()}
 
 
 def repairable(path: Path, study: Study) -> bool:
-    """Whether a cube that cannot be opened is this study's: by its fingerprint, its study text, or the run log."""
-    attributes = _attributes(path)
-    found = attributes.get("schema")
-    if isinstance(found, str) and found.startswith("mcstudy:") and found != schema.identifier(SCHEMA):
-        return False  # another version is not damage
-    known = {attributes.get("fingerprint"), last_begin(path).get("fingerprint")}
-    with contextlib.suppress(DesignError, KeyError, TypeError, AttributeError):
-        known.add(parse_study(attributes["study"]).fingerprint)
-    return study.fingerprint in known and _made_in(path, attributes) is not None
+    """Whether a cube that cannot be opened is this study's, and can be made whole."""
+    with contextlib.suppress(StoreError):
+        found = document(path).get("attributes", {}).get("schema")
+        if isinstance(found, str) and found.startswith("mcstudy:") and found != schema.identifier(SCHEMA):
+            return False  # another version is not damage
+    return identity.fingerprint_of(path) == study.fingerprint and identity.made_in(path) is not None
 
 
 def repair(path: Path, study: Study) -> tuple[Cube, list[str]]:
     """The cube at ``path``, which is the study's, with every damaged file of its skeleton written again; and which."""
     refuse_links(path)
-    made_in = _made_in(path, _attributes(path))
+    made_in = identity.made_in(path)
     if made_in is None:
         raise StoreError(f"{path}: attribute environment: expected the environment the cube was made in")
     votes = depth_votes(path)
@@ -64,17 +59,3 @@ def repair(path: Path, study: Study) -> tuple[Cube, list[str]]:
                 raise StoreError(f"{target}: expected a file that can be written ({error.strerror})") from None
             repaired.append(file.as_posix())
     return Cube.open(path), repaired
-
-
-def _attributes(path: Path) -> dict[str, Any]:
-    try:
-        return dict(document(path).get("attributes", {}))
-    except StoreError:
-        return {}
-
-
-def _made_in(path: Path, attributes: dict[str, Any]) -> dict[str, Any] | None:
-    for value in (attributes.get("environment"), last_begin(path).get("made_in")):
-        if isinstance(value, dict) and isinstance(value.get("versions"), dict):
-            return value
-    return None

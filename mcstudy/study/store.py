@@ -47,19 +47,21 @@ class GroupStore:
         self.path, self.name, self.experiment = path / name, name, experiment
         e = experiment
         self.layout: Layout = layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, depth)
+        self._opened: dict[str, zarr.Array[Any]] = {}
 
-    @cached_property
-    def _arrays(self) -> dict[str, zarr.Array[Any]]:
-        group = zarr.open_group(DurableStore(self.path), mode="r+", zarr_format=3, use_consolidated=False)
-        return {name: group[name].with_config({"write_empty_chunks": True}) for name in self.layout.results}  # type: ignore[union-attr]
+    def array(self, name: str) -> zarr.Array[Any]:
+        """One of the results arrays, opened by its own metadata alone: what is damaged beside it does not matter."""
+        if name not in self._opened:
+            node = zarr.open_array(DurableStore(self.path), path=name, mode="r+", zarr_format=3)
+            self._opened[name] = node.with_config({"write_empty_chunks": True})
+        return self._opened[name]
 
     def write(self, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
         """Write one chunk: everything, then folders, then status; returns when all of it is on disk."""
         *first, last = self.layout.results
-        arrays = self._arrays
 
         def put(name: str) -> None:
-            arrays[name][self.layout.region(name, chunk)] = data[name]
+            self.array(name)[self.layout.region(name, chunk)] = data[name]
 
         _together(put, first)
         _together(lambda name: sync_folder(self.path / name), first)
@@ -69,7 +71,7 @@ class GroupStore:
     def read(self, name: str, chunk: Chunk) -> np.ndarray:
         """One array of a chunk, fill values where it was never written; raises `StoreError` when it is damaged."""
         try:
-            return np.asarray(self._arrays[name][self.layout.region(name, chunk)])
+            return np.asarray(self.array(name)[self.layout.region(name, chunk)])
         except Exception as error:  # any codec may fail on damaged bytes, each in its own way
             raise StoreError(f"{self.chunk_file(name, chunk)}: damaged ({_reason(error)})") from None
 
@@ -168,7 +170,7 @@ class Cube:
             cube = cls(building, study, attributes, depths)
             root = zarr.create_group(building, zarr_format=3, attributes=attributes)
             for name, group in cube.groups.items():
-                node = root.create_group(name, attributes=_group_attributes(group))
+                node = root.create_group(name, attributes=_group_attributes(group, attributes))
                 for spec in group.layout.arrays.values():
                     _create(node, spec)
             with warnings.catch_warnings():
@@ -211,6 +213,9 @@ class Cube:
                 )
             if found[name]["attributes"].get("design") != group.experiment.group.model_dump(mode="json"):
                 raise StoreError(f"{group.path / 'zarr.json'}: attribute design: expected the group of the study")
+            own = self.study.fingerprint
+            if found[name]["attributes"].get("fingerprint", own) != own:
+                raise StoreError(f"{group.path / 'zarr.json'}: attribute fingerprint: expected {own}, as in the root")
             for array, spec in group.layout.arrays.items():
                 document = found[name]["arrays"].get(array)
                 if document is not None:  # one that lacks is refused by the schema unless it may
@@ -265,9 +270,12 @@ def _root_attributes(study: Study, made_in: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _group_attributes(group: GroupStore) -> dict[str, Any]:
+def _group_attributes(group: GroupStore, root: dict[str, Any]) -> dict[str, Any]:
     model = group.experiment.model
     return {
+        # Again, as in the root: a group opened alone says where it is from, and what one file loses another holds.
+        "fingerprint": root["fingerprint"],
+        "environment": root["environment"],
         "design": group.experiment.group.model_dump(mode="json"),
         "model": model.name,
         "truth_provenance": model.provenance,

@@ -16,7 +16,7 @@ import numpy as np
 
 from mcstudy.errors import StoreError
 from mcstudy.fit.status import USABLE, Status
-from mcstudy.study import environment, runlog
+from mcstudy.study import environment, identity, runlog
 from mcstudy.study.durable import PARTIAL
 from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import skeleton
@@ -62,20 +62,25 @@ def verify(path: Path, cells: int = 20, seed: int = 0) -> Verdict:
     """
     verdict = Verdict()
     cube = _readable(path, verdict)
-    now = environment.environment()
-    for line in environment.differences(cube.attributes["environment"], now):
+    made_in, now = identity.made_in(path) or cube.attributes["environment"], environment.environment()
+    for line in environment.differences(made_in, now):
         verdict.notes.append(f"made in another environment: {line}")
-    verdict.damage += _skeleton_damage(cube)
+    skeleton_damage = list(_skeleton_damage(cube))
+    verdict.damage += [f"{file}: {what}" for file, what in skeleton_damage]
+    damaged = {file for file, _ in skeleton_damage}
     sound: list[tuple[GroupStore, Chunk]] = []
     reported = runlog.reported(path, cube.study.fingerprint)
     for name, store in cube.groups.items():
+        unreadable = {array for array in store.layout.results if store.path / array / "zarr.json" in damaged}
         for chunk in store.layout.chunks:
             verdict.chunks += 1
-            damage = list(_chunk_damage(store, chunk))
+            damage = list(_chunk_damage(store, chunk, unreadable))
             status_file = store.chunk_file("status", chunk)
             if (name, chunk.amplitude, chunk.block) in reported and not status_file.exists():
                 damage.append(f"{status_file}: missing, though a run has reported the chunk as complete")
             verdict.damage += damage
+            if unreadable:
+                continue  # what is in the chunk cannot be told before that is repaired
             if not damage and (left := store.pending(chunk)) < store.layout.fits(chunk):
                 verdict.pending += left
                 sound.append((store, chunk))
@@ -97,8 +102,8 @@ def _readable(path: Path, verdict: Verdict) -> Cube:
         return cube
 
 
-def _skeleton_damage(cube: Cube) -> Iterator[str]:
-    """Metadata and constant arrays against those of the same study made afresh."""
+def _skeleton_damage(cube: Cube) -> Iterator[tuple[Path, str]]:
+    """Metadata and constant arrays against those of the same study made afresh: file, what is wrong."""
     expected = skeleton(cube)
     chunks = {
         store.chunk_file(name, chunk).relative_to(cube.path)
@@ -109,17 +114,17 @@ def _skeleton_damage(cube: Cube) -> Iterator[str]:
     found = set()
     for path in cube.path.rglob("*"):
         if path.is_symlink():
-            yield f"{path}: expected a file or a folder, found a link"
+            yield path, "expected a file or a folder, found a link"
         elif path.is_file():
             found.add(path.relative_to(cube.path))
     for file, content in expected.items():
         if file not in found:
-            yield f"{cube.path / file}: missing"
+            yield cube.path / file, "missing"
         elif (actual := real_bytes(cube.path / file)) != content:
-            yield f"{cube.path / file}: {_difference(content, actual)}"
+            yield cube.path / file, _difference(content, actual)
     for file in sorted(found - set(expected) - chunks):
         if not file.name.endswith(PARTIAL):
-            yield f"{cube.path / file}: not part of the cube"
+            yield cube.path / file, "not part of the cube"
 
 
 def _difference(expected: bytes, actual: bytes) -> str:
@@ -142,8 +147,11 @@ def _leaves(path: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield path, value
 
 
-def _chunk_damage(store: GroupStore, chunk: Chunk) -> Iterator[str]:
-    """Missing and damaged files of a chunk, and values no run can have written."""
+def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iterator[str]:
+    """Missing and damaged files of a chunk, and values no run can have written.
+
+    ``unreadable``: arrays whose own metadata is damaged; sound files of theirs are not to blame for it.
+    """
     status_file = store.chunk_file("status", chunk)
     if not status_file.exists():
         return  # status is written last: whatever else is there belongs to a run that was stopped
@@ -157,7 +165,7 @@ def _chunk_damage(store: GroupStore, chunk: Chunk) -> Iterator[str]:
             yield f"{file}: missing"
         elif not store.intact(name, chunk):
             yield f"{file}: checksum does not match (a changed byte or a truncated file)"
-        else:
+        elif name not in unreadable:
             try:
                 data[name] = store.read(name, chunk)
             except StoreError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -9,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from mcstudy.errors import DesignError, Interrupted
+from mcstudy.errors import DesignError, Interrupted, StoreError
 from mcstudy.study import durable, tasks
 from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.extend import Growth, extend, grown_study
+from mcstudy.study.extend import Growth, extend, grow, grown_study
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study, to_toml
@@ -164,6 +165,33 @@ def test_an_interrupted_extension_loses_nothing_and_resumes(
     assert extend(out, growth, ONE).skipped == 128
     assert durable.tree_digest(out) == at_once(to_toml(grown_study(parse_study(tiny), growth)))
     assert not list(out.parent.glob(".*"))
+
+
+def test_a_cube_that_grew_and_lost_its_root_before_the_log_knew_is_the_larger_studys(
+    out: Path, done: Path, at_once: Callable[[str], str], tiny: str
+) -> None:
+    """Killed between the exchange of the folders and the next line of the log, which still tells of the small study."""
+    larger = tiny.replace("realizations = 5", "realizations = 6").replace("starts = 6", "starts = 7")
+    shutil.copytree(durable.log_folder(done), durable.log_folder(out))
+    grow(Cube.open(out), Growth(6, 7, groups=("noisy",)))
+    (out / "zarr.json").unlink()
+    before = durable.tree_digest(out)
+    with pytest.raises(StoreError, match="expected a results cube"):
+        run_study(parse_study(tiny), out, ONE)
+    assert durable.tree_digest(out) == before
+    assert run_study(parse_study(larger), out, ONE).skipped == 128
+    assert durable.tree_digest(out) == at_once(larger)
+
+
+def test_a_cube_whose_metadata_were_edited_grows_from_what_they_were(
+    out: Path, at_once: Callable[[str], str], tiny: str
+) -> None:
+    root = out / "zarr.json"
+    document = json.loads(root.read_text())
+    document["attributes"]["environment"]["machine"] = "abacus"
+    root.write_text(json.dumps(document))
+    extend(out, Growth(6, groups=("noisy",)), ONE)
+    assert durable.tree_digest(out) == at_once(tiny.replace("realizations = 5", "realizations = 6"))
 
 
 def test_growing_by_nothing_changes_nothing(out: Path) -> None:

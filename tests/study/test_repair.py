@@ -73,6 +73,11 @@ SKELETON = [
     ("zarr.json", edit("attributes.study", "")),
     ("zarr.json", edit("attributes.seed", 8)),
     ("zarr.json", edit("attributes.environment", None)),
+    ("zarr.json", edit("attributes.environment.versions.numpy", "1.0")),
+    ("zarr.json", edit("attributes.environment.threads", {})),
+    ("zarr.json", edit("consolidated_metadata.metadata.noisy.attributes.environment.machine", "abacus")),
+    ("noisy/zarr.json", edit("attributes.environment.cpu_features", [])),
+    ("noisy/zarr.json", edit("attributes.fingerprint", "0" * 64)),
     ("noisy/zarr.json", edit("attributes.design", {})),
     ("noisy/zarr.json", edit("attributes.realizations_a_chunk", 3)),
     ("noisy/zarr.json", Path.unlink),
@@ -117,13 +122,55 @@ def test_everything_damaged_at_once_is_repaired_at_once(copy: Path, sound: Path,
     assert tree_digest(copy) == tree_digest(sound)
 
 
-def test_what_cannot_be_told_to_be_this_study_is_left_alone(copy: Path, tiny: str) -> None:
-    (copy / "zarr.json").unlink()
+@pytest.mark.parametrize(("file", "damage"), SKELETON[:11])
+def test_a_cube_that_came_without_its_log_is_repaired_too(
+    copy: Path, sound: Path, tiny: str, file: str, damage: Callable[[Path], None]
+) -> None:
     shutil.rmtree(log_folder(copy))
-    before = tree_digest(copy)
+    damage(copy / file)
+    assert run_study(parse_study(tiny), copy, ONE).fits == 0
+    assert tree_digest(copy) == tree_digest(sound)
+
+
+def test_the_environment_of_a_cube_is_told_by_its_copies_and_not_by_the_log_of_one_before_it(
+    copy: Path, sound: Path, tiny: str
+) -> None:
+    """A cube was removed and its log stayed; the run that made this one was killed before its first line."""
+    log = log_folder(copy) / "runs.jsonl"
+    begin = json.loads(log.read_text().splitlines()[0])
+    begin["made_in"]["machine"] = "abacus"
+    log.write_text(json.dumps(begin) + "\n")
+    assert verify(copy, cells=0).damage == []
+    (copy / "zarr.json").unlink()
+    run_study(parse_study(tiny), copy, ONE)
+    assert tree_digest(copy) == tree_digest(sound)
+
+
+def test_sound_chunks_of_an_array_whose_metadata_is_damaged_are_not_blamed(copy: Path) -> None:
+    files = [copy / "noisy" / "cost" / "zarr.json", copy / "ideal" / "status" / "zarr.json", copy / "noisy/zarr.json"]
+    for file in files:
+        cut(file)
+    lines = verify(copy).damage
+    assert all(any(line.startswith(f"{file}: ") for line in lines) for file in files)
+    assert [line for line in lines if not line.startswith(tuple(f"{file}: " for file in files))] == []
+
+
+@pytest.mark.parametrize("log", [True, False])
+def test_what_is_another_study_or_nobodys_is_left_alone(copy: Path, tiny: str, log: bool) -> None:
+    (copy / "zarr.json").unlink()
+    if not log:
+        shutil.rmtree(log_folder(copy))
+    other, before = parse_study(tiny.replace("seed = 7", "seed = 8")), tree_digest(copy)
     with pytest.raises(StoreError, match=r"expected a results cube"):
-        run_study(parse_study(tiny), copy, ONE)
+        run_study(other, copy, ONE)
     assert tree_digest(copy) == before
+    if not log:
+        for group in ("noisy", "ideal"):
+            (copy / group / "zarr.json").unlink()
+        before = tree_digest(copy)
+        with pytest.raises(StoreError, match=r"expected a results cube"):
+            run_study(parse_study(tiny), copy, ONE)
+        assert tree_digest(copy) == before
 
 
 def test_a_cube_of_another_version_is_not_repaired(copy: Path, tiny: str) -> None:

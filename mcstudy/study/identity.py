@@ -1,0 +1,67 @@
+"""Whose a cube is and where it was made, by what its copies agree on.
+
+All else of an empty cube follows from the study, the environment and the depth of its chunks, so these are what damage
+could take for good or change unseen. The fingerprint of the study and the environment are therefore noted in the root,
+in every group, in the root's copy of the groups' metadata, and in the run log beside the cube.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from mcstudy.errors import DesignError, StoreError
+from mcstudy.study.metadata import folders, whole_document
+from mcstudy.study.runlog import last_begin
+from mcstudy.study.study_file import parse_study
+
+
+def fingerprint_of(path: Path) -> str | None:
+    """Fingerprint of the study of a cube that may be damaged; None when nothing of it says."""
+    copies, root = _group_copies(path), _root(path)
+    said = [copy.get("fingerprint") for copy in copies]
+    with contextlib.suppress(DesignError, KeyError, TypeError, AttributeError):
+        said.append(parse_study(root["study"]).fingerprint)
+    said += [last_begin(path).get("fingerprint"), root.get("fingerprint")]
+    return _most(value for value in said if isinstance(value, str))
+
+
+def made_in(path: Path) -> dict[str, Any] | None:
+    """Environment a cube, which may be damaged, was made in; None when nothing of it says."""
+    said = [copy.get("environment") for copy in _group_copies(path)]
+    said += [_root(path).get("environment"), last_begin(path).get("made_in")]
+    return _most(value for value in said if isinstance(value, dict) and isinstance(value.get("versions"), dict))
+
+
+def _most(values: Iterable[Any]) -> Any:
+    """What is said most often, of equals what is said first; None of nothing."""
+    counted = Counter(json.dumps(value) for value in values)  # dictionaries cannot be counted
+    return json.loads(counted.most_common(1)[0][0]) if counted else None
+
+
+def _root(path: Path) -> dict[str, Any]:
+    with contextlib.suppress(StoreError):
+        return dict(whole_document(path).get("attributes", {}))
+    return {}
+
+
+def _group_copies(path: Path) -> list[dict[str, Any]]:
+    """Attributes of every group, of the groups themselves and then of their copy in the root, as far as readable."""
+    return [copy for copy in (*_own(path), *_copied(path)) if isinstance(copy, dict)]
+
+
+def _own(path: Path) -> Iterator[Any]:
+    for folder in folders(path) if path.is_dir() else ():
+        with contextlib.suppress(StoreError):
+            yield whole_document(folder).get("attributes")
+
+
+def _copied(path: Path) -> Iterator[Any]:
+    with contextlib.suppress(StoreError, KeyError, TypeError, AttributeError):
+        for name, node in whole_document(path)["consolidated_metadata"]["metadata"].items():
+            if "/" not in name:
+                yield node.get("attributes")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -190,6 +191,12 @@ def _pack(problem: Problem) -> np.ndarray:
     return np.stack((*data, *weights), axis=1).ravel()
 
 
+@lru_cache(maxsize=64)
+def _kept_plan(model: Model, f: bytes) -> Plan:
+    """`Plan.of` for the frequencies in ``f`` (float64): a study fits few models at few sets of frequencies."""
+    return Plan.of(model, np.frombuffer(f))
+
+
 def lm_queue(
     problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, tolerance: float, max_iterations: int
 ) -> Fits:
@@ -205,7 +212,7 @@ def lm_queue(
     """
     M, P = starts.shape
     model = problems[0].model
-    plan = Plan.of(model, problems[0].f)
+    plan = _kept_plan(model, np.asarray(problems[0].f, dtype=float).tobytes())
     w, layout = plan.workspace()
     estimate, cost = np.full((M, P), np.nan), np.full(M, np.nan)
     status, iterations = np.zeros(M, dtype=np.int64), np.zeros(M, dtype=np.int64)

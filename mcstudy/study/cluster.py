@@ -108,9 +108,11 @@ def _local(threads: int, dashboard: bool) -> Iterator[Client]:
 
     Dask gives both of them an HTTP server even without a dashboard, on all interfaces unless told otherwise.
     """
-    quiet: dict[str, list[str]] = {"distributed.worker.http.routes": []}
+    quiet: dict[str, Any] = {"distributed.worker.http.routes": []}
     if not dashboard:
         quiet["distributed.scheduler.http.routes"] = []
+        # Looks at every thread's stack 100 times a second, for a page of the dashboard.
+        quiet["distributed.worker.profile.enabled"] = False
     # Blocks have their own attempt limit; the scheduler's would also condemn blocks that were merely nearby. A worker
     # in this process is silent only when all of it is: after a suspended machine wakes, it must not be given up.
     limits = {"distributed.scheduler.allowed-failures": 1_000_000, "distributed.scheduler.worker-ttl": None}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import platform
 from functools import cache
@@ -32,6 +33,13 @@ def source() -> str:
 
 def environment() -> dict[str, Any]:
     """Versions, CPU, and the thread settings that are set, as stored in a cube's attributes."""
+    threads = {name: os.environ[name] for name in THREADS if name in os.environ}
+    return {**copy.deepcopy(_lasting()), "threads": threads}
+
+
+@cache
+def _lasting() -> dict[str, Any]:
+    """What does not change while a process runs: looking it up takes some milliseconds, and every block tells it."""
     from llvmlite import binding  # not needed to open a cube
 
     features = sorted(name for name, on in binding.get_host_cpu_features().items() if on)
@@ -41,7 +49,6 @@ def environment() -> dict[str, Any]:
         "machine": platform.machine(),
         "cpu": binding.get_host_cpu_name(),
         "cpu_features": features,
-        "threads": {name: os.environ[name] for name in THREADS if name in os.environ},
     }
 
 

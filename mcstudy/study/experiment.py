@@ -32,13 +32,14 @@ class Experiment:
         self.model: Model = build_model(group) if model is None else model
         self.bands = kept_points(group)
         self.f = self.bands.f
-        self.n_frequencies = tuple(len(self.bands.below(fmax)) for fmax in group.fmax)
+        self._points = {fmax: len(self.bands.below(fmax)) for fmax in group.fmax}
+        self.n_frequencies = tuple(self._points[fmax] for fmax in group.fmax)
         self.true_frf = frf(self.model, self.model.truth, self.f)
         self.measure = SIMULATORS[group.simulator](group, self.model, self.bands, seed)
 
     def problem(self, data: Measurement, fmax: float) -> Problem:
-        """The fit problem of a measurement on the frequencies up to ``fmax``."""
-        n = len(self.bands.below(fmax))
+        """The fit problem of a measurement on the frequencies up to ``fmax``, one of the group's."""
+        n = self._points[fmax]
         if self.group.fit.cost == "ml":
             assert data.covariance is not None  # a study file with ml and without noise is refused
             return ml_cost(self.model, self.f[:n], data.frf[:n], data.covariance[:n])

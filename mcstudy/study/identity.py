@@ -32,8 +32,8 @@ def fingerprint_of(path: Path) -> str | None:
 
 def made_in(path: Path) -> dict[str, Any] | None:
     """Environment a cube, which may be damaged, was made in; None when nothing of it says."""
-    said = [copy.get("environment") for copy in _group_copies(path)]
-    said += [_root(path).get("environment"), last_begin(path).get("made_in")]
+    copies = (*_group_copies(path), _root(path))
+    said = [last_begin(path).get("made_in"), *(copy.get("environment") for copy in copies)]
     return _most(value for value in said if isinstance(value, dict) and isinstance(value.get("versions"), dict))
 
 

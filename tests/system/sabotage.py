@@ -1,6 +1,7 @@
-"""Break the promises on purpose, and see that the campaign of kills notices each time.
+"""Break the promises on purpose, and see that the campaign of kills, or the state machine, notices each time.
 
     python tests/system/sabotage.py
+    python tests/system/sabotage.py --states
 
 Prints one line a sabotage; 0 when each was noticed. Deaths between lines are aimed at the lines of the sabotage, so
 that this takes a minute and not an hour.
@@ -23,11 +24,13 @@ from typing import Any
 import forked
 import kill_campaign
 import numpy as np
+import state_machine
+from hypothesis import settings
 from kill_campaign import KILLS, Campaign
 
-from mcstudy.study import durable, experiment, extend, layout
+from mcstudy.study import durable, experiment, extend, layout, verify
 from mcstudy.study.layout import Chunk
-from mcstudy.study.store import GroupStore
+from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.streams import stream
 
 MOST = 40
@@ -118,11 +121,49 @@ def noticed(campaign: Campaign, faults: str) -> bool:
     return False
 
 
+def blind(cube: Cube) -> Iterator[tuple[Path, str]]:
+    """Metadata that nobody compares."""
+    del cube
+    return iter(())
+
+
+STATE_SABOTAGES: tuple[tuple[Any, str, Any], ...] = (
+    (GroupStore, "intact", there),
+    (GroupStore, "write", status_first),
+    (extend, "replace_tree", replace_in_two_steps),
+    (verify, "_skeleton_damage", blind),
+)
+"""What is replaced by what under the state machine."""
+
+HISTORIES = 100
+"""Histories after which it counts as unnoticed."""
+
+
+def states() -> int:
+    """Try the state machine under every sabotage; the number of those that went unnoticed."""
+    how = settings(state_machine.SETTINGS, max_examples=HISTORIES)
+    missed = 0
+    for place, name, by in STATE_SABOTAGES:
+        state_machine.TRIED.clear()
+        found = False
+        with sabotaged(place, name, by):
+            try:
+                state_machine.try_histories(how, aim=__file__)
+            except AssertionError:
+                found = True
+        missed += not found
+        n = state_machine.TRIED["histories"]
+        print(f"{'noticed' if found else 'MISSED'} in history {n}: {by.__doc__}", flush=True)
+    return missed
+
+
 def main() -> int:
     """Try every sabotage; the number of those that went unnoticed."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     layout.FITS_A_CHUNK = (8, 8)
     kill_campaign.WRITERS.add(__file__)
+    if "--states" in sys.argv[1:]:
+        return states()
     missed = 0
     with tempfile.TemporaryDirectory() as folder, open(os.devnull, "w") as nowhere:
         sys.stderr = nowhere

@@ -6,10 +6,8 @@ is synced before the rename, and folders are synced before anything is written t
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import ctypes
-import errno
 import fcntl
 import hashlib
 import os
@@ -17,12 +15,8 @@ import shutil
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
-
-from zarr.core.buffer import Buffer
 
 from mcstudy.errors import StoreError
-from mcstudy.study.untrusted import CubeStore
 
 PARTIAL = ".partial"
 """Suffix of a file that is being written; leftovers of a killed run carry it and are swept by the next."""
@@ -134,28 +128,6 @@ def tree_digest(root: Path) -> str:
 
 def _counts(path: Path) -> bool:
     return path.is_file() and not path.is_symlink() and path.suffix != PARTIAL
-
-
-class DurableStore(CubeStore):
-    """Zarr's local store, with `write` for every value, and without making the folder it is opened on."""
-
-    async def _open(self, *, mode: Any = None) -> None:
-        del mode
-        self._ensure_open_sync()
-
-    def _ensure_open_sync(self) -> None:
-        if not self.root.is_dir():
-            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.root))
-        self._is_open = True
-
-    async def set(self, key: str, value: Buffer) -> None:
-        """Write one value; see `write`."""
-        await asyncio.to_thread(self.set_sync, key, value)
-
-    def set_sync(self, key: str, value: Buffer) -> None:
-        """Write one value; see `write`."""
-        self._check_writable()
-        write(self.root / key, memoryview(value.as_buffer_like()))
 
 
 def log_folder(path: Path) -> Path:

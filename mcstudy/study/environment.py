@@ -34,17 +34,17 @@ def source() -> str:
 def environment() -> dict[str, Any]:
     """Versions, CPU, and the thread settings that are set, as stored in a cube's attributes."""
     threads = {name: os.environ[name] for name in THREADS if name in os.environ}
-    return {**copy.deepcopy(_lasting()), "threads": threads}
+    return {**copy.deepcopy(_lasting(PACKAGES)), "threads": threads}
 
 
 @cache
-def _lasting() -> dict[str, Any]:
+def _lasting(packages: tuple[str, ...]) -> dict[str, Any]:
     """What does not change while a process runs: looking it up takes some milliseconds, and every block tells it."""
     from llvmlite import binding  # not needed to open a cube
 
     features = sorted(name for name, on in binding.get_host_cpu_features().items() if on)
     return {
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
         "source": source(),
         "machine": platform.machine(),
         "cpu": binding.get_host_cpu_name(),

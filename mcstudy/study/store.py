@@ -1,6 +1,6 @@
 """The results cube on disk: a Zarr v3 group tree, one group per group of the study.
 
-- Opened by anyone with ``xarray.open_zarr(path, group=...)``; here written with zarr alone.
+- Opened by anyone with ``xarray.open_zarr(path, group=...)``; made with zarr, chunks by `mcstudy.study.encoding`.
 - Every chunk is one file; zstd, then CRC-32C, so that a flipped byte is an error and never a number.
 - A chunk's ``status`` is written after all its other files are on disk; status 0 is "pending".
 - The tree holds no time, host, or trace of who wrote what: the same study gives the same bytes.
@@ -18,23 +18,22 @@ from typing import Any
 
 import numpy as np
 import zarr
-from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.errors import ZarrUserWarning
 
 from mcstudy.errors import DesignError, StoreError
 from mcstudy.fit.status import USABLE, Status
-from mcstudy.study import schema
+from mcstudy.study import durable, schema
 from mcstudy.study.design import Study
-from mcstudy.study.durable import DurableStore, sync_folder, sync_tree
+from mcstudy.study.durable import sync_folder, sync_tree
+from mcstudy.study.encoding import CODECS, encoded
 from mcstudy.study.environment import environment
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import ArraySpec, Chunk, Layout, layout, realizations_a_chunk
 from mcstudy.study.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, document
 from mcstudy.study.study_file import parse_study, to_toml
-from mcstudy.study.untrusted import LARGEST_CHUNK, real_bytes, refuse_links, sealed
+from mcstudy.study.untrusted import LARGEST_CHUNK, CubeStore, real_bytes, refuse_links, sealed
 
 SCHEMA = "study_cube"
-CODECS = [ZstdCodec(level=3), Crc32cCodec()]
 
 WRITERS = 16
 """Threads that only wait for the disk."""
@@ -52,21 +51,21 @@ class GroupStore:
     def array(self, name: str) -> zarr.Array[Any]:
         """One of the results arrays, opened by its own metadata alone: what is damaged beside it does not matter."""
         if name not in self._opened:
-            node = zarr.open_array(DurableStore(self.path), path=name, mode="r+", zarr_format=3)
-            self._opened[name] = node.with_config({"write_empty_chunks": True})
+            store = CubeStore(self.path, read_only=True)
+            self._opened[name] = zarr.open_array(store, path=name, mode="r", zarr_format=3)
         return self._opened[name]
 
     def write(self, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
         """Write one chunk: everything, then folders, then status; returns when all of it is on disk."""
         *first, last = self.layout.results
-
-        def put(name: str) -> None:
-            self.array(name)[self.layout.region(name, chunk)] = data[name]
-
-        _together(put, first)
+        _together(lambda name: self.put(name, chunk, data[name]), first)
         _together(lambda name: sync_folder(self.path / name), first)
-        put(last)
+        self.put(last, chunk, data[last])
         sync_folder(self.path / last)
+
+    def put(self, name: str, chunk: Chunk, values: np.ndarray) -> None:
+        """Write one array of a chunk; its name is on disk once the array's folder is synced."""
+        durable.write(self.chunk_file(name, chunk), encoded(self.layout.arrays[name], values))
 
     def read(self, name: str, chunk: Chunk) -> np.ndarray:
         """One array of a chunk, fill values where it was never written; raises `StoreError` when it is damaged."""

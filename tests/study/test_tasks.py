@@ -194,7 +194,7 @@ def test_a_damaged_chunk_killed_while_it_is_made_again_is_not_taken_for_done(
 
     def killed(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], _: object) -> None:
         for name in store.layout.results[:-1]:
-            store.array(name)[store.layout.region(name, chunk)] = data[name]
+            store.put(name, chunk, data[name])
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:

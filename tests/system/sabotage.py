@@ -58,7 +58,7 @@ def status_first(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray]) ->
     """A chunk whose status does not come last."""
     *first, last = self.layout.results
     for name in (last, *first):
-        self.array(name)[self.layout.region(name, chunk)] = data[name]
+        self.put(name, chunk, data[name])
 
 
 drawn = itertools.count()

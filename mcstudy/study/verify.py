@@ -196,7 +196,9 @@ def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, verdic
     waiting = stored["status"] == Status.PENDING
     again["status"][waiting] = Status.SOLVER_ERROR  # not chosen: keep `fill` away from them
     fill(store, chunk, again, lambda: False)
-    again["status"][waiting] = Status.PENDING
+    for name in store.layout.results:
+        if "fmax" in store.layout.arrays[name].dims:  # a value or row a fit
+            again[name][waiting] = stored[name][waiting]  # what a fit not run yet holds is nobody's promise
     verdict.recomputed += int(chosen.sum())
     differ = [n for n in store.layout.results if stored[n].tobytes() != again[n].tobytes()]
     if differ:

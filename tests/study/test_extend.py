@@ -183,6 +183,14 @@ def test_a_cube_that_grew_and_lost_its_root_before_the_log_knew_is_the_larger_st
     assert durable.tree_digest(out) == at_once(larger)
 
 
+def test_a_cube_that_has_only_grown_is_sound_with_more_to_do(out: Path) -> None:
+    """Killed before any of the new fits: new starts of realizations that are otherwise done are not even drawn."""
+    grow(Cube.open(out), Growth(starts=9, groups=("noisy",)))
+    found = verify(out)
+    assert (found.damage, found.pending) == ([], 5 * 3 * 2 * 2)
+    assert found.recomputed > 0
+
+
 def test_a_cube_whose_metadata_were_edited_grows_from_what_they_were(
     out: Path, at_once: Callable[[str], str], tiny: str
 ) -> None:

@@ -26,7 +26,7 @@ import forked
 from forked import DONE, REFUSED, DieAtLine, answer, ended, fork
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
 from kill_campaign import WRITERS
 
 from mcstudy.errors import StoreError
@@ -54,8 +54,8 @@ SIZES = ((4, 4), (6, 4), (6, 6))
 STUDIES = [parse_study(TEXT.format(*size)) for size in SIZES]
 MANY = os.environ.get("MCSTUDY_STATES")
 SETTINGS = settings(
-    max_examples=int(MANY or 6),
-    stateful_step_count=20 if MANY else 9,
+    max_examples=int(MANY or 12),
+    stateful_step_count=20 if MANY else 6,
     derandomize=MANY is None,
     database=None,
     deadline=None,
@@ -155,11 +155,20 @@ class States(RuleBasedStateMachine):
         self.redone: set[Path] = set()
         self.done: dict[str, int] = {}
 
+    @initialize(kills=st.tuples(part, part, st.booleans()), damage=st.tuples(part, part, HOW))
+    def ending(self, kills: tuple[float, float, bool], damage: tuple[float, float, str]) -> None:
+        """How the history is going to end."""
+        self.end = kills, damage
+
     def teardown(self) -> None:
-        """Every history ends in a look and a resume, so that no damage goes untried."""
-        if self.size is not None:
-            self.verify()
-            self.run_to_the_end()
+        """Every history ends in kills, damage, a look and a resume, so that nothing that went wrong goes unseen."""
+        kills, damage = self.end
+        self.kill_an_extension(2, *kills)
+        self.corrupt(*damage, chunk=True)
+        self.corrupt(*damage, chunk=False)
+        self.verify()
+        self.kill_a_run(*kills)
+        self.run_to_the_end()
         shutil.rmtree(self.folder)
 
     @rule()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -39,10 +41,25 @@ def main(arguments: list[str] | None = None) -> int:
             result.figure(args.figures / f"{name}.svg")
         document["details"] = details
         if args.json not in (None, "-"):  # after each, since all of them take long
-            Path(args.json).write_text(json.dumps(document, indent=1, default=float) + "\n")
+            Path(args.json).write_text(_json(document) + "\n")
     if args.json == "-":
-        print(json.dumps(document, indent=1, default=float))
+        print(_json(document))
     return 0
+
+
+def _json(document: dict[str, object]) -> str:
+    """As JSON, where what is not finite (the starts needed by a solver that never hit) is null."""
+    return json.dumps(_plain(document), indent=1, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, (str, bool, int)) or value is None:
+        return value
+    return float(value) if math.isfinite(value) else None
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ class Sizes:
     slow_starts: int = 10
     repeats: int = 3
     fits: tuple[int, ...] = (1_000, 10_000, 100_000, 1_000_000)
-    pools: int = 20
+    pools: int = 100
     tasks: int = 3000
     files: int = 400
     framework_cells: int = 40

@@ -152,7 +152,7 @@ def workers(sizes: Sizes) -> Result:
     result = Result("workers")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        study, fits = _sized(folder, sizes.fits[min(2, len(sizes.fits) - 1)])
+        study, fits = _sized(folder, 2 * sizes.fits[min(2, len(sizes.fits) - 1)])
         small, _ = _sized(folder, 1)
         wall: dict[str, list[float]] = {}
         with cluster(1) as one, cluster(2) as two:
@@ -192,7 +192,7 @@ def planner(sizes: Sizes) -> Result:
     over: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        sized, _ = _sized(folder, sizes.fits[min(1, len(sizes.fits) - 1)])
+        sized, _ = _sized(folder, sizes.fits[min(2, len(sizes.fits) - 1)])
         for study in (PIPELINES / f"{sizes.study}.toml", sized):
             for k in range(sizes.repeats):
                 planned = _planned(study)  # just before the run, which finds the machine as busy

@@ -114,6 +114,27 @@ def test_a_block_that_always_fails_is_reported_and_the_rest_finishes(
     assert run_study(study, out, ONE).fits == 8
 
 
+def test_fits_whose_report_is_lost_with_a_worker_are_counted(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The block is given to another worker, which finds everything done."""
+    lost: list[tasks.Task] = []
+
+    def loses_the_first(task: tasks.Task) -> tasks.Report:
+        report = tasks.run_task(task)
+        if not lost:
+            lost.append(task)
+            raise RuntimeError("gone")
+        return report
+
+    monkeypatch.setattr("mcstudy.study.attempt.run_task", loses_the_first)
+    study = parse_study(tiny)
+    outcome = run_study(study, tmp_path / "a.zarr", ClusterOptions(workers=1))
+    assert len(lost) == 1
+    assert outcome.fits == outcome.counts.total() == study.fits
+    assert f"{study.fits}/{study.fits} fits (100 %)" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("reason", ["No space left on device", "Read-only file system"])
 def test_a_disk_that_cannot_be_written_stops_the_run_and_the_next_one_completes_it(
     tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch, reason: str

@@ -162,16 +162,16 @@ def test_a_worker_that_retires_and_one_that_joins_mid_run_leave_no_trace(folder:
                 old = list(client.nthreads())
                 made.add_worker("--preload", str(folder / "slow.py"))
                 client.wait_for_workers(2, timeout=60)
+                chunks.append(complete_chunks(out))
                 joined.touch()
                 client.retire_workers(old)
-            ends.append(first.wait(timeout=60))
-            chunks.append(complete_chunks(out))
+            ends.append(first.wait(timeout=100))
 
         thread = meanwhile(out, 3, hand_over)
         outcome = run(out, made)
         thread.join()
     assert ends == [0]  # it went by itself
-    assert chunks[0] < 30  # and left something to the other
+    assert chunks[0] < 30  # the other one came while there was something to do
     assert outcome.failed_blocks == []
     assert tree_digest(out) == local
 
@@ -197,7 +197,7 @@ def test_a_scheduler_that_is_gone_is_exit_3_and_never_there_exit_2(folder: Path)
         while "no workers" not in process.stderr.readline():
             assert process.poll() is None
         made.scheduler.send_signal(signal.SIGKILL)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=100)
         assert process.returncode == 3, errors
         assert "the scheduler was lost" in errors.splitlines()[-1]
         assert "Traceback" not in errors
@@ -253,10 +253,10 @@ def test_a_block_that_hangs_loses_its_worker_and_the_rest_finishes(
     out = folder / "hung.zarr"
     with cluster(folder / "hung") as made:
         made.add_worker("--preload", str(folder / "hang.py"), nanny=True)
-        outcome = run(out, made, block_timeout=5.0)
+        outcome = run(out, made, block_timeout=15.0)  # an ordinary block has to stay below on a busy machine
     (line,) = outcome.failed_blocks
     assert "group odd" in line
-    assert "ran longer than 5 s" in line
+    assert "ran longer than 15 s" in line
     assert outcome.fits == STUDY_FITS - 8
     run_study(parse_study(STUDY), out, ClusterOptions(workers=1))
     assert tree_digest(out) == local

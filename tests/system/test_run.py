@@ -110,7 +110,7 @@ def test_ctrl_c_drains_says_how_to_resume_and_loses_nothing(folder: Path, whole:
     process = start(folder, out, "--workers", "1", "--block", "1")
     wait_for_chunks(process, out, 1)
     process.send_signal(sign)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=100)
     assert process.returncode == 3, errors
     message, again = errors.splitlines()[-1].split("run the same command again to resume: ")
     assert " fits left; " in message

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.gap.lines import Lines
+from mcstudy.spectra.colour import Colour
 from mcstudy.spectra.lines import half_width
 
 
@@ -34,6 +35,8 @@ class NullDraws:
         own = 1.0 / (self._window**2).sum(axis=1)
         self._trials = trials or max(1, round(float(np.median(self._dof / own))))
         self._fixed = self._dof.min() > 1e4
+        # Only `periodic_lines` estimates a slope, where it has even lines.
+        self._colour = None if trials else Colour(even, at, self._trials)
 
     def __call__(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """``n`` draws, (4 N, n), in the order and units of `mcstudy.gap.fitting.whiten`."""
@@ -55,9 +58,24 @@ class NullDraws:
             products[1] += x[2] ** 2 + x[3] ** 2
             products[2] += x[2] * x[0] + x[3] * x[1]
             products[3] += x[3] * x[0] - x[2] * x[1]
-        s11, s22, re, im = np.einsum("le,pen->pln", self._window, products / self._trials, optimize=True)
+        products /= self._trials
+        if self._colour is None:
+            s11, s22, re, im = np.einsum("le,pen->pln", self._window, products, optimize=True)
+        else:
+            s11, s22, re, im = self._continued(self._colour, products)
         l11 = np.sqrt(s11)
         l21 = (re + 1j * im) / l11
         l22 = np.sqrt(np.maximum(s22 - np.abs(l21) ** 2, 1e-12))
         first = z[:, 0] / l11
         return np.stack([first, (z[:, 1] - l21 * first) / l22], axis=1)
+
+    def _continued(self, colour: Colour, products: np.ndarray) -> np.ndarray:
+        """Products (4, E, n) at the lines, (4, L, n), with a slope that each draw estimates anew."""
+        exponent = colour.exponent(np.moveaxis(products[:2], 1, -1))  # (2, n)
+        even, lines = (_squared(np.moveaxis(f, -1, 1)) for f in (colour.levelled(exponent), colour.restored(exponent)))
+        return lines * np.asarray(np.einsum("le,pen->pln", self._window, products * even, optimize=True))
+
+
+def _squared(amplitude: np.ndarray) -> np.ndarray:
+    """What factors (2, ...) of two amplitudes do to their products 11, 22 and 12 (real and imaginary), (4, ...)."""
+    return amplitude[[0, 1, 1, 1]] * amplitude[[0, 1, 0, 0]]

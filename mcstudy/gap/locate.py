@@ -27,7 +27,8 @@ def places(explanation: Explanation) -> tuple[dict[str, float], float]:
     for place, share in explanation.unknown_places.items():
         if place in out:
             out[place] += share
-    return {k: float(v) for k, v in out.items()}, float(max(0.0, 1.0 - sum(out.values())))
+    # Sums of probabilities, which rounding may carry past 1.
+    return {k: min(float(v), 1.0) for k, v in out.items()}, max(0.0, 1.0 - float(sum(out.values())))
 
 
 def missing_torque(fitted: Fitted, data: Data) -> np.ndarray:

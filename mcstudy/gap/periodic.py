@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mcstudy.errors import InputError, RecordingError
+from mcstudy.gap.between_samples import drive
 from mcstudy.gap.leakage import best_orders, difference_coefficients
 from mcstudy.gap.lines import EvenLines, Lines
 from mcstudy.gap.recording import MINIMUM_CYCLES, Recording
@@ -47,6 +48,8 @@ class Cycles:
 def cycle_coefficients(recording: Recording, fmax: float, discard: int) -> Cycles:
     """Coefficients of every cycle but the first ``discard`` of each trial, up to well above ``fmax`` (Hz), all orders.
 
+    The stimulus' are those of what it was between its samples (`mcstudy.gap.between_samples`).
+
     Raises `RecordingError` when a trial has too few cycles or its sampling does not reach ``fmax``.
     """
     period = recording.period
@@ -73,7 +76,8 @@ def cycle_coefficients(recording: Recording, fmax: float, discard: int) -> Cycle
             y.append(difference_coefficients(trial.theta, start, period, top))
             where.append((t, c))
     trial_index, cycle_index = np.array(where).T
-    return Cycles(np.array(u), np.stack(y, axis=1), trial_index, cycle_index, recording.amplitudes[trial_index])
+    felt = drive(recording, np.arange(top) / recording.period_s)
+    return Cycles(np.array(u) * felt, np.stack(y, axis=1), trial_index, cycle_index, recording.amplitudes[trial_index])
 
 
 def excited_lines(stimulus: np.ndarray) -> np.ndarray:
@@ -159,7 +163,7 @@ def _from_even_lines(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.
     for t in np.unique(cycles.trial):
         own = cycles.theta[cycles.trial == t]
         scaled.append(own.mean(axis=0) * np.sqrt(own.shape[0]))
-    return _local(name, np.array(scaled), wanted)
+    return _local(name, np.array(scaled), wanted, any_colour=True)
 
 
 def _from_differences(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -180,9 +184,11 @@ def _from_differences(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np
     return (below + above) / 2, dof
 
 
-def _local(name: str, trials: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _local(
+    name: str, trials: np.ndarray, wanted: np.ndarray, any_colour: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     try:
-        estimator = EvenLineCovariance(wanted, trials.shape[1] - 1)
+        estimator = EvenLineCovariance(wanted, trials.shape[1] - 1, len(trials) if any_colour else None)
     except InputError as error:
         raise RecordingError(f"{name}: {error}") from error
     return estimator(trials) * len(trials), estimator.dof * len(trials)

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import signal
 
 from mcstudy.errors import RecordingError
+from mcstudy.gap.between_samples import drive
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.recording import Recording, Trial
 
@@ -62,7 +63,7 @@ def segment_lines(recording: Recording, fmax: float = 8.0, seconds: float | None
             "expected at least 6"
         )
     bins = np.arange(2, int(fmax * n / recording.rate_hz) + 1, 2)
-    u = np.concatenate([u for u, _ in transforms])[:, bins]
+    u = np.concatenate([u for u, _ in transforms])[:, bins] * drive(recording, bins * recording.rate_hz / n)
     theta = np.concatenate([y for _, y in transforms])[:, bins]
     bins, u, theta = _excited(bins, u, theta)
     owner = np.repeat(np.arange(len(blocks)), count)

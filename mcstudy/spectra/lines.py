@@ -23,7 +23,8 @@ Found with the stand-in truth, lines drawn from its sway density: mean estimate 
 every direction at every line, although the two directions differ by 30 dB; a plain average over +-10 lines is off by
 factors of 0.2 to 5. Weighting a fit by the estimate costs 7 % in standard deviation against the true covariance, the
 plain average 22 %. Step 1 presumes sway-like noise: were it white at the lowest lines, line 1 alone would come out
-four times too large.
+four times too large, and were it brown, three times too small: ``any_colour`` levels what slope is left there as well
+(`mcstudy.spectra.colour`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.errors import InputError
+from mcstudy.spectra.colour import Colour
 
 MAX_ORDER = 10
 """Largest order of the vector autoregression; fewer even lines than 6 per order reduce it."""
@@ -48,6 +50,7 @@ class EvenLineCovariance:
     ----------
     lines: odd harmonics at which the covariance is wanted, (L,) int.
     n_harmonics: highest harmonic available (coefficients 0 ... n_harmonics are passed in).
+    any_colour: None for sway-like noise; otherwise the number of trials that will be given, of noise of any colour.
 
     Attributes
     ----------
@@ -57,7 +60,7 @@ class EvenLineCovariance:
     Raises `InputError` when a line is even, below 1 or not available, or when fewer than four even lines are.
     """
 
-    def __init__(self, lines: np.ndarray, n_harmonics: int) -> None:
+    def __init__(self, lines: np.ndarray, n_harmonics: int, any_colour: int | None = None) -> None:
         self.lines = np.asarray(lines, dtype=np.int64)
         if self.lines.size == 0 or (self.lines % 2 == 0).any() or self.lines.min() < 1:
             raise InputError("noise covariance: expected odd harmonics from 1 up")
@@ -72,6 +75,9 @@ class EvenLineCovariance:
         window = np.clip(1.0 - distance**2, 0.0, None)
         self._window = window / window.sum(axis=1, keepdims=True)
         self.dof = 1.0 / (self._window**2).sum(axis=1)
+        self._colour = None if any_colour is None else Colour(self.even, self.lines, any_colour)
+        if self._colour is not None:
+            self.dof = self._colour.dof(self.dof * any_colour) / any_colour
         self.order = min(MAX_ORDER, self.even.size // 6)
         # The analysed band counts as the whole Nyquist band of the autoregression.
         angle = -np.pi / (self.even[-1] + 1)
@@ -94,14 +100,19 @@ class EvenLineCovariance:
         x = x / np.where(scale > 0, scale, 1.0)
         regression = self._autoregression(x)
         white = x - np.einsum("ep,pab,teb->tea", self._shift_even, regression, x)
-        products = np.einsum("tea,teb->eab", white, white.conj()) / len(trials)
         n_angles = x.shape[-1]
+        restored = np.ones((n_angles, self.lines.size))
+        if self._colour is not None:
+            exponent = self._colour.exponent((np.abs(white) ** 2).mean(axis=0).T)
+            white = white * self._colour.levelled(exponent).T
+            restored = self._colour.restored(exponent)
+        products = np.einsum("tea,teb->eab", white, white.conj()) / len(trials)
         # einsum, not @: a product this small costs more to hand to BLAS threads than to do, and keeps its bits whatever
         # their number.
         local = np.einsum("le,ek->lk", self._window, products.reshape(self.even.size, -1).view(np.float64))
         local = local.view(np.complex128).reshape(-1, n_angles, n_angles)
         colour = np.linalg.inv(np.eye(n_angles) - np.einsum("lp,pab->lab", self._shift_lines, regression))
-        colour = colour * (scale[:, None] / self._level_lines[:, None, None])
+        colour = colour * (scale[:, None] / self._level_lines[:, None, None]) * restored.T[:, None, :]
         covariance = colour @ local @ colour.conj().swapaxes(-1, -2) / len(trials)
         return (covariance + covariance.conj().swapaxes(-1, -2)) / 2
 

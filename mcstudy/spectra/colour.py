@@ -1,0 +1,72 @@
+"""Noise at the lowest lines when its colour is not known: one slope per angle, estimated and levelled.
+
+Line 1 has no even line below it, so its noise is continued from above. Under a presumed pink fall that is off by a
+factor of three when the noise is brown or white. Here the exponent s of what is left of a power law k^-s below line
+`BEND` is estimated from the even lines by gamma likelihood, with a normal prior around none. It costs degrees of
+freedom, most at line 1. Derived.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+BEND = 24
+"""Harmonic below which the noise may have another colour than above."""
+
+SPREAD = 1.0
+"""Prior standard deviation of the exponent: white and brown are one away from pink."""
+
+STEPS = 8
+"""Steps of Fisher scoring, which converges in four or five."""
+
+
+class Colour:
+    """Levelling of noise lines below `BEND`.
+
+    Parameters
+    ----------
+    even: harmonics that hold only noise, ascending, (E,). lines: harmonics whose noise is wanted, (L,). trials: how
+    many records the powers will be means of.
+    """
+
+    def __init__(self, even: np.ndarray, lines: np.ndarray, trials: int) -> None:
+        self._used = int((even <= BEND).sum())
+        x = np.log(even[: self._used])
+        self._x, self._trials = x - x.mean(), trials
+        self._even, self._lines = _below(even), _below(lines)
+        self._curvature = trials * float((self._x**2).sum()) + SPREAD**-2
+        self._centre = float(x.mean()) - np.log(BEND)
+
+    def exponent(self, power: np.ndarray) -> np.ndarray:
+        """s (...) such that ``power`` (..., E), mean squared lines, falls as k^-s below `BEND`."""
+        power = power[..., : self._used]
+        s = np.zeros(power.shape[:-1])
+        for _ in range(STEPS):
+            level = power * np.exp(s[..., None] * self._x)
+            ratio = level / np.maximum(level.mean(axis=-1, keepdims=True), 1e-300)
+            # the score of the likelihood is -sum x ratio, since sum x = 0
+            step = -(self._trials * (ratio @ self._x) + s * SPREAD**-2) / self._curvature
+            s = s + np.clip(step, -1.0, 1.0)
+        return s
+
+    def levelled(self, s: np.ndarray) -> np.ndarray:
+        """Factors (..., E) that level the amplitudes of even lines of exponent ``s`` (...)."""
+        return np.exp(0.5 * np.asarray(s)[..., None] * self._even)
+
+    def restored(self, s: np.ndarray) -> np.ndarray:
+        """Factors (..., L) that undo it at the wanted lines."""
+        return np.exp(-0.5 * np.asarray(s)[..., None] * self._lines)
+
+    def dof(self, dof: np.ndarray) -> np.ndarray:
+        """Degrees of freedom (L,) of the noise at the wanted lines, from those (L,) of a known colour.
+
+        The log of the noise at a line moves by the exponent's error times its distance from where the level is known.
+        """
+        distance = np.where(self._lines < 0, self._lines - self._centre, 0.0)
+        distance = np.minimum(distance, 0.0)
+        return np.asarray(1.0 / (1.0 / dof + distance**2 / self._curvature))
+
+
+def _below(k: np.ndarray) -> np.ndarray:
+    """ln(k / BEND), 0 above."""
+    return np.minimum(np.log(np.asarray(k, dtype=float) / BEND), 0.0)

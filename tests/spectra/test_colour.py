@@ -1,0 +1,57 @@
+"""The colour of noise at the lowest lines: estimated without bias, undone exactly, paid for in degrees of freedom."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcstudy.spectra.colour import BEND, Colour
+from mcstudy.spectra.lines import EvenLineCovariance
+
+EVEN = np.arange(2, 61, 2)
+LINES = np.arange(1, 41, 2)
+
+
+def powers(exponent: float, trials: int, n: int, seed: int = 0) -> np.ndarray:
+    """Mean squared Gaussian lines (n, E) that fall as k^-exponent below `BEND`."""
+    squares = np.random.default_rng(seed).gamma(trials, 1.0 / trials, (n, EVEN.size))
+    return squares * np.minimum(EVEN / BEND, 1.0) ** -exponent
+
+
+@pytest.mark.parametrize("exponent", [-1.0, 0.0, 1.0])
+def test_the_exponent_is_found_and_scatters_as_the_degrees_of_freedom_say(exponent: float) -> None:
+    colour = Colour(EVEN, LINES, 8)
+    found = colour.exponent(powers(exponent, 8, 4000))
+    assert found.mean() == pytest.approx(exponent, abs=0.05)  # the prior pulls by 2 %
+    known = np.full(LINES.size, 1e9)
+    # ln of the noise at line 1 moves by the exponent's error times the distance from the middle of the lines used
+    inside = np.log(EVEN[EVEN <= BEND])
+    assert 1 / colour.dof(known)[0] == pytest.approx(found.var() * inside.mean() ** 2, rel=0.15)
+
+
+def test_levelling_flattens_and_restoring_undoes_it_at_the_same_line() -> None:
+    colour = Colour(EVEN, EVEN, 2)
+    s = np.array([-0.7, 0.0, 1.3])
+    assert colour.levelled(s) * colour.restored(s) == pytest.approx(np.ones((3, EVEN.size)))
+    flat = np.minimum(EVEN / BEND, 1.0) ** (-s[:, None] / 2) * colour.levelled(s)
+    assert flat == pytest.approx(np.ones_like(flat))
+
+
+def test_lines_above_the_bend_keep_their_degrees_of_freedom() -> None:
+    given = np.full(LINES.size, 20.0)
+    dof = Colour(EVEN, LINES, 2).dof(given)
+    assert (dof[LINES >= BEND] == 20.0).all()
+    assert dof[0] < 5.0 < dof[3]
+
+
+@pytest.mark.parametrize("fall", [0.0, 2.0])
+def test_line_one_of_white_and_brown_noise_is_nearer_the_truth_than_with_a_presumed_colour(fall: float) -> None:
+    rng = np.random.default_rng(3)
+    k = np.maximum(np.arange(601.0), 1.0)
+    noise = rng.standard_normal((100, 2, 601, 2, 2)) @ np.array([1, 1j]) / np.sqrt(2) * (k ** (-fall / 2))[:, None]
+    off = {}
+    for any_colour in (None, 2):
+        estimator = EvenLineCovariance(np.arange(1, 485, 2), 600, any_colour)
+        found = [2 * estimator(trials)[0, 0, 0].real for trials in noise]  # the mean of two trials has half of it
+        off[any_colour] = abs(np.log(found).mean())
+    assert off[2] < 0.75 * off[None]

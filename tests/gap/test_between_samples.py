@@ -21,11 +21,11 @@ from mcstudy.stance.stimulus import Prts
 @pytest.fixture(scope="module")
 def silent() -> Recording:
     protocol = Protocol(amplitudes=(5.0,), cycles=4, noise=SensorNoise((0.0, 0.0)))
-    return simulate_recording(protocol, two_segment().values, np.random.default_rng(0))
+    return simulate_recording(protocol, two_segment().truth, np.random.default_rng(0))
 
 
 def test_a_prts_is_straight_and_what_rises_at_once_bends_or_is_noisy_is_not() -> None:
-    rng, torque = np.random.default_rng(1), Prts().waveform
+    rng, torque = np.random.default_rng(1), Prts().waveform()
     t = np.arange(12_000) / 200
     assert is_straight(torque)
     assert is_straight(torque + 0.001 * np.abs(np.diff(torque)).max() * rng.standard_normal(torque.size))
@@ -41,7 +41,7 @@ def test_the_frf_of_a_recording_without_noise_is_the_models_at_every_line(silent
     lines = np.arange(1, round(8.0 * silent.period_s), 2)
     y = cycles.theta[0][:, lines].mean(axis=0) / cycles.stimulus[:, lines].mean(axis=0)[:, None]
     model = two_segment()
-    expected = frf(model, model.values, lines / silent.period_s)
+    expected = frf(model, model.truth, lines / silent.period_s)
     assert np.abs(y / expected - 1).max() < 2e-4  # 5e-3 with the spectrum of the samples
 
 

@@ -131,5 +131,6 @@ def _row(solver: str, kind: str, fmax: float, part: list[tuple[np.ndarray, float
         "needed, 90 %": float(np.quantile(wanted, 0.9, method="higher")),
         "ms a start": seconds * 1e3,
         "ms to 95 %, median": float(np.median(cost)) * 1e3,
-        "curve": {s: float(np.mean(1 - (1 - rate) ** s)) for s in DRAWN},
+        # No further than starts were drawn: a recording that was never hit may be hit by the next.
+        "curve": {s: float(np.mean(1 - (1 - rate) ** s)) for s in DRAWN if s <= n},
     }

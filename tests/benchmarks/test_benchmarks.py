@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks import counting, kernel_time, peers, speedup
+from benchmarks import counting, kernel_time, peers, speedup, starts_needed
 from benchmarks.cases import FMAX, cases
 from benchmarks.model import Compiled
 from benchmarks.report import QUICK
@@ -78,6 +78,14 @@ def test_starts_needed_follow_from_the_hit_rate() -> None:
     assert speedup.needed(0.0) == math.inf
     assert speedup.needed(0.95) == 1.0
     assert 1 - (1 - 0.3) ** speedup.needed(0.3) == pytest.approx(0.95)
+
+
+def test_the_curve_of_starts_ends_where_the_starts_did() -> None:
+    hits = np.array([False, True, False, False, True])
+    row = starts_needed._row("lmfit", "uniform", 1.2, [(hits, 1e-3), (~hits, 1e-3)])
+    assert max(row["curve"]) == 5
+    assert row["curve"][1] == pytest.approx(0.5)
+    assert row["curve"][2] == pytest.approx(np.mean([1 - 0.6**2, 1 - 0.4**2]))
 
 
 def test_every_part_of_the_suite_has_a_name() -> None:

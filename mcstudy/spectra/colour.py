@@ -62,8 +62,7 @@ class Colour:
 
         The log of the noise at a line moves by the exponent's error times its distance from where the level is known.
         """
-        distance = np.where(self._lines < 0, self._lines - self._centre, 0.0)
-        distance = np.minimum(distance, 0.0)
+        distance = np.minimum(self._lines - self._centre, 0.0)
         return np.asarray(1.0 / (1.0 / dof + distance**2 / self._curvature))
 
 

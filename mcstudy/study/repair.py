@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from mcstudy.errors import StoreError
 from mcstudy.study import identity, schema
@@ -20,9 +21,8 @@ from mcstudy.study.store import SCHEMA, Cube
 from mcstudy.study.untrusted import refuse_links
 
 
-def skeleton(cube: Cube) -> dict[Path, bytes]:
-    """Every file of an empty cube of the same study, environment and depths: relative path and content."""
-    made_in = identity.made_in(cube.path) or cube.attributes["environment"]
+def skeleton(cube: Cube, made_in: dict[str, Any]) -> dict[Path, bytes]:
+    """Every file of an empty cube of the same study and depths, made in an environment: relative path and content."""
     with tempfile.TemporaryDirectory() as folder:
         fresh = Cube.create(Path(folder) / "fresh", cube.study, made_in, cube.depths)
         return {p.relative_to(fresh.path): p.read_bytes() for p in fresh.path.rglob("*") if p.is_file()}
@@ -47,7 +47,7 @@ def repair(path: Path, study: Study) -> tuple[Cube, list[str]]:
     depths = {name: votes.get(name, realizations_a_chunk(group)) for name, group in study.group.items()}
     cube = Cube(path, study, {"environment": made_in}, depths)
     repaired = []
-    for file, content in skeleton(cube).items():
+    for file, content in skeleton(cube, made_in).items():
         target = path / file
         if not target.is_file() or target.read_bytes() != content:
             try:

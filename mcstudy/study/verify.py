@@ -65,7 +65,7 @@ def verify(path: Path, cells: int = 20, seed: int = 0) -> Verdict:
     made_in, now = identity.made_in(path) or cube.attributes["environment"], environment.environment()
     for line in environment.differences(made_in, now):
         verdict.notes.append(f"made in another environment: {line}")
-    skeleton_damage = list(_skeleton_damage(cube))
+    skeleton_damage = list(_skeleton_damage(cube, made_in))
     verdict.damage += [f"{file}: {what}" for file, what in skeleton_damage]
     damaged = {file for file, _ in skeleton_damage}
     sound: list[tuple[GroupStore, Chunk]] = []
@@ -102,9 +102,9 @@ def _readable(path: Path, verdict: Verdict) -> Cube:
         return cube
 
 
-def _skeleton_damage(cube: Cube) -> Iterator[tuple[Path, str]]:
+def _skeleton_damage(cube: Cube, made_in: dict[str, Any]) -> Iterator[tuple[Path, str]]:
     """Metadata and constant arrays against those of the same study made afresh: file, what is wrong."""
-    expected = skeleton(cube)
+    expected = skeleton(cube, made_in)
     chunks = {
         store.chunk_file(name, chunk).relative_to(cube.path)
         for store in cube.groups.values()

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy
@@ -128,7 +128,7 @@ def look(cube: xr.Dataset, target: Target) -> Look:
     """What a group of a cube says about a target."""
     needed = cube[[n for n in ("estimate", "cost", "status", "truth") if n in cube]]
     cells = best(needed).compute()
-    mcse, where = _largest(STATISTICS[target.statistic](cells))
+    mcse, cell = _largest(STATISTICS[target.statistic](cells))
     half = best(needed.isel(start=slice(0, -(-cube.sizes["start"] // 2)))).compute()
     truth = abs(cells["truth"].where(cells["truth"] != 0))
     moved = 100 * (cells["estimate"] - half["estimate"]) / truth
@@ -136,20 +136,21 @@ def look(cube: xr.Dataset, target: Target) -> Look:
     shift, error = abs(moved.mean("realization")), moved.std("realization", ddof=1) / n.where(n > 1) ** 0.5
     if target.statistic == "mean_bias":
         shift, error = shift.mean("parameter"), error.mean("parameter")
-    telling = shift.where(shift > 2 * error, 0.0)
-    most, place = _largest(telling, unknown=0.0)
-    at = error.stack(cell=error.dims).isel(cell=int(np.nanargmax(telling.stack(cell=error.dims).fillna(0.0))))
-    return Look(mcse, where, most, float(at), place)
+    most, moved_most = _largest(shift.where(shift > 2 * error, 0.0), unknown=0.0)
+    return Look(mcse, _place(cell), most, float(error.sel(moved_most)), _place(moved_most))
 
 
-def _largest(values: xr.DataArray, unknown: float = math.inf) -> tuple[float, str]:
-    """The largest value and where it is; NaN, for too few realizations to tell, counts as ``unknown``."""
+def _largest(values: xr.DataArray, unknown: float = math.inf) -> tuple[float, dict[Hashable, Any]]:
+    """The largest value and its coordinates; NaN, for too few realizations to tell, counts as ``unknown``."""
     truthful = values.dropna("parameter", how="all") if "parameter" in values.dims else values
     flat = (truthful if truthful.size else values).fillna(unknown)
     cells = flat.stack(cell=flat.dims)
     worst = cells.isel(cell=int(cells.argmax("cell")))
-    place = [f"{worst.coords[d].item():g} Hz" if d == "fmax" else f"{worst.coords[d].item()}" for d in flat.dims]
-    return float(worst), ", ".join(f"{d} {p}" for d, p in zip(flat.dims, place, strict=True))
+    return float(worst), {d: worst.coords[d].item() for d in flat.dims}
+
+
+def _place(cell: dict[Hashable, Any]) -> str:
+    return ", ".join(f"{d} {at:g} Hz" if d == "fmax" else f"{d} {at}" for d, at in cell.items())
 
 
 def run_until(

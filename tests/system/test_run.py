@@ -20,7 +20,7 @@ from chunks import complete_chunks
 
 from mcstudy.study.durable import log_folder, tree_digest
 
-# Some seconds of work in four chunks: enough to be killed in the middle of.
+# Four chunks.
 STUDY = """
 [study]
 name = "slow"
@@ -33,21 +33,25 @@ fmax = [1.2, 8.0]
 amplitude = [5.0]
 """
 
-# `mcstudy` with blocks that, from the third on, hang and hear no stop request.
-HANGS = """
+# `mcstudy` whose blocks pause before they start and hear no stop request, so that there is a middle to kill it in
+# however fast the machine is.
+PAUSES = """
 import sys, time
 import mcstudy.study.attempt as attempt
 from mcstudy.study.tasks import run_task
 ran = []
-def hang(task):
+def pausing(task):
     ran.append(task)
-    if len(ran) > 2:
-        time.sleep(1000)
+    if len(ran) > {after}:
+        time.sleep({pause_s})
     return run_task(task)
-attempt.run_task = hang
+attempt.run_task = pausing
 from mcstudy.cli import main
 sys.exit(main(sys.argv[1:]))
 """
+
+FOR_EVER_S = 1000
+"""A pause that no test waits for."""
 
 GIVEN_UP_AFTER = "1s"
 """Silence after which a scheduler that is not told otherwise gives a worker up (its default is five minutes)."""
@@ -67,9 +71,16 @@ def command(folder: Path, out: Path, *extra: str) -> list[str]:
     return [sys.executable, "-m", "mcstudy", "run", str(folder / "slow.toml"), "-o", str(out), *extra]
 
 
-def start(folder: Path, out: Path, *extra: str) -> subprocess.Popen[str]:
+def start(folder: Path, out: Path, *extra: str, after: int = 1, pause_s: float = 2) -> subprocess.Popen[str]:
+    """A run, one block a chunk, whose blocks pause from the one that follows ``after``."""
+    program = PAUSES.format(after=after, pause_s=pause_s)
+    words = [*command(folder, out)[3:], "--workers", "1", "--block", "1", *extra]
     return subprocess.Popen(
-        command(folder, out, *extra), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        [sys.executable, "-c", program, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
 
 
@@ -95,7 +106,7 @@ def whole(folder: Path) -> str:
 @pytest.mark.parametrize("chunks", [1, 3])
 def test_after_kill_9_a_second_run_completes_the_same_bytes(folder: Path, whole: str, chunks: int) -> None:
     out = folder / f"killed{chunks}.zarr"
-    process = start(folder, out, "--workers", "1", "--block", "1")
+    process = start(folder, out, after=chunks, pause_s=FOR_EVER_S)
     wait_for_chunks(process, out, chunks)
     process.kill()
     process.communicate()
@@ -107,7 +118,7 @@ def test_after_kill_9_a_second_run_completes_the_same_bytes(folder: Path, whole:
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_drains_says_how_to_resume_and_loses_nothing(folder: Path, whole: str, sign: signal.Signals) -> None:
     out = folder / f"stopped{sign}.zarr"
-    process = start(folder, out, "--workers", "1", "--block", "1")
+    process = start(folder, out)
     wait_for_chunks(process, out, 1)
     process.send_signal(sign)
     _, errors = process.communicate(timeout=100)
@@ -125,8 +136,7 @@ def test_ctrl_c_leaves_a_block_that_hangs_and_twice_does_not_wait_for_it_at_all(
     folder: Path, whole: str, times: int
 ) -> None:
     out = folder / f"hanging{times}.zarr"
-    words = ["run", str(folder / "slow.toml"), "-o", str(out), "--workers", "1", "--block", "1"]
-    process = subprocess.Popen([sys.executable, "-c", HANGS, *words], stderr=subprocess.PIPE, text=True)
+    process = start(folder, out, after=2, pause_s=FOR_EVER_S)
     wait_for_chunks(process, out, 2)
     process.send_signal(signal.SIGINT)
     if times == 2:
@@ -134,12 +144,13 @@ def test_ctrl_c_leaves_a_block_that_hangs_and_twice_does_not_wait_for_it_at_all(
         while "Ctrl-C again to leave at once" not in process.stderr.readline():
             assert process.poll() is None
         process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)  # it hangs for 1000 s
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 3, errors
     last = errors.splitlines()[-1]
     # How many fits are left is what a drained run says; one that left at once has not waited to know.
     assert (" fits left; " in last) == (times == 1)
-    assert last.endswith(f"run the same command again to resume: {shlex.join(['mcstudy', *words])}")
+    words = ["mcstudy", *command(folder, out, "--workers", "1", "--block", "1")[3:]]
+    assert last.endswith(f"run the same command again to resume: {shlex.join(words)}")
     assert "Traceback" not in errors
     assert " 0 were there already" not in finish(folder, out).stdout
     assert tree_digest(out) == whole
@@ -148,7 +159,7 @@ def test_ctrl_c_leaves_a_block_that_hangs_and_twice_does_not_wait_for_it_at_all(
 def test_a_run_goes_on_after_the_machine_slept(folder: Path, whole: str, monkeypatch: pytest.MonkeyPatch) -> None:
     out = folder / "slept.zarr"
     monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL", GIVEN_UP_AFTER)
-    process = start(folder, out, "--workers", "1", "--block", "1")
+    process = start(folder, out)
     wait_for_chunks(process, out, 1)
     process.send_signal(signal.SIGSTOP)
     time.sleep(NAP_S)
@@ -162,11 +173,10 @@ def test_a_run_goes_on_after_the_machine_slept(folder: Path, whole: str, monkeyp
 
 
 def test_the_dashboard_of_a_run_is_on_this_machine_only(folder: Path) -> None:
-    process = start(folder, folder / "shown.zarr", "--workers", "1", "--block", "1", "--dashboard")
+    process = start(folder, folder / "shown.zarr", "--dashboard", pause_s=FOR_EVER_S)
     assert process.stderr is not None
     while not (line := process.stderr.readline()).startswith("dashboard: "):
         assert process.poll() is None
-    process.send_signal(signal.SIGSTOP)  # it listens for as long as this test needs
     listening = [c for c in psutil.Process(process.pid).net_connections("inet") if c.status == psutil.CONN_LISTEN]
     process.kill()
     process.communicate()
@@ -188,7 +198,7 @@ def test_other_thread_settings_are_warned_of_and_noted_and_a_cube_keeps_those_it
     folder: Path, whole: str
 ) -> None:
     out = folder / "threads.zarr"
-    process = start(folder, out, "--workers", "1", "--block", "1")
+    process = start(folder, out, pause_s=FOR_EVER_S)
     wait_for_chunks(process, out, 1)
     process.kill()
     process.communicate()
@@ -208,9 +218,8 @@ def test_other_thread_settings_are_warned_of_and_noted_and_a_cube_keeps_those_it
 
 def test_a_second_run_on_a_store_in_use_is_refused(folder: Path) -> None:
     out = folder / "shared.zarr"
-    process = start(folder, out, "--workers", "1")
+    process = start(folder, out, pause_s=FOR_EVER_S)
     wait_for_chunks(process, out, 1)
-    process.send_signal(signal.SIGSTOP)  # it holds the store for as long as this test needs
     second = subprocess.run(command(folder, out), capture_output=True, text=True, check=False)
     process.kill()
     process.communicate()

@@ -7,7 +7,6 @@ differences between cycles.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from mcstudy.gap.between_samples import drive
 from mcstudy.gap.leakage import best_orders, difference_coefficients
 from mcstudy.gap.lines import EvenLines, Lines
 from mcstudy.gap.recording import MINIMUM_CYCLES, Recording
+from mcstudy.gap.transient import TransientMean
 from mcstudy.spectra.lines import EvenLineCovariance
 from mcstudy.spectra.periods import coefficients
 
@@ -116,8 +116,7 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     if wanted.size < 4:
         raise RecordingError(f"{recording.name}: stimulus: fewer than 4 lines below {fmax:g} Hz are excited")
     odd = only_odd(cycles.stimulus, excited)
-    noise = _from_even_lines if odd else _from_differences
-    cycles, single, dof = _without_leakage(recording.name, cycles, wanted, noise)
+    cycles, single, dof = _without_leakage(recording.name, cycles, wanted, odd)
     u = cycles.stimulus[:, wanted]
     power = np.abs(u) ** 2
     total = power.sum(axis=0)
@@ -140,30 +139,47 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     )
 
 
-def _without_leakage(
-    name: str, cycles: Cycles, wanted: np.ndarray, noise: Callable[[str, Cycles, np.ndarray], tuple]
-) -> tuple[Cycles, np.ndarray, np.ndarray]:
-    """The cycles with one order of difference chosen per line, their noise covariance and its degrees of freedom."""
+def _without_leakage(name: str, cycles: Cycles, wanted: np.ndarray, odd: bool) -> tuple[Cycles, np.ndarray, np.ndarray]:
+    """The cycles with one order of difference chosen per line, their noise covariance and its degrees of freedom.
+
+    Where even lines are silent, the transient that differences leave is taken off every candidate first.
+    """
+    noise = _from_even_lines if odd else _from_differences
     candidates = [replace(cycles, theta=theta) for theta in cycles.theta]
+    if odd:
+        candidates = [_without_transient(name, c, wanted) for c in candidates]
     cost = [np.linalg.slogdet(noise(name, c, wanted)[0])[1] for c in candidates]
     path = best_orders(np.array(cost), wanted)
     order = path[np.abs(np.arange(cycles.stimulus.shape[1])[:, None] - wanted).argmin(axis=1)]
-    chosen = np.take_along_axis(cycles.theta, order[None, None, :, None], axis=0)[0]
-    cycles = replace(cycles, theta=chosen)
+    theta = np.array([c.theta for c in candidates])
+    cycles = replace(cycles, theta=np.take_along_axis(theta, order[None, None, :, None], axis=0)[0])
     return cycles, *noise(name, cycles, wanted)
 
 
-def _from_even_lines(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (N, 2, 2) of the noise on one cycle's coefficients, and its degrees of freedom.
+def _without_transient(name: str, cycles: Cycles, wanted: np.ndarray) -> Cycles:
+    means = _scaled_means(cycles)
+    mean = TransientMean(_estimator(name, means, wanted))
+    return replace(cycles, theta=mean.removed_from(cycles.theta, means))
 
-    The mean over a trial's cycles is scaled to the variance of one cycle, so that the correlation between consecutive
-    cycles is in the estimate and trials of unequal length can be pooled.
+
+def _scaled_means(cycles: Cycles) -> np.ndarray:
+    """Mean cycle of every trial, (T, K, 2), scaled to the variance of one cycle.
+
+    So the correlation between consecutive cycles is in its noise, and trials of unequal length can be pooled.
     """
     scaled = []
     for t in np.unique(cycles.trial):
         own = cycles.theta[cycles.trial == t]
         scaled.append(own.mean(axis=0) * np.sqrt(own.shape[0]))
-    return _local(name, np.array(scaled), wanted, any_colour=True)
+    return np.array(scaled)
+
+
+def _from_even_lines(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (N, 2, 2) of the noise on one cycle's coefficients, and its degrees of freedom."""
+    means = _scaled_means(cycles)
+    covariance, dof = _local(name, means, wanted, any_colour=True)
+    understated = TransientMean(_estimator(name, means, wanted)).understatement(wanted)
+    return covariance * understated[:, None, None], dof
 
 
 def _from_differences(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -187,11 +203,15 @@ def _from_differences(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np
 def _local(
     name: str, trials: np.ndarray, wanted: np.ndarray, any_colour: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
+    estimator = _estimator(name, trials, wanted, any_colour)
+    return estimator(trials) * len(trials), estimator.dof * len(trials)
+
+
+def _estimator(name: str, trials: np.ndarray, wanted: np.ndarray, any_colour: bool = False) -> EvenLineCovariance:
     try:
-        estimator = EvenLineCovariance(wanted, trials.shape[1] - 1, len(trials) if any_colour else None)
+        return EvenLineCovariance(wanted, trials.shape[1] - 1, len(trials) if any_colour else None)
     except InputError as error:
         raise RecordingError(f"{name}: {error}") from error
-    return estimator(trials) * len(trials), estimator.dof * len(trials)
 
 
 def _even_lines(cycles: Cycles, period_s: float, wanted: np.ndarray, single: np.ndarray) -> EvenLines:

@@ -94,11 +94,7 @@ class EvenLineCovariance:
         covariance and T times the degrees of freedom.
         """
         trials = coefficients[None] if coefficients.ndim == 2 else coefficients
-        x = trials[:, self.even] * self._level_even[:, None]
-        # Only for the numbers: channels differ by orders of magnitude, and a channel may be identically zero.
-        scale = np.sqrt(np.mean(np.abs(x) ** 2, axis=(0, 1)))
-        x = x / np.where(scale > 0, scale, 1.0)
-        regression = self._autoregression(x)
+        x, scale, regression = self._levelled(trials)
         white = x - np.einsum("ep,pab,teb->tea", self._shift_even, regression, x)
         n_angles = x.shape[-1]
         restored = np.ones((n_angles, self.lines.size))
@@ -115,6 +111,26 @@ class EvenLineCovariance:
         colour = colour * (scale[:, None] / self._level_lines[:, None, None]) * restored.T[:, None, :]
         covariance = colour @ local @ colour.conj().swapaxes(-1, -2) / len(trials)
         return (covariance + covariance.conj().swapaxes(-1, -2)) / 2
+
+    def whitening(self, trials: np.ndarray, harmonics: np.ndarray) -> np.ndarray:
+        """Matrices (H, A, A) that whiten coefficients at any ``harmonics`` (H,) up to the highest even line used.
+
+        ``trials``: (T, K, A), whose even lines give the autoregression.
+        """
+        _, scale, regression = self._levelled(trials)
+        angle = -np.pi / (self.even[-1] + 1)
+        shift = np.exp(1j * angle * np.outer(harmonics, np.arange(1, self.order + 1)))
+        white = np.eye(scale.size) - np.einsum("hp,pab->hab", shift, regression)
+        return np.asarray(white * np.sqrt(harmonics)[:, None, None] / scale)
+
+    def _levelled(self, trials: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Even lines (T, E, A) after step 1, the scale (A,) taken out of them, and the regression of step 2."""
+        x = trials[:, self.even] * self._level_even[:, None]
+        # Only for the numbers: channels differ by orders of magnitude, and a channel may be identically zero.
+        scale = np.sqrt(np.mean(np.abs(x) ** 2, axis=(0, 1)))
+        scale = np.where(scale > 0, scale, 1.0)
+        x = x / scale
+        return x, scale, self._autoregression(x)
 
     def _autoregression(self, x: np.ndarray) -> np.ndarray:
         """Coefficients (order, A, A) of x ~ sum_j R_j z^j x over the even lines of all trials (T, E, A).

@@ -39,8 +39,7 @@ def test_time_domain_and_closed_form_agree_with_every_effect(name: str) -> None:
     model, full = body_with_effects(MODEL, theta, names, sizes)
     lines = measure(recording, discard=4)
     expected = frf(model, full, lines.f)
-    slow = name in ("activation_dynamics", "force_feedback", "integral_ankle", "integral_hip")
-    assert np.abs(lines.y / expected - 1).max() < (5e-3 if slow else 3e-3)
+    assert np.abs(lines.y / expected - 1).max() < 1e-3
 
 
 def test_platform_translation_agrees_with_the_closed_form() -> None:

@@ -36,7 +36,8 @@ class NullDraws:
         self._trials = trials or max(1, round(float(np.median(self._dof / own))))
         self._fixed = self._dof.min() > 1e4
         # Only `periodic_lines` estimates a slope, where it has even lines.
-        self._colour = None if trials else Colour(even, at, self._trials)
+        self._differences = int(lines.trial.size - np.unique(lines.trial).size)
+        self._colour = None if trials else Colour(even, at, (self._trials, self._differences))
 
     def __call__(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """``n`` draws, (4 N, n), in the order and units of `mcstudy.gap.fitting.whiten`."""
@@ -62,20 +63,20 @@ class NullDraws:
         if self._colour is None:
             s11, s22, re, im = np.einsum("le,pen->pln", self._window, products, optimize=True)
         else:
-            s11, s22, re, im = self._continued(self._colour, products)
+            s11, s22, re, im = self._continued(self._colour, products, rng)
         l11 = np.sqrt(s11)
         l21 = (re + 1j * im) / l11
         l22 = np.sqrt(np.maximum(s22 - np.abs(l21) ** 2, 1e-12))
         first = z[:, 0] / l11
         return np.stack([first, (z[:, 1] - l21 * first) / l22], axis=1)
 
-    def _continued(self, colour: Colour, products: np.ndarray) -> np.ndarray:
-        """Products (4, E, n) at the lines, (4, L, n), with a slope that each draw estimates anew."""
-        exponent = colour.exponent(np.moveaxis(products[:2], 1, -1))  # (2, n)
-        even, lines = (_squared(np.moveaxis(f, -1, 1)) for f in (colour.levelled(exponent), colour.restored(exponent)))
-        return lines * np.asarray(np.einsum("le,pen->pln", self._window, products * even, optimize=True))
+    def _continued(self, colour: Colour, products: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Products (4, E, n) at the lines, (4, L, n), with a slope that each draw estimates anew.
 
-
-def _squared(amplitude: np.ndarray) -> np.ndarray:
-    """What factors (2, ...) of two amplitudes do to their products 11, 22 and 12 (real and imaginary), (4, ...)."""
-    return amplitude[[0, 1, 1, 1]] * amplitude[[0, 1, 0, 0]]
+        From one angle: of the two in a recording the flatter one tells, and they differ by far more than they scatter.
+        """
+        mean = products[0, : colour.even].T
+        between = rng.standard_gamma(self._differences, mean.shape)
+        exponent = colour.exponent(np.stack([mean, between])[:, None])[0]
+        level, restored = colour.levelled(exponent).T ** 2, colour.restored(exponent).T ** 2
+        return restored * np.asarray(np.einsum("le,pen->pln", self._window, products * level, optimize=True))

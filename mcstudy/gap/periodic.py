@@ -29,6 +29,10 @@ EXCITED = 0.05
 SILENT = 0.02
 """Root-mean-square excitation of the even lines, relative to the odd ones, below which they count as silent."""
 
+LOWEST = 1.5
+"""Factor on the noise variance continued to line 1, which has no even line below it. Of brown noise more arrives there
+from still lower frequencies than its slope above tells, 1.4 to 1.5 times as much; of pink noise less, 0.6."""
+
 
 @dataclass(frozen=True)
 class Cycles:
@@ -176,40 +180,40 @@ def _scaled_means(cycles: Cycles) -> np.ndarray:
 
 def _from_even_lines(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Covariance (N, 2, 2) of the noise on one cycle's coefficients, and its degrees of freedom."""
-    means = _scaled_means(cycles)
-    covariance, dof = _local(name, means, wanted, any_colour=True)
-    understated = TransientMean(_estimator(name, means, wanted)).understatement(wanted)
-    return covariance * understated[:, None, None], dof
+    means, differences = _scaled_means(cycles), _differences(cycles)
+    estimator = _estimator(name, means, wanted, any_colour=(len(means), len(differences)))
+    understated = TransientMean(estimator).understatement(wanted) * len(means)
+    return estimator(means, differences) * understated[:, None, None], estimator.dof * len(means)
 
 
 def _from_differences(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same from orthonormal differences between the cycles of each trial, where no line is silent.
+    """The same from differences between cycles, where no line is silent.
 
     Line k of the differences is put at the even harmonic 2k of the estimator and wanted at 2k - 1 and 2k + 1.
     """
-    noise = []
+    noise = _differences(cycles)
+    stretched = np.zeros((len(noise), 2 * noise.shape[1], 2), dtype=complex)
+    stretched[:, ::2] = noise
+    below, above = (_estimator(name, stretched, line) for line in (2 * wanted - 1, 2 * wanted + 1))
+    return (below(stretched) + above(stretched)) / 2 * len(noise), below.dof * len(noise)
+
+
+def _differences(cycles: Cycles) -> np.ndarray:
+    """Orthonormal differences between the cycles of each trial, (D, K, 2), of the variance of one cycle."""
+    out: list[np.ndarray] = []
     for t in np.unique(cycles.trial):
         own = cycles.theta[cycles.trial == t]
         n = own.shape[0]
         basis = np.linalg.qr(np.eye(n) - np.full((n, n), 1.0 / n))[0][:, : n - 1]
-        noise.extend(np.einsum("rd,rkj->dkj", basis, own))
-    stretched = np.zeros((len(noise), 2 * noise[0].shape[0], 2), dtype=complex)
-    stretched[:, ::2] = noise
-    below, dof = _local(name, stretched, 2 * wanted - 1)
-    above, _ = _local(name, stretched, 2 * wanted + 1)
-    return (below + above) / 2, dof
+        out.extend(np.einsum("rd,rkj->dkj", basis, own))
+    return np.array(out)
 
 
-def _local(
-    name: str, trials: np.ndarray, wanted: np.ndarray, any_colour: bool = False
-) -> tuple[np.ndarray, np.ndarray]:
-    estimator = _estimator(name, trials, wanted, any_colour)
-    return estimator(trials) * len(trials), estimator.dof * len(trials)
-
-
-def _estimator(name: str, trials: np.ndarray, wanted: np.ndarray, any_colour: bool = False) -> EvenLineCovariance:
+def _estimator(
+    name: str, trials: np.ndarray, wanted: np.ndarray, any_colour: tuple[int, int] | None = None
+) -> EvenLineCovariance:
     try:
-        return EvenLineCovariance(wanted, trials.shape[1] - 1, len(trials) if any_colour else None)
+        return EvenLineCovariance(wanted, trials.shape[1] - 1, any_colour)
     except InputError as error:
         raise RecordingError(f"{name}: {error}") from error
 

@@ -8,7 +8,7 @@ neighbouring lines. The mean of the whitened even lines around a line estimates 
 
 From line 40 to 160 the error of an FRF in the quieter combination of the angles has 10 to 15 % less variance for it
 with two cycles, 4 to 5 % less with five; 1 to 2 % more everywhere else. It matters where sway is slow: a body that
-takes 30 s to settle is read 18 times closer.
+takes 30 s to settle is read two to three times closer.
 """
 
 from __future__ import annotations

@@ -1,12 +1,17 @@
-"""Noise at the lowest lines when its colour is not known: one slope per angle, estimated and levelled.
+"""Noise at the lowest lines when its colour is not known: its slope, estimated and levelled.
 
 Line 1 has no even line below it, so its noise is continued from above. Under a presumed pink fall that is off by a
 factor of three when the noise is brown or white. Here the exponent s of what is left of a power law k^-s below line
-`BEND` is estimated from the even lines by gamma likelihood, with a normal prior around none. It costs degrees of
-freedom, most at line 1. Derived.
+`BEND` is estimated from the even lines of every angle by gamma likelihood, with a normal prior around none. An angle
+that falls faster than another does so because the body responds less, which an autoregression follows, so the flattest
+angle tells the colour of all. It costs degrees of freedom, most at line 1; the fewer, the more records tell the colour.
+Differences between cycles do, although their level need not be that of the mean's noise, so every kind of record has a
+level of its own. Derived.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -25,29 +30,37 @@ class Colour:
 
     Parameters
     ----------
-    even: harmonics that hold only noise, ascending, (E,). lines: harmonics whose noise is wanted, (L,). trials: how
-    many records the powers will be means of.
+    even: harmonics that hold only noise, ascending, (E,). lines: harmonics whose noise is wanted, (L,). records: (G,)
+    how many records the powers of every kind will be means of.
     """
 
-    def __init__(self, even: np.ndarray, lines: np.ndarray, trials: int) -> None:
+    def __init__(self, even: np.ndarray, lines: np.ndarray, records: Sequence[int]) -> None:
         self._used = int((even <= BEND).sum())
         x = np.log(even[: self._used])
-        self._x, self._trials = x - x.mean(), trials
+        self._x, self._records = x - x.mean(), np.array(records, dtype=float)
         self._even, self._lines = _below(even), _below(lines)
-        self._curvature = trials * float((self._x**2).sum()) + SPREAD**-2
+        self._curvature = float(self._records.sum() * (self._x**2).sum()) + SPREAD**-2
         self._centre = float(x.mean()) - np.log(BEND)
 
+    @property
+    def even(self) -> int:
+        """How many even lines, the lowest, tell the colour."""
+        return self._used
+
     def exponent(self, power: np.ndarray) -> np.ndarray:
-        """s (...) such that ``power`` (..., E), mean squared lines, falls as k^-s below `BEND`."""
+        """s (A, ...), the same for all A angles, such that none falls less than k^-s below `BEND`.
+
+        ``power``: mean squared lines (G, A, ..., E) of every kind of record.
+        """
         power = power[..., : self._used]
-        s = np.zeros(power.shape[:-1])
+        s = np.zeros(power.shape[1:-1])
         for _ in range(STEPS):
             level = power * np.exp(s[..., None] * self._x)
             ratio = level / np.maximum(level.mean(axis=-1, keepdims=True), 1e-300)
             # the score of the likelihood is -sum x ratio, since sum x = 0
-            step = -(self._trials * (ratio @ self._x) + s * SPREAD**-2) / self._curvature
-            s = s + np.clip(step, -1.0, 1.0)
-        return s
+            score = np.tensordot(self._records, ratio @ self._x, axes=1)
+            s = s - np.clip((score + s * SPREAD**-2) / self._curvature, -1.0, 1.0)
+        return np.broadcast_to(s.min(axis=0), s.shape)
 
     def levelled(self, s: np.ndarray) -> np.ndarray:
         """Factors (..., E) that level the amplitudes of even lines of exponent ``s`` (...)."""

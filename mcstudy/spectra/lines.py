@@ -23,7 +23,7 @@ Found with the stand-in truth, lines drawn from its sway density: mean estimate 
 every direction at every line, although the two directions differ by 30 dB; a plain average over +-10 lines is off by
 factors of 0.2 to 5. Weighting a fit by the estimate costs 7 % in standard deviation against the true covariance, the
 plain average 22 %. Step 1 presumes sway-like noise: were it white at the lowest lines, line 1 alone would come out
-four times too large, and were it brown, three times too small: ``any_colour`` levels what slope is left there as well
+four times too large, and were it brown, three times too small: ``any_colour`` finds the slope and levels it in step 1
 (`mcstudy.spectra.colour`).
 """
 
@@ -50,7 +50,8 @@ class EvenLineCovariance:
     ----------
     lines: odd harmonics at which the covariance is wanted, (L,) int.
     n_harmonics: highest harmonic available (coefficients 0 ... n_harmonics are passed in).
-    any_colour: None for sway-like noise; otherwise the number of trials that will be given, of noise of any colour.
+    any_colour: None for sway-like noise; otherwise, for noise of any colour, how many trials will be given and how many
+        further records to tell the colour from.
 
     Attributes
     ----------
@@ -60,7 +61,7 @@ class EvenLineCovariance:
     Raises `InputError` when a line is even, below 1 or not available, or when fewer than four even lines are.
     """
 
-    def __init__(self, lines: np.ndarray, n_harmonics: int, any_colour: int | None = None) -> None:
+    def __init__(self, lines: np.ndarray, n_harmonics: int, any_colour: tuple[int, int] | None = None) -> None:
         self.lines = np.asarray(lines, dtype=np.int64)
         if self.lines.size == 0 or (self.lines % 2 == 0).any() or self.lines.min() < 1:
             raise InputError("noise covariance: expected odd harmonics from 1 up")
@@ -75,9 +76,11 @@ class EvenLineCovariance:
         window = np.clip(1.0 - distance**2, 0.0, None)
         self._window = window / window.sum(axis=1, keepdims=True)
         self.dof = 1.0 / (self._window**2).sum(axis=1)
-        self._colour = None if any_colour is None else Colour(self.even, self.lines, any_colour)
-        if self._colour is not None:
-            self.dof = self._colour.dof(self.dof * any_colour) / any_colour
+        self._colour = None
+        if any_colour is not None:
+            trials = any_colour[0]
+            self._colour = Colour(self.even, self.lines, any_colour)
+            self.dof = self._colour.dof(self.dof * trials) / trials
         self.order = min(MAX_ORDER, self.even.size // 6)
         # The analysed band counts as the whole Nyquist band of the autoregression.
         angle = -np.pi / (self.even[-1] + 1)
@@ -86,46 +89,52 @@ class EvenLineCovariance:
         self._shift_even = np.exp(1j * angle * np.outer(self.even, powers))
         self._shift_lines = np.exp(1j * angle * np.outer(self.lines, powers))
 
-    def __call__(self, coefficients: np.ndarray) -> np.ndarray:
+    def __call__(self, coefficients: np.ndarray, records: np.ndarray | None = None) -> np.ndarray:
         """Covariance E[n n^H] of the noise on the mean of the trials, (L, A, A) complex Hermitian.
 
         ``coefficients``: Fourier coefficients of the mean period at harmonics 0, 1, ..., of A angles in one trial,
         (K, A), or in T trials of equal length, (T, K, A); trials are pooled, and their mean has 1/T of their
-        covariance and T times the degrees of freedom.
+        covariance and T times the degrees of freedom. ``records`` (D, K, A): further records whose noise has the same
+        colour, though perhaps another level.
         """
         trials = coefficients[None] if coefficients.ndim == 2 else coefficients
-        x, scale, regression = self._levelled(trials)
-        white = x - np.einsum("ep,pab,teb->tea", self._shift_even, regression, x)
-        n_angles = x.shape[-1]
-        restored = np.ones((n_angles, self.lines.size))
+        n_angles = trials.shape[-1]
+        level, restored = np.ones((self.even.size, n_angles)), np.ones((self.lines.size, n_angles))
         if self._colour is not None:
-            exponent = self._colour.exponent((np.abs(white) ** 2).mean(axis=0).T)
-            white = white * self._colour.levelled(exponent).T
-            restored = self._colour.restored(exponent)
+            exponent = self._exponent(self._colour, trials, records)
+            level, restored = self._colour.levelled(exponent).T, self._colour.restored(exponent).T
+        x, scale, regression = self._levelled(trials, level)
+        white = x - np.einsum("ep,pab,teb->tea", self._shift_even, regression, x)
         products = np.einsum("tea,teb->eab", white, white.conj()) / len(trials)
         # einsum, not @: a product this small costs more to hand to BLAS threads than to do, and keeps its bits whatever
         # their number.
         local = np.einsum("le,ek->lk", self._window, products.reshape(self.even.size, -1).view(np.float64))
         local = local.view(np.complex128).reshape(-1, n_angles, n_angles)
         colour = np.linalg.inv(np.eye(n_angles) - np.einsum("lp,pab->lab", self._shift_lines, regression))
-        colour = colour * (scale[:, None] / self._level_lines[:, None, None]) * restored.T[:, None, :]
+        colour = (restored * scale / self._level_lines[:, None])[:, :, None] * colour
         covariance = colour @ local @ colour.conj().swapaxes(-1, -2) / len(trials)
         return (covariance + covariance.conj().swapaxes(-1, -2)) / 2
+
+    def _exponent(self, colour: Colour, trials: np.ndarray, records: np.ndarray | None) -> np.ndarray:
+        """Exponent (A,) of the noise at the lowest lines beyond what step 1 presumes."""
+        kinds = [trials] if records is None else [trials, records]
+        power = [(np.abs(x[:, self.even]) ** 2).mean(axis=0).T * self.even for x in kinds]
+        return colour.exponent(np.array(power))
 
     def whitening(self, trials: np.ndarray, harmonics: np.ndarray) -> np.ndarray:
         """Matrices (H, A, A) that whiten coefficients at any ``harmonics`` (H,) up to the highest even line used.
 
         ``trials``: (T, K, A), whose even lines give the autoregression.
         """
-        _, scale, regression = self._levelled(trials)
+        _, scale, regression = self._levelled(trials, np.ones((self.even.size, trials.shape[-1])))
         angle = -np.pi / (self.even[-1] + 1)
         shift = np.exp(1j * angle * np.outer(harmonics, np.arange(1, self.order + 1)))
         white = np.eye(scale.size) - np.einsum("hp,pab->hab", shift, regression)
         return np.asarray(white * np.sqrt(harmonics)[:, None, None] / scale)
 
-    def _levelled(self, trials: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Even lines (T, E, A) after step 1, the scale (A,) taken out of them, and the regression of step 2."""
-        x = trials[:, self.even] * self._level_even[:, None]
+    def _levelled(self, trials: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Even lines (T, E, A) after step 1 and ``level`` (E, A), the scale (A,) taken out, and step 2's regression."""
+        x = trials[:, self.even] * self._level_even[:, None] * level
         # Only for the numbers: channels differ by orders of magnitude, and a channel may be identically zero.
         scale = np.sqrt(np.mean(np.abs(x) ** 2, axis=(0, 1)))
         scale = np.where(scale > 0, scale, 1.0)

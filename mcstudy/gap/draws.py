@@ -75,7 +75,7 @@ class NullDraws:
 
         From one angle: of the two in a recording the flatter one tells, and they differ by far more than they scatter.
         """
-        mean = products[0, : colour.even].T
+        mean = products[0, : colour.used].T
         between = rng.standard_gamma(self._differences, mean.shape)
         exponent = colour.exponent(np.stack([mean, between])[:, None])[0]
         level, restored = colour.levelled(exponent).T ** 2, colour.restored(exponent).T ** 2

@@ -29,10 +29,6 @@ EXCITED = 0.05
 SILENT = 0.02
 """Root-mean-square excitation of the even lines, relative to the odd ones, below which they count as silent."""
 
-LOWEST = 1.5
-"""Factor on the noise variance continued to line 1, which has no even line below it. Of brown noise more arrives there
-from still lower frequencies than its slope above tells, 1.4 to 1.5 times as much; of pink noise less, 0.6."""
-
 
 @dataclass(frozen=True)
 class Cycles:
@@ -182,8 +178,8 @@ def _from_even_lines(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.
     """Covariance (N, 2, 2) of the noise on one cycle's coefficients, and its degrees of freedom."""
     means, differences = _scaled_means(cycles), _differences(cycles)
     estimator = _estimator(name, means, wanted, any_colour=(len(means), len(differences)))
-    understated = TransientMean(estimator).understatement(wanted) * len(means)
-    return estimator(means, differences) * understated[:, None, None], estimator.dof * len(means)
+    understated = TransientMean(estimator).understatement(wanted)[:, None, None]
+    return understated * estimator(means, differences) * len(means), estimator.dof * len(means)
 
 
 def _from_differences(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -32,27 +32,26 @@ class Colour:
     ----------
     even: harmonics that hold only noise, ascending, (E,). lines: harmonics whose noise is wanted, (L,). records: (G,)
     how many records the powers of every kind will be means of.
+
+    Attributes
+    ----------
+    used: how many even lines, the lowest, tell the colour.
     """
 
     def __init__(self, even: np.ndarray, lines: np.ndarray, records: Sequence[int]) -> None:
-        self._used = int((even <= BEND).sum())
-        x = np.log(even[: self._used])
+        self.used = int((even <= BEND).sum())
+        x = np.log(even[: self.used])
         self._x, self._records = x - x.mean(), np.array(records, dtype=float)
         self._even, self._lines = _below(even), _below(lines)
         self._curvature = float(self._records.sum() * (self._x**2).sum()) + SPREAD**-2
         self._centre = float(x.mean()) - np.log(BEND)
-
-    @property
-    def even(self) -> int:
-        """How many even lines, the lowest, tell the colour."""
-        return self._used
 
     def exponent(self, power: np.ndarray) -> np.ndarray:
         """s (A, ...), the same for all A angles, such that none falls less than k^-s below `BEND`.
 
         ``power``: mean squared lines (G, A, ..., E) of every kind of record.
         """
-        power = power[..., : self._used]
+        power = power[..., : self.used]
         s = np.zeros(power.shape[1:-1])
         for _ in range(STEPS):
             level = power * np.exp(s[..., None] * self._x)

@@ -1,6 +1,7 @@
 """Lines of a recording with a periodic stimulus: one FRF per cycle, their mean, and the covariance of that mean.
 
-Every cycle is freed from leakage (`mcstudy.gap.leakage`). The FRF of a line is sum U* Theta / sum |U|^2 over all
+Every cycle is freed from leakage (`mcstudy.gap.leakage`, and `mcstudy.gap.transient` where only odd lines are excited).
+The FRF of a line is sum U* Theta / sum |U|^2 over all
 cycles of all trials. The noise covariance comes from even lines when only odd lines are excited, otherwise from the
 differences between cycles.
 """
@@ -116,7 +117,8 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     if wanted.size < 4:
         raise RecordingError(f"{recording.name}: stimulus: fewer than 4 lines below {fmax:g} Hz are excited")
     odd = only_odd(cycles.stimulus, excited)
-    cycles, single, dof = _without_leakage(recording.name, cycles, wanted, odd)
+    noise = (_EvenLineNoise if odd else _DifferenceNoise)(recording.name, cycles, wanted)
+    cycles, single, dof = _without_leakage(cycles, wanted, noise)
     u = cycles.stimulus[:, wanted]
     power = np.abs(u) ** 2
     total = power.sum(axis=0)
@@ -139,27 +141,61 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     )
 
 
-def _without_leakage(name: str, cycles: Cycles, wanted: np.ndarray, odd: bool) -> tuple[Cycles, np.ndarray, np.ndarray]:
-    """The cycles with one order of difference chosen per line, their noise covariance and its degrees of freedom.
+class _EvenLineNoise:
+    """The noise on one cycle's coefficients, where even lines are silent."""
 
-    Where even lines are silent, the transient that differences leave is taken off every candidate first.
+    def __init__(self, name: str, cycles: Cycles, wanted: np.ndarray) -> None:
+        trials = np.unique(cycles.trial).size
+        colour = (trials, cycles.trial.size - trials)
+        self._estimator = _estimator(name, wanted, cycles.stimulus.shape[1] - 1, colour)
+        self._transient = TransientMean(self._estimator)
+        self._understated = self._transient.understatement(wanted)[:, None, None]
+
+    def freed(self, cycles: Cycles) -> Cycles:
+        """The cycles without the transient that differences leave."""
+        return replace(cycles, theta=self._transient.removed_from(cycles.theta, _scaled_means(cycles)))
+
+    def __call__(self, cycles: Cycles) -> tuple[np.ndarray, np.ndarray]:
+        """Covariance (N, 2, 2), and its degrees of freedom."""
+        means = _scaled_means(cycles)
+        covariance = self._understated * self._estimator(means, _differences(cycles))
+        return covariance * len(means), self._estimator.dof * len(means)
+
+
+class _DifferenceNoise:
+    """The same from differences between cycles, where no line is silent.
+
+    Line k of the differences is put at the even harmonic 2k of the estimators and wanted at 2k - 1 and 2k + 1.
     """
-    noise = _from_even_lines if odd else _from_differences
-    candidates = [replace(cycles, theta=theta) for theta in cycles.theta]
-    if odd:
-        candidates = [_without_transient(name, c, wanted) for c in candidates]
-    cost = [np.linalg.slogdet(noise(name, c, wanted)[0])[1] for c in candidates]
+
+    def __init__(self, name: str, cycles: Cycles, wanted: np.ndarray) -> None:
+        highest = 2 * cycles.stimulus.shape[1] - 1
+        self._below, self._above = (_estimator(name, line, highest) for line in (2 * wanted - 1, 2 * wanted + 1))
+
+    def freed(self, cycles: Cycles) -> Cycles:
+        """The cycles as they are: without silent lines nothing tells the transient."""
+        return cycles
+
+    def __call__(self, cycles: Cycles) -> tuple[np.ndarray, np.ndarray]:
+        """Covariance (N, 2, 2), and its degrees of freedom."""
+        noise = _differences(cycles)
+        stretched = np.zeros((len(noise), 2 * noise.shape[1], 2), dtype=complex)
+        stretched[:, ::2] = noise
+        covariance = (self._below(stretched) + self._above(stretched)) / 2
+        return covariance * len(noise), self._below.dof * len(noise)
+
+
+def _without_leakage(
+    cycles: Cycles, wanted: np.ndarray, noise: _EvenLineNoise | _DifferenceNoise
+) -> tuple[Cycles, np.ndarray, np.ndarray]:
+    """The cycles with one order of difference chosen per line, their noise covariance and its degrees of freedom."""
+    candidates = [noise.freed(replace(cycles, theta=theta)) for theta in cycles.theta]
+    cost = [np.linalg.slogdet(noise(c)[0])[1] for c in candidates]
     path = best_orders(np.array(cost), wanted)
     order = path[np.abs(np.arange(cycles.stimulus.shape[1])[:, None] - wanted).argmin(axis=1)]
     theta = np.array([c.theta for c in candidates])
     cycles = replace(cycles, theta=np.take_along_axis(theta, order[None, None, :, None], axis=0)[0])
-    return cycles, *noise(name, cycles, wanted)
-
-
-def _without_transient(name: str, cycles: Cycles, wanted: np.ndarray) -> Cycles:
-    means = _scaled_means(cycles)
-    mean = TransientMean(_estimator(name, means, wanted))
-    return replace(cycles, theta=mean.removed_from(cycles.theta, means))
+    return cycles, *noise(cycles)
 
 
 def _scaled_means(cycles: Cycles) -> np.ndarray:
@@ -174,26 +210,6 @@ def _scaled_means(cycles: Cycles) -> np.ndarray:
     return np.array(scaled)
 
 
-def _from_even_lines(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (N, 2, 2) of the noise on one cycle's coefficients, and its degrees of freedom."""
-    means, differences = _scaled_means(cycles), _differences(cycles)
-    estimator = _estimator(name, means, wanted, any_colour=(len(means), len(differences)))
-    understated = TransientMean(estimator).understatement(wanted)[:, None, None]
-    return understated * estimator(means, differences) * len(means), estimator.dof * len(means)
-
-
-def _from_differences(name: str, cycles: Cycles, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same from differences between cycles, where no line is silent.
-
-    Line k of the differences is put at the even harmonic 2k of the estimator and wanted at 2k - 1 and 2k + 1.
-    """
-    noise = _differences(cycles)
-    stretched = np.zeros((len(noise), 2 * noise.shape[1], 2), dtype=complex)
-    stretched[:, ::2] = noise
-    below, above = (_estimator(name, stretched, line) for line in (2 * wanted - 1, 2 * wanted + 1))
-    return (below(stretched) + above(stretched)) / 2 * len(noise), below.dof * len(noise)
-
-
 def _differences(cycles: Cycles) -> np.ndarray:
     """Orthonormal differences between the cycles of each trial, (D, K, 2), of the variance of one cycle."""
     out: list[np.ndarray] = []
@@ -206,10 +222,10 @@ def _differences(cycles: Cycles) -> np.ndarray:
 
 
 def _estimator(
-    name: str, trials: np.ndarray, wanted: np.ndarray, any_colour: tuple[int, int] | None = None
+    name: str, wanted: np.ndarray, highest: int, any_colour: tuple[int, int] | None = None
 ) -> EvenLineCovariance:
     try:
-        return EvenLineCovariance(wanted, trials.shape[1] - 1, any_colour)
+        return EvenLineCovariance(wanted, highest, any_colour)
     except InputError as error:
         raise RecordingError(f"{name}: {error}") from error
 

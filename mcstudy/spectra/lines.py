@@ -82,12 +82,8 @@ class EvenLineCovariance:
             self._colour = Colour(self.even, self.lines, any_colour)
             self.dof = self._colour.dof(self.dof * trials) / trials
         self.order = min(MAX_ORDER, self.even.size // 6)
-        # The analysed band counts as the whole Nyquist band of the autoregression.
-        angle = -np.pi / (self.even[-1] + 1)
-        powers = np.arange(1, self.order + 1)
         self._level_even, self._level_lines = np.sqrt(self.even), np.sqrt(self.lines)
-        self._shift_even = np.exp(1j * angle * np.outer(self.even, powers))
-        self._shift_lines = np.exp(1j * angle * np.outer(self.lines, powers))
+        self._shift_even, self._shift_lines = self._shift(self.even), self._shift(self.lines)
 
     def __call__(self, coefficients: np.ndarray, records: np.ndarray | None = None) -> np.ndarray:
         """Covariance E[n n^H] of the noise on the mean of the trials, (L, A, A) complex Hermitian.
@@ -99,11 +95,11 @@ class EvenLineCovariance:
         """
         trials = coefficients[None] if coefficients.ndim == 2 else coefficients
         n_angles = trials.shape[-1]
-        level, restored = np.ones((self.even.size, n_angles)), np.ones((self.lines.size, n_angles))
+        x, restored = trials[:, self.even] * self._level_even[:, None], np.ones((self.lines.size, n_angles))
         if self._colour is not None:
             exponent = self._exponent(self._colour, trials, records)
-            level, restored = self._colour.levelled(exponent).T, self._colour.restored(exponent).T
-        x, scale, regression = self._levelled(trials, level)
+            x, restored = x * self._colour.levelled(exponent).T, self._colour.restored(exponent).T
+        x, scale, regression = self._regressed(x)
         white = x - np.einsum("ep,pab,teb->tea", self._shift_even, regression, x)
         products = np.einsum("tea,teb->eab", white, white.conj()) / len(trials)
         # einsum, not @: a product this small costs more to hand to BLAS threads than to do, and keeps its bits whatever
@@ -126,15 +122,17 @@ class EvenLineCovariance:
 
         ``trials``: (T, K, A), whose even lines give the autoregression.
         """
-        _, scale, regression = self._levelled(trials, np.ones((self.even.size, trials.shape[-1])))
-        angle = -np.pi / (self.even[-1] + 1)
-        shift = np.exp(1j * angle * np.outer(harmonics, np.arange(1, self.order + 1)))
-        white = np.eye(scale.size) - np.einsum("hp,pab->hab", shift, regression)
+        _, scale, regression = self._regressed(trials[:, self.even] * self._level_even[:, None])
+        white = np.eye(scale.size) - np.einsum("hp,pab->hab", self._shift(harmonics), regression)
         return np.asarray(white * np.sqrt(harmonics)[:, None, None] / scale)
 
-    def _levelled(self, trials: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Even lines (T, E, A) after step 1 and ``level`` (E, A), the scale (A,) taken out, and step 2's regression."""
-        x = trials[:, self.even] * self._level_even[:, None] * level
+    def _shift(self, harmonics: np.ndarray) -> np.ndarray:
+        """Powers (H, order) of the shift by one lag; the analysed band counts as the whole Nyquist band."""
+        angle = -np.pi / (self.even[-1] + 1)
+        return np.exp(1j * angle * np.outer(harmonics, np.arange(1, self.order + 1)))
+
+    def _regressed(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Step 2: levelled even lines (T, E, A) with their scale (A,) taken out, the scale, and the regression."""
         # Only for the numbers: channels differ by orders of magnitude, and a channel may be identically zero.
         scale = np.sqrt(np.mean(np.abs(x) ** 2, axis=(0, 1)))
         scale = np.where(scale > 0, scale, 1.0)

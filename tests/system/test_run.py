@@ -53,6 +53,9 @@ sys.exit(main(sys.argv[1:]))
 FOR_EVER_S = 1000
 """A pause that no test waits for."""
 
+ONE_BY_ONE = ("--workers", "1", "--block", "1")
+"""One worker, one block a chunk."""
+
 GIVEN_UP_AFTER = "1s"
 """Silence after which a scheduler that is not told otherwise gives a worker up (its default is five minutes)."""
 
@@ -72,9 +75,9 @@ def command(folder: Path, out: Path, *extra: str) -> list[str]:
 
 
 def start(folder: Path, out: Path, *extra: str, after: int = 1, pause_s: float = 2) -> subprocess.Popen[str]:
-    """A run, one block a chunk, whose blocks pause from the one that follows ``after``."""
+    """A run, block by block, whose blocks pause from the one that follows ``after``."""
     program = PAUSES.format(after=after, pause_s=pause_s)
-    words = [*command(folder, out)[3:], "--workers", "1", "--block", "1", *extra]
+    words = command(folder, out, *ONE_BY_ONE, *extra)[3:]
     return subprocess.Popen(
         [sys.executable, "-c", program, *words],
         stdout=subprocess.PIPE,
@@ -125,7 +128,7 @@ def test_ctrl_c_drains_says_how_to_resume_and_loses_nothing(folder: Path, whole:
     assert process.returncode == 3, errors
     message, again = errors.splitlines()[-1].split("run the same command again to resume: ")
     assert " fits left; " in message
-    assert shlex.split(again) == ["mcstudy", *command(folder, out, "--workers", "1", "--block", "1")[3:]]
+    assert shlex.split(again) == ["mcstudy", *command(folder, out, *ONE_BY_ONE)[3:]]
     assert "Traceback" not in errors
     subprocess.run([sys.executable, "-m", *shlex.split(again)], capture_output=True, text=True, check=True)
     assert tree_digest(out) == whole
@@ -149,7 +152,7 @@ def test_ctrl_c_leaves_a_block_that_hangs_and_twice_does_not_wait_for_it_at_all(
     last = errors.splitlines()[-1]
     # How many fits are left is what a drained run says; one that left at once has not waited to know.
     assert (" fits left; " in last) == (times == 1)
-    words = ["mcstudy", *command(folder, out, "--workers", "1", "--block", "1")[3:]]
+    words = ["mcstudy", *command(folder, out, *ONE_BY_ONE)[3:]]
     assert last.endswith(f"run the same command again to resume: {shlex.join(words)}")
     assert "Traceback" not in errors
     assert " 0 were there already" not in finish(folder, out).stdout

@@ -141,6 +141,7 @@ def diagnose_lines(
         name=name,
         detected=detected,
         p_value=t.p_value,
+        p_least=t.p_least,
         place=place,
         place_abstained=abstained,
         causes=explanation.causes,

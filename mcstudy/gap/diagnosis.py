@@ -37,7 +37,8 @@ class Diagnosis:
 
     Attributes
     ----------
-    name: of the recording. detected: whether there is a gap at the 5 % level; p_value: of that test.
+    name: of the recording. detected: whether there is a gap at the 5 % level; p_value: of that test; p_least: the least
+        it could be with these draws.
     place: probability of ankle, hip, stimulus, sensor, body; place_abstained: what is given to none of them.
     causes: named causes by falling probability, each an ambiguity group; none_probability, unknown_probability: that
         nothing is missing, that the cause is not in the library.
@@ -52,6 +53,7 @@ class Diagnosis:
     name: str
     detected: bool
     p_value: float
+    p_least: float
     place: dict[str, float]
     place_abstained: float
     causes: tuple[Cause, ...]

@@ -77,14 +77,14 @@ class Prior:
 def understatement(lines: Lines) -> np.ndarray:
     """True over estimated covariance from even lines, on average, (N,).
 
-    Found by measuring several hundred simulated recordings of 3, 6 and 20 cycles and two colours of noise: the
+    Found by measuring several hundred simulated recordings of 3, 6 and 20 cycles and three colours of noise: the
     prewhitening is fitted to the lines it whitens, which takes 4 % of one trial's noise away, and at the lowest
-    lines the neighbours lie to one side only, which costs up to another 40 %. 1 for covariances of other origin.
+    lines the neighbours lie to one side only, which costs up to another 25 %. 1 for covariances of other origin.
     """
     if lines.even is None or lines.harmonic is None:
         return np.ones(len(lines))
     trials = np.unique(lines.trial).size
-    return np.asarray((1 + 0.04 / trials) * (1 + 0.42 * np.exp(-(((lines.harmonic - 1) / 5.0) ** 2))))
+    return np.asarray((1 + 0.04 / trials) * (1 + 0.25 * np.exp(-(((lines.harmonic - 1) / 5.0) ** 2))))
 
 
 def whitener(lines: Lines) -> np.ndarray:

@@ -47,7 +47,7 @@ def p_words(p: float, least: float) -> str:
 
 def verdict(d: Diagnosis) -> str:
     """One paragraph: whether, where, which, how far, and what cannot be excluded."""
-    p = p_words(d.p_value, 1 / (1 + d.detection.draws))
+    p = p_words(d.p_value, d.p_least)
     parts = []
     if not d.detected:
         parts.append(f"No gap beyond noise ({p}): the model without further effects describes this recording.")

@@ -1,12 +1,13 @@
 """Noise at the lowest lines when its colour is not known: its slope, estimated and levelled.
 
 Line 1 has no even line below it, so its noise is continued from above. Under a presumed pink fall that is off by a
-factor of three when the noise is brown or white. Here the exponent s of what is left of a power law k^-s below line
-`BEND` is estimated from the even lines of every angle by gamma likelihood, with a normal prior around none. An angle
-that falls faster than another does so because the body responds less, which an autoregression follows, so the flattest
-angle tells the colour of all. It costs degrees of freedom, most at line 1; the fewer, the more records tell the colour.
-Differences between cycles do, although their level need not be that of the mean's noise, so every kind of record has a
-level of its own. Derived.
+factor of three when the noise is brown or white. Here the exponent s of what is left of a power law k^-s well below
+line `BEND` is estimated from the even lines of every angle by gamma likelihood, with a normal prior around none. The
+power law fades out around `BEND` as (1 + (BEND / k)^2)^(s/2): a sharp end would leave the average over neighbouring
+lines 6 % too small there under brown noise. An angle that falls faster than another does so because the body responds
+less, which an autoregression follows, so the flattest angle tells the colour of all. It costs degrees of freedom, most
+at line 1; the fewer, the more records tell the colour. Differences between cycles do, although their level need not be
+that of the mean's noise, so every kind of record has a level of its own. Derived.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 BEND = 24
-"""Harmonic below which the noise may have another colour than above."""
+"""Harmonic around which noise of another colour at the lowest lines passes into that above."""
 
 SPREAD = 1.0
 """Prior standard deviation of the exponent: white and brown are one away from pink."""
@@ -26,7 +27,7 @@ STEPS = 8
 
 
 class Colour:
-    """Levelling of noise lines below `BEND`.
+    """Levelling of the lowest noise lines.
 
     Parameters
     ----------
@@ -40,14 +41,14 @@ class Colour:
 
     def __init__(self, even: np.ndarray, lines: np.ndarray, records: Sequence[int]) -> None:
         self.used = int((even <= BEND).sum())
-        x = np.log(even[: self.used])
+        self._even, self._lines = _fading(even), _fading(lines)
+        x = self._even[: self.used]
         self._x, self._records = x - x.mean(), np.array(records, dtype=float)
-        self._even, self._lines = _below(even), _below(lines)
         self._curvature = float(self._records.sum() * (self._x**2).sum()) + SPREAD**-2
-        self._centre = float(x.mean()) - np.log(BEND)
+        self._centre = float(x.mean())
 
     def exponent(self, power: np.ndarray) -> np.ndarray:
-        """s (A, ...), the same for all A angles, such that none falls less than k^-s below `BEND`.
+        """s (A, ...), the same for all A angles, such that none falls less than k^-s well below `BEND`.
 
         ``power``: mean squared lines (G, A, ..., E) of every kind of record.
         """
@@ -78,6 +79,6 @@ class Colour:
         return np.asarray(1.0 / (1.0 / dof + distance**2 / self._curvature))
 
 
-def _below(k: np.ndarray) -> np.ndarray:
-    """ln(k / BEND), 0 above."""
-    return np.minimum(np.log(np.asarray(k, dtype=float) / BEND), 0.0)
+def _fading(k: np.ndarray) -> np.ndarray:
+    """ln(k / BEND) far below, 0 far above."""
+    return -0.5 * np.log1p((BEND / np.asarray(k, dtype=float)) ** 2)

@@ -12,10 +12,15 @@ EVEN = np.arange(2, 61, 2)
 LINES = np.arange(1, 41, 2)
 
 
+def rise(k: np.ndarray) -> np.ndarray:
+    """Power (K,) by which lines of exponent 1 exceed white ones: BEND / k far below `BEND`, 1 far above."""
+    return np.sqrt(1 + (BEND / k) ** 2)
+
+
 def powers(exponent: float, trials: int, n: int, seed: int = 0) -> np.ndarray:
-    """Mean squared Gaussian lines (n, E) that fall as k^-exponent below `BEND`."""
+    """Mean squared Gaussian lines (n, E) that fall as k^-exponent well below `BEND`."""
     squares = np.random.default_rng(seed).gamma(trials, 1.0 / trials, (n, EVEN.size))
-    return squares * np.minimum(EVEN / BEND, 1.0) ** -exponent
+    return squares * rise(EVEN) ** exponent
 
 
 @pytest.mark.parametrize("exponent", [-1.0, 0.0, 1.0])
@@ -25,15 +30,15 @@ def test_the_exponent_is_found_and_scatters_as_the_degrees_of_freedom_say(expone
     assert found.mean() == pytest.approx(exponent, abs=0.05)  # the prior pulls by 2 %
     known = np.full(LINES.size, 1e9)
     # ln of the noise at line 1 moves by the exponent's error times the distance from the middle of the lines used
-    inside = np.log(EVEN[EVEN <= BEND])
-    assert 1 / colour.dof(known)[0] == pytest.approx(found.var() * inside.mean() ** 2, rel=0.15)
+    distance = np.log(rise(LINES[:1])) - np.log(rise(EVEN[EVEN <= BEND])).mean()
+    assert 1 / colour.dof(known)[0] == pytest.approx(found.var() * distance[0] ** 2, rel=0.15)
 
 
 def test_levelling_flattens_and_restoring_undoes_it_at_the_same_line() -> None:
     colour = Colour(EVEN, EVEN, (2,))
     s = np.array([-0.7, 0.0, 1.3])
     assert colour.levelled(s) * colour.restored(s) == pytest.approx(np.ones((3, EVEN.size)))
-    flat = np.minimum(EVEN / BEND, 1.0) ** (-s[:, None] / 2) * colour.levelled(s)
+    flat = rise(EVEN) ** (s[:, None] / 2) * colour.levelled(s)
     assert flat == pytest.approx(np.ones_like(flat))
 
 
@@ -74,3 +79,15 @@ def test_line_one_of_white_and_brown_noise_is_nearer_the_truth_than_with_a_presu
         off[any_colour] = abs(np.log(np.array(found) / abs(resonance[1]) ** 2).mean())
     assert off[None] > 0.5
     assert off[2, 8] < 0.4 * off[None]
+
+
+def test_brown_noise_is_not_understated_where_its_colour_fades() -> None:
+    """A power law that ended sharply at `BEND` would leave the lines there 6 % too small."""
+    rng = np.random.default_rng(4)
+    k = np.maximum(np.arange(601.0), 1.0)
+    noise = (rng.standard_normal((400, 10, 601, 2, 2)) @ np.array([1, 1j]) / np.sqrt(2)) / k[:, None]
+    estimator = EvenLineCovariance(np.arange(1, 485, 2), 600, (2, 8))
+    found = np.mean([2 * estimator(x[:2], x[2:]) for x in noise], axis=0)
+    near = np.flatnonzero((estimator.lines > 0.6 * BEND) & (estimator.lines < 1.4 * BEND))
+    ratio = found[near, 0, 0].real * estimator.lines[near] ** 2
+    assert ratio == pytest.approx(np.ones(near.size), abs=0.03)

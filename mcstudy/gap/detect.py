@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from dask import compute, delayed
 
 from mcstudy.gap.draws import NullDraws
-from mcstudy.gap.fitting import Data, Fitted, Fitter, whiten
+from mcstudy.gap.fitting import Data, Fits, Fitted, Fitter, whiten
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.rough import Rough
 from mcstudy.gap.scores import Scores
@@ -24,9 +25,11 @@ from mcstudy.stance.response import frf
 EDGES_HZ = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0, 3.0, 4.5, 6.5, np.inf)
 """Edges of the bands in which the residual map is summed."""
 
-
 ROUGH = 0.05
 """Share of the gaps looked for that are smooth in nothing."""
+
+REFITS_A_TASK = 125
+"""Draws of the null that one Dask task refits; large enough that a task costs nothing beside them."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +88,21 @@ def linear_null(fitted: Fitted, data: Data, noise: np.ndarray) -> np.ndarray:
 
 
 def refitted_null(fitted: Fitted, fitter: Fitter, data: Data, noise: np.ndarray) -> np.ndarray:
-    """Residuals (4 N, n) of the model refitted to its own response plus every column of noise."""
+    """Residuals (4 N, n) of the model refitted to its own response plus every column of noise.
+
+    The refits are Dask tasks on the threads of this process; a fit's bits do not depend on its task.
+    """
     errors = np.einsum("nij,njk->kni", np.linalg.inv(data.weight), _complex(noise))
     y = fitted.response(data.f) + errors
     packed = np.array([data.with_y(x).packed for x in y])
-    n = y.shape[0]
-    fits = fitter.fits(packed, np.tile(fitted.theta, (n, 1)), np.arange(n))
-    r = y - frf(fitted.model, fits.estimate, data.f)
+
+    def refits(some: np.ndarray) -> Fits:
+        n = some.shape[0]
+        return fitter.fits(some, np.tile(fitted.theta, (n, 1)), np.arange(n))
+
+    tasks = [delayed(refits)(packed[i : i + REFITS_A_TASK]) for i in range(0, len(packed), REFITS_A_TASK)]
+    estimate = np.concatenate([fits.estimate for fits in compute(*tasks, scheduler="threads")])
+    r = y - frf(fitted.model, estimate, data.f)
     return whiten(data.weight, np.moveaxis(r, 0, -1))
 
 

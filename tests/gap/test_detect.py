@@ -6,7 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from dask.callbacks import Callback
 
+from mcstudy.gap import detect as detection
 from mcstudy.gap import effects as library
 from mcstudy.gap.base_fit import drawn_starts
 from mcstudy.gap.detect import Detection, detect, linear_null, refitted_null
@@ -42,6 +44,24 @@ def test_linearised_and_refitted_nulls_agree(plain_lines: list[Lines]) -> None:
     linear, refitted = linear_null(fitted, data, noise), refitted_null(fitted, fitter, data, noise)
     ratio = (refitted**2).sum(axis=0) / (linear**2).sum(axis=0)
     assert np.abs(ratio - 1).max() < 0.02
+
+
+def test_refits_are_dask_tasks_and_their_bits_do_not_depend_on_the_task(
+    plain_lines: list[Lines], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = Data.of(plain_lines[0])
+    fitter = Fitter(OPEN, OPEN, data.f)
+    fitted = fitter.best(data, drawn_starts(OPEN, 0, 8))
+    noise = NullDraws(plain_lines[0])(np.random.default_rng(1), 20)
+    ran: list[str] = []
+    found = []
+    for size, tasks in ((20, 1), (7, 3)):
+        monkeypatch.setattr(detection, "REFITS_A_TASK", size)
+        ran.clear()
+        with Callback(posttask=lambda key, *_: ran.append(key)):
+            found.append(refitted_null(fitted, fitter, data, noise))
+        assert len(ran) == tasks
+    assert (found[0] == found[1]).all()
 
 
 def test_score_of_no_deviation_is_evidence_against_one() -> None:

@@ -74,11 +74,20 @@ def verdict(d: Diagnosis) -> str:
             largest = max(contrast.changes, key=lambda k: k.log_factor)
             what = "with amplitude" if contrast.kind == "amplitude" else "over the recording"
             parts.append(f"The active gains change {what} by {100 * largest.gain:+.0f} % (± {100 * largest.se:.0f}).")
-    missed = [words(u.effect) for u in d.undetectable]
+    said = _said(d) if d.detected else set()
+    missed = [words(u.effect) for u in d.undetectable if u.effect not in said]
     if missed:
         parts.append(f"Not excluded, because these data cannot show it: {', '.join(missed)}.")
     parts += [f"Note: {w}." for w in d.warnings]
     return " ".join(parts)
+
+
+def _said(d: Diagnosis) -> set[str]:
+    """Effects that the sentences on causes name."""
+    causes = [d.causes[0]]
+    if d.unknown_probability <= d.causes[0].probability:
+        causes += [d.causes[k] for k in d.credible_set if isinstance(k, int)]
+    return {e for c in causes for group in c.alternatives for e in group}
 
 
 def _cause(d: Diagnosis) -> list[str]:

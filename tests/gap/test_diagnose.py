@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mcstudy.errors import RecordingError
+from mcstudy.gap.ambiguity import Undetectable
 from mcstudy.gap.diagnose import diagnose, diagnose_fast
 from mcstudy.gap.make_recording import Protocol, simulate_recording
 from mcstudy.gap.recording import Recording
@@ -45,6 +46,18 @@ def test_json_conforms_to_its_schema_and_says_what_the_object_says(lagging: Reco
     assert text.startswith("A gap beyond noise")
     assert "sensor lag theta1" in text
     assert "<table>" in out._repr_html_()
+
+
+def test_what_is_named_as_a_cause_is_not_also_said_to_be_invisible(lagging: Recording) -> None:
+    """At its typical size an effect may be hard to see, and yet be what these data show."""
+    out = diagnose_fast(lagging)
+    leading = out.causes[0].effects[0]
+    missed = (Undetectable(leading, "delta 1.0", None, "s", None), Undetectable("dead_zone", "why", None, "rad", None))
+    last = replace(out, undetectable=missed).verdict().split("Not excluded")[1]
+    assert "dead zone" in last
+    assert leading.replace("_", " ") not in last
+    nothing = replace(out, undetectable=missed, detected=False, closed=None).verdict().split("Not excluded")[1]
+    assert leading.replace("_", " ") in nothing
 
 
 def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording) -> None:

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+
 if TYPE_CHECKING:
     from mcstudy.gap.diagnosis import Diagnosis
     from mcstudy.gap.frf_only import FrfRecording
@@ -74,10 +76,7 @@ def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
     run.add_argument("-o", "--out", type=Path, required=True, metavar="DIR")
     run.set_defaults(run=_run)
     for verb in (make, answer, run):
-        verb.add_argument("--workers", type=int, help="threads of the local scheduler; default one a core")
-        verb.add_argument(
-            "--scheduler", metavar="ADDR", help="running Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT"
-        )
+        add_scheduler_arguments(verb)
     for verb in (score, run):
         verb.add_argument(
             "--check", action="store_true", help="exit with 5 when a target is missed beyond doubt (99.9 %% interval)"
@@ -160,19 +159,17 @@ def _report(args: argparse.Namespace) -> int:
 def _make(args: argparse.Namespace) -> int:
     from mcstudy.gap.challenge.design import read_challenge
     from mcstudy.gap.challenge.make import make
-    from mcstudy.study.cluster import ClusterOptions
 
     file = read_challenge(args.file)
-    sha = make(file, args.data, args.key, ClusterOptions(args.workers, args.scheduler))
+    sha = make(file, args.data, args.key, cluster_options(args))
     print(f"{args.data}: {file.total} recordings; key {args.key}, sha256 {sha}")
     return 0
 
 
 def _answer(args: argparse.Namespace) -> int:
     from mcstudy.gap.challenge.answer import METHODS, answer
-    from mcstudy.study.cluster import ClusterOptions
 
-    options = ClusterOptions(args.workers, args.scheduler)
+    options = cluster_options(args)
     sha = answer(args.data, args.out, METHODS[args.method], args.method, options)
     print(f"{args.out}: sha256 {sha}")
     return 0
@@ -199,10 +196,9 @@ def _run(args: argparse.Namespace) -> int:
     from mcstudy.gap.challenge.make import make
     from mcstudy.gap.challenge.score import exit_code, score_files
     from mcstudy.gap.challenge.table import text
-    from mcstudy.study.cluster import ClusterOptions
 
     file = read_challenge(args.file)
-    options = ClusterOptions(args.workers, args.scheduler)
+    options = cluster_options(args)
     data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
     make(file, data, key, options)
     if not answers.exists():

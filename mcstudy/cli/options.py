@@ -11,10 +11,9 @@ if TYPE_CHECKING:
     from mcstudy.study.submission import Outcome
 
 
-def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where to run, and how long a block may take."""
+def add_scheduler_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where to run."""
     parser.add_argument("--workers", type=_positive, help="threads of the local scheduler; default one a core")
-    parser.add_argument("--block", type=_positive, help="chunks a task; default about half a second of work")
     parser.add_argument(
         "--scheduler", metavar="ADDR", help="running Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT"
     )
@@ -27,6 +26,12 @@ def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
         help="accept a tcp:// scheduler on another machine",
     )
     parser.add_argument("--dashboard", action="store_true", help="serve Dask's dashboard on 127.0.0.1:8787")
+
+
+def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where to run, how large a block is and how long it may take."""
+    add_scheduler_arguments(parser)
+    parser.add_argument("--block", type=_positive, help="chunks a task; default about half a second of work")
     parser.add_argument(
         "--block-timeout",
         type=_seconds,
@@ -36,7 +41,7 @@ def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def cluster_options(args: argparse.Namespace) -> ClusterOptions:
-    """What `add_cluster_arguments` declared."""
+    """What `add_scheduler_arguments` or `add_cluster_arguments` declared."""
     from mcstudy.study.cluster import ClusterOptions
 
     return ClusterOptions(
@@ -47,7 +52,7 @@ def cluster_options(args: argparse.Namespace) -> ClusterOptions:
         tls_ca=args.tls_ca,
         tls_cert=args.tls_cert,
         tls_key=args.tls_key,
-        block_timeout=args.block_timeout,
+        block_timeout=getattr(args, "block_timeout", None),
     )
 
 

@@ -268,6 +268,20 @@ def test_the_command_makes_and_scores(
     assert "nowhere.toml: expected a readable challenge file" in capsys.readouterr().err
 
 
+def test_the_command_takes_certificates_and_refuses_what_makes_no_scheduler(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "c.toml").write_text('[challenge]\nname = "c"\nseed = 1\ncases = 3\n[protocol]\ncycles = 3\n')
+    words = ["gap", "challenge", "run", str(tmp_path / "c.toml"), "-o", str(tmp_path / "out")]
+    assert main([*words, "--scheduler", "tls://127.0.0.1:1", "--tls-ca", str(tmp_path / "no.pem")]) == 2
+    assert "--tls-ca: expected a readable PEM file" in capsys.readouterr().err
+    assert main([*words, "--scheduler", "tcp://192.0.2.1:8786"]) == 2
+    assert "expected tls:// for 192.0.2.1" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main([*words, "--workers", "0"])
+    assert "expected a whole number from 1" in capsys.readouterr().err
+
+
 def test_an_unknown_effect_in_the_file_is_refused(tmp_path: Path) -> None:
     file = resolve(RAW | {"sizes": {"effects": ["gravity"]}, "variant": {}})
     with pytest.raises(InputError, match="unknown effect 'gravity'"):

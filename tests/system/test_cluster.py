@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from distributed import Client
 from distributed.security import Security
 
 from mcstudy.errors import InputError, Interrupted
+from mcstudy.gap.challenge.fanout import fan_out
 from mcstudy.study import submission
 from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.durable import tree_digest
@@ -203,6 +205,22 @@ def test_a_scheduler_that_is_gone_is_exit_3_and_never_there_exit_2(folder: Path)
         assert "Traceback" not in errors
     with pytest.raises(InputError, match="expected a running scheduler"):
         run(folder / "never.zarr", made)
+
+
+def test_a_challenge_whose_scheduler_or_workers_die_is_resumable(folder: Path) -> None:
+    with cluster(folder / "challenge") as made:
+        made.add_worker()
+        results = fan_out(time.sleep, [0.01] * 50 + [5.0], ClusterOptions(scheduler=made.address), "data")
+        assert next(results) == (0.01, None)
+        made.scheduler.send_signal(signal.SIGKILL)
+        with pytest.raises(
+            Interrupted, match=r"data: the scheduler was lost with \d+ cases left; run the same"
+        ):
+            list(results)
+    with cluster(folder / "dying") as made:
+        made.add_worker(nanny=True)
+        with pytest.raises(Interrupted, match=r"data: workers kept dying .* with 1 cases left"):
+            list(fan_out(os._exit, [1], ClusterOptions(scheduler=made.address), "data"))
 
 
 def test_tls_with_certificates_gives_the_same_bytes_and_refuses_those_without(folder: Path, local: str) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from typing import Any, TypeVar
 
 import dask.array  # noqa: F401  # xarray imports it on first use, which two threads must not do at once
+from distributed import Client, KilledWorker
 
 from mcstudy.errors import Interrupted
-from mcstudy.study.cluster import ClusterOptions, connect
+from mcstudy.study.cluster import ClusterOptions, connect, dashboard_url
 from mcstudy.study.progress import Progress
 from mcstudy.study.stopping import stop_requests
 
@@ -36,22 +38,34 @@ def fan_out(
 ) -> Iterator[tuple[Item, Any]]:
     """Yield (item, result) in the order of completion; ``work`` must not raise for what concerns one item only.
 
-    Raises whatever ``work`` raises, and `Interrupted` on Ctrl-C or SIGTERM: what was yielded is for the caller to keep.
+    Raises whatever ``work`` raises, and `Interrupted` on Ctrl-C, SIGTERM, a lost scheduler or an item that kills its
+    workers: what was yielded is for the caller to keep.
     """
     if not items:
         return
     progress = Counting(len(items))
     finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
     with stop_requests() as stop, connect(options) as client:
+        if options.dashboard and options.scheduler is None:
+            progress.say(f"dashboard: {dashboard_url(client)}")
         running: dict[Any, Item] = {}
         waiting = iter(items)
-        left, counted, threads = len(items), -COUNT_S, 1
+        left, counted, threads, warned = len(items), -COUNT_S, 0, False
+
+        def interrupted(why: str) -> Interrupted:
+            return Interrupted(f"{what}: {why} with {left} cases left; run the same command again to resume")
+
         while left:
             if stop.is_set():
-                raise Interrupted(f"{what}: stopped with {left} cases left; run the same command again to resume")
+                raise interrupted("stopped")
+            if client.status != "running":
+                raise interrupted("the scheduler was lost")
             if time.monotonic() > counted + COUNT_S:
-                counted, threads = time.monotonic(), max(1, sum(client.nthreads().values()))
-            while len(running) < WINDOW * threads and (item := next(waiting, None)) is not None:
+                counted, threads = time.monotonic(), _threads(client)
+                if not threads and not warned:
+                    progress.say("the scheduler has no workers; waiting for some (Ctrl-C stops, resumable)")
+                warned = not threads
+            while len(running) < WINDOW * max(1, threads) and (item := next(waiting, None)) is not None:
                 future = client.submit(work, item, pure=False, retries=0)
                 running[future] = item
                 future.add_done_callback(finished.put)
@@ -61,9 +75,22 @@ def fan_out(
             except queue.Empty:
                 continue
             item = running.pop(future)
-            result = future.result()
+            try:
+                result = future.result()
+            except CancelledError:
+                raise interrupted("the scheduler was lost") from None  # nobody else cancels what is running
+            except KilledWorker as error:
+                raise interrupted(f"workers kept dying ({error})") from None
             future.release()
             left -= 1
             progress.add(1, 0)
             yield item, result
         progress.show(last=True)
+
+
+def _threads(client: Client) -> int:
+    """Threads of all workers, 0 when the scheduler does not answer."""
+    try:
+        return sum(client.nthreads().values())
+    except OSError:
+        return 0

@@ -213,9 +213,7 @@ def test_a_challenge_whose_scheduler_or_workers_die_is_resumable(folder: Path) -
         results = fan_out(time.sleep, [0.01] * 50 + [5.0], ClusterOptions(scheduler=made.address), "data")
         assert next(results) == (0.01, None)
         made.scheduler.send_signal(signal.SIGKILL)
-        with pytest.raises(
-            Interrupted, match=r"data: the scheduler was lost with \d+ cases left; run the same"
-        ):
+        with pytest.raises(Interrupted, match=r"data: the scheduler was lost with \d+ cases left; run the same"):
             list(results)
     with cluster(folder / "dying") as made:
         made.add_worker(nanny=True)

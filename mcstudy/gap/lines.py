@@ -83,10 +83,6 @@ class Lines:
     def __len__(self) -> int:
         return int(self.f.size)
 
-    def repeat_covariance(self, r: int) -> np.ndarray:
-        """Covariance (N, 2, 2) of the error of one repeat."""
-        return self.C / self.weight[r][:, None, None]
-
     def subset(self, repeats: np.ndarray) -> Lines:
         """The mean over some of the repeats only (indices or mask), same estimate of the noise."""
         weight = self.weight[repeats]

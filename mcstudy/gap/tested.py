@@ -24,7 +24,7 @@ CONTRAST_SHARE = 0.1
 MARGIN = 1.4
 """Factor on the p-value of the residual. Draws of the null know how uncertain the covariance is, not where its estimate
 is off on average: by up to a tenth at some lines when the noise has another colour than sway. With it the false alarms
-stay below 5 % for every kind of data in ``pipelines/gap_challenge_robust.toml``, without it at 5 or 6 %."""
+stay below 5 % for every kind of data in ``pipelines/gap_challenge_robust.toml``; without it they are 4 to 7 %."""
 
 
 @dataclass(frozen=True)

@@ -207,7 +207,7 @@ def test_a_scheduler_that_is_gone_is_exit_3_and_never_there_exit_2(folder: Path)
         run(folder / "never.zarr", made)
 
 
-def test_a_challenge_whose_scheduler_or_workers_die_is_resumable(folder: Path) -> None:
+def test_a_challenge_whose_scheduler_or_workers_die_is_resumable(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with cluster(folder / "challenge") as made:
         made.add_worker()
         results = fan_out(time.sleep, [0.01] * 50 + [5.0], ClusterOptions(scheduler=made.address), "data")
@@ -215,8 +215,9 @@ def test_a_challenge_whose_scheduler_or_workers_die_is_resumable(folder: Path) -
         made.scheduler.send_signal(signal.SIGKILL)
         with pytest.raises(Interrupted, match=r"data: the scheduler was lost with \d+ cases left; run the same"):
             list(results)
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")  # the first death is one too many
     with cluster(folder / "dying") as made:
-        made.add_worker(nanny=True)
+        made.add_worker()
         with pytest.raises(Interrupted, match=r"data: workers kept dying .* with 1 cases left"):
             list(fan_out(os._exit, [1], ClusterOptions(scheduler=made.address), "data"))
 

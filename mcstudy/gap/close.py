@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ive, xlogy
+from scipy import stats
 
 from mcstudy.gap.evidence import Hypothesis
 from mcstudy.gap.fitting import Data, Fitted, Fitter, understatement, whiten
@@ -161,9 +161,7 @@ def _remains(fitted: Fitted, base: Fitted, clean: Data) -> float:
 def _left(total: float, k: int, rng: np.random.Generator) -> np.ndarray:
     """Draws (`SAMPLES`,) of the energy left in k smooth dimensions whose square is ``total``; flat prior on delta."""
     delta = np.linspace(0.0, np.sqrt(max(total, 0.0)) + 8.0, 600)[1:]
-    # noncentral chi-squared; scipy.stats takes longer to import than a diagnosis may spend
-    x, order = max(total, 1e-3), k / 2 - 1
-    log_p = xlogy(order / 2, x / delta**2) - (np.sqrt(x) - delta) ** 2 / 2 + np.log(ive(order, np.sqrt(x) * delta))
+    log_p = stats.ncx2.logpdf(max(total, 1e-3), k, delta**2)
     p = np.exp(log_p - log_p.max())
     return np.asarray(rng.choice(delta, SAMPLES, p=p / p.sum()) ** 2)
 

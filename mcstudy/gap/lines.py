@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy import stats
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class EvenLines:
         level = self.level[inside]
         power = (np.abs(self.mean[inside]) ** 2 / level).sum(axis=0)
         ratio = power / (self.variance[inside] / level).sum(axis=0)
-        return ratio, fdtrc(2 * m, 2 * m * (self.repeats - 1), ratio)
+        return ratio, stats.f.sf(ratio, 2 * m, 2 * m * (self.repeats - 1))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from scipy import signal
 
 from mcstudy.errors import RecordingError
 from mcstudy.gap.between_samples import drive
@@ -80,7 +81,7 @@ def segment_lines(recording: Recording, fmax: float = 8.0, seconds: float | None
             for b in range(len(blocks))
         ]
     )
-    window = _window(n)
+    window = signal.get_window("hann", n)
     density = 2.0 / (recording.rate_hz * (window**2).sum())
     trial, cycle = np.array([(t, c) for t, c, _ in blocks]).T
     return Lines(
@@ -111,12 +112,10 @@ def _blocks(recording: Recording, n: int) -> list[tuple[int, int, Trial]]:
 
 def _transform(trial: Trial, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Windowed transforms of the segments of one block: (S, K) of the stimulus and (S, K, 2) of the angles."""
-    from scipy.signal import detrend  # half a second to import, which no other recording should wait for
-
     x = np.column_stack([trial.stimulus, trial.theta])
     starts = range(0, x.shape[0] - n + 1, n // 2)
-    cut = detrend(np.array([x[s : s + n] for s in starts]), axis=1)
-    z = np.fft.rfft(cut * _window(n)[:, None], axis=1)
+    cut = signal.detrend(np.array([x[s : s + n] for s in starts]), axis=1)
+    z = np.fft.rfft(cut * signal.get_window("hann", n)[:, None], axis=1)
     return z[..., 0], z[..., 1:]
 
 
@@ -142,8 +141,3 @@ def _smooth(single: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     white = single / (smooth[:, :, None] * smooth[:, None, :])
     local = np.einsum("nm,mij->nij", window, white)
     return local * smooth[:, :, None] * smooth[:, None, :], 1.0 / (window**2).sum(axis=1)
-
-
-def _window(n: int) -> np.ndarray:
-    """Periodic Hann window, (n,)."""
-    return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n))

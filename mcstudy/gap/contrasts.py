@@ -8,7 +8,7 @@ Derived.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 from mcstudy.errors import ModelError
 from mcstudy.gap import effects as library
 from mcstudy.gap.draws import NullDraws
-from mcstudy.gap.fitting import Fitted, understatement, whiten
+from mcstudy.gap.fitting import Fitted, whiten, whitener
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.scores import log_factor
 from mcstudy.stance.response import frf_jacobian
@@ -61,9 +61,7 @@ class Contrast:
 
 def _difference(kind: str, first: Lines, second: Lines) -> tuple[np.ndarray, np.ndarray]:
     """Whitened difference (4 N,) of second minus first, and its whitener (N, 2, 2), zero at lines left out."""
-    nu = np.maximum(first.dof, 3.0)
-    shrink = np.sqrt(2 * (nu - 2) / nu / understatement(first))
-    weight = np.linalg.inv(np.linalg.cholesky(first.C + second.C)) * shrink[:, None, None]
+    weight = whitener(replace(first, C=first.C + second.C))
     if kind == "time" and first.harmonic is not None:
         weight[first.harmonic < FIRST_HARMONIC] = 0.0
     return whiten(weight, second.y - first.y), weight

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from dask import compute, delayed
 
 from mcstudy.gap.draws import NullDraws
 from mcstudy.gap.fitting import Data, Fits, Fitted, Fitter, whiten
@@ -92,6 +91,8 @@ def refitted_null(fitted: Fitted, fitter: Fitter, data: Data, noise: np.ndarray)
 
     The refits are Dask tasks on the threads of this process; a fit's bits do not depend on its task.
     """
+    from dask import compute, delayed  # only here: the fast diagnosis does without
+
     errors = np.einsum("nij,njk->kni", np.linalg.inv(data.weight), _complex(noise))
     y = fitted.response(data.f) + errors
     packed = np.array([data.with_y(x).packed for x in y])

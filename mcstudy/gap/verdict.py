@@ -57,9 +57,8 @@ def verdict(d: Diagnosis) -> str:
         if d.closed is not None:
             c = d.closed
             best = words(" and ".join(d.causes[0].effects))
-            unnamed = d.unknown_probability > d.causes[0].probability
             parts.append(
-                (f"Of the named effects {best} would close" if unnamed else f"Adding {best} closes")
+                (f"Of the named effects {best} would close" if _unnamed(d) else f"Adding {best} closes")
                 + f" {100 * c.fraction:.0f} % "
                 f"[{100 * c.low:.0f}, {100 * c.high:.0f}] of the gap"
                 + (", down to the noise floor." if c.at_noise_floor else ".")
@@ -82,17 +81,22 @@ def verdict(d: Diagnosis) -> str:
     return " ".join(parts)
 
 
+def _unnamed(d: Diagnosis) -> bool:
+    """Whether a cause outside the library is more probable than any in it."""
+    return d.unknown_probability > d.causes[0].probability
+
+
 def _said(d: Diagnosis) -> set[str]:
     """Effects that the sentences on causes name."""
     causes = [d.causes[0]]
-    if d.unknown_probability <= d.causes[0].probability:
+    if not _unnamed(d):
         causes += [d.causes[k] for k in d.credible_set if isinstance(k, int)]
     return {e for c in causes for group in c.alternatives for e in group}
 
 
 def _cause(d: Diagnosis) -> list[str]:
     first = d.causes[0]
-    if d.unknown_probability > first.probability:
+    if _unnamed(d):
         out = [
             f"No effect of the library explains it: the cause is something else ({100 * d.unknown_probability:.0f} %)."
         ]

@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import logging
+import math
 import os
 import socket
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,9 @@ from mcstudy.errors import InputError
 CONNECT_S = 10
 
 RESTART_S = 20
+
+COUNT_S = 2.0
+"""How often the threads of all workers are counted."""
 
 DASHBOARD_PORT = 8787
 
@@ -149,6 +154,30 @@ def restart_worker(client: Client, address: str) -> None:
         client.restart_workers([address], timeout=RESTART_S, raise_for_error=False)
     except ValueError:  # no nanny, or gone already
         client.retire_workers([address], close_workers=True, remove=True)
+
+
+class Capacity:
+    """Threads of a scheduler's workers, which come and go: counted again now and then.
+
+    ``say``: told when there are none to wait for.
+    """
+
+    def __init__(self, client: Client, say: Callable[[str], None]) -> None:
+        self._client, self._say = client, say
+        self._counted, self._threads, self._warned = -math.inf, 1, False
+
+    def threads(self) -> int:
+        """How many there were when last counted, at least 1."""
+        now = time.monotonic()
+        if now > self._counted + COUNT_S:
+            try:
+                found = sum(self._client.nthreads().values())
+            except OSError:  # the scheduler is being lost, which the client's status will tell
+                return self._threads
+            if not found and not self._warned:
+                self._say("the scheduler has no workers; waiting for some (Ctrl-C stops, resumable)")
+            self._counted, self._threads, self._warned = now, max(1, found), not found
+        return self._threads
 
 
 @contextlib.contextmanager

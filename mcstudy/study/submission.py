@@ -26,7 +26,7 @@ from mcstudy.errors import Interrupted
 from mcstudy.fit.status import Status
 from mcstudy.study import environment
 from mcstudy.study.attempt import Attempt, Failure, attempt, topic
-from mcstudy.study.cluster import ClusterOptions, more_threads, restart_worker
+from mcstudy.study.cluster import Capacity, ClusterOptions, more_threads, restart_worker
 from mcstudy.study.layout import Chunk
 from mcstudy.study.progress import Progress
 from mcstudy.study.runlog import RunLog
@@ -44,8 +44,6 @@ TIMED_OUT = 2
 
 WINDOW = 3
 """Blocks in the scheduler's hands per thread: one running, and enough waiting that no thread idles."""
-
-COUNT_WORKERS_S = 2.0
 
 DRAIN_S = 1.2
 """How long a stopped run waits for blocks to write what they have; with all before and after it, under 2 s."""
@@ -128,7 +126,7 @@ class Submission:
         self.timeouts: Counter[Block] = Counter()
         self.doubtful: list[Block] = []
         self.given_up: set[Block] = set()
-        self.counted, self.threads = -math.inf, 1
+        self.capacity = Capacity(client, progress.say)
         self.warned: set[str] = set()
         client.subscribe_topic(topic(run), lambda event: self.started.put(event[1]))
 
@@ -139,7 +137,7 @@ class Submission:
         """
         self.waiting, self.doubtful = blocks, []
         while (self.waiting or self.running or self.suspects) and not self.stop.is_set():
-            window = self._window()
+            window = WINDOW * self.capacity.threads()
             while self.waiting and len(self.running) < window:
                 self._submit(self.waiting.popleft())
             if self.suspects and not self.running:
@@ -159,19 +157,6 @@ class Submission:
         left = self.progress.total - self.progress.done
         self.log.add("interrupted", why=why, fits=self.outcome.fits, left=left)
         return Interrupted(f"{self.cube.path}: {why} with {left} fits left; run the same command again to resume")
-
-    def _window(self) -> int:
-        """Blocks to keep in the scheduler's hands; workers come and go, so they are counted again now and then."""
-        now = time.monotonic()
-        if now > self.counted + COUNT_WORKERS_S:
-            threads = sum(self.client.nthreads().values())
-            if not threads and "workers" not in self.warned:
-                self.warned.add("workers")
-                self.progress.say("the scheduler has no workers; waiting for some (Ctrl-C stops, resumable)")
-            elif threads:
-                self.warned.discard("workers")
-            self.counted, self.threads = now, max(1, threads)
-        return WINDOW * self.threads
 
     def _submit(self, block: Block, alone: bool = False) -> None:
         task = Task(self.id, str(self.cube.path), self.study, block.group, self.cube.depths[block.group], block.chunks)

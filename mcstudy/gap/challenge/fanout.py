@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import queue
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from typing import Any, TypeVar
 
 import dask.array  # noqa: F401  # xarray imports it on first use, which two threads must not do at once
-from distributed import Client, KilledWorker
+from distributed import KilledWorker
 
 from mcstudy.errors import Interrupted
-from mcstudy.study.cluster import ClusterOptions, connect, dashboard_url
+from mcstudy.study.cluster import Capacity, ClusterOptions, connect, dashboard_url
 from mcstudy.study.progress import Progress
 from mcstudy.study.stopping import stop_requests
 
@@ -20,9 +19,6 @@ Item = TypeVar("Item")
 
 WINDOW = 3
 """Items in the scheduler's hands per thread."""
-
-COUNT_S = 2.0
-"""How often the scheduler's threads are counted: workers come and go."""
 
 
 class Counting(Progress):
@@ -50,7 +46,7 @@ def fan_out(
             progress.say(f"dashboard: {dashboard_url(client)}")
         running: dict[Any, Item] = {}
         waiting = iter(items)
-        left, counted, threads, warned = len(items), -COUNT_S, 0, False
+        left, capacity = len(items), Capacity(client, progress.say)
 
         def interrupted(why: str) -> Interrupted:
             return Interrupted(f"{what}: {why} with {left} cases left; run the same command again to resume")
@@ -60,12 +56,7 @@ def fan_out(
                 raise interrupted("stopped")
             if client.status != "running":
                 raise interrupted("the scheduler was lost")
-            if time.monotonic() > counted + COUNT_S:
-                counted, threads = time.monotonic(), _threads(client)
-                if not threads and not warned:
-                    progress.say("the scheduler has no workers; waiting for some (Ctrl-C stops, resumable)")
-                warned = not threads
-            while len(running) < WINDOW * max(1, threads) and (item := next(waiting, None)) is not None:
+            while len(running) < WINDOW * capacity.threads() and (item := next(waiting, None)) is not None:
                 future = client.submit(work, item, pure=False, retries=0)
                 running[future] = item
                 future.add_done_callback(finished.put)
@@ -86,11 +77,3 @@ def fan_out(
             progress.add(1, 0)
             yield item, result
         progress.show(last=True)
-
-
-def _threads(client: Client) -> int:
-    """Threads of all workers, 0 when the scheduler does not answer."""
-    try:
-        return sum(client.nthreads().values())
-    except OSError:
-        return 0

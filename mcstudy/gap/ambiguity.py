@@ -61,8 +61,8 @@ def undetectable(found: Sequence[Signature], contrasts: Sequence[Contrast], tria
             )
         )
     kinds = {c.kind: c for c in contrasts}
-    for e in library.LIBRARY:
-        if e.contrast == "remnant":
+    for e in library.LIBRARY.values():
+        if e.kind != "linear" and e.contrast is None:
             out.append(Undetectable(e.name, "changes the noise, not the responses", None, e.size.unit, None))
         elif e.contrast == "amplitude" and "amplitude" not in kinds:
             out.append(Undetectable(e.name, "needs trials at two amplitudes", None, e.size.unit, None))

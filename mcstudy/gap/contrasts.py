@@ -80,8 +80,8 @@ def contrast(
     difference, weight = _difference(kind, first, second)
     noise = NullDraws(first)(rng, draws)
     null, changes = [], []
-    for e in library.LIBRARY:
-        if e.contrast != kind:
+    for e in library.LIBRARY.values():
+        if e.contrast != kind or e.gain_sign is None:
             continue
         try:
             traced = library.trace(base.model, e.name)
@@ -91,17 +91,16 @@ def contrast(
         length = float(np.linalg.norm(J))
         if length < 1e-9:
             continue
-        # a positive size lowers the gain with amplitude, except for a dead zone, which hides small sway
-        sign = {"dead_zone": 1.0, "gain_drift": 1.0}.get(e.name, -1.0)
-        unit = sign * J / length
+        unit = e.gain_sign * J / length
         spread = _spread(unit, difference[:, None])[0]
         z = float(unit @ difference) / spread
         scale = TYPICAL_CHANGE * length
         one_sided = not e.size.signed
         value = float(log_factor(np.array(z), scale, one_sided))
         null.append(log_factor(unit @ noise / _spread(unit, noise), scale, one_sided))
-        gain = sign * z * spread / length
-        changes.append(Change(e.name, value, z, gain, float(spread) / length, _size(e.name, gain, between)))
+        gain = e.gain_sign * z * spread / length
+        size = None if e.size_from_gain is None else e.size_from_gain(gain, between)
+        changes.append(Change(e.name, value, z, gain, float(spread) / length, size))
     if not changes:
         return Contrast(kind, between, (), 1.0)
     statistic = logsumexp([c.log_factor for c in changes])
@@ -118,15 +117,6 @@ def _spread(unit: np.ndarray, difference: np.ndarray) -> np.ndarray:
     power = (unit**2).reshape(2, -1, 2).sum(axis=(0, 2))
     weight = np.broadcast_to(power[None, :, None] / 4, (2, power.size, 2)).ravel()
     return np.sqrt(np.maximum(weight @ rest**2 / (weight @ (1 - unit**2)), 0.3))
-
-
-def _size(name: str, gain: float, between: tuple[float, float]) -> float | None:
-    """Size of an effect from the change of gain, where it follows."""
-    if name == "amplitude_reweighting" and gain > -0.9:
-        return float(-np.log1p(gain) / np.log(between[1] / between[0]))
-    if name == "gain_drift":
-        return 2.0 * gain  # the halves' middles are half a recording apart
-    return None
 
 
 def contrasts(lines: Lines, base: Fitted, rng: np.random.Generator) -> list[Contrast]:

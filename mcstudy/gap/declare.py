@@ -1,4 +1,7 @@
-"""What an effect is: its sizes, where it acts, how it changes a model. The library is in `mcstudy.gap.effects`."""
+"""What an effect is: its sizes, where it acts, how it changes a model. The library is in `mcstudy.gap.effects`.
+
+Everything that tells one effect from another is a field of its declaration: no other code knows an effect by name.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,24 @@ from typing import Any, Literal
 
 import numpy as np
 
+from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model, Parameter
 
 Place = Literal["ankle", "hip", "stimulus", "sensor", "body"]
 PLACES: tuple[Place, ...] = ("ankle", "hip", "stimulus", "sensor", "body")
 Kind = Literal["linear", "nonlinear", "nonstationary"]
-Contrast = Literal["amplitude", "time", "remnant"]
+Contrast = Literal["amplitude", "time"]
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """A value that a size takes when somebody made a known mistake, and what to check then.
+
+    Attributes: value: of the size. advice: a sentence for the user.
+    """
+
+    value: float
+    advice: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +43,7 @@ class Size:
     published: (low, high) magnitude reported for people; for a companion, its reported range.
     signed: whether people have it with either sign. Bounds reach below the null also where they do not, so that an
         estimate near the null is not cut off, unless a negative value has no meaning.
+    mistakes: values that known mistakes give it; each has a prior share and a start of its own.
     """
 
     name: str
@@ -38,6 +54,7 @@ class Size:
     published: tuple[float, float]
     meaning: str = ""
     signed: bool = False
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def companion(self) -> bool:
@@ -100,8 +117,12 @@ class Effect:
     order: effects are applied in ascending order: 0 terms, 1 copies of terms, 2 filters and delays on terms.
     source: where the published size is from.
     kind: "linear", "nonlinear" (depends on amplitude) or "nonstationary" (depends on time or is noise).
-    contrast: comparison that reveals a nonlinear or nonstationary effect: between amplitudes, first against last
-        cycles, or the remnant spectrum against the noise model.
+    contrast: comparison that reveals a nonlinear or nonstationary effect: between amplitudes, or between the first and
+        the last cycles. None for a linear effect, and for one that changes the noise and not the responses.
+    gain_sign: sign of the change of the active gains, from the lower to the higher amplitude or from the first to the
+        last cycles, for a positive size. Needed with ``contrast``.
+    size_from_gain: the size from the relative change of the active gains and the two amplitudes compared (0 and 1 for
+        first and last cycles); None where it does not follow.
     rule: the fields of `Rules` that carry it in simulation, from its sizes and the trial; None for a linear effect.
     family: effects of one family are variants of one cause.
     """
@@ -115,8 +136,20 @@ class Effect:
     order: int = 0
     kind: Kind = "linear"
     contrast: Contrast | None = None
+    gain_sign: Literal[-1, 1] | None = None
+    size_from_gain: Callable[[float, tuple[float, float]], float | None] | None = None
     rule: Callable[[Mapping[str, float], TrialSetting], dict[str, Any]] | None = None
     family: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.sizes or self.size.companion:
+            raise InputError(f"effect {self.name!r}: sizes: expected the size proper, with a null value, first")
+        if (self.kind == "linear") != (self.rule is None):
+            raise InputError(f"effect {self.name!r}: rule: expected one exactly for an effect that is not linear")
+        if self.contrast is not None and (self.kind == "linear" or self.gain_sign is None):
+            raise InputError(
+                f"effect {self.name!r}: contrast: expected an effect that is not linear, with gain_sign of 1 or -1"
+            )
 
     @property
     def size(self) -> Size:

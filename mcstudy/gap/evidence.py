@@ -7,8 +7,8 @@ that bounds, skewness and one-sided priors are taken as they are. Two effects to
 Prior of a size: half as published (normal, the larger published figure as standard deviation), half of the size that
 would just show in these data (`TYPICAL_DELTA` standard errors), all but a twentieth on the sign that people have. A
 hypothesis speaks of an effect that shows: where the published size does not, the second half is all of it, so that an
-effect the recording cannot speak about gains nothing by fitting as well as no effect. A
-stimulus gain may also be a mix-up of peak and peak-to-peak amplitude, a factor 2 or 1/2.
+effect the recording cannot speak about gains nothing by fitting as well as no effect. A size may also be what a known
+mistake makes of it (`Mistake`), as a stimulus whose peak and peak-to-peak amplitudes were confused.
 """
 
 from __future__ import annotations
@@ -25,8 +25,14 @@ from mcstudy.gap.fitting import Data, Fitted, Fitter
 from mcstudy.gap.scores import TYPICAL_DELTA, WRONG_SIGN
 from mcstudy.gap.signatures import Signature
 
-MIX_UP = 0.04
-"""Prior share of each way to confuse peak and peak-to-peak amplitude in a stimulus gain error."""
+MISTAKE = 0.04
+"""Prior share of each known mistake that would give an effect's size."""
+
+MISTAKE_SD = 0.03
+"""Standard deviation of a size around the value that a mistake gives it."""
+
+MISTAKE_TOLERANCE = 0.1
+"""Distance of an estimate from what a known mistake gives, within which the mistake is named."""
 
 SPAN = 6.0
 """Half-width of the grid of sizes in standard errors."""
@@ -36,7 +42,10 @@ POINTS = 25
 
 @dataclass(frozen=True)
 class SizeEstimate:
-    """Estimate of one parameter of an effect: posterior mean and standard deviation, 95 % limits, unit."""
+    """Estimate of one parameter of an effect: posterior mean and standard deviation, 95 % limits, unit.
+
+    ``advice``: what to check when the estimate is what a known mistake gives, else empty.
+    """
 
     name: str
     estimate: float
@@ -44,6 +53,7 @@ class SizeEstimate:
     low: float
     high: float
     unit: str
+    advice: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,11 +71,6 @@ class Hypothesis:
     fitted: Fitted
     sizes: tuple[SizeEstimate, ...] = ()
 
-    @property
-    def places(self) -> tuple[str, ...]:
-        """Where the effects act, each place once."""
-        return tuple(dict.fromkeys(p for n in self.effects for p in library.effect(n).place))
-
 
 def log_prior(size: Size, a: np.ndarray, se: float) -> np.ndarray:
     """ln density of the prior of a size at values ``a``, for data that would estimate it to ``se``."""
@@ -80,9 +85,9 @@ def log_prior(size: Size, a: np.ndarray, se: float) -> np.ndarray:
     out = logsumexp(parts, axis=0)
     if not size.signed:
         out = out + np.log(2) + np.where(x >= 0, np.log(1 - WRONG_SIGN), np.log(WRONG_SIGN))
-    if size.name == "eps_stim":
-        mixed = [normal(c, 0.03) + np.log(MIX_UP) for c in (1.0, -0.5)]
-        out = logsumexp([out + np.log(1 - 2 * MIX_UP), *mixed], axis=0)
+    if size.mistakes:
+        wrong = [normal(m.value, MISTAKE_SD) + np.log(MISTAKE) for m in size.mistakes]
+        out = logsumexp([out + np.log(1 - len(wrong) * MISTAKE), *wrong], axis=0)
     return np.asarray(out)
 
 
@@ -102,8 +107,7 @@ def starts_for(
     for theta in (*minima, base.prior.mean):
         for factor in (1.0, 0.3) if not e.size.signed else (1.0, -1.0):
             rows.append([*theta, factor * middle[0], *middle[1:]])
-    if name == "stimulus_gain":
-        rows += [[*base.prior.mean, x] for x in (1.0, -0.5)]
+    rows += [[*base.prior.mean, m.value, *middle[1:]] for m in e.size.mistakes]
     return np.array(rows)
 
 
@@ -159,7 +163,8 @@ def _summary(size: Size, grid: np.ndarray, weight: np.ndarray) -> SizeEstimate:
     sd = float(np.sqrt(weight @ (grid - mean) ** 2))
     share = np.cumsum(weight) - weight / 2
     low, high = np.interp((0.025, 0.975), share, grid)
-    return SizeEstimate(size.name, mean, sd, float(low), float(high), size.unit)
+    advice = next((m.advice for m in size.mistakes if abs(mean - m.value) < MISTAKE_TOLERANCE), "")
+    return SizeEstimate(size.name, mean, sd, float(low), float(high), size.unit, advice)
 
 
 def together(base: Fitted, data: Data, names: tuple[str, str], starts: np.ndarray) -> Hypothesis:

@@ -65,7 +65,6 @@ class Explanation:
     unknown: float
     unknown_places: dict[str, float]
     hypotheses: tuple[tuple[Hypothesis, float], ...]
-    tried_pairs: int
 
 
 def explain(
@@ -132,7 +131,6 @@ def explain(
         unknown=float(np.exp(logsumexp(log_unknown) - total)),
         unknown_places=unknown_places,
         hypotheses=tuple((h, float(p)) for (h, _), p in zip(weighted, probability, strict=True)),
-        tried_pairs=PARTNERS,
     )
 
 

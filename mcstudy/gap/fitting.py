@@ -61,7 +61,7 @@ class Prior:
 
         Published sizes enter the evidence (`mcstudy.gap.evidence`), not the fit: an estimate must not be pulled.
         """
-        sizes = {s.name: s for e in library.LIBRARY for s in e.sizes}
+        sizes = {s.name: s for e in library.LIBRARY.values() for s in e.sizes}
         mean, scale = [], []
         for p in model.parameters:
             if p.name in base.names:

@@ -56,7 +56,7 @@ class Signature:
 def usable(base: Model) -> list[Effect]:
     """Linear effects of the library that can be added to the base model."""
     out = []
-    for e in library.LIBRARY:
+    for e in library.LIBRARY.values():
         if e.kind != "linear":
             continue
         try:

@@ -105,14 +105,7 @@ def _cause(d: Diagnosis) -> list[str]:
     else:
         sizes = "; ".join(f"{s.name} = {s.estimate:.3g} ± {s.se:.2g} {s.unit}".rstrip() for s in first.sizes)
         out = [f"Most likely cause: {named(first)} ({100 * first.probability:.0f} %; {sizes})."]
-        if first.effects == ("stimulus_gain",):
-            size = first.sizes[0].estimate
-            for factor, what in ((1.0, "half"), (-0.5, "twice")):
-                if abs(size - factor) < 0.1:
-                    out.append(
-                        f"The stimulus acted as if its stated amplitude were {what} the true one: check whether it is "
-                        "a peak or a peak-to-peak value."
-                    )
+        out += [s.advice for s in first.sizes if s.advice]
         others = [
             f"{named(d.causes[k])} ({100 * d.causes[k].probability:.0f} %)"
             for k in d.credible_set

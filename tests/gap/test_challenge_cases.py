@@ -70,7 +70,7 @@ def test_effects_that_the_parameters_absorb_are_not_drawn() -> None:
     drawable = pool(SERIES)
     assert "joint_stretch_frame" not in drawable
     assert {"head_mode", "stimulus_gain", "sensor_lag_theta1", "activation_dynamics"} <= set(drawable)
-    assert set(drawable) <= set(library.LINEAR)
+    assert set(drawable) <= set(library.LIBRARY.linear)
 
 
 def test_an_integral_term_stands_though_it_is_slow(geometry: Geometry) -> None:

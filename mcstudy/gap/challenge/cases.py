@@ -72,7 +72,7 @@ def _shared(text: str) -> tuple[Setting, tuple[Probe, ...]]:
     series = Series.model_validate_json(text)
     protocol, base = protocol_of(series), two_segment()
     setting = Setting.of(protocol, series.protocol.fmax)
-    wanted = [n for n in series.sizes.effects or library.LINEAR if library.effect(n).kind == "linear"]
+    wanted = [n for n in series.sizes.effects or library.LIBRARY.linear if library.effect(n).kind == "linear"]
     found = probes(Geometry(free(base), base.truth, setting, protocol.noise), wanted)
     nimble = np.where(np.isin(base.names, base.delays), NIMBLE, 1.0) * base.truth
     missing = [n for n in wanted if n not in {p.effect for p in found}]

@@ -22,7 +22,7 @@ import numpy as np
 from scipy import stats
 
 from mcstudy.gap.evidence import Hypothesis
-from mcstudy.gap.fitting import Data, Fitted, Fitter, understatement, whiten
+from mcstudy.gap.fitting import Data, Fitted, Fitter, whiten
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.rough import Rough
 from mcstudy.gap.small_linear import orthonormal
@@ -176,6 +176,6 @@ def floor_rms_deg(fitted: Fitted, data: Data, lines: Lines) -> float:
     """The same error where nothing but noise is left: what noise the fit of these parameters does not absorb, deg."""
     J = np.moveaxis(frf_jacobian(fitted.model, fitted.theta, data.f)[1], -1, 0)
     # Not from the weights: where few lines tell the noise, their inverse is several times too large.
-    noise = understatement(lines) * np.einsum("nii->n", lines.C).real
+    noise = lines.noise.variance.sum(axis=1)
     taken = np.einsum("pni,pq,qni->n", J, fitted.covariance, J.conj(), optimize=True).real
     return float(np.rad2deg(np.sqrt((2 * lines.power * np.maximum(noise - taken, 0.05 * noise)).sum())))

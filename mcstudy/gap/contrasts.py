@@ -8,15 +8,14 @@ Derived.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
 
 from mcstudy.errors import ModelError
 from mcstudy.gap import effects as library
-from mcstudy.gap.draws import NullDraws
-from mcstudy.gap.fitting import Fitted, whiten, whitener
+from mcstudy.gap.fitting import Fitted, whiten
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.scores import log_factor
 from mcstudy.stance.response import frf_jacobian
@@ -61,7 +60,7 @@ class Contrast:
 
 def _difference(kind: str, first: Lines, second: Lines) -> tuple[np.ndarray, np.ndarray]:
     """Whitened difference (4 N,) of second minus first, and its whitener (N, 2, 2), zero at lines left out."""
-    weight = whitener(replace(first, C=first.C + second.C))
+    weight = first.noise.plus(second.noise).whitener
     if kind == "time" and first.harmonic is not None:
         weight[first.harmonic < FIRST_HARMONIC] = 0.0
     return whiten(weight, second.y - first.y), weight
@@ -78,7 +77,7 @@ def contrast(
 ) -> Contrast:
     """Compare two sets of lines under all effects that the library says this contrast reveals."""
     difference, weight = _difference(kind, first, second)
-    noise = NullDraws(first)(rng, draws)
+    noise = first.noise.draw(rng, draws)
     null, changes = [], []
     for e in library.LIBRARY.values():
         if e.contrast != kind or e.gain_sign is None:

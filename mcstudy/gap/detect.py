@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from mcstudy.gap.draws import NullDraws
 from mcstudy.gap.fitting import Data, Fits, Fitted, Fitter, whiten
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.rough import Rough
@@ -118,7 +117,7 @@ def detect(
     refits: bool,
 ) -> Detection:
     """All tests on one fit of the base model. ``refits``: refit the model to every draw (slower)."""
-    noise = NullDraws(lines)(rng, draws)
+    noise = lines.noise.draw(rng, draws)
     null = refitted_null(fitted, fitter, data, noise) if refits else linear_null(fitted, data, noise)
     residual = fitted.residual(data)
     # A refit that went far leaves, through the curvature of the model, what the parameters could take at this fit:

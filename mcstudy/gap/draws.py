@@ -8,42 +8,65 @@ into every null distribution; a plain chi-squared rejects far too often. Derived
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from mcstudy.gap.lines import Lines
 from mcstudy.spectra.colour import Colour
-from mcstudy.spectra.lines import half_width
+from mcstudy.spectra.window import parabolic
+
+
+@dataclass(frozen=True, eq=False)
+class Pooling:
+    """What the covariance estimates at N lines are made of.
+
+    Attributes
+    ----------
+    at, half_width: (N,) place of each line among the even lines, and reach of the window that averages them.
+    records: independent records averaged; None: as many as the degrees of freedom imply.
+    colour_records: further records that tell the colour of the noise; None when it is not estimated.
+    """
+
+    at: np.ndarray
+    half_width: np.ndarray
+    records: int | None = None
+    colour_records: int | None = None
+
+    def at_lines(self, keep: np.ndarray) -> Pooling:
+        """At some of the lines."""
+        return replace(self, at=self.at[keep], half_width=self.half_width[keep])
+
+
+def pooled(dof: np.ndarray, trials: int) -> Pooling:
+    """Pooling for estimates with ``dof`` (N,) from neighbouring lines of ``trials``, when no more is known of them."""
+    at = 2.0 * np.arange(dof.size) + 1.0
+    return Pooling(at, np.maximum(1.2 * np.maximum(dof, 3.0) / trials, 2.1), records=trials)
 
 
 class NullDraws:
-    """Draws of whitened errors (4 N, n); build once per recording."""
+    """Draws of whitened errors (4 N, n) for covariances with ``dof`` (N,) degrees of freedom; None: known ones."""
 
-    def __init__(self, lines: Lines) -> None:
-        self._dof = np.maximum(lines.dof, 3.0)
-        n = len(lines)
-        if lines.even is not None and lines.harmonic is not None:
-            at, width = lines.harmonic.astype(float), half_width(lines.harmonic) + 1.0
-            trials = 0
-        else:
-            at = 2.0 * np.arange(n) + 1.0
-            trials = max(1, int(np.unique(lines.trial).size))
-            width = np.maximum(1.2 * self._dof / trials, 2.1)
+    def __init__(self, dof: np.ndarray, pooling: Pooling | None) -> None:
+        self._dof = np.maximum(dof, 3.0)
+        self._pooling = pooling
+        self._colour = None
+        if pooling is None:
+            return
+        at, width = pooling.at, pooling.half_width
         top = int(1.1 * at[-1] + min(width[-1], 60.0))
         even = np.arange(2, max(top, 10) + 1, 2)
-        window = np.clip(1.0 - ((even - at[:, None]) / width[:, None]) ** 2, 0.0, None)
-        self._window = window / window.sum(axis=1, keepdims=True)
+        self._window = parabolic(at, even, width)
         own = 1.0 / (self._window**2).sum(axis=1)
-        self._trials = trials or max(1, round(float(np.median(self._dof / own))))
-        self._fixed = self._dof.min() > 1e4
-        # Only `periodic_lines` estimates a slope, where it has even lines.
-        self._differences = int(lines.trial.size - np.unique(lines.trial).size)
-        self._colour = None if trials else Colour(even, at, (self._trials, self._differences))
+        self._records = pooling.records or max(1, round(float(np.median(self._dof / own))))
+        if pooling.colour_records is not None:
+            self._further = pooling.colour_records
+            self._colour = Colour(even, at, (self._records, self._further))
 
     def __call__(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """``n`` draws, (4 N, n), in the order and units of `mcstudy.gap.fitting.whiten`."""
         N = self._dof.size
         z = (rng.standard_normal((N, 2, n)) + 1j * rng.standard_normal((N, 2, n))) / np.sqrt(2)
-        if not self._fixed:
+        if self._pooling is not None:
             z = self._divided(z, rng)
         z *= np.sqrt(2 * (self._dof - 2) / self._dof)[:, None, None]
         z = z.reshape(2 * N, n)
@@ -53,13 +76,13 @@ class NullDraws:
         """L^-1 z for random S~ = L L^H."""
         E, n = self._window.shape[1], z.shape[-1]
         products = np.zeros((4, E, n))
-        for _ in range(self._trials):
+        for _ in range(self._records):
             x = rng.standard_normal((4, E, n)) * np.sqrt(0.5)
             products[0] += x[0] ** 2 + x[1] ** 2
             products[1] += x[2] ** 2 + x[3] ** 2
             products[2] += x[2] * x[0] + x[3] * x[1]
             products[3] += x[3] * x[0] - x[2] * x[1]
-        products /= self._trials
+        products /= self._records
         if self._colour is None:
             s11, s22, re, im = np.einsum("le,pen->pln", self._window, products, optimize=True)
         else:
@@ -76,7 +99,7 @@ class NullDraws:
         From one angle: of the two in a recording the flatter one tells, and they differ by far more than they scatter.
         """
         mean = products[0, : colour.used].T
-        between = rng.standard_gamma(self._differences, mean.shape)
+        between = rng.standard_gamma(self._further, mean.shape)
         exponent = colour.exponent(np.stack([mean, between])[:, None])[0]
         level, restored = colour.levelled(exponent).T ** 2, colour.restored(exponent).T ** 2
         return restored * np.asarray(np.einsum("le,pen->pln", self._window, products * level, optimize=True))

@@ -1,9 +1,7 @@
 """Fits of the diagnosis: maximum a posteriori, with weak priors on the body's parameters.
 
 Units. With C = E[e e^H] the log likelihood of the lines is -sum r^H C^-1 r, so the deviance chi2 = 2 sum r^H C^-1 r
-counts 4 N real degrees of freedom; every whitened vector here is real with unit variance. C is an estimate with
-finite degrees of freedom nu, whose inverse is too large on average by nu / (nu - 2) (complex Wishart, two channels);
-`whitener` takes that out.
+counts 4 N real degrees of freedom; every whitened vector here is real with unit variance.
 
 Priors. Nothing is known about a new person beyond the order of magnitude of the parameters: a gain is its nominal
 value (scaled to the body's weight) with a standard deviation of `GAIN_SPREAD` times it, a delay with
@@ -74,26 +72,6 @@ class Prior:
         return cls(np.array(mean), np.array(scale))
 
 
-def understatement(lines: Lines) -> np.ndarray:
-    """True over estimated covariance from even lines, on average, (N,).
-
-    Found by measuring several hundred simulated recordings of 3, 6 and 20 cycles and three colours of noise: the
-    prewhitening is fitted to the lines it whitens, which takes 4 % of one trial's noise away, and at the lowest
-    lines the neighbours lie to one side only, which costs up to another 25 %. 1 for covariances of other origin.
-    """
-    if lines.even is None or lines.harmonic is None:
-        return np.ones(len(lines))
-    trials = np.unique(lines.trial).size
-    return np.asarray((1 + 0.04 / trials) * (1 + 0.25 * np.exp(-(((lines.harmonic - 1) / 5.0) ** 2))))
-
-
-def whitener(lines: Lines) -> np.ndarray:
-    """W (N, 2, 2), lower triangular: W^H W / 2 is the unbiased estimate of the precision of y."""
-    nu = np.maximum(lines.dof, 3.0)
-    shrink = np.sqrt(2 * (nu - 2) / nu / understatement(lines))
-    return np.linalg.inv(np.linalg.cholesky(lines.C)) * shrink[:, None, None]
-
-
 def whiten(weight: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Whitened FRF residuals (N, 2) or derivatives (N, 2, K) as real numbers (4 N,) or (4 N, K)."""
     z = np.einsum("nij,nj...->ni...", weight, r)
@@ -103,7 +81,7 @@ def whiten(weight: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Data:
-    """Lines in the form the fits read: f (N,), y (N, 2), weight (N, 2, 2) from `whitener`."""
+    """Lines in the form the fits read: f (N,), y (N, 2), weight (N, 2, 2) from `LineNoise.whitener`."""
 
     f: np.ndarray
     y: np.ndarray
@@ -112,7 +90,7 @@ class Data:
     @classmethod
     def of(cls, lines: Lines) -> Data:
         """From measured lines."""
-        return cls(lines.f, lines.y, whitener(lines))
+        return cls(lines.f, lines.y, lines.noise.whitener)
 
     @property
     def packed(self) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mcstudy.errors import RecordingError
+from mcstudy.gap.line_noise import LineNoise
 from mcstudy.gap.lines import Lines
 from mcstudy.stance.body import Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
@@ -58,15 +59,13 @@ def lines_of(f: np.ndarray, y: np.ndarray, C: np.ndarray, name: str = "frf", amp
     return Lines(
         f=f,
         y=y.astype(complex),
-        C=C.astype(complex),
-        dof=LARGE_DOF * one,
+        noise=LineNoise(C.astype(complex), LARGE_DOF * one),
         repeats=y[None].astype(complex),
         weight=one[None],
         trial=np.zeros(1, dtype=int),
         cycle=np.zeros(1, dtype=int),
         amplitude=np.array([amplitude]),
         power=np.nan * one,
-        remnant=np.full((n, 2, 2), np.nan, dtype=complex),
     )
 
 

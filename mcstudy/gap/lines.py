@@ -7,10 +7,12 @@ other the lines of overlapping segments (`mcstudy.gap.segments`), a published FR
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
+
+from mcstudy.gap.line_noise import LineNoise
 
 
 @dataclass(frozen=True)
@@ -53,30 +55,26 @@ class Lines:
     ----------
     f: (N,) Hz.
     y: (N, 2) complex, mean FRF in rad per unit of the stimulus: sum over repeats of ``weight`` * ``repeats``.
-    C: (N, 2, 2) complex Hermitian, E[e e^H] of the error of ``y``.
-    dof: (N,) complex degrees of freedom of the estimate ``C`` (a complex Wishart matrix of that many outer products).
+    noise: of ``y``: covariance, how well it is known, random draws.
     repeats: (R, N, 2) complex FRFs whose errors are independent of each other (cycles, or blocks of segments).
-    weight: (R, N) share of each repeat in the mean, columns sum to 1; the covariance of repeat r is C / weight[r].
+    weight: (R, N) share of each repeat in the mean, columns sum to 1; repeat r has covariance noise.C / weight[r].
     trial, cycle: (R,) which trial and which cycle (or block) a repeat is.
     amplitude: (R,) peak amplitude of the repeat's trial, unit of the stimulus.
     power: (N,) mean squared Fourier coefficient of the stimulus per repeat, unit^2: the sway at line n has mean
         square 2 power |y|^2 per angle (for segments: the power of the band that belongs to the line).
-    remnant: (N, 2, 2) one-sided spectral density of the sway the stimulus does not explain, rad^2/Hz.
     even: the lines that are not excited, None when there are none.
     harmonic: (N,) harmonic number of each line, None when not periodic.
     """
 
     f: np.ndarray
     y: np.ndarray
-    C: np.ndarray
-    dof: np.ndarray
+    noise: LineNoise
     repeats: np.ndarray
     weight: np.ndarray
     trial: np.ndarray
     cycle: np.ndarray
     amplitude: np.ndarray
     power: np.ndarray
-    remnant: np.ndarray
     even: EvenLines | None = None
     harmonic: np.ndarray | None = None
 
@@ -87,38 +85,28 @@ class Lines:
         """The mean over some of the repeats only (indices or mask), same estimate of the noise."""
         weight = self.weight[repeats]
         total = weight.sum(axis=0)
-        return Lines(
-            f=self.f,
+        return replace(
+            self,
             y=np.einsum("rn,rnj->nj", weight / total, self.repeats[repeats]),
-            C=self.C / total[:, None, None],
-            dof=self.dof,
+            noise=self.noise.times(1 / total),
             repeats=self.repeats[repeats],
             weight=weight / total,
             trial=self.trial[repeats],
             cycle=self.cycle[repeats],
             amplitude=self.amplitude[repeats],
-            power=self.power,
-            remnant=self.remnant,
-            even=self.even,
-            harmonic=self.harmonic,
         )
 
     def below(self, fmax: float) -> Lines:
         """The lines up to ``fmax`` (Hz)."""
         keep = self.f <= fmax
-        return Lines(
+        return replace(
+            self,
             f=self.f[keep],
             y=self.y[keep],
-            C=self.C[keep],
-            dof=self.dof[keep],
+            noise=self.noise.at(keep),
             repeats=self.repeats[:, keep],
             weight=self.weight[:, keep],
-            trial=self.trial,
-            cycle=self.cycle,
-            amplitude=self.amplitude,
             power=self.power[keep],
-            remnant=self.remnant[keep],
-            even=self.even,
             harmonic=None if self.harmonic is None else self.harmonic[keep],
         )
 

@@ -14,11 +14,13 @@ import numpy as np
 
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.between_samples import drive
+from mcstudy.gap.draws import Pooling, pooled
 from mcstudy.gap.leakage import best_orders, difference_coefficients
+from mcstudy.gap.line_noise import LineNoise
 from mcstudy.gap.lines import EvenLines, Lines
 from mcstudy.gap.recording import MINIMUM_CYCLES, Recording
 from mcstudy.gap.transient import TransientMean
-from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.lines import EvenLineCovariance, half_width
 from mcstudy.spectra.periods import coefficients
 
 NEIGHBOURS = 3
@@ -127,18 +129,26 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     return Lines(
         f=wanted / period_s,
         y=np.einsum("rn,rnj->nj", weight, repeats),
-        C=single / total[:, None, None],
-        dof=dof,
+        noise=LineNoise(single / total[:, None, None], dof, noise.pooling),
         repeats=repeats,
         weight=weight,
         trial=cycles.trial,
         cycle=cycles.cycle,
         amplitude=cycles.amplitude,
         power=power.mean(axis=0),
-        remnant=2 * period_s * single,
         even=_even_lines(cycles, period_s, wanted, single) if odd else None,
         harmonic=wanted,
     )
+
+
+def understatement(harmonics: np.ndarray, trials: int) -> np.ndarray:
+    """True over estimated covariance from even lines, on average, at odd ``harmonics`` (N,).
+
+    Found by measuring several hundred simulated recordings of 3, 6 and 20 cycles and three colours of noise: the
+    prewhitening is fitted to the lines it whitens, which takes 4 % of one trial's noise away, and at the lowest
+    lines the neighbours lie to one side only, which costs up to another 25 %.
+    """
+    return np.asarray((1 + 0.04 / trials) * (1 + 0.25 * np.exp(-(((harmonics - 1) / 5.0) ** 2))))
 
 
 class _EvenLineNoise:
@@ -149,14 +159,16 @@ class _EvenLineNoise:
         colour = (trials, cycles.trial.size - trials)
         self._estimator = _estimator(name, wanted, cycles.stimulus.shape[1] - 1, colour)
         self._transient = TransientMean(self._estimator)
-        self._understated = self._transient.understatement(wanted)[:, None, None]
+        understated = self._transient.understatement(wanted) * understatement(wanted, trials)
+        self._understated = understated[:, None, None]
+        self.pooling = Pooling(wanted.astype(float), half_width(wanted) + 1.0, colour_records=colour[1])
 
     def freed(self, cycles: Cycles) -> Cycles:
         """The cycles without the transient that differences leave."""
         return replace(cycles, theta=self._transient.removed_from(cycles.theta, _scaled_means(cycles)))
 
     def __call__(self, cycles: Cycles) -> tuple[np.ndarray, np.ndarray]:
-        """Covariance (N, 2, 2), and its degrees of freedom."""
+        """Unbiased covariance (N, 2, 2) of one cycle, and its degrees of freedom."""
         means = _scaled_means(cycles)
         covariance = self._understated * self._estimator(means, _differences(cycles))
         return covariance * len(means), self._estimator.dof * len(means)
@@ -171,13 +183,15 @@ class _DifferenceNoise:
     def __init__(self, name: str, cycles: Cycles, wanted: np.ndarray) -> None:
         highest = 2 * cycles.stimulus.shape[1] - 1
         self._below, self._above = (_estimator(name, line, highest) for line in (2 * wanted - 1, 2 * wanted + 1))
+        trials = np.unique(cycles.trial).size
+        self.pooling = pooled(self._below.dof * (cycles.trial.size - trials), trials)
 
     def freed(self, cycles: Cycles) -> Cycles:
         """The cycles as they are: without silent lines nothing tells the transient."""
         return cycles
 
     def __call__(self, cycles: Cycles) -> tuple[np.ndarray, np.ndarray]:
-        """Covariance (N, 2, 2), and its degrees of freedom."""
+        """Unbiased covariance (N, 2, 2) of one cycle, and its degrees of freedom."""
         noise = _differences(cycles)
         stretched = np.zeros((len(noise), 2 * noise.shape[1], 2), dtype=complex)
         stretched[:, ::2] = noise

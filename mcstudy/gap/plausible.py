@@ -60,7 +60,7 @@ def band_means(lines: Lines, model: Model) -> tuple[np.ndarray, np.ndarray, np.n
         if not inside.any():
             continue
         scale = np.abs(H[inside])
-        noise = np.einsum("nii->ni", lines.C[inside]).real / scale**2
+        noise = lines.noise.variance[inside] / scale**2
         w = 1 / (noise.mean(axis=1) + 1e-300)
         w /= w.sum()
         # Rotating every line by the nominal phase of the first angle keeps the mean from cancelling.
@@ -68,7 +68,7 @@ def band_means(lines: Lines, model: Model) -> tuple[np.ndarray, np.ndarray, np.n
         f.append(float(w @ lines.f[inside]))
         y.append(w @ (lines.y[inside] * turn / scale.mean(axis=1, keepdims=True)))
         h.append(w @ (H[inside] * turn / scale.mean(axis=1, keepdims=True)))
-        C.append(np.einsum("n,nij->ij", w**2 / scale.mean(axis=1) ** 2, lines.C[inside]))
+        C.append(np.einsum("n,nij->ij", w**2 / scale.mean(axis=1) ** 2, lines.noise.C[inside]))
     return np.array(f), np.array(y), np.array(h), np.array(C)
 
 

@@ -16,8 +16,11 @@ from scipy import signal
 
 from mcstudy.errors import RecordingError
 from mcstudy.gap.between_samples import drive
+from mcstudy.gap.draws import pooled
+from mcstudy.gap.line_noise import LineNoise
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.recording import Recording, Trial
+from mcstudy.spectra.window import parabolic
 
 SEGMENT_S = (8.0, 40.0)
 """Shortest and longest segment, s: the shortest still resolves the sway resonance, longer ones gain nothing."""
@@ -84,18 +87,17 @@ def segment_lines(recording: Recording, fmax: float = 8.0, seconds: float | None
     window = signal.get_window("hann", n)
     density = 2.0 / (recording.rate_hz * (window**2).sum())
     trial, cycle = np.array([(t, c) for t, c, _ in blocks]).T
+    dof, trials = (independent - 1) * gain, len(recording.trials)
     return Lines(
         f=bins * recording.rate_hz / n,
         y=y,
-        C=single * (segments / independent / total)[:, None, None],
-        dof=(independent - 1) * gain,
+        noise=LineNoise(single * (segments / independent / total)[:, None, None], dof, pooled(dof, trials)),
         repeats=repeats,
         weight=weight / total,
         trial=trial,
         cycle=cycle,
         amplitude=recording.amplitudes[trial],
         power=power.mean(axis=0) * density * recording.rate_hz / n,
-        remnant=single * density,
     )
 
 
@@ -134,9 +136,7 @@ def _smooth(single: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n = single.shape[0]
     level = np.sqrt(np.maximum(np.einsum("nii->ni", single).real, 1e-300))
     reach = np.maximum(1, np.arange(1, n + 1) // 10)
-    distance = np.abs(np.arange(n)[:, None] - np.arange(n))
-    window = np.clip(1.0 - (distance / (reach[:, None] + 1.0)) ** 2, 0.0, None)
-    window /= window.sum(axis=1, keepdims=True)
+    window = parabolic(np.arange(n), np.arange(n), reach + 1.0)
     smooth = np.exp(window @ np.log(level))
     white = single / (smooth[:, :, None] * smooth[:, None, :])
     local = np.einsum("nm,mij->nij", window, white)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.window import parabolic
 
 FIRST_LINE = 20
 """Harmonic from which it is smooth enough on the grid of even lines."""
@@ -31,8 +32,7 @@ class TransientMean:
         self.estimator = estimator
         self.at = np.arange(FIRST_LINE, estimator.even[-1] + 1)
         reach = np.minimum(2.0 * self.at, REACH) + 1.0
-        window = np.clip(1.0 - ((estimator.even - self.at[:, None]) / reach[:, None]) ** 2, 0.0, None)
-        self.window = window / window.sum(axis=1, keepdims=True)
+        self.window = parabolic(self.at, estimator.even, reach)
 
     def removed_from(self, theta: np.ndarray, trials: np.ndarray) -> np.ndarray:
         """Coefficients ``theta`` (R, K, A) without the transient.

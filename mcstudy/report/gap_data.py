@@ -118,7 +118,7 @@ class GapData:
     @cached_property
     def sd(self) -> np.ndarray:
         """Root of E|error|^2 of the measured FRFs, (N, 2)."""
-        return np.sqrt(np.einsum("nii->ni", self.lines.C).real)
+        return np.sqrt(self.lines.noise.variance)
 
     @cached_property
     def averages(self) -> Averages:

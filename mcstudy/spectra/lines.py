@@ -33,6 +33,7 @@ import numpy as np
 
 from mcstudy.errors import InputError
 from mcstudy.spectra.colour import Colour
+from mcstudy.spectra.window import parabolic
 
 MAX_ORDER = 10
 """Largest order of the vector autoregression; fewer even lines than 6 per order reduce it."""
@@ -72,9 +73,7 @@ class EvenLineCovariance:
         self.even = np.arange(2, min(top, n_harmonics) + 1, 2)
         if self.even.size < 4:
             raise InputError(f"noise covariance: expected at least four even harmonics, got {self.even.size}")
-        distance = np.abs(self.even - self.lines[:, None]) / (half_width(self.lines)[:, None] + 1.0)
-        window = np.clip(1.0 - distance**2, 0.0, None)
-        self._window = window / window.sum(axis=1, keepdims=True)
+        self._window = parabolic(self.lines, self.even, half_width(self.lines) + 1.0)
         self.dof = 1.0 / (self._window**2).sum(axis=1)
         self._colour = None
         if any_colour is not None:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.window import parabolic
 
 SLOPES = (0.0, 1.0, 2.0)
 """Powers of frequency by which a levelling curve may fall at low lines."""
@@ -45,9 +46,7 @@ class LoopCovariance:
     def __init__(self, lines: np.ndarray, n_harmonics: int) -> None:
         self.lines, self.even = np.asarray(lines), EvenLineCovariance(lines, n_harmonics).even
         half_width = 20.0 + self.lines
-        distance = np.abs(self.even - self.lines[:, None]) / (half_width[:, None] + 1.0)
-        window = np.clip(1.0 - distance**2, 0.0, None)
-        self._window = window / window.sum(axis=1, keepdims=True)
+        self._window = parabolic(self.lines, self.even, half_width + 1.0)
         self.dof = 1.0 / (self._window**2).sum(axis=1)
         a, b, c = (g.ravel()[:, None] for g in np.meshgrid(SLOPES, STEEPER, CORNERS))
         self._curve_even, self._curve_lines = (k**-a * (1 + (k / c) ** 2) ** (-b / 2) for k in (self.even, self.lines))

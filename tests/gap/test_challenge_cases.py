@@ -40,7 +40,7 @@ def test_predicted_covariance_is_that_of_recordings(geometry: Geometry) -> None:
     recording = simulate_recording(protocol_of(SERIES), BASE.truth, np.random.default_rng(0))
     lines = measure(recording)
     np.testing.assert_allclose(lines.f, geometry.setting.f)
-    ratio = np.einsum("nii->ni", lines.C).real / np.einsum("nii->ni", geometry.C).real
+    ratio = lines.noise.variance / np.einsum("nii->ni", geometry.C).real
     assert np.median(ratio) == pytest.approx(1.0, abs=0.15)
     # Residuals of the true model count one per degree of freedom.
     x = geometry.whiten(lines.y - frf(BASE, BASE.truth, lines.f))

@@ -12,8 +12,7 @@ from mcstudy.gap import detect as detection
 from mcstudy.gap import effects as library
 from mcstudy.gap.base_fit import drawn_starts
 from mcstudy.gap.detect import Detection, detect, linear_null, refitted_null
-from mcstudy.gap.draws import NullDraws
-from mcstudy.gap.fitting import Data, Fitter, opened, whiten, whitener
+from mcstudy.gap.fitting import Data, Fitter, opened, whiten
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.scores import Scores, log_factor
 from mcstudy.gap.signatures import signatures, usable
@@ -27,12 +26,12 @@ OPEN = opened(BASE)
 def test_draws_have_the_level_and_the_heavy_tails_of_measured_errors(plain_lines: list[Lines]) -> None:
     """Whitened with their own estimated covariance, errors are wider than a chi-squared says."""
     lines = plain_lines[0]
-    draws = NullDraws(lines)(np.random.default_rng(0), 2000)
+    draws = lines.noise.draw(np.random.default_rng(0), 2000)
     assert draws.shape == (4 * len(lines), 2000)
     assert (draws**2).mean() == pytest.approx(1.0, abs=0.02)
     total = (draws**2).sum(axis=0)
     assert total.std() > 1.15 * np.sqrt(2 * 4 * len(lines))
-    errors = np.array([whiten(whitener(x), x.y - frf(BASE, BASE.truth, x.f)) for x in plain_lines])
+    errors = np.array([whiten(x.noise.whitener, x.y - frf(BASE, BASE.truth, x.f)) for x in plain_lines])
     assert (errors**2).mean() == pytest.approx(1.0, abs=0.06)
 
 
@@ -40,7 +39,7 @@ def test_linearised_and_refitted_nulls_agree(plain_lines: list[Lines]) -> None:
     data = Data.of(plain_lines[0])
     fitter = Fitter(OPEN, OPEN, data.f)
     fitted = fitter.best(data, drawn_starts(OPEN, 0, 8))
-    noise = NullDraws(plain_lines[0])(np.random.default_rng(1), 40)
+    noise = plain_lines[0].noise.draw(np.random.default_rng(1), 40)
     linear, refitted = linear_null(fitted, data, noise), refitted_null(fitted, fitter, data, noise)
     ratio = (refitted**2).sum(axis=0) / (linear**2).sum(axis=0)
     assert np.abs(ratio - 1).max() < 0.02
@@ -52,7 +51,7 @@ def test_refits_are_dask_tasks_and_their_bits_do_not_depend_on_the_task(
     data = Data.of(plain_lines[0])
     fitter = Fitter(OPEN, OPEN, data.f)
     fitted = fitter.best(data, drawn_starts(OPEN, 0, 8))
-    noise = NullDraws(plain_lines[0])(np.random.default_rng(1), 20)
+    noise = plain_lines[0].noise.draw(np.random.default_rng(1), 20)
     ran: list[str] = []
     found = []
     for size, tasks in ((20, 1), (7, 3)):
@@ -129,7 +128,7 @@ def test_refits_that_go_far_do_not_widen_the_null(plain_lines: list[Lines]) -> N
     data = Data.of(lines)
     fitter = Fitter(OPEN, OPEN, data.f)
     base = fitter.best(data, drawn_starts(OPEN, 0, 8))
-    noise = 3 * NullDraws(lines)(np.random.default_rng(3), 200)
+    noise = 3 * lines.noise.draw(np.random.default_rng(3), 200)
     scores = Scores(base, data, [], [])
     linear = scores(linear_null(base, data, noise), linear=True).gap
     far = refitted_null(base, fitter, data, noise)

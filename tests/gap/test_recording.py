@@ -295,7 +295,7 @@ def test_a_published_frf_is_a_recording_too(tmp_path: Path) -> None:
     assert recording.single
     assert recording.base_model().name == "one_segment"
     np.testing.assert_allclose(np.abs(recording.lines.y[:, 0]), np.deg2rad([1, 0.5, 0.2, 0.1]))
-    np.testing.assert_allclose(recording.lines.C[:, 0, 0].real, np.deg2rad(0.01) ** 2)
+    np.testing.assert_allclose(recording.lines.noise.C[:, 0, 0].real, np.deg2rad(0.01) ** 2)
     (tmp_path / "frf.csv").write_text("f,gain1,phase1\n0.1,1,2\n")
     with pytest.raises(RecordingError, match="column 'sd1' is missing"):
         read_recording(path)

@@ -92,11 +92,11 @@ def test_short_recordings_have_less_noise_for_it_and_their_covariance_knows(monk
         before, after = without(monkeypatch, recording, 1), measure(recording)
         assert after.harmonic is not None
         inside = (after.harmonic > 40) & (after.harmonic < 160)
-        whitener = np.linalg.inv(np.linalg.cholesky(after.C))
+        whitener = np.linalg.inv(np.linalg.cholesky(after.noise.C))
         expected = frf(MODEL, MODEL.truth, after.f)
         errors = [np.einsum("nij,nj->ni", whitener, lines.y - expected)[inside] for lines in (before, after)]
         quiet.append([np.sum(np.abs(e[:, 1]) ** 2) for e in errors])
-        squares.append((np.abs(errors[1]) ** 2 * ((after.dof - 2) / after.dof)[inside, None]).mean())
+        squares.append((np.abs(errors[1]) ** 2 * ((after.noise.dof - 2) / after.noise.dof)[inside, None]).mean())
     was, now = np.sum(quiet, axis=0)
     assert 0.7 < now / was < 0.95
     assert np.mean(squares) == pytest.approx(1.0, abs=4 * np.std(squares) / np.sqrt(len(squares)))

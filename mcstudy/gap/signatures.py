@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from mcstudy.errors import ModelError
 from mcstudy.gap import effects as library
@@ -138,30 +139,29 @@ def _walk(e: Effect, fitted: Fitted, rest: Fitted, clean: Data) -> list[Signatur
     return [s for s in best if s is not None]
 
 
-def likeness(found: Sequence[Signature]) -> tuple[list[str], np.ndarray]:
-    """Effects, and the largest |cosine| between any of their signatures (E, E); variants of one cause count as 1."""
-    names = list(dict.fromkeys(s.effect for s in found))
-    unit = np.array([s.vector / max(s.delta, 1e-300) for s in found])
+def similarity(effects: Sequence[str], unit: np.ndarray) -> tuple[list[str], np.ndarray]:
+    """Names (E of them), and the largest |cosine| between any of their signatures, (E, E).
+
+    ``effects``: (K,) name of the effect of each unit signature in ``unit`` (K, M). Variants of one cause count as 1.
+    """
+    names = list(dict.fromkeys(effects))
     cosine = np.abs(unit @ unit.T)
-    owner = np.array([names.index(s.effect) for s in found])
+    owner = np.array([names.index(e) for e in effects])
     out = np.eye(len(names))
     for i, a in enumerate(names):
         for j, b in enumerate(names[:i]):
-            kin = library.effect(a).cause == library.effect(b).cause
-            out[i, j] = out[j, i] = 1.0 if kin else cosine[np.ix_(owner == i, owner == j)].max()
+            same = library.effect(a).cause == library.effect(b).cause
+            out[i, j] = out[j, i] = 1.0 if same else cosine[np.ix_(owner == i, owner == j)].max()
     return names, out
 
 
 def groups(names: Sequence[str], cosine: np.ndarray, threshold: float = ALIKE) -> list[tuple[str, ...]]:
     """Connected sets of effects with |cosine| above the threshold, single ones included."""
-    left, out = list(range(len(names))), []
-    while left:
-        member, todo = [], [left.pop(0)]
-        while todo:
-            i = todo.pop()
-            member.append(i)
-            near = [j for j in left if cosine[i, j] > threshold]
-            left = [j for j in left if j not in near]
-            todo += near
-        out.append(tuple(names[i] for i in sorted(member)))
-    return out
+    count, label = connected_components(cosine > threshold, directed=False)
+    return [tuple(n for n, own in zip(names, label, strict=True) if own == k) for k in range(count)]
+
+
+def ambiguity_groups(found: Sequence[Signature]) -> list[tuple[str, ...]]:
+    """Sets of effects whose signatures this recording cannot tell apart."""
+    unit = np.array([s.vector / max(s.delta, 1e-300) for s in found])
+    return groups(*similarity([s.effect for s in found], unit)) if len(found) else []

@@ -14,7 +14,7 @@ from mcstudy.gap.detect import Detection, detect
 from mcstudy.gap.fitting import Data, Fitted, Fitter, opened
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.scores import Scores
-from mcstudy.gap.signatures import Signature, groups, likeness, signatures, usable
+from mcstudy.gap.signatures import Signature, ambiguity_groups, signatures, usable
 from mcstudy.stance.feedback import Model
 from mcstudy.study.streams import stream
 
@@ -80,7 +80,7 @@ def tested(lines: Lines, nominal: Model, draws: int, refits: bool, seed: int) ->
         minima,
         effects,
         found,
-        list(groups(*likeness(found))),
+        ambiguity_groups(found),
         scores,
         detect(base, fitter, data, lines, scores, stream(seed, "gap null"), draws, refits),
         contrasts(lines, base, stream(seed, "gap contrasts")),

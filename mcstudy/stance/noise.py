@@ -2,10 +2,10 @@
 
 One-sided power spectral density of source i at frequency f > 0
 
-    S_i(f) = S_i(f_ref) * (f_ref / f) * (1 + (f_ref / f_c)^2) / (1 + (f / f_c)^2)
+    S_i(f) = S_i(f_ref) * (f_ref / f)^a * (1 + (f_ref / f_c)^2) / (1 + (f / f_c)^2)
 
-with S_i(f_ref) given at f_ref = 0.5 Hz for the noise *after* the filter (Goodworth & Peterka 2018, Methods). The two
-sources, on theta1 and theta2, are independent Gaussian processes.
+with a = 1 (pink) unless said otherwise, and S_i(f_ref) given at f_ref = 0.5 Hz for the noise *after* the filter
+(Goodworth & Peterka 2018, Methods). The two sources, on theta1 and theta2, are independent Gaussian processes.
 
 PSD convention: one-sided, so the variance of a record is the integral of S over f > 0. A record of duration T has
 Fourier coefficients c_m = (1/n) sum x[n] exp(-2 pi i m n / n_samples) with E|c_m|^2 = S(m/T) / (2 T); the DC
@@ -52,6 +52,7 @@ class SensorNoise:
     psd_deg2_hz: one-sided PSD of the noise on theta1 and theta2 at ``reference_hz``, deg^2/Hz.
     corner_hz: corner of the low-pass, Hz.
     reference_hz: frequency at which the PSD is given, Hz.
+    exponent: the PSD falls as f^-exponent before the low-pass: 0 white, 1 pink, 2 brown.
 
     Raises `InputError` when a field is not usable.
     """
@@ -59,10 +60,13 @@ class SensorNoise:
     psd_deg2_hz: tuple[float, float] = (4e-4, 7e-5)
     corner_hz: float = 0.15
     reference_hz: float = 0.5
+    exponent: float = 1.0
 
     def __post_init__(self) -> None:
         if len(self.psd_deg2_hz) != 2 or not all(np.isfinite(p) and p >= 0 for p in self.psd_deg2_hz):
             raise InputError(f"noise psd_deg2_hz: expected two non-negative numbers, got {self.psd_deg2_hz!r}")
+        if not np.isfinite(self.exponent):
+            raise InputError(f"noise exponent: expected a finite number, got {self.exponent!r}")
         for name in ("corner_hz", "reference_hz"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
@@ -75,7 +79,7 @@ class SensorNoise:
         positive = f > 0
         fp = f[positive]
         low_pass = (1 + (self.reference_hz / self.corner_hz) ** 2) / (1 + (fp / self.corner_hz) ** 2)
-        shape[positive] = self.reference_hz / fp * low_pass
+        shape[positive] = (self.reference_hz / fp) ** self.exponent * low_pass
         return shape[:, None] * (np.array(self.psd_deg2_hz) * DEG2_TO_RAD2)
 
     def coefficient_scale(self, n_samples: int, rate_hz: float) -> np.ndarray:
@@ -89,6 +93,10 @@ class SensorNoise:
     def sample(self, rng: np.random.Generator, n_samples: int, rate_hz: float) -> np.ndarray:
         """A random record, rad, (n_samples, 2); zero mean."""
         return record(self.coefficients(rng, n_samples, rate_hz), n_samples)
+
+
+SILENT = SensorNoise((0.0, 0.0))
+"""No noise at all."""
 
 
 def record(coefficients: np.ndarray, n_samples: int) -> np.ndarray:

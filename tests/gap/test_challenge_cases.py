@@ -7,14 +7,14 @@ import pytest
 
 from mcstudy.gap import effects as library
 from mcstudy.gap.challenge.cases import draw_body, draw_linear, pool, protocol_of, shared
-from mcstudy.gap.challenge.colour import ColouredNoise, noise_of
 from mcstudy.gap.challenge.design import Noise, Series
-from mcstudy.gap.challenge.geometry import Geometry, cycle_responses, free, groups, likeness
+from mcstudy.gap.challenge.geometry import Geometry, cycle_responses, free
 from mcstudy.gap.challenge.withheld import draw_outsider
 from mcstudy.gap.make_recording import simulate_recording
 from mcstudy.gap.measure import measure
+from mcstudy.gap.signatures import groups, similarity
 from mcstudy.stance.body import two_segment
-from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.noise import SILENT, SensorNoise
 from mcstudy.stance.response import frf
 
 SERIES = Series(cases=1)
@@ -24,16 +24,16 @@ BASE = two_segment()
 @pytest.fixture(scope="module")
 def geometry() -> Geometry:
     setting, _ = shared(SERIES)
-    return Geometry(free(BASE), BASE.truth, setting, noise_of(SERIES.noise))
+    return Geometry(free(BASE), BASE.truth, setting, SERIES.noise.sensor)
 
 
 def test_pink_is_the_paper_s_noise_and_colours_meet_at_the_reference() -> None:
     f = np.array([0.05, 0.5, 2.0])
-    np.testing.assert_allclose(ColouredNoise().psd(f), SensorNoise().psd(f))
-    white, brown = (noise_of(Noise(colour=c)).psd(f) for c in (0.0, 2.0))
+    np.testing.assert_allclose(Noise().sensor.psd(f), SensorNoise().psd(f))
+    white, brown = (Noise(colour=c).sensor.psd(f) for c in (0.0, 2.0))
     np.testing.assert_allclose(white[1], brown[1])
     assert (brown[0] > white[0]).all()
-    np.testing.assert_allclose(noise_of(Noise(level=4.0)).psd(f), 4 * SensorNoise().psd(f))
+    np.testing.assert_allclose(Noise(level=4.0).sensor.psd(f), 4 * SensorNoise().psd(f))
 
 
 def test_predicted_covariance_is_that_of_recordings(geometry: Geometry) -> None:
@@ -80,10 +80,11 @@ def test_an_integral_term_stands_though_it_is_slow(geometry: Geometry) -> None:
 
 
 def test_a_sensor_lag_and_an_actuator_lag_are_one_group(geometry: Geometry) -> None:
-    names, cosine = likeness(geometry.columns(shared(SERIES)[1]))
+    columns = geometry.columns(shared(SERIES)[1])
+    names, cosine = similarity([c.effect for c in columns], np.array([c.unit for c in columns]))
     own = next(g for g in groups(names, cosine) if "sensor_lag_both" in g)
     assert "stimulus_lag" in own
-    assert next(g for g in groups(names, cosine) if "acceleration_feedback" in g) == ["acceleration_feedback"]
+    assert next(g for g in groups(names, cosine) if "acceleration_feedback" in g) == ("acceleration_feedback",)
 
 
 def test_a_smooth_torque_holds_what_effects_do_and_not_scatter(geometry: Geometry) -> None:
@@ -98,8 +99,6 @@ def test_a_smooth_torque_holds_what_effects_do_and_not_scatter(geometry: Geometr
 
 def test_noise_free_simulation_gives_the_closed_form_cycle_by_cycle(geometry: Geometry) -> None:
     from dataclasses import replace
-
-    from mcstudy.gap.challenge.colour import SILENT
 
     protocol = replace(protocol_of(SERIES), noise=SILENT, amplitudes=(5.0,), cycles=3)
     cycles = cycle_responses(

@@ -14,7 +14,7 @@ from mcstudy.gap.evidence import log_prior, single
 from mcstudy.gap.fitting import Data, Fitted, Fitter, opened
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.scores import WRONG_SIGN
-from mcstudy.gap.signatures import WANTED, groups, likeness, signatures, usable
+from mcstudy.gap.signatures import WANTED, groups, signatures, similarity, usable
 from mcstudy.stance.body import two_segment
 
 BASE = two_segment()
@@ -45,7 +45,8 @@ def test_signatures_are_what_refitting_leaves(fitted: tuple[Fitted, Data]) -> No
 def test_exact_ambiguities_are_one_group(fitted: tuple[Fitted, Data]) -> None:
     """One stimulus: a lag of both sensors is a lag of the stimulus; both are nearly a delay."""
     base, data = fitted
-    names, cosine = likeness(signatures(base, data, usable(OPEN)))
+    found = signatures(base, data, usable(OPEN))
+    names, cosine = similarity([s.effect for s in found], np.array([s.vector / s.delta for s in found]))
     at = names.index
     assert cosine[at("sensor_lag_both"), at("stimulus_lag")] > 0.999
     assert cosine[at("stimulus_delay"), at("stimulus_lag")] > 0.95

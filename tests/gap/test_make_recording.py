@@ -17,12 +17,11 @@ from mcstudy.gap.outsiders import OUTSIDERS, simulate_outsider
 from mcstudy.gap.read import checked, read_recording
 from mcstudy.gap.recording import Recording
 from mcstudy.stance.body import two_segment
-from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.noise import SILENT
 from mcstudy.stance.response import frf
 from mcstudy.stance.stimulus import Prts
 
 MODEL = two_segment()
-SILENT = SensorNoise((0.0, 0.0))
 SHORT = Prts(stages=6)
 """14.56 s: enough to reach every line from 0.07 Hz in little time."""
 

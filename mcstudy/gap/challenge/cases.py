@@ -15,7 +15,6 @@ import numpy as np
 
 from mcstudy.errors import DesignError
 from mcstudy.gap import effects as library
-from mcstudy.gap.challenge.colour import noise_of
 from mcstudy.gap.challenge.design import KINDS, ChallengeFile, Kind, Series
 from mcstudy.gap.challenge.geometry import VISIBLE, Geometry, Probe, Setting, free, probes, size_for, stands
 from mcstudy.gap.make_recording import Protocol
@@ -63,7 +62,7 @@ def _kinds(series: Series) -> list[Kind]:
 
 def protocol_of(series: Series) -> Protocol:
     """How the recordings of a series are made."""
-    return Protocol(amplitudes=series.protocol.amplitudes, cycles=series.protocol.cycles, noise=noise_of(series.noise))
+    return Protocol(amplitudes=series.protocol.amplitudes, cycles=series.protocol.cycles, noise=series.noise.sensor)
 
 
 @lru_cache(maxsize=64)
@@ -141,7 +140,7 @@ def draw_linear(series: Series, rng: np.random.Generator, names: Sequence[str]) 
     for attempt in range(12):
         nimble = 1.0 - (1.0 - NIMBLE) * min(1.0, attempt / 6)
         theta = draw_body(series, rng, False, nimble)
-        geometry = Geometry(free(two_segment()), theta, setting, noise_of(series.noise))
+        geometry = Geometry(free(two_segment()), theta, setting, series.noise.sensor)
         sizes: dict[str, float] = {}
         for name in names:
             first, *companions = library.effect(name).sizes

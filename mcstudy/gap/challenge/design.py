@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from mcstudy.errors import DesignError
+from mcstudy.stance.noise import SensorNoise
 from mcstudy.study.design import Name, Positive, Section
 
 MAIN = "main"
@@ -120,6 +121,12 @@ class Noise(Section):
     level: Positive = 1.0
     colour: float = Field(default=1.0, ge=0, le=3)
     corner_hz: Positive = 0.15
+
+    @property
+    def sensor(self) -> SensorNoise:
+        """The noise described."""
+        first, second = (p * self.level for p in self.psd)
+        return SensorNoise((first, second), self.corner_hz, exponent=self.colour)
 
 
 class Answering(Section):

@@ -28,9 +28,6 @@ from mcstudy.stance.response import frf, frf_jacobian, system
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.stance.stability import rightmost_root
 
-ALIKE = 0.95
-"""|cosine| of two signatures from which they are one ambiguity group."""
-
 KIN = 0.90
 """|cosine| from which an answer that names both as one group is accepted as naming either."""
 
@@ -284,35 +281,3 @@ def size_for(
         middle = np.sqrt(low * high) if low > 0 else high / 8
         size = float(guess) if low < guess < high else (high if guess >= high else middle)
     return best
-
-
-def likeness(columns: Sequence[Column]) -> tuple[list[str], np.ndarray]:
-    """Effects of the columns and the largest |cosine| between any two of their signatures, (E, E).
-
-    Variants of one cause count as equal.
-    """
-    names = list(dict.fromkeys(c.effect for c in columns))
-    S = np.column_stack([c.unit for c in columns])
-    cosine = np.abs(S.T @ S)
-    owner = np.array([names.index(c.effect) for c in columns])
-    out = np.zeros((len(names), len(names)))
-    for i in range(len(names)):
-        for j in range(len(names)):
-            same = library.effect(names[i]).cause == library.effect(names[j]).cause
-            out[i, j] = 1.0 if same else cosine[np.ix_(owner == i, owner == j)].max()
-    return names, out
-
-
-def groups(names: Sequence[str], cosine: np.ndarray, threshold: float = ALIKE) -> list[list[str]]:
-    """Connected sets of effects with |cosine| above the threshold, singletons included."""
-    left, out = list(range(len(names))), []
-    while left:
-        member, todo = [], [left.pop(0)]
-        while todo:
-            i = todo.pop()
-            member.append(i)
-            near = [j for j in left if cosine[i, j] > threshold]
-            left = [j for j in left if j not in near]
-            todo += near
-        out.append([names[i] for i in sorted(member)])
-    return out

@@ -12,13 +12,13 @@ from mcstudy.errors import DesignError, InputError
 from mcstudy.gap import effects as library
 from mcstudy.gap.challenge.cases import Case, draw_body, draw_linear, pool, protocol_of, shared
 from mcstudy.gap.challenge.ceiling import Ceiling, Classifier, size_grid
-from mcstudy.gap.challenge.colour import noise_of
 from mcstudy.gap.challenge.design import NOTHING, ChallengeFile, Series
-from mcstudy.gap.challenge.geometry import ALIKE, KIN, Column, Geometry, Probe, best_fit, free, groups, likeness
+from mcstudy.gap.challenge.geometry import KIN, Column, Geometry, Probe, best_fit, free
 from mcstudy.gap.challenge.withheld import Drawn, draw_nonlinear, draw_outsider
 from mcstudy.gap.make_recording import simulate_recording
 from mcstudy.gap.outsiders import OUTSIDERS
 from mcstudy.gap.recording import Recording
+from mcstudy.gap.signatures import groups, similarity
 from mcstudy.stance.body import two_segment
 from mcstudy.study.streams import stream
 
@@ -40,8 +40,8 @@ class Surroundings:
     def of(cls, geometry: Geometry, probes: Sequence[Probe], extra: Sequence[Column] = ()) -> Surroundings:
         """Signatures of the probes on this body, and more."""
         columns = [*geometry.columns(probes), *extra]
-        names, cosine = likeness(columns)
-        return cls(geometry, columns, names, cosine, groups(names, cosine, ALIKE))
+        names, cosine = similarity([c.effect for c in columns], np.array([c.unit for c in columns]))
+        return cls(geometry, columns, names, cosine, [list(g) for g in groups(names, cosine)])
 
     def group(self, effect: str) -> list[str]:
         """The ambiguity group of an effect, itself included."""
@@ -99,7 +99,7 @@ def _nothing(series: Series, rng: np.random.Generator, shifted: bool) -> tuple[R
     if series.mix.none + series.mix.shifted == 1.0:  # nobody is asked for a cause
         return simulate_recording(protocol_of(series), theta, rng), _entry(theta, 0.0, [])
     setting, probes = shared(series)
-    around = Surroundings.of(Geometry(free(two_segment()), theta, setting, noise_of(series.noise)), probes)
+    around = Surroundings.of(Geometry(free(two_segment()), theta, setting, series.noise.sensor), probes)
     ideal = _classifier(series, around).ceiling(rng, None, 0.0).rounded() if around.columns else {}
     recording = simulate_recording(protocol_of(series), theta, rng)
     return recording, _entry(theta, 0.0, [], ceiling=ideal)
@@ -125,7 +125,7 @@ def _linear(series: Series, rng: np.random.Generator, names: list[str]) -> tuple
     if truth is None:
         return None
     setting, probes = shared(series)
-    geometry = Geometry(free(two_segment()), truth.theta, setting, noise_of(series.noise))
+    geometry = Geometry(free(two_segment()), truth.theta, setting, series.noise.sensor)
     y = geometry.response(names, truth.sizes, 0.0)
     if y is None:
         raise DesignError(f"effects {', '.join(names)}: unstable after they were drawn")
@@ -142,7 +142,7 @@ def _linear(series: Series, rng: np.random.Generator, names: list[str]) -> tuple
     if len(names) == 2 and names[1] in around.group(names[0]):
         return None
     delta = float(np.linalg.norm(geometry.unexplained(y)))
-    more = _explained(geometry, probes, y) | _likeness(around, described)
+    more = _explained(geometry, probes, y) | _similarity(around, described)
     if len(names) == 1:
         column = len(around.columns) - 1
         kin = [i for i, g in enumerate(around.groups) if set(g) & set(around.kin(names[0]))]
@@ -231,7 +231,7 @@ def _explained(geometry: Geometry, probes: Sequence[Probe], y: np.ndarray) -> di
     }
 
 
-def _likeness(around: Surroundings, described: list[dict[str, Any]]) -> dict[str, Any]:
+def _similarity(around: Surroundings, described: list[dict[str, Any]]) -> dict[str, Any]:
     for d in described:
         d["group"], d["kin"] = around.group(d["effect"]), around.kin(d["effect"])
     return {"groups": [g for g in around.groups if len(g) > 1]}

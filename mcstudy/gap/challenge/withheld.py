@@ -19,13 +19,13 @@ import numpy as np
 from mcstudy.errors import InputError
 from mcstudy.gap import effects as library
 from mcstudy.gap.challenge.cases import draw_body, draw_delta, shared
-from mcstudy.gap.challenge.colour import SILENT, noise_of
 from mcstudy.gap.challenge.design import Series
 from mcstudy.gap.challenge.geometry import Geometry, Setting, cycle_responses, free, scatter
 from mcstudy.gap.make_recording import Protocol, simulate_recording
 from mcstudy.gap.outsiders import OUTSIDERS, simulate_outsider
 from mcstudy.gap.recording import Recording
 from mcstudy.stance.body import two_segment
+from mcstudy.stance.noise import SILENT
 from mcstudy.stance.response import frf
 
 Simulate = Callable[[float, Protocol, np.random.Generator], Recording]
@@ -124,7 +124,7 @@ def _draw(
     setting: Setting = shared(series)[0]
     for _ in range(BODIES):
         theta = draw_body(series, rng, False)
-        geometry = Geometry(free(two_segment()), theta, setting, noise_of(series.noise))
+        geometry = Geometry(free(two_segment()), theta, setting, series.noise.sensor)
         simulate = make(theta)
         found = Withheld(geometry, simulate, lasting, named).at_delta(size, top, draw_delta(series, rng))
         if found is not None:

@@ -37,12 +37,14 @@ def _paper(paper: dict[str, Any]) -> str:
         ours = with_error(row["value"], row["mcse"]) + (f" {row['unit']}" if row["unit"] not in ("1", "starts") else "")
         body.append([row["label"], row["paper_text"], ours, number(row["floor"], 2), mark])
     lines = [
-        f"Beside the paper ({paper['reference']}); ± is one Monte Carlo standard error (MCSE)",
+        f"Comparison with the paper ({paper['reference']}); ± is one Monte Carlo standard error (MCSE)",
         "",
         table(["", "paper", "ours ± MCSE", "floor", "within 3 MCSE"], body),
         "",
-        "floor: what a mean |bias| shows with no bias at all. Rows without noise: 'yes' is no larger than the paper's.",
-        "A row with paper '> 0' states an order: ours is the margin by which it holds, 'yes' means not contradicted.",
+        "floor: mean |bias| expected from chance alone, for unbiased estimates from this many realizations.",
+        "Rows without noise: 'yes' means no larger than the paper's value.",
+        "A row with paper '> 0' is a ranking: ours is the margin by which it holds (negative: it does not hold).",
+        "For a ranking, 'yes' means that ours does not contradict it.",
         "'-': the paper gives no number, or ours has no standard error.",
     ]
     for row in paper["rows"]:
@@ -56,7 +58,7 @@ def _paper(paper: dict[str, Any]) -> str:
 def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
     reference = all_of_them[0]["reference"]
     header = (
-        f"Compared with group {reference}: the other group less {reference}, paired by realization (same noise), mean "
+        f"Compared with group {reference}: other group minus {reference}, paired by realization (same noise), mean "
         "over amplitudes, ± one MCSE of the difference. "
         + "; ".join(f"{m.head}: {m.meaning}" for m in MEASURES.values())
         + "."
@@ -132,10 +134,11 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
                 "/".join(_count(cell[f"starts_needed_{q}"]["value"]) for q in ("median", "90th")),
             ]
         )
-    header = ["", "used", "|bias| %", "floor", "spread %", "unstable %", "inside %", "cost", "J_NC", "hits", "starts"]
+    header = ["", "used", "|bias| %", "floor", "SD %", "unstable %", "no bound %", "cost", "J_NC", "success", "starts"]
     return table(header, rows) + (
-        "\nMean over parameters of |bias| and SD in % of the truth; best fits unstable, inside all bounds; median cost,"
-        "\nJ_NC; fraction of starts that hit the lowest cost; starts for 95 % certainty, median/90th percentile."
+        "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, no bound: % of best "
+        "fits that\nare unstable, that touch no bound. cost, J_NC: medians. success: fraction of starts that reach "
+        "the lowest cost.\nstarts: number needed for 95 % certainty, median/90th percentile over realizations."
     )
 
 

@@ -1,4 +1,4 @@
-"""The tables under a verdict: causes, place, share closed, parameters, what cannot be seen."""
+"""The tables under a verdict: causes, place, share closed, parameters, what is below the detection limit."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _causes(d: Diagnosis) -> str:
             sizes = "; ".join(f"{s.name} {with_error(s.estimate, s.se)} {s.unit}".rstrip() for s in c.sizes)
             rows.append((c.probability, [named(c), f"{c.probability:.3f}", sizes]))
     rows += [
-        (d.none_probability, ["nothing missing", f"{d.none_probability:.3f}", ""]),
+        (d.none_probability, ["no missing effect", f"{d.none_probability:.3f}", ""]),
         (d.unknown_probability, ["a cause outside the library", f"{d.unknown_probability:.3f}", ""]),
     ]
     lines = [cells for _, cells in sorted(rows, key=lambda row: -row[0])]
@@ -36,7 +36,7 @@ def _causes(d: Diagnosis) -> str:
 
 def _places(d: Diagnosis) -> str:
     rows = [[place, f"{p:.3f}"] for place, p in sorted(d.place.items(), key=lambda item: -item[1])]
-    return table(["place", "probability"], [*rows, ["none of them", f"{d.place_abstained:.3f}"]])
+    return table(["location", "probability"], [*rows, ["none of them", f"{d.place_abstained:.3f}"]])
 
 
 def _gap(d: Diagnosis) -> str:
@@ -50,7 +50,7 @@ def _gap(d: Diagnosis) -> str:
         c = d.closed
         share = f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
         rows.append([f"closed by {words(' and '.join(d.causes[0].effects))}", share])
-    for key, name in (("before", "without it"), ("after", "with it"), ("floor", "noise floor")):
+    for key, name in (("before", "base model"), ("after", "with the leading cause"), ("floor", "noise floor")):
         value = d.sway_rms_deg[key]
         if value is not None:
             rows.append([f"error of predicted sway (RMS), {name}", f"{value:.3g} deg"])
@@ -67,7 +67,7 @@ def _parameters(d: Diagnosis) -> str:
         ]
         for s in d.shifts
     ]
-    return table(["parameter", "without", "with the leading cause", "unit"], rows)
+    return table(["parameter", "base model", "with the leading cause", "unit"], rows)
 
 
 def _undetectable(d: Diagnosis) -> str:
@@ -80,4 +80,4 @@ def _undetectable(d: Diagnosis) -> str:
         ]
         for u in d.undetectable
     ]
-    return table(["cannot be seen here", "size needed", "trials needed", "because"], rows)
+    return table(["below the detection limit", "size needed", "trials needed (in all)", "expected detectability"], rows)

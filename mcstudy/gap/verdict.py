@@ -37,7 +37,7 @@ def where(d: Diagnosis) -> str:
         f"{name.get(a, a)} between " + " and ".join(f"{lo:.2g} and {hi:.2g} Hz" for lo, hi in s)
         for a, s in by_angle.items()
     ]
-    return "in " + ", and in ".join(parts) if parts else "spread over the lines without one band standing out"
+    return "in " + ", and in ".join(parts) if parts else "no single frequency band stands out"
 
 
 def p_words(p: float, least: float) -> str:
@@ -58,12 +58,17 @@ def verdict(d: Diagnosis) -> str:
             c = d.closed
             best = words(" and ".join(d.causes[0].effects))
             parts.append(
-                (f"Of the named effects {best} would close" if _unnamed(d) else f"Adding {best} closes")
+                (
+                    f"The best-fitting effect of the library, {best}, would close"
+                    if _unnamed(d)
+                    else f"Adding {best} closes"
+                )
                 + f" {100 * c.fraction:.0f} % "
                 f"[{100 * c.low:.0f}, {100 * c.high:.0f}] of the gap"
                 + (", down to the noise floor." if c.at_noise_floor else ".")
                 + (
-                    f" About {c.trials_needed} trials like these would be needed to know the share to ±15 %."
+                    f" With about {c.trials_needed} such trials in all this share would be known to ±15 percentage "
+                    "points."
                     if c.high - c.low > 0.3
                     else ""
                 )
@@ -76,7 +81,7 @@ def verdict(d: Diagnosis) -> str:
     said = _said(d) if d.detected else set()
     missed = [words(u.effect) for u in d.undetectable if u.effect not in said]
     if missed:
-        parts.append(f"Not excluded, because these data cannot show it: {', '.join(missed)}.")
+        parts.append(f"These data can neither confirm nor rule out: {', '.join(missed)}.")
     parts += [f"Note: {w}." for w in d.warnings]
     return " ".join(parts)
 
@@ -117,9 +122,9 @@ def _cause(d: Diagnosis) -> list[str]:
             out.append(f"Also possible: {', '.join(others)}.")
     best = max(d.place, key=lambda k: d.place[k])
     if d.place[best] > 0.5:
-        out.append(f"Its place is the {best} ({100 * d.place[best]:.0f} %).")
+        out.append(f"Location: {best} ({100 * d.place[best]:.0f} %).")
     else:
-        out.append("Its place is not certain.")
+        out.append("Location: uncertain.")
     return out
 
 
@@ -132,7 +137,7 @@ def html(d: Diagnosis) -> str:
         for c in d.causes[:8]
     )
     rows += f"<tr><td>outside the library</td><td>{d.unknown_probability:.3f}</td><td></td></tr>"
-    rows += f"<tr><td>nothing missing</td><td>{d.none_probability:.3f}</td><td></td></tr>"
+    rows += f"<tr><td>no missing effect</td><td>{d.none_probability:.3f}</td><td></td></tr>"
     shifts = "".join(
         f"<tr><td>{s.name}</td><td>{s.without:.4g} ± {s.without_se:.2g}</td><td>"
         + ("" if s.added is None else f"{s.added:.4g} ± {s.added_se:.2g}")
@@ -143,6 +148,6 @@ def html(d: Diagnosis) -> str:
         f"<h3>{escape(d.name)}</h3><p>{escape(d.verdict())}</p>"
         "<table><thead><tr><th>cause</th><th>probability</th><th>size</th></tr></thead>"
         f"<tbody>{rows}</tbody></table>"
-        "<table><thead><tr><th>parameter</th><th>without</th><th>with the leading cause</th><th>unit</th></tr></thead>"
-        f"<tbody>{shifts}</tbody></table>"
+        "<table><thead><tr><th>parameter</th><th>base model</th><th>with the leading "
+        f"cause</th><th>unit</th></tr></thead><tbody>{shifts}</tbody></table>"
     )

@@ -62,12 +62,12 @@ def page_of(tree: xr.DataTree, beside: Sequence[_Beside] = ()) -> str:
     if main is not None:
         beyond.append(efficiency_figure(main))
     parts = [
-        ("paper", "Beside the paper", headline(context)),
+        ("paper", "Comparison with the paper", headline(context)),
         ("figures", "The paper's figures from this study", _figures(context, paper)),
-        ("beyond", "What the paper does not show", _figures(context, beyond)),
+        ("beyond", "Beyond the paper", _figures(context, beyond)),
         ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
-        ("alternatives", "The alternatives the paper argues with", _alternatives(context, beside)),
+        ("alternatives", "Alternatives the paper discusses", _alternatives(context, beside)),
         ("groups", "All groups in numbers", _traced(groups(context))),
         ("study", "How this was made", _provenance(context)),
     ]

@@ -1,4 +1,4 @@
-"""The parts of the page that are words and tables: what the study is, the paper beside it, all groups in numbers."""
+"""Words and tables of the page: what the study is, the comparison with the paper, all groups in numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def introduction(context: Context) -> str:
     conventions = dict.fromkeys(v.group.stimulus.convention.replace("_", " ") for v in context.study.groups.values())
     text = f"<p>{escape(description)}</p>" if description else ""
     text += "".join(f'<p class="truth"><strong>True values:</strong> {escape(t)}.</p>' for t in truths)
-    return text + f"<p>Amplitudes of the stimulus are read as {escape(' and '.join(conventions))}.</p>"
+    return text + f"<p>Amplitudes of the stimulus are {escape(' and '.join(conventions))} values.</p>"
 
 
 def _study_field(context: Context, field: str) -> str:
@@ -39,13 +39,14 @@ def headline(context: Context) -> str:
     if not rows:
         return (
             "<p>No number of the paper is about a group like those of this study (two segments, a torque at the "
-            "ankle, the paper's cost, its Fmax and amplitudes), so there is nothing to set beside it. Its own "
+            "ankle, the paper's cost, its Fmax and amplitudes), so there is nothing to compare. Its own "
             "numbers: <code>mcstudy show OUT</code>.</p>"
         )
     agree = sum(r["agrees"] is True for r in rows)
     judged = sum(r["agrees"] is not None for r in rows)
     head = "".join(
-        f'<th scope="col" role="columnheader">{h}</th>' for h in ("What", "Paper", "Ours ± MCSE", "Agrees?", "Why not")
+        f'<th scope="col" role="columnheader">{h}</th>'
+        for h in ("What", "Paper", "Ours ± MCSE", "Agrees?", "Explanation")
     )
     body = "".join(_headline_row(r) for r in rows)
     return (
@@ -53,9 +54,10 @@ def headline(context: Context) -> str:
         f"({escape(context.data['paper']['reference'])}).</p>"
         f'<table class="stack" role="table"><caption>Paper and this study</caption><thead role="rowgroup">'
         f'<tr role="row">{head}</tr></thead><tbody role="rowgroup">{body}</tbody></table>'
-        "<p>Floor: what a mean |bias| shows with no bias at all. Paper “&gt; 0” states an order of parameters; ours is "
-        "the margin by which it holds. Numbers without noise agree when they are no larger than the paper's. – means "
-        "that the paper gives no number. All of them: <code>mcstudy show OUT</code>.</p>"
+        "<p>Floor: mean |bias| expected from chance alone, for unbiased estimates from this many realizations. Paper "
+        "“&gt; 0” is a ranking of parameters; ours is the margin by which it holds (negative: it does not hold). "
+        "Numbers without noise agree when they are no larger than the paper's. – means that the paper gives no "
+        "number. All of them: <code>mcstudy show OUT</code>.</p>"
     )
 
 
@@ -66,7 +68,7 @@ def _headline_row(row: dict[str, Any]) -> str:
         ("Paper", f"{escape(_paper(row))}<br><small>{escape(row['where'])}</small>", ""),
         ("Ours", f"{escape(_ours(row))}{escape(floor)}{detail}", ""),
         ("Agrees?", MARK[row["agrees"]], CLASS[row["agrees"]]),
-        ("Why not", escape(row["explanation"]), ""),
+        ("Explanation", escape(row["explanation"]), ""),
     ]
     return (
         f'<tr role="row"><th scope="row" role="rowheader">{escape(row["label"])}</th>'
@@ -115,7 +117,15 @@ def groups(context: Context) -> str:
         g, data = view.group, context.data["groups"][name]
         fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in data["fits"].items() if n)
         what = "realizations" if view.noisy else "pools of starts"
-        header = ["condition", "used", "mean |bias| (%)", "floor", "mean SD (%)", "unstable (%)", "off all bounds (%)"]
+        header = [
+            "condition",
+            "used",
+            "mean |bias| (%)",
+            "floor",
+            "mean SD (%)",
+            "unstable (%)",
+            "on no bound (%)",
+        ]
         rows = [
             [
                 cell_label(view, c["amplitude"], c["fmax"]),

@@ -51,14 +51,20 @@ def _both(view: GroupView, fmax: float, of: Callable[[xr.Dataset], xr.Dataset]) 
 
 
 def bias_bars(data: Data, fmax: float | None = None, ax: Axes | None = None) -> Axes:
-    """Fig. 7A: |bias| of every parameter ± MCSE; the tick is what no bias at all would show."""
+    """Fig. 7A: |bias| of every parameter ± MCSE; the tick is what expected from chance would show."""
     view, ax = view_of(data), axes(ax, (4.3, 4.2))
     fmax = chosen_fmax(view, fmax)
     result = _in_order_of_cv(view, fmax, bias_of(view, fmax))
     _bars(ax, result)
     y = np.arange(result.sizes["parameter"])
     ax.plot(
-        result["floor"], y, "|", color=COLOURS["orange"], markersize=11, markeredgewidth=2.2, label="no bias at all"
+        result["floor"],
+        y,
+        "|",
+        color=COLOURS["orange"],
+        markersize=11,
+        markeredgewidth=2.2,
+        label="expected from chance",
     )
     ax.set_xlabel("|bias| (% of true value)")
     ax.set_title(f"Fmax {fmax_label(fmax)}")

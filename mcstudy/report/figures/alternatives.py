@@ -34,7 +34,7 @@ def hit_rate_bars(rate: xr.Dataset, title: str = "", ax: Axes | None = None) -> 
     ax.set_xticks(range(len(fmax)), [f"{f:g} Hz" for f in fmax])
     ax.set_ylim(0, 119)
     ax.set_yticks([0, 25, 50, 75, 100])
-    ax.set_ylabel("starts that arrive (%)")
+    ax.set_ylabel("starts reaching the minimum (%)")
     ax.set_title(title)
     ax.grid(axis="x", visible=False)
     legend_below(ax, 2, -0.1)

@@ -19,7 +19,7 @@ POINTS = 600
 
 def place_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     """Probability of every place, and what is given to none."""
-    values = {**diagnosis.place, "no place": diagnosis.place_abstained}
+    values = {**diagnosis.place, "no location": diagnosis.place_abstained}
     return _bars(axes(ax), list(values), list(values.values()), "place")
 
 

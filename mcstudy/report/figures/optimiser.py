@@ -71,7 +71,7 @@ def _lines(ax: Axes, view: GroupView, result: xr.Dataset) -> None:
             )
     plain_log_axis(ax.xaxis, [t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500) if t <= drawn.max()])
     ax.set_ylim(bottom=0)
-    ax.set_xlabel("starts a realization")
+    ax.set_xlabel("starts per realization")
     legend_below(ax, 2, -0.2)
 
 

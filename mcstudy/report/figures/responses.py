@@ -40,7 +40,7 @@ def controllers_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[st
 def frf_gain(data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None) -> Axes:
     """Fig. 4A, gain: line the truth; without noise, markers the best fit; with noise, band 10-90 % of best fits."""
     ax = _gain(data, amplitude, fmax, axes(ax), frf_of)
-    ax.set_ylabel("gain (rad per unit torque)")
+    ax.set_ylabel("gain (rad/(N·m))")
     return ax
 
 

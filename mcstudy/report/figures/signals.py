@@ -197,7 +197,7 @@ def simulation_error_frf(signals: Signals, ax: Axes | None = None) -> Axes:
     """What the error of Fig. 2D does to the FRFs, with and without the first cycle, and what sampling explains."""
     ax = axes(ax, (4.3, 3.2))
     kept = signals.view.group.stimulus.discard
-    for discard, dash, what in ((0, DASHES[2], "all cycles"), (kept, DASHES[0], f"without the first {kept}")):
+    for discard, dash, what in ((0, DASHES[2], "all cycles"), (kept, DASHES[0], f"without the first {cycles(kept)}")):
         f, error = signals.frf_error(discard)
         for i, name in enumerate(signals.angles):
             ax.plot(f, error[:, i], color=SERIES[i], linestyle=dash, label=f"{name}, {what}", linewidth=1.2)
@@ -261,3 +261,8 @@ def _time(signals: Signals, ax: Axes) -> Axes:
     ax.set_xlabel("time (s)")
     ax.set_xlim(0, signals.t[-1])
     return ax
+
+
+def cycles(n: int) -> str:
+    """``cycle`` or ``n cycles``, after "the first"."""
+    return "cycle" if n == 1 else f"{n} cycles"

@@ -1,4 +1,4 @@
-"""Sections on the alternatives the paper argues with, each with what the paper says of it."""
+"""Sections on the alternatives the paper discusses, each with what the paper says of it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DISCUSSION = "Goodworth & Peterka 2018, Discussion"
 
 
 def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
-    """Share of starts that arrive, by whether the loop stands at the start, for every group with several starts."""
+    """Success rate of starts, by whether the loop is stable at the start, for every group with several starts."""
     title = f"{ONE_START} (study {context.name})"
     views = [v for v in context.held if v.group.starts > 1]
     if not views:
@@ -45,15 +45,14 @@ def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
         "",
         title,
         [
-            "Share of all starts that reach the lowest minimum of their realization, ± MCSE, by whether the loop of "
-            "the model is stable at the start. A fit cannot easily carry a characteristic root across the imaginary "
-            "axis, so where every stable start arrives one reasonable guess suffices; the part of starts that is "
-            "stable is in the numbers.",
+            "Fraction of all starts that reach the lowest minimum of their realization, ± MCSE, by whether the loop of "
+            "the model is stable at the start. A fit that starts unstable usually stays unstable. Where every stable "
+            "start succeeds, one reasonable guess is enough; the fraction of stable starts is in the table.",
             f"{DISCUSSION}: with a single-link pendulum the fit “typically converges to what is likely to be a global "
             "minimum value with a single set of reasonable initial guesses”, with two segments it frequently does not.",
             "Ours, at the lowest and the highest Fmax: "
             + "; ".join(
-                f"{name} {_of_stable(r, 0)} and {_of_stable(r, -1)} of stable starts arrive"
+                f"{name} {_of_stable(r, 0)} and {_of_stable(r, -1)} of stable starts succeed"
                 for name, (_, _, _, r) in rates.items()
             )
             + ".",
@@ -64,8 +63,8 @@ def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
         ],
         [
             Table(
-                f"Group {name} ({v.group.model.kind.replace('_', ' ')}), {amplitude_label(v, a)}: starts that arrive "
-                "(% ± MCSE)",
+                f"Group {name} ({v.group.model.kind.replace('_', ' ')}), {amplitude_label(v, a)}: starts that reach "
+                "the minimum (% ± MCSE)",
                 ["Fmax", "all", "stable start", "worst realization", "unstable start", "stable among starts"],
                 [
                     [
@@ -110,9 +109,9 @@ def two_stimuli(result: TwoStimuliResult, key: str) -> Figure:
         "",
         "Two stimuli without a model of the controllers",
         [
-            "How far the mean estimate of each neural controller lies from the truth, for the cross-spectral estimate "
+            "Distance of the mean estimate of each neural controller from the truth, for the cross-spectral estimate "
             "with two independent torques, two estimates from one torque, and the paper's fit of 12 parameters to one "
-            "torque. Dotted: what the first would show by chance if it is unbiased.",
+            "torque. Dotted: distance expected of the first from chance alone, if it is unbiased.",
             f"{DISCUSSION}: with one stimulus total torque at the ankle “cannot distinguish between T11 and T21”, so "
             "“it is not possible to accurately calculate the neural controller FRFs by relating total torque to joint "
             "angle motion with a single stimulus”, while a parametric fit can (after Boonstra et al. 2013 and "
@@ -123,7 +122,7 @@ def two_stimuli(result: TwoStimuliResult, key: str) -> Figure:
         [
             Table(
                 f"Mean over {result.f.size} frequencies up to {result.f[-1]:.2g} Hz, percent of the true magnitude",
-                ["estimator: controller", "stimuli", "mean off by", "chance alone", "one experiment"],
+                ["estimator: controller", "stimuli", "mean error", "chance alone", "one experiment"],
                 rows,
             ),
             _settings(result.settings),

@@ -77,10 +77,11 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
     return Figure(
         "fig4noise",
         "",
-        "The same with noise",
+        "Fitted responses with noise",
         [
-            "Lines are the truth, bands hold the best fits of 80 % of the realizations; the dashed line is Fmax. "
-            "Beyond Fmax a fit extrapolates: a low Fmax leaves the dynamics above it open, as the paper saw.",
+            "Lines: truth. Bands: 10th to 90th percentile of the best fits over realizations, at each frequency. "
+            "Dashed: Fmax. Beyond Fmax a fit extrapolates: a low Fmax leaves the dynamics above it open, as the paper "
+            "saw.",
         ],
         panels,
         (),
@@ -186,12 +187,11 @@ def _fig_7a(view: GroupView, suffix: str) -> Figure | Missing:
         "Fig. 7A",
         "Bias",
         [
-            f"|mean estimate − truth| at Fmax {f:g} Hz, averaged over amplitudes, ± MCSE; in the order of Fig. 7B. An "
-            "absolute value is never zero: the orange tick is what an unbiased estimate would show with so few "
-            "realizations.",
+            f"|mean estimate − truth| at Fmax {f:g} Hz, averaged over amplitudes, ± MCSE; in the order of Fig. 7B. The "
+            "orange tick is the |bias| expected by chance alone, for unbiased estimates from this many realizations.",
         ],
         [Panel("|bias| by parameter", lambda ax: figures.bias_bars(view, f, ax), (4.3, 4.2))],
-        [Table(f"Fmax {f:g} Hz", ["parameter", "|bias| (%) ± MCSE", "no bias at all (%)"], rows)],
+        [Table(f"Fmax {f:g} Hz", ["parameter", "|bias| (%) ± MCSE", "expected from chance (%)"], rows)],
         ("bias_12_1.2", "bias_10_1.2", "bias_amplitude", "largest_bias"),
         f'figures.bias_bars(tree["{view.name}"], fmax={f:g})',
     )
@@ -230,7 +230,7 @@ def _fig_7c(view: GroupView) -> Figure | Missing:
         "Influence of every parameter",
         [
             "How much a change by ±10 % moves the two FRFs, as share of the sum over parameters, in the paper's low, "
-            "mid and high frequencies (its pies, as bars on one scale). Exact: no Monte Carlo error.",
+            "mid and high frequencies (the paper's pie charts, drawn as bars). Exact: no Monte Carlo error.",
         ],
         [
             Panel(f"{r}: {lo:g} to {hi:g} Hz", lambda ax, r=r: figures.sensitivity_bars(view, r, ax), (4.3, 3.6))  # type: ignore[misc]
@@ -261,8 +261,8 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
         title,
         [
             f"Group {view.name} (cost {view.group.fit.cost}): smallest variance that any unbiased estimator could have "
-            "over the variance found, ± MCSE. 1 is perfect. Hollow: more than one fit in ten ends on some bound; "
-            "bounds then hold estimates together, values above 1 are possible and the comparison means nothing."
+            "divided by the variance found, ± MCSE. 1 is perfect. Hollow: more than one fit in ten ends on a bound, "
+            "where the Cramér-Rao bound does not apply and values above 1 are possible."
             f"{none}{ticks} Arrows: off the scale.",
         ],
         [

@@ -25,17 +25,16 @@ def response_figures(data: GapData) -> list[Figure]:
         for k, n in angles
         for b in range(a.f.size)
     ]
-    header = ["angle, centre of band", "measured / before", "SD", "after / before"]
+    header = ["angle, centre of band", "measured / base", "SD", "with the cause / base"]
     return [
         Figure(
             "frf",
             "",
             "Frequency responses",
             [
-                f"Responses of the angles to the stimulus, neighbouring lines averaged in {BANDS_A_DECADE} bands a "
-                "decade for the eye only (every statistic uses the lines). Circles: measured, with the band that noise "
-                "leaves 95 % of the time.",
-                "Dashed: the model before. Solid: the model with the leading cause.",
+                f"Responses of the angles to the stimulus. Neighbouring lines are averaged in {BANDS_A_DECADE} bands "
+                "per decade for display only; every statistic uses the lines. Circles: measured, with a 95 % band.",
+                "Dashed: the base model. Solid: the model with the leading cause.",
             ],
             [
                 panel
@@ -50,10 +49,10 @@ def response_figures(data: GapData) -> list[Figure]:
         Figure(
             "misfit",
             "",
-            "The gap itself",
+            "Difference from the base model",
             [
-                "The same, less the model before: where circles and their band leave the dashed line the model before "
-                "fails, and the solid line says how much of that the leading cause takes up."
+                "Measured response relative to the base model. Where the band excludes the dashed line, the base model "
+                "fails. Solid: how much of that the leading cause explains."
             ],
             [
                 panel
@@ -84,12 +83,13 @@ def z_figure(data: GapData) -> Figure:
     return Figure(
         "zmap",
         "",
-        "Where: residuals in units of their noise",
+        "Where: standardised residuals",
         [
-            "|z| is a line's residual over the standard deviation that noise leaves it after the fit, 1 in root mean "
-            f"square where the model is right; the map shades its root mean square, a cross marks a cell with a line "
-            f"beyond {d.z_limit:.2f}, which the largest of all lines passes in one of 20 recordings without a gap.",
-            "A gap may be certain without a single line that stands out: the test of detection sums over all of them.",
+            "z = residual divided by its standard error after the fit; its RMS is about 1 if the model is right. The "
+            f"map shows the RMS of z. Cross: |z| above {d.z_limit:.2f}, exceeded somewhere in 5 % of recordings "
+            "without a gap.",
+            "A gap may be certain although no single line stands out: the test weighs all lines by what the effects of "
+            "the library would leave.",
         ],
         [
             Panel("channel by frequency", lambda ax: gap.z_map(data, ax), (4.3, 2.9)),
@@ -98,7 +98,13 @@ def z_figure(data: GapData) -> Figure:
                 for k, n in enumerate(data.angles)
             ),
         ],
-        [Table("Mean |z|² by band before, with its family-wise 95 % limit", ["band", "level", "limit", ""], rows)],
+        [
+            Table(
+                "Mean |z|² of the base model by band, with its family-wise 95 % limit",
+                ["band", "level", "limit", ""],
+                rows,
+            )
+        ],
         python="gap.z_map(data)",
     )
 
@@ -109,17 +115,17 @@ def which_figures(d: Diagnosis) -> list[Figure | Missing]:
         Figure(
             "causes",
             "",
-            "Place and cause",
+            "Location and cause",
             [
                 "Probabilities given this recording. Effects that it cannot tell apart are one bar, named after the "
-                "most probable of them. “Outside the library” is a cause that no effect of the library describes; “no "
-                "place” is what cannot be placed.",
+                "most probable one. “Outside the library” is a cause that no effect of the library describes; “no "
+                "location” is what cannot be located.",
                 ""
                 if d.detected
                 else "No gap was detected at the 5 % level: these are what the priors and this recording leave open.",
             ],
             [
-                Panel("place", lambda ax: gap_outcome.place_bars(d, ax)),
+                Panel("location", lambda ax: gap_outcome.place_bars(d, ax)),
                 Panel("cause", lambda ax: gap_outcome.cause_bars(d, ax), (4.3, 4.4)),
             ],
             python="gap_outcome.cause_bars(diagnosis)",
@@ -145,11 +151,12 @@ def which_figures(d: Diagnosis) -> list[Figure | Missing]:
     )
     rows += [[f"sway error {k} (° RMS)", "-" if v is None else f"{v:.4g}", ""] for k, v in d.sway_rms_deg.items()]
     text = (
-        "First, what the leading cause closes of the gap, noise taken out, with its 95 % interval, which counts that "
-        "the cause may be another. Second, the error of predicted sway, beside its mean where nothing but noise is "
-        "left (one recording scatters around that). It weighs low frequencies, where sway is largest, most."
+        "First: share of the misfit (noise subtracted) that the leading cause removes. The 95 % interval includes the "
+        "chance that the cause is another one. Second: error of the predicted sway, and the mean it would have if only "
+        "noise were left. One recording scatters around that mean, and low frequencies, where sway is largest, "
+        "dominate."
     )
-    none = "Nothing was added, since no gap was detected. The error of predicted sway, beside its noise floor."
+    none = "Nothing was added, since no gap was detected. Error of the predicted sway, and its noise floor."
     numbers = [Table("Gap closed", ["", "estimate", "95 % interval"], rows)]
     title = "How far the gap shrinks"
     return [

@@ -18,7 +18,7 @@ def numbers(d: Diagnosis) -> str:
     return (
         "".join(table(t) for t in tables if t.rows)
         + (f"<p>Effects this recording cannot tell apart: {escape(groups)}.</p>" if groups else "")
-        + (f"<h3>What is odd about the recording</h3><ul>{warnings}</ul>" if warnings else "")
+        + (f"<h3>Data quality warnings</h3><ul>{warnings}</ul>" if warnings else "")
     )
 
 
@@ -33,7 +33,7 @@ def _causes(d: Diagnosis) -> Table:
         for k, c in enumerate(d.causes[:MOST_CAUSES])
     ]
     rows.append(["outside the library", f"{d.unknown_probability:.3f}", "", "yes" * ("unknown" in d.credible_set)])
-    rows.append(["nothing missing", f"{d.none_probability:.3f}", "", "yes" * ("none" in d.credible_set)])
+    rows.append(["no missing effect", f"{d.none_probability:.3f}", "", "yes" * ("none" in d.credible_set)])
     return Table("Causes", ["cause", "probability", "size ± SE", "in the 95 % set"], rows)
 
 
@@ -48,8 +48,8 @@ def _parameters(d: Diagnosis) -> Table:
         ]
         for s in d.shifts
     ]
-    header = ["parameter", "without ± SE", "with the leading cause ± SE", "change", "unit"]
-    return Table("What the cause does to the parameters", header, rows)
+    header = ["parameter", "base model ± SE", "with the leading cause ± SE", "change", "unit"]
+    return Table("Parameters without and with the leading cause", header, rows)
 
 
 def _contrasts(d: Diagnosis) -> Table:
@@ -81,4 +81,4 @@ def _undetectable(d: Diagnosis) -> Table:
         for u in d.undetectable
     ]
     header = ["effect", "why", "smallest size found here", "trials for its published size"]
-    return Table("What these data could not have shown", header, rows)
+    return Table("Effects below the detection limit of these data", header, rows)

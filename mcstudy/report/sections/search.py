@@ -31,7 +31,7 @@ def further_search_figures(context: Context) -> list[Figure | Missing]:
 
 
 def _fig_3a(context: Context) -> Figure | Missing:
-    title = "A low cost means true controllers"
+    title = "Without noise, a low cost means correct controllers"
     view = context.theory
     if view is None:
         return Missing("Fig. 3A", title, "the study has no group without noise (simulator = 'none')")
@@ -43,9 +43,9 @@ def _fig_3a(context: Context) -> Figure | Missing:
         title,
         [
             f"Every start of group {view.name} without noise: cost J of its fit to the two FRFs against the error J_NC "
-            "of the four neural controllers. Low left is a right answer. The paper shows a line of points, as a "
-            "solver leaves that stops along the way; one that converges leaves two crowds, the truth to rounding and "
-            "the local minima.",
+            "of the four neural controllers. Bottom left: the true parameters were found. The paper's points form a "
+            "line because its solver stopped early; ours converges, so points gather at the truth (to rounding) and "
+            "at the local minima.",
         ],
         [Panel("cost and controller error", lambda ax: figures.controller_error(view, fmax=f, ax=ax))],
         [
@@ -75,9 +75,10 @@ def _fig_3b(context: Context) -> Figure | Missing:
         "Fig. 3B",
         CURVE_TITLE,
         [
-            "The lowest cost to be expected of x starts, mean over realizations with its standard error, one curve a "
-            "condition. Where a curve is flat more starts buy nothing. Exact order statistics of the whole pool, not "
-            "resampling. A mean curve hides the realizations that need more: see their median and 90th percentile.",
+            "Expected lowest cost after x random starts: mean over realizations ± standard error (the paper shows SD), "
+            "one curve per condition. Where a curve is flat, more starts do not help. Computed from exact order "
+            "statistics of the whole pool, not by resampling. The mean hides the realizations that need more starts: "
+            "see the median and the 90th percentile in the table.",
         ],
         [
             Panel(f"group {v.name}, Fmax {f:g} Hz", lambda ax, v=v, f=f: figures.starts_curve(v, f, ax))  # type: ignore[misc]
@@ -99,7 +100,7 @@ def _starts_table(context: Context, view: GroupView) -> Table:
         ]
         for c in context.cells(view)
     ]
-    header = ["condition", "starts that hit (%)", "needed, median", "needed, 90th percentile"]
+    header = ["condition", "starts that reach the minimum (%)", "needed, median", "needed, 90th percentile"]
     return Table(f"Group {view.name}: starts for 95 % certainty of the lowest minimum, ± MCSE", header, rows)
 
 
@@ -116,7 +117,7 @@ def _curve_table(view: GroupView) -> Table:
 
 
 def _fig_3c(context: Context) -> Figure | Missing:
-    title = "Noise and bandwidth loosen the bond"
+    title = "With noise, a low cost no longer guarantees correct controllers"
     view = context.accuracy
     if view is None:
         return Missing("Fig. 3C", title, "no group with noise has more than one realization")
@@ -160,8 +161,9 @@ def _waterfall(context: Context) -> Figure | Missing:
         "",
         title,
         [
-            "Costs of all starts of a realization, sorted, over the realization's lowest; one line a realization. The "
-            "flat beginning is the part of the starts that found the lowest minimum, every step is another minimum.",
+            "Costs of all starts of a realization, sorted, divided by the realization's lowest; one line per "
+            "realization. The flat beginning is the fraction of starts that found the lowest minimum; every step is "
+            "another minimum.",
         ],
         [
             Panel(
@@ -205,9 +207,9 @@ def _atlas(context: Context) -> Figure | Missing:
         "",
         title,
         [
-            "Local minima of all realizations, clustered by their place between the bounds (no parameter further than "
-            "half the distance between its bounds from the cluster's leader). A bar goes from the middle of the "
-            "bounds, which is the truth where bounds are centred, to the cluster's mean. At the right: part of all "
+            "Local minima of all realizations, clustered by their position between the bounds (no parameter further "
+            "than half the distance between its bounds from the cluster's leader). A bar goes from the middle of the "
+            "bounds, which is the truth where bounds are centred, to the cluster's mean. At the right: fraction of all "
             "starts that end there, and in how many realizations the cluster holds the lowest minimum. Green and "
             "solid: mostly stable loops; orange and pale: mostly unstable.",
         ],
@@ -242,7 +244,7 @@ def _atlas_table(view: GroupView, amplitude: float, fmax: float) -> Table:
 
 
 def _by_starts(context: Context) -> Figure | Missing:
-    title = "What more starts buy"
+    title = "Bias and CV against the number of starts"
     view = context.accuracy
     if view is None or view.group.starts < 2:
         return Missing("", title, "no group with noise has more than one realization and more than one start")
@@ -252,7 +254,8 @@ def _by_starts(context: Context) -> Figure | Missing:
         title,
         [
             "Mean |bias| and coefficient of variation over parameters when only the first x starts of every "
-            "realization are used. What still falls with x is the optimiser's part; what stays is the estimator's.",
+            "realization are used. What still falls with x is due to the optimiser; what stays is due to the "
+            "estimator.",
         ],
         [
             Panel("mean |bias|", lambda ax: figures.bias_by_starts(view, ax), (4.3, 4.0)),

@@ -8,7 +8,7 @@ from mcstudy.analysis.published import METHODS
 from mcstudy.report import figures
 from mcstudy.report.context import Context, short
 from mcstudy.report.figure import Figure, Missing, Panel
-from mcstudy.report.figures.signals import Signals
+from mcstudy.report.figures.signals import Signals, cycles
 from mcstudy.report.html import Table
 
 
@@ -83,14 +83,15 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Error of a time simulation",
             [
                 "Integration in time from rest, without noise, against the exact steady state. First: error of the "
-                "sway; the transient decays within the first cycle, what is left repeats in every cycle. Second: error "
-                "of the FRFs, relative. It is what sampling makes (crosses): the equations are divided by the DFT of "
-                "the torque's samples, while the body is driven by what is between them; a torque that is linear "
+                "sway; the transient decays within the first cycle, what is left repeats in every cycle. Second: "
+                "relative error of the FRFs. It is caused by sampling (crosses): the FRF is divided by the DFT of the "
+                "torque's samples, while the body is driven by the torque between them; a torque that is linear "
                 "between samples has Fourier coefficients (sin x / x)² times those of its samples, x = π f / rate.",
                 "The paper saw small, systematic errors at every solver and up to 10,000 Hz that disturbed fits at "
-                "high frequency, where the FRF is small, and left them unexplained. This fits: small in sway, alike in "
-                "every cycle, growing with frequency, whatever the solver. A transient does not: with the first cycle "
-                "kept (dotted) errors are no longer small. Evidence: pipelines/fig2d.md.",
+                "high frequency, where the FRF is small, and left them unexplained. Sampling explains these features: "
+                "small in sway, repeated in every cycle, growing with frequency, independent of the solver. A "
+                "transient does not: with the first cycle kept (dotted) errors are no longer small. Evidence: "
+                "pipelines/fig2d.md.",
             ],
             [
                 Panel("sway error over time", lambda ax: figures.simulation_error_record(s, ax)),
@@ -99,7 +100,12 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             [
                 Table(
                     f"Relative error of the FRFs at {f[-1]:.2f} Hz",
-                    ["angle", "all cycles", f"without the first {view.group.stimulus.discard}", "sampling explains"],
+                    [
+                        "angle",
+                        "all cycles",
+                        f"without the first {cycles(view.group.stimulus.discard)}",
+                        "sampling explains",
+                    ],
                     [
                         [n, short(early[-1, i]), short(error[-1, i]), short(sampling[-1])]
                         for i, n in enumerate(s.angles)

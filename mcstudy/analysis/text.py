@@ -16,6 +16,8 @@ def render(data: dict[str, Any]) -> str:
     """All tables of a `mcstudy.analysis.summary.summary`."""
     study = data["study"]
     parts = [f"Study {study['title']} (seed {study['seed']}, fingerprint {str(study['fingerprint'])[:12]})"]
+    if left := incomplete(data):
+        parts.append(textwrap.fill(left, WIDTH))
     for provenance in dict.fromkeys(g["truth_provenance"] for g in data["groups"].values()):
         parts.append(textwrap.fill(f"True values: {provenance}.", WIDTH))
     if data["paper"]["rows"]:
@@ -24,6 +26,15 @@ def render(data: dict[str, Any]) -> str:
         parts.append(_comparisons(data["comparisons"]))
     parts += [_group(name, group) for name, group in data["groups"].items()]
     return "\n\n".join(parts)
+
+
+def incomplete(data: dict[str, Any]) -> str:
+    """How many fits of which group are pending, as a sentence; empty when none is."""
+    fits = {name: group["fits"] for name, group in data["groups"].items()}
+    left = [f"{f['pending']} of {sum(f.values())} fits of group {name}" for name, f in fits.items() if f.get("pending")]
+    if not left:
+        return ""
+    return f"Not complete: {', '.join(left)} are pending; all numbers are of the fits that have been run."
 
 
 def _paper(paper: dict[str, Any]) -> str:

@@ -155,12 +155,13 @@ def _place(cell: dict[Hashable, Any]) -> str:
 
 def run_until(
     study: Study,
-    out: Path,
+    out: str | Path,
     target: Target,
     budget: int,
     options: ClusterOptions | None = None,
     block: int | None = None,
     say: Callable[[str], object] = str,
+    quarantine: bool = False,
 ) -> Until:
     """Run ``study`` and let it grow until every group with noise is at the target or the budget is spent.
 
@@ -169,18 +170,20 @@ def run_until(
     out: the cube; may be one that an earlier call has grown, which goes on from there.
     budget: most fits the cube may have in all.
     say: is told every step when it is taken; by default nobody is.
+    quarantine: as of `run_study`.
 
     Raises
     ------
     InputError: no group has noise, or the study alone exceeds the budget. Others as `run_study`.
     """
+    out = Path(out)
     names = [name for name, group in study.group.items() if _noisy(group)]
     if not names:
         raise InputError("--until-mcse: expected a study with noise: there is no Monte Carlo error without")
     current = _already_grown(study, out)
     if current.fits > budget:
         raise InputError(f"--budget-fits: expected at least the {current.fits} fits there are already, got {budget}")
-    total = run_study(current, out, options, block)
+    total = run_study(current, out, options, block, quarantine)
     until = Until(False, "", outcome=total)
     while True:
         tree = open_results(out, lazy=None)

@@ -50,8 +50,9 @@ class GroupView:
     @cached_property
     def combined(self) -> xr.Dataset | None:
         """`cells` with the stiffnesses combined; None for a model without such pairs."""
+        cells = self.cells  # a cube that cannot be read is no model without such pairs
         try:
-            return combined(self.cells)
+            return combined(cells)
         except InputError:
             return None
 

@@ -17,6 +17,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", type=Path, help="study file (TOML)")
     parser.add_argument("-o", "--out", type=Path, help="results cube; default results/NAME.zarr")
     parser.add_argument(
+        "--quarantine",
+        action="store_true",
+        help="move what is in OUT and no part of it to OUT.aside; nothing is deleted",
+    )
+    parser.add_argument(
         "--until-mcse",
         metavar="STATISTIC=PERCENT%",
         help="grow the study until the largest Monte Carlo error of bias (or mean_bias) is this, e.g. bias=1%%",
@@ -36,7 +41,7 @@ def main(args: argparse.Namespace) -> int:
     out = args.out or default_out(study)
     if args.until_mcse is not None or args.budget_fits is not None:
         return _until(args, study, out)
-    return tell(run_study(study, out, cluster_options(args), args.block), out)
+    return tell(run_study(study, out, cluster_options(args), args.block, args.quarantine), out)
 
 
 def _until(args: argparse.Namespace, study: Study, out: Path) -> int:
@@ -54,7 +59,7 @@ def _until(args: argparse.Namespace, study: Study, out: Path) -> int:
     def say(line: str) -> None:
         print(f"grows: {line}", file=sys.stderr, flush=True)
 
-    until = run_until(study, out, target, args.budget_fits, cluster_options(args), args.block, say)
+    until = run_until(study, out, target, args.budget_fits, cluster_options(args), args.block, say, args.quarantine)
     code = tell(until.outcome, out)
     for line in until.steps:
         print(f"grown: {line}")

@@ -79,7 +79,10 @@ def _watch(cube: Cube, every: float) -> int:
             rate = (done - seen[0][1]) / (now - seen[0][0]) if seen else 0.0
             seen.append((now, done))
             line = f"{watch.chunks_done}/{watch.chunks} chunks  {fits_line(done, total, watch.failed, rate)}"
-            display.show([f"{cube.path}: study {cube.study.study.name}", line, *watch.headlines()])
+            lines = [f"{cube.path}: study {cube.study.study.name}", line, *watch.headlines()]
+            if watch.unreadable:
+                lines.append(f"{watch.unreadable} chunks are damaged or incomplete: mcstudy verify names them")
+            display.show(lines)
             if done >= total:
                 return FITS_FAILED if watch.failed else DONE
             time.sleep(every)

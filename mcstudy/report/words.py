@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from mcstudy.analysis.cells import number, with_error
+from mcstudy.analysis.text import incomplete
 from mcstudy.report.context import Context, short, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label
@@ -35,6 +36,11 @@ def _study_field(context: Context, field: str) -> str:
 
 def headline(context: Context) -> str:
     """The table *paper | ours ± MCSE | agrees?*, or a sentence where no number of the paper is about this study."""
+    left = incomplete(context.data)
+    return (f"<p><strong>{escape(left)}</strong></p>" if left else "") + _headline(context)
+
+
+def _headline(context: Context) -> str:
     rows = list(context.published.values())
     if not rows:
         return (

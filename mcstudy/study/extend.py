@@ -76,7 +76,7 @@ def _grown(where: str, group: Group, growth: Growth) -> Group:
     return group.model_copy(update={"realizations": realizations, "starts": starts, **merged})
 
 
-def extend(out: Path, growth: Growth, options: ClusterOptions | None = None, block: int | None = None) -> Outcome:
+def extend(out: str | Path, growth: Growth, options: ClusterOptions | None = None, block: int | None = None) -> Outcome:
     """Grow the cube ``out`` and run what is pending of it.
 
     A stop at any moment leaves the old cube or the new one at ``out``, whole and with everything that was done; the
@@ -86,15 +86,15 @@ def extend(out: Path, growth: Growth, options: ClusterOptions | None = None, blo
     ------
     DesignError: the growth is none, or not of a valid study. StoreError, Interrupted: as `run_study`.
     """
-    out = out.resolve()
+    out = Path(out).resolve()
     with locked(out):
         recover(out)
         if out.exists():
             sweep(out)
         old = Cube.open(out)
         grown_study(old.study, growth)  # what cannot grow is refused before anything is touched
-        old, repaired = repair(out, old.study)
-        return run_cube(grow(old, growth), repaired, options, block)
+        old, repairs = repair(out, old.study)
+        return run_cube(grow(old, growth), repairs, options, block)
 
 
 def grow(old: Cube, growth: Growth) -> Cube:
@@ -111,6 +111,8 @@ def grow(old: Cube, growth: Growth) -> Cube:
             for chunk in store.layout.chunks:
                 if not store.complete(chunk):
                     _copy(source, store, chunk)
+                elif not store.annotated(chunk):  # a kill left it before its last step
+                    store.annotate(chunk)
         replace_tree(out, building)
     except OSError as error:
         raise StoreError(f"{out}: expected room for a larger copy beside it ({error.strerror})") from None

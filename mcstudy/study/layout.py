@@ -103,6 +103,23 @@ class Layout:
         place = {"amplitude": chunk.amplitude, "realization": chunk.block}
         return ".".join(["c", *(str(place.get(dim, 0)) for dim in self.arrays[name].dims)])
 
+    def place(self, name: str, key: str) -> Chunk | None:
+        """The chunk whose file in the folder of array ``name`` is called ``key``; None when there is none."""
+        if name not in self.results:
+            return None
+        dims, parts = self.arrays[name].dims, key.split(".")[1:]
+        if len(parts) != len(dims) or not all(part.isdecimal() for part in parts):
+            return None
+        chunk = Chunk(int(parts[dims.index("amplitude")]), int(parts[dims.index("realization")]))
+        blocks = -(-self.group.realizations // self.realizations_a_chunk)
+        there = chunk.amplitude < len(self.group.amplitude) and chunk.block < blocks
+        return chunk if there and self.key(name, chunk) == key else None
+
+    def note(self, chunk: Chunk) -> str:
+        """Where the checksums of a chunk's files are, below the group's folder (`mcstudy.study.checksums`)."""
+        status = self.results[-1]
+        return f"{status}/{self.key(status, chunk)}.checksums"
+
 
 def realizations_a_chunk(group: Group) -> int:
     """Realizations that share a chunk."""

@@ -52,7 +52,7 @@ def whole_document(path: Path) -> dict[str, Any]:
     try:
         document = json.loads(real_bytes(path / "zarr.json", LARGEST_METADATA))
     except OSError as error:
-        raise StoreError(f"{path}: expected a results cube ({error.strerror}: zarr.json)") from None
+        raise StoreError(f"{path / 'zarr.json'}: expected a results cube ({error.strerror})") from None
     except (ValueError, RecursionError):
         raise StoreError(f"{path / 'zarr.json'}: expected a JSON document") from None
     if not isinstance(document, dict) or not isinstance(document.get("attributes", {}), dict):

@@ -57,7 +57,7 @@ def run_model(
     check(group, model)
     experiment = Experiment(group, seed, model)
     # Only for its layout: nothing of a store touches the disk before it is written to.
-    store = GroupStore(Path(), model.name, experiment, group.realizations)
+    store = GroupStore(Path(), model.name, experiment, group.realizations, "")
     arrays = store.layout.arrays
     parts = []
     for position in range(len(group.amplitude)):

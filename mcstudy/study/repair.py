@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,22 @@ from mcstudy.study.durable import sync_folder, write
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.metadata import depth_votes, document
 from mcstudy.study.store import SCHEMA, Cube
+from mcstudy.study.strays import NOT_PART, parts, set_aside, strays
 from mcstudy.study.untrusted import refuse_links
+
+
+@dataclass
+class Repairs:
+    """What was done to a cube before it is run.
+
+    Attributes
+    ----------
+    written: files of its skeleton that were written again.
+    said: one line for everything that was set aside, or does not belong and was left.
+    """
+
+    written: list[str] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
 
 
 def skeleton(cube: Cube, made_in: dict[str, Any]) -> dict[Path, bytes]:
@@ -37,8 +53,11 @@ def repairable(path: Path, study: Study) -> bool:
     return identity.fingerprint_of(path) == study.fingerprint and identity.made_in(path) is not None
 
 
-def repair(path: Path, study: Study) -> tuple[Cube, list[str]]:
-    """The cube at ``path``, which is the study's, with every damaged file of its skeleton written again; and which."""
+def repair(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Repairs]:
+    """The cube at ``path``, which is the study's, with every damaged file of its skeleton written again; and which.
+
+    What is in the way of a file or folder of the cube is set aside, with ``quarantine`` all that does not belong.
+    """
     refuse_links(path)
     made_in = identity.made_in(path)
     if made_in is None:
@@ -46,8 +65,16 @@ def repair(path: Path, study: Study) -> tuple[Cube, list[str]]:
     votes = depth_votes(path)
     depths = {name: votes.get(name, realizations_a_chunk(group)) for name, group in study.group.items()}
     cube = Cube(path, study, {"environment": made_in}, depths)
-    repaired = []
-    for file, content in skeleton(cube, made_in).items():
+    files = skeleton(cube, made_in)
+    repairs = Repairs()
+    found = list(strays(path, parts(cube, files)))
+    leaving = [stray for stray in found if quarantine or stray.in_the_way]
+    if leaving:
+        place = set_aside(path, leaving)
+        repairs.said += [f"set aside: {stray.path.as_posix()} is now in {place}" for stray in leaving]
+    left = [stray.path for stray in found if stray not in leaving]
+    repairs.said += [f"warning: {path / stray}: {NOT_PART}" for stray in left]
+    for file, content in files.items():
         target = path / file
         if not target.is_file() or target.read_bytes() != content:
             try:
@@ -57,5 +84,8 @@ def repair(path: Path, study: Study) -> tuple[Cube, list[str]]:
                 sync_folder(target.parent)
             except OSError as error:
                 raise StoreError(f"{target}: expected a file that can be written ({error.strerror})") from None
-            repaired.append(file.as_posix())
-    return Cube.open(path), repaired
+            repairs.written.append(file.as_posix())
+    for stray in left:
+        if (path / stray).is_dir():  # Zarr would take it for a group or an array
+            raise StoreError(f"{path / stray}: {NOT_PART}")
+    return Cube.open(path), repairs

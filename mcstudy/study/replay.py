@@ -60,7 +60,7 @@ class _Place:
     start: int
 
 
-def replay(out: Path, group: str | None, amplitude: float, fmax: float, realization: int, start: int) -> Replay:
+def replay(out: str | Path, group: str | None, amplitude: float, fmax: float, realization: int, start: int) -> Replay:
     """Run the fit of one cell again.
 
     Parameters

@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from mcstudy.study.store import Cube
-from mcstudy.study.untrusted import CubeStore
+from mcstudy.errors import StoreError
+from mcstudy.study.checksums import CheckedStore
+from mcstudy.study.store import Cube, GroupStore
 
 FITS_A_PIECE = 200_000
 """Fits in one Dask chunk: about 20 MB of estimates, a few tens of pieces for millions of fits."""
@@ -38,8 +40,10 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
     cube = Cube.open(path)
     if lazy is None:
         lazy = cube.study.fits > FITS_IN_MEMORY
-    # The store refuses links, and chunks that claim to be larger than any study's; other formats are not looked for.
-    guarded: Any = CubeStore(path, read_only=True)
+    # The store refuses links, chunks that claim to be larger than any study's, and chunks that are missing or another
+    # one's; other formats are not looked for.
+    layouts = {name: store.layout for name, store in cube.groups.items()}
+    guarded: Any = CheckedStore(path, layouts, cube.study.fingerprint)
     root = xr.open_datatree(guarded, engine="zarr", consolidated=False, zarr_format=3, chunks=None)
     groups = {}
     for name, store in cube.groups.items():
@@ -52,7 +56,25 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
             data = data.drop_vars(list(results)).load().assign(results)
         else:
             data = data.load()
+        _check_constants(store, data)
         groups[name] = data[list(root[name].data_vars)]
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(root.attrs)
     return tree
+
+
+def _check_constants(store: GroupStore, data: xr.Dataset) -> None:
+    """Raise `StoreError` when a coordinate or constant is not the study's: no checksum tells a file in another's place.
+
+    Another machine may have rounded the last digits in another way.
+    """
+    for name, spec in store.layout.arrays.items():
+        if spec.values is None:
+            continue
+        found, expected = data[name].values, np.asarray(spec.values)
+        if expected.dtype.kind in "fc":
+            same = np.allclose(found, expected, rtol=1e-9, atol=0.0, equal_nan=True)
+        else:
+            same = bool((found == expected).all())
+        if not same:
+            raise StoreError(f"{store.path / name}: expected the values of the study, found others")

@@ -14,13 +14,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mcstudy.errors import StoreError, StudyChangedError
-from mcstudy.study import environment, study_file
+from mcstudy.study import environment, runlog, study_file
 from mcstudy.study.cluster import ClusterOptions, connect, dashboard_url
 from mcstudy.study.design import Study
 from mcstudy.study.durable import locked, recover, sweep
 from mcstudy.study.layout import Chunk, Layout
 from mcstudy.study.progress import Progress
-from mcstudy.study.repair import repair, repairable
+from mcstudy.study.repair import Repairs, repair, repairable
 from mcstudy.study.runlog import RunLog
 from mcstudy.study.stopping import stop_requests
 from mcstudy.study.store import Cube
@@ -42,29 +42,37 @@ def default_out(study: Study) -> Path:
     return Path("results") / f"{study.study.name}.zarr"
 
 
-def open_or_create(path: Path, study: Study) -> tuple[Cube, list[str]]:
+def open_or_create(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Repairs]:
     """The cube at ``path`` for ``study``, and what of its metadata and coordinates had to be repaired.
+
+    ``quarantine``: set aside what is no part of it.
 
     Raises `StudyChangedError` when it belongs to another study, `StoreError` when it cannot be told to which.
     """
     if not path.exists():
-        return Cube.create(path, study), []
+        return Cube.create(path, study), Repairs()
     try:
         cube = Cube.open(path)
     except StoreError:
         if not repairable(path, study):
             raise
-        return repair(path, study)
+        return repair(path, study, quarantine)
     if cube.study.fingerprint != study.fingerprint:
         changed = study_file.changes(cube.study, study)
         more = f"; and {len(changed) - 5} more" if len(changed) > 5 else ""
         raise StudyChangedError(
             f"{path}: belongs to another study file; expected no change, found {'; '.join(changed[:5])}{more}"
         )
-    return repair(path, study)
+    return repair(path, study, quarantine)
 
 
-def run_study(study: Study, out: Path, options: ClusterOptions | None = None, block: int | None = None) -> Outcome:
+def run_study(
+    study: Study,
+    out: str | Path,
+    options: ClusterOptions | None = None,
+    block: int | None = None,
+    quarantine: bool = False,
+) -> Outcome:
     """Run everything that is pending of ``study`` in the cube ``out``.
 
     Parameters
@@ -73,6 +81,7 @@ def run_study(study: Study, out: Path, options: ClusterOptions | None = None, bl
     out: path of the cube; made if it does not exist, resumed if it does, repaired where it is damaged.
     options: where to run.
     block: chunks a block; by default enough for about half a second.
+    quarantine: whether files and folders that are no part of the cube are moved to a folder beside it.
 
     Raises
     ------
@@ -81,20 +90,21 @@ def run_study(study: Study, out: Path, options: ClusterOptions | None = None, bl
     Interrupted: stopped by Ctrl-C, SIGTERM, a disk that could not be written, or a lost scheduler; the same call
         resumes.
     """
-    out = out.resolve()
+    out = Path(out).resolve()
     with locked(out):
         recover(out)
         if out.exists():
             sweep(out)
-        return run_cube(*open_or_create(out, study), options, block)
+        return run_cube(*open_or_create(out, study, quarantine), options, block)
 
 
-def run_cube(cube: Cube, repaired: list[str], options: ClusterOptions | None, block: int | None) -> Outcome:
-    """Run everything that is pending of a cube that the caller holds locked; ``repaired`` is told and logged."""
+def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block: int | None) -> Outcome:
+    """Run everything that is pending of a cube that the caller holds locked; ``repairs`` are told and logged."""
     options, out, study = options or ClusterOptions(), cube.path, cube.study
     run = uuid.uuid4().hex[:12]
     log, here = RunLog(out, run), environment.environment()
     outcome = Outcome(out)
+    noted = _annotate(cube)
     blocks = list(pending_blocks(cube, options.threads, block))
     total = sum(b.fits for b in blocks)
     outcome.skipped = study.fits - total
@@ -107,10 +117,15 @@ def run_cube(cube: Cube, repaired: list[str], options: ClusterOptions | None, bl
         environment=here,
         pending_fits=total,
         threads=options.threads,
-        repaired=repaired,
+        repaired=repairs.written,
     )
-    for line in repaired:
-        progress.say(f"repaired: {line}")
+    pending = {(b.group, c.amplitude, c.block) for b in blocks for c in b.chunks}
+    if gone := sorted(pending & runlog.reported(out, study.fingerprint)):
+        log.add("taken_back", chunks=gone)
+    for line in (*repairs.said, *(f"repaired: {file}" for file in repairs.written)):
+        progress.say(line)
+    if noted:
+        progress.say(f"repaired: the checksums of {noted} chunks, which had none")
     for line in differ if total else ():
         progress.say(f"warning: the cube was made in another environment: {line}")
     if blocks:
@@ -121,7 +136,7 @@ def run_cube(cube: Cube, repaired: list[str], options: ClusterOptions | None, bl
             submission.warned.update(differ)
             doubtful = submission.run(deque(blocks))
             for _ in range(SECOND_LOOKS):
-                again = deque(_unsound(cube, doubtful))
+                again = deque(_unsound(cube, doubtful, log))
                 if not again:
                     break
                 doubtful = submission.run(again)
@@ -130,15 +145,36 @@ def run_cube(cube: Cube, repaired: list[str], options: ClusterOptions | None, bl
     return outcome
 
 
-def _unsound(cube: Cube, blocks: list[Block]) -> Iterator[Block]:
+def _annotate(cube: Cube) -> int:
+    """Note the checksums of what is complete and has no note: a kill came before that step, or the cube is older.
+
+    What holds no estimate where it should is taken back instead. Returns the number of chunks noted.
+    """
+    noted = 0
+    for store in cube.groups.values():
+        for chunk in store.layout.chunks:
+            if store.annotated(chunk) or store.pending(chunk):
+                continue
+            if store.consistent(chunk):
+                store.annotate(chunk)
+                noted += 1
+            else:
+                store.forget(chunk)
+    return noted
+
+
+def _unsound(cube: Cube, blocks: list[Block], log: RunLog) -> Iterator[Block]:
     """Chunks of blocks that two workers may have written at once, where the later write was the less complete one."""
     for one in blocks:
         store = cube.groups[one.group]
         for chunk in one.chunks:
             if not store.consistent(chunk):
+                log.add("taken_back", chunks=[[one.group, chunk.amplitude, chunk.block]])
                 store.forget(chunk)
             if left := store.pending(chunk):
                 yield Block(one.group, (chunk,), left)
+            elif not store.annotated(chunk):  # the other worker took it back and did not come to its end
+                store.annotate(chunk)
 
 
 def pending_blocks(cube: Cube, threads: int, per_block: int | None) -> Iterator[Block]:

@@ -1,5 +1,7 @@
 """The log of a cube: when it was worked on, by which versions, and which chunks each run wrote.
 
+What is reported there and found damaged later is taken back there before it is written again.
+
 One JSON object a line in ``OUT.log/runs.jsonl``, beside the cube and never part of it: times differ between runs,
 results must not. No host or user names.
 """
@@ -53,8 +55,11 @@ def last_begin(path: Path) -> dict[str, Any]:
     return found
 
 
-def reported(path: Path, fingerprint: str) -> set[tuple[str, int, int]]:
-    """Chunks (group, amplitude, block) that runs of the study have reported as complete."""
+def reported(path: Path, fingerprint: str, checksums: bool = False) -> set[tuple[str, int, int]]:
+    """Chunks (group, amplitude, block) that runs of the study have reported as complete, and not taken back since.
+
+    ``checksums``: only those whose checksums were noted, as older programs did not.
+    """
     chunks: set[tuple[str, int, int]] = set()
     ours = False
     for event in events(path):
@@ -62,5 +67,9 @@ def reported(path: Path, fingerprint: str) -> set[tuple[str, int, int]]:
             ours = event.get("fingerprint") == fingerprint  # a study that grew has other chunks
         elif event.get("event") == "block" and ours and event.get("complete") is True:
             with contextlib.suppress(KeyError, TypeError, ValueError):
-                chunks |= {(str(event["group"]), int(a), int(b)) for a, b in event["chunks"]}
+                if not checksums or event.get("checksums") is True:
+                    chunks |= {(str(event["group"]), int(a), int(b)) for a, b in event["chunks"]}
+        elif event.get("event") == "taken_back" and ours:
+            with contextlib.suppress(KeyError, TypeError, ValueError):
+                chunks -= {(str(g), int(a), int(b)) for g, a, b in event["chunks"]}
     return chunks

@@ -3,18 +3,20 @@
 - Opened by anyone with ``xarray.open_zarr(path, group=...)``; made with zarr, chunks by `mcstudy.study.encoding`.
 - Every chunk is one file; zstd, then CRC-32C, so that a flipped byte is an error and never a number.
 - A chunk's ``status`` is written after all its other files are on disk; status 0 is "pending".
+- The checksums of its files are noted after that, so that a file that is missing or another chunk's is an error, too.
 - The tree holds no time, host, or trace of who wrote what: the same study gives the same bytes.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
 import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import zarr
@@ -23,6 +25,7 @@ from zarr.errors import ZarrUserWarning
 from mcstudy.errors import DesignError, StoreError
 from mcstudy.fit.status import USABLE, Status
 from mcstudy.study import durable, schema
+from mcstudy.study.checksums import LARGEST_NOTE, CheckedStore, checksum, note
 from mcstudy.study.design import Study
 from mcstudy.study.durable import sync_folder, sync_tree
 from mcstudy.study.encoding import CODECS, encoded
@@ -31,9 +34,11 @@ from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import ArraySpec, Chunk, Layout, layout, realizations_a_chunk
 from mcstudy.study.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, document
 from mcstudy.study.study_file import parse_study, to_toml
-from mcstudy.study.untrusted import LARGEST_CHUNK, CubeStore, real_bytes, refuse_links, sealed
+from mcstudy.study.untrusted import LARGEST_CHUNK, real_bytes, refuse_links, sealed
 
 SCHEMA = "study_cube"
+
+T = TypeVar("T")
 
 WRITERS = 16
 """Threads that only wait for the disk."""
@@ -42,8 +47,8 @@ WRITERS = 16
 class GroupStore:
     """One group of a cube: reading and writing whole chunks."""
 
-    def __init__(self, path: Path, name: str, experiment: Experiment, depth: int) -> None:
-        self.path, self.name, self.experiment = path / name, name, experiment
+    def __init__(self, path: Path, name: str, experiment: Experiment, depth: int, fingerprint: str) -> None:
+        self.path, self.name, self.experiment, self.fingerprint = path / name, name, experiment, fingerprint
         e = experiment
         self.layout: Layout = layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, depth)
         self._opened: dict[str, zarr.Array[Any]] = {}
@@ -51,26 +56,35 @@ class GroupStore:
     def array(self, name: str) -> zarr.Array[Any]:
         """One of the results arrays, opened by its own metadata alone: what is damaged beside it does not matter."""
         if name not in self._opened:
-            store = CubeStore(self.path, read_only=True)
-            self._opened[name] = zarr.open_array(store, path=name, mode="r", zarr_format=3)
+            store = CheckedStore(self.path.parent, {self.name: self.layout}, self.fingerprint)
+            self._opened[name] = zarr.open_array(store, path=f"{self.name}/{name}", mode="r", zarr_format=3)
         return self._opened[name]
 
     def write(self, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
-        """Write one chunk: everything, then folders, then status; returns when all of it is on disk."""
+        """Write one chunk: everything, then folders, then status, then checksums; on return all of it is on disk."""
         *first, last = self.layout.results
-        _together(lambda name: self.put(name, chunk, data[name]), first)
+        self._take_back(self.note_file(chunk))
+        sums = _together(lambda name: self.put(name, chunk, data[name]), first)
         _together(lambda name: sync_folder(self.path / name), first)
-        self.put(last, chunk, data[last])
+        sums.append(self.put(last, chunk, data[last]))
         sync_folder(self.path / last)
+        self._annotate(chunk, self._note(chunk, sums))
 
-    def put(self, name: str, chunk: Chunk, values: np.ndarray) -> None:
-        """Write one array of a chunk; its name is on disk once the array's folder is synced."""
-        durable.write(self.chunk_file(name, chunk), encoded(self.layout.arrays[name], values))
+    def put(self, name: str, chunk: Chunk, values: np.ndarray) -> int:
+        """Write one array of a chunk, and return its CRC-32C; its name is on disk once the array's folder is synced."""
+        content = encoded(self.layout.arrays[name], values)
+        durable.write(self.chunk_file(name, chunk), content)
+        return checksum(content)
 
     def read(self, name: str, chunk: Chunk) -> np.ndarray:
-        """One array of a chunk, fill values where it was never written; raises `StoreError` when it is damaged."""
+        """One array of a chunk, fill values where it was never written.
+
+        Raises `StoreError` when it is damaged, or missing or in the wrong place as far as the chunk can tell.
+        """
         try:
             return np.asarray(self.array(name)[self.layout.region(name, chunk)])
+        except StoreError:
+            raise
         except Exception as error:  # any codec may fail on damaged bytes, each in its own way
             raise StoreError(f"{self.chunk_file(name, chunk)}: damaged ({_reason(error)})") from None
 
@@ -86,9 +100,41 @@ class GroupStore:
             return False
         return sealed(content)  # the checksum is the outermost codec
 
+    def note_file(self, chunk: Chunk) -> Path:
+        """The file that says which files are a chunk's (`mcstudy.study.checksums`)."""
+        return self.path / self.layout.note(chunk)
+
+    def note(self, chunk: Chunk) -> bytes:
+        """What the note of a chunk has to say of the files that are there; `OSError` or `StoreError` without them."""
+        return self._note(chunk, [checksum(real_bytes(self.chunk_file(name, chunk))) for name in self.layout.results])
+
+    def _note(self, chunk: Chunk, sums: list[int]) -> bytes:
+        return note(self.fingerprint, dict(zip(self.files(chunk), sums, strict=True)))
+
+    def files(self, chunk: Chunk) -> tuple[str, ...]:
+        """The files of a chunk by their place in the cube, in the order of writing."""
+        return tuple(f"{self.name}/{name}/{self.layout.key(name, chunk)}" for name in self.layout.results)
+
+    def annotated(self, chunk: Chunk) -> bool:
+        """Whether a chunk has a note of its checksums; one that is being written has none, nor have older cubes."""
+        return os.path.lexists(self.note_file(chunk))
+
+    def annotate(self, chunk: Chunk) -> None:
+        """Note the checksums of a chunk that has lost its note, or never had one."""
+        self._annotate(chunk, self.note(chunk))
+
+    def _annotate(self, chunk: Chunk, content: bytes) -> None:
+        durable.write(self.note_file(chunk), content)
+        sync_folder(self.note_file(chunk).parent)
+
     def complete(self, chunk: Chunk) -> bool:
-        """Whether every array of a chunk is intact."""
-        return all(self.intact(name, chunk) for name in self.layout.results)
+        """Whether every array of a chunk is intact, and in its place as far as there is a note of it."""
+        if not all(self.intact(name, chunk) for name in self.layout.results):
+            return False
+        try:
+            return not self.annotated(chunk) or real_bytes(self.note_file(chunk), LARGEST_NOTE) == self.note(chunk)
+        except (OSError, StoreError):
+            return False
 
     def consistent(self, chunk: Chunk) -> bool:
         """Whether a chunk is intact, and holds an estimate exactly where its status says that a fit ended with one."""
@@ -123,10 +169,15 @@ class GroupStore:
 
     def forget(self, chunk: Chunk) -> None:
         """Take back, on disk, that any fit of a chunk is done."""
-        status = self.chunk_file(self.layout.results[-1], chunk)
-        if status.exists():
-            status.unlink()
-            sync_folder(status.parent)
+        self._take_back(self.note_file(chunk), self.chunk_file(self.layout.results[-1], chunk))
+
+    def _take_back(self, *files: Path) -> None:
+        """Remove files of one folder, and have that on disk."""
+        there = [file for file in files if os.path.lexists(file)]
+        for file in there:
+            file.unlink()
+        if there:
+            sync_folder(there[0].parent)
 
 
 class Cube:
@@ -142,14 +193,16 @@ class Cube:
     def groups(self) -> dict[str, GroupStore]:
         """The groups, in the order of the study file."""
         return {
-            name: GroupStore(self.path, name, Experiment(group, self.study.study.seed), self.depths[name])
+            name: GroupStore(
+                self.path, name, Experiment(group, self.study.study.seed), self.depths[name], self.study.fingerprint
+            )
             for name, group in self.study.group.items()
         }
 
     @classmethod
     def create(
         cls,
-        path: Path,
+        path: str | Path,
         study: Study,
         made_in: dict[str, Any] | None = None,
         depths: dict[str, int] | None = None,
@@ -159,6 +212,7 @@ class Cube:
         ``made_in`` is the environment to note and ``depths`` the realizations a chunk, by default those of here and
         now. Raises `StoreError` when ``path`` cannot be written.
         """
+        path = Path(path)
         depths = depths or {name: realizations_a_chunk(group) for name, group in study.group.items()}
         building = path.with_name(f".{path.name}.creating")
         try:
@@ -187,11 +241,12 @@ class Cube:
         return cls(path, study, attributes, depths)
 
     @classmethod
-    def open(cls, path: Path) -> Cube:
+    def open(cls, path: str | Path) -> Cube:
         """Open an existing cube; raises `StoreError` when it is not one this version can use.
 
         A stranger may have made it: the arrays are compared with what its study asks for, before any is read.
         """
+        path = Path(path)
         description = describe(path)
         found = description["attributes"].get("schema")
         if found != schema.identifier(SCHEMA):
@@ -217,17 +272,21 @@ class Cube:
                 raise StoreError(f"{group.path / 'zarr.json'}: attribute fingerprint: expected {own}, as in the root")
             for array, spec in group.layout.arrays.items():
                 document = found[name]["arrays"].get(array)
-                if document is not None:  # one that lacks is refused by the schema unless it may
-                    check_array(group.path / array, document, spec)
+                if document is None:
+                    raise StoreError(f"{group.path / array}: missing")
+                check_array(group.path / array, document, spec)
+            for array in set(found[name]["arrays"]) - set(group.layout.arrays):
+                raise StoreError(f"{group.path / array}: expected no such array in this group")
 
     @classmethod
-    def open_unchecked(cls, path: Path) -> Cube:
+    def open_unchecked(cls, path: str | Path) -> Cube:
         """Open a cube whose metadata may be damaged, by the study it names; raises `StoreError` without one."""
+        path = Path(path)
         refuse_links(path)
         attributes = document(path).get("attributes", {})
         for name, kind in (("study", str), ("fingerprint", str), ("environment", dict)):
             if not isinstance(attributes.get(name), kind):
-                raise StoreError(f"{path}: attribute {name}: expected the {name} of the study")
+                raise StoreError(f"{path / 'zarr.json'}: attribute {name}: missing; expected the root of a results cube")
         return cls._of(path, attributes, depth_votes(path))
 
     @classmethod
@@ -247,15 +306,14 @@ def _writers() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(WRITERS, "mcstudy-writer")
 
 
-def _together(work: Callable[[str], None], names: Iterable[str]) -> None:
+def _together(work: Callable[[str], T], names: Iterable[str]) -> list[T]:
     """Do ``work`` for every name at once, all of it ended on return; raises the first error.
 
     A file system commits together what is synced together: one chunk takes a tenth of the time it takes file by file.
     """
     futures = [_writers().submit(work, name) for name in names]
     wait(futures)
-    for future in futures:
-        future.result()
+    return [future.result() for future in futures]
 
 
 def _root_attributes(study: Study, made_in: dict[str, Any]) -> dict[str, Any]:

@@ -208,6 +208,7 @@ class Submission:
             chunks=[[c.amplitude, c.block] for c in block.chunks],
             fits=report.fits,
             complete=report.complete,
+            checksums=True,
             seconds=round(report.seconds, 3),
             **({"other_environment": differ} if differ else {}),
         )

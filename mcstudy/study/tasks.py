@@ -67,7 +67,9 @@ class Report:
 def open_group(path: str, study: str, group: str, depth: int) -> GroupStore:
     """The group of a cube with its experiment prepared; kept by the worker for its next task."""
     resolved = Study.from_json(study)
-    return GroupStore(Path(path), group, Experiment(resolved.group[group], resolved.study.seed), depth)
+    return GroupStore(
+        Path(path), group, Experiment(resolved.group[group], resolved.study.seed), depth, resolved.fingerprint
+    )
 
 
 def run_task(task: Task) -> Report:

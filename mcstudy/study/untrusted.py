@@ -44,10 +44,12 @@ def real_bytes(path: Path, limit: int = LARGEST_CHUNK, follow: bool = False) -> 
     ``follow``: whether the name may be a link, as that of a file the user gave may.
     """
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | (0 if follow else os.O_NOFOLLOW))
+    status = os.fstat(handle)
+    if not stat.S_ISREG(status.st_mode):
+        os.close(handle)
+        what = "a folder" if stat.S_ISDIR(status.st_mode) else "something else"
+        raise StoreError(f"{path}: expected a regular file, found {what}")
     with os.fdopen(handle, "rb") as file:
-        status = os.fstat(handle)
-        if not stat.S_ISREG(status.st_mode):
-            raise StoreError(f"{path}: expected a regular file")
         if status.st_size > limit:
             raise StoreError(f"{path}: expected at most {limit} bytes, found {status.st_size}")
         return file.read(limit)

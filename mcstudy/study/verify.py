@@ -17,10 +17,11 @@ import numpy as np
 from mcstudy.errors import StoreError
 from mcstudy.fit.status import USABLE, Status
 from mcstudy.study import environment, identity, runlog
-from mcstudy.study.durable import PARTIAL
+from mcstudy.study.checksums import LARGEST_NOTE, OTHER, checksum, noted
 from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import skeleton
 from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.strays import NOT_PART, parts, strays
 from mcstudy.study.streams import stream
 from mcstudy.study.tasks import fill
 from mcstudy.study.untrusted import real_bytes
@@ -47,7 +48,7 @@ class Verdict:
     recomputed: int = 0
 
 
-def verify(path: Path, cells: int = 20, seed: int = 0) -> Verdict:
+def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Verdict:
     """Check a cube.
 
     Parameters
@@ -60,7 +61,7 @@ def verify(path: Path, cells: int = 20, seed: int = 0) -> Verdict:
     ------
     StoreError: nothing of it can be checked, since its own study cannot be read.
     """
-    verdict = Verdict()
+    path, verdict = Path(path), Verdict()
     cube = _readable(path, verdict)
     made_in, now = identity.made_in(path) or cube.attributes["environment"], environment.environment()
     for line in environment.differences(made_in, now):
@@ -70,14 +71,18 @@ def verify(path: Path, cells: int = 20, seed: int = 0) -> Verdict:
     damaged = {file for file, _ in skeleton_damage}
     sound: list[tuple[GroupStore, Chunk]] = []
     reported = runlog.reported(path, cube.study.fingerprint)
+    with_checksums = runlog.reported(path, cube.study.fingerprint, checksums=True)
     for name, store in cube.groups.items():
+        verdict.notes += _without_checksums(store, with_checksums)
         unreadable = {array for array in store.layout.results if store.path / array / "zarr.json" in damaged}
         for chunk in store.layout.chunks:
             verdict.chunks += 1
             damage = list(_chunk_damage(store, chunk, unreadable))
             status_file = store.chunk_file("status", chunk)
             if (name, chunk.amplitude, chunk.block) in reported and not status_file.exists():
-                damage.append(f"{status_file}: missing, though a run has reported the chunk as complete")
+                damage = [f"{status_file}: missing, though a run has reported the chunk as complete"]
+            elif (name, chunk.amplitude, chunk.block) in with_checksums and not store.annotated(chunk):
+                damage.append(f"{store.note_file(chunk)}: missing, though a run has reported the chunk as complete")
             verdict.damage += damage
             if unreadable:
                 continue  # what is in the chunk cannot be told before that is repaired
@@ -105,26 +110,25 @@ def _readable(path: Path, verdict: Verdict) -> Cube:
 def _skeleton_damage(cube: Cube, made_in: dict[str, Any]) -> Iterator[tuple[Path, str]]:
     """Metadata and constant arrays against those of the same study made afresh: file, what is wrong."""
     expected = skeleton(cube, made_in)
-    chunks = {
-        store.chunk_file(name, chunk).relative_to(cube.path)
-        for store in cube.groups.values()
-        for chunk in store.layout.chunks
-        for name in store.layout.results
-    }
-    found = set()
-    for path in cube.path.rglob("*"):
+    files = parts(cube, expected)
+    for path in sorted(cube.path / file for file in files):
         if path.is_symlink():
             yield path, "expected a file or a folder, found a link"
-        elif path.is_file():
-            found.add(path.relative_to(cube.path))
+    for stray in strays(cube.path, files):
+        path = cube.path / stray.path
+        if path.is_symlink():
+            yield path, "expected a file or a folder, found a link"
+        elif stray.in_the_way:
+            yield path, "expected a file, found a folder" if path.is_dir() else "expected a folder, found a file"
+        else:
+            yield path, NOT_PART
     for file, content in expected.items():
-        if file not in found:
+        if (cube.path / file).is_symlink() or (cube.path / file).is_dir():
+            continue  # named above
+        if not (cube.path / file).exists():
             yield cube.path / file, "missing"
         elif (actual := real_bytes(cube.path / file)) != content:
             yield cube.path / file, _difference(content, actual)
-    for file in sorted(found - set(expected) - chunks):
-        if not file.name.endswith(PARTIAL):
-            yield cube.path / file, "not part of the cube"
 
 
 def _difference(expected: bytes, actual: bytes) -> str:
@@ -147,30 +151,56 @@ def _leaves(path: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield path, value
 
 
+def _without_checksums(store: GroupStore, reported: set[tuple[str, int, int]]) -> Iterator[str]:
+    """Chunks that have been run and whose checksums nobody has noted, or said to have noted."""
+    chunks = [c for c in store.layout.chunks if store.chunk_file("status", c).exists() and not store.annotated(c)]
+    files = [store.note_file(c) for c in chunks if (store.name, c.amplitude, c.block) not in reported]
+    why = "a file of the chunk that was swapped with another would not be noticed; mcstudy run notes them"
+    if files:
+        more = f" and {len(files) - 1} more" if len(files) > 1 else ""
+        yield f"{files[0]}{more}: no checksums (of an older program, or of a run that was stopped): {why}"
+
+
 def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iterator[str]:
     """Missing and damaged files of a chunk, and values no run can have written.
 
     ``unreadable``: arrays whose own metadata is damaged; sound files of theirs are not to blame for it.
     """
-    status_file = store.chunk_file("status", chunk)
+    status_file, note_file = store.chunk_file("status", chunk), store.note_file(chunk)
     if not status_file.exists():
-        return  # status is written last: whatever else is there belongs to a run that was stopped
+        if store.annotated(chunk):
+            yield f"{status_file}: missing, though its checksum is in {note_file}"
+        return  # status is written after the arrays: whatever else is there belongs to a run that was stopped
         # (for the same reason a pending fit may have an estimate already)
-    data: dict[str, np.ndarray] = {}
-    for name in store.layout.results:
+    said: dict[str, int] | None = None
+    if note_file.is_file() and not note_file.is_symlink():
+        try:
+            said = noted(real_bytes(note_file, LARGEST_NOTE), store.fingerprint, store.files(chunk))
+        except (ValueError, StoreError):
+            yield f"{note_file}: expected the checksums of its chunk of this study"
+            return  # the chunk cannot be read by it
+    whole: list[str] = []
+    for name, place in zip(store.layout.results, store.files(chunk), strict=True):
         file = store.chunk_file(name, chunk)
-        if file.is_symlink():
+        if file.is_symlink() or file.is_dir():
             continue  # named with the files that do not belong
         if not file.exists():
             yield f"{file}: missing"
         elif not store.intact(name, chunk):
             yield f"{file}: checksum does not match (a changed byte or a truncated file)"
+        elif said is not None and checksum(real_bytes(file)) != said[place]:
+            yield f"{file}: expected the file whose checksum is in {note_file}, found another one ({OTHER})"
         elif name not in unreadable:
-            try:
-                data[name] = store.read(name, chunk)
-            except StoreError as error:
-                yield str(error)
-    if len(data) < len(store.layout.results):
+            whole.append(name)
+    if len(whole) < len(store.layout.results) or note_file.is_dir():
+        return
+    data: dict[str, np.ndarray] = {}
+    for name in whole:
+        try:
+            data[name] = store.read(name, chunk)
+        except StoreError as error:
+            yield str(error)
+    if len(data) < len(whole):
         return
     status, model = data["status"], store.experiment.model
     if not np.isin(status, [int(s) for s in Status]).all():

@@ -62,6 +62,7 @@ class Watch:
         self.cube = cube
         self.chunks = sum(len(store.layout.chunks) for store in cube.groups.values())
         self._complete: set[tuple[str, Chunk]] = set()
+        self._unreadable: set[tuple[str, Chunk]] = set()
         self._partial: dict[tuple[str, Chunk], tuple[int, Counter[int]]] = {}
         self._counts: Counter[int] = Counter()
         self._moments: dict[tuple[str, int, int], Moments] = {}
@@ -70,6 +71,11 @@ class Watch:
     def chunks_done(self) -> int:
         """Complete chunks seen so far."""
         return len(self._complete)
+
+    @property
+    def unreadable(self) -> int:
+        """Chunks that are damaged, or of which a file is missing or another chunk's, at the last look."""
+        return len(self._unreadable)
 
     @property
     def counts(self) -> Counter[int]:
@@ -98,6 +104,7 @@ class Watch:
                 self._look_at(name, store, chunk)
 
     def _look_at(self, name: str, store: GroupStore, chunk: Chunk) -> None:
+        self._unreadable.discard((name, chunk))
         try:
             changed = store.chunk_file("status", chunk).stat().st_mtime_ns
         except OSError:
@@ -112,7 +119,8 @@ class Watch:
                 return
             self._add(name, store, chunk, status)
         except StoreError:
-            return  # `verify` names it, `run` repairs it
+            self._unreadable.add((name, chunk))  # `verify` names it, `run` repairs it
+            return
         self._partial.pop((name, chunk), None)
         self._complete.add((name, chunk))
         self._counts += counts

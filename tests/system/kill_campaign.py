@@ -74,7 +74,7 @@ class Campaign:
         self.wrong: Counter[str] = Counter()
         self.seen: dict[str, int] = {}
         group = SMALL.group["noisy"]
-        compiled = GroupStore(folder, "noisy", Experiment(group, SMALL.study.seed), 1)
+        compiled = GroupStore(folder, "noisy", Experiment(group, SMALL.study.seed), 1, SMALL.fingerprint)
         first = layout.Chunk(0, 0)
         tasks.fill(compiled, first, compiled.layout.empty(first), lambda: False)
         self.small, self.large = folder / "small.zarr", folder / "large.zarr"

@@ -1,0 +1,231 @@
+"""Every file of a cube, damaged in every way: never other numbers in silence, always named, repaired or set aside.
+
+The cube is the smallest that has every kind of file: metadata of root, group and array, coordinates, constants, text,
+and two chunks of every result with their checksums. Runs are those of a worker, without a cluster around it: what is
+repaired and what is computed again is decided before one is started.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import xarray as xr
+
+from mcstudy.errors import InputError, StoreError
+from mcstudy.study import repair, tasks, verify
+from mcstudy.study.cluster import ClusterOptions
+from mcstudy.study.durable import log_folder, tree_digest
+from mcstudy.study.results import open_results
+from mcstudy.study.run import run_study
+from mcstudy.study.store import Cube
+from mcstudy.study.study_file import parse_study
+from mcstudy.study.tasks import Task, run_task
+
+STUDY = parse_study("""
+[study]
+name = "mutated"
+seed = 11
+
+[group.noisy]
+realizations = 4
+starts = 2
+fmax = [0.41]
+amplitude = [5.0]
+""")
+ONE = ClusterOptions(workers=1)
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    out = tmp_path_factory.mktemp("mutations") / "out.zarr"
+    honest = repair.skeleton
+    empty = functools.cache(lambda key: honest(*empties[key]))  # of which a case needs several, all the same
+    empties: dict[str, tuple[Cube, Any]] = {}
+
+    def skeleton(cube: Cube, made_in: dict[str, Any]) -> dict[Path, bytes]:
+        key = json.dumps([cube.study.fingerprint, made_in, cube.depths])
+        empties.setdefault(key, (cube, made_in))
+        return empty(key)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
+        tasks.open_group.cache_clear()
+        run_study(STUDY, out, ONE)
+        assert len(Cube.open(out).groups["noisy"].layout.chunks) == 2
+        patch.setattr(verify, "skeleton", skeleton)
+        patch.setattr(repair, "skeleton", skeleton)
+        yield out
+
+
+class InProcess:
+    """What a run hands its blocks to, without a cluster: each is filled as a worker fills it."""
+
+    def __init__(self, cube: Cube, client: Any, options: Any, stop: Any, run: str, *rest: Any) -> None:
+        del client, options, stop, rest
+        self.cube, self.id, self.warned = cube, run, set[str]()
+
+    def run(self, blocks: Any) -> list[Any]:
+        for b in blocks:
+            study, depth = self.cube.study.to_json(), self.cube.depths[b.group]
+            run_task(Task(self.id, str(self.cube.path), study, b.group, depth, b.chunks))
+        return []
+
+
+@pytest.fixture(autouse=True)
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mcstudy.study.run.connect", lambda _: contextlib.nullcontext())
+    monkeypatch.setattr("mcstudy.study.run.Submission", InProcess)
+
+
+def files_of(out: Path) -> list[Path]:
+    return sorted(p for p in out.rglob("*") if p.is_file())
+
+
+def kind(file: Path) -> str:
+    """Files of one kind are neighbours: of one array, or of all arrays where an array has only one of the kind."""
+    alone = len([f for f in file.parent.iterdir() if f.suffix == file.suffix and f.name != "zarr.json"]) < 3
+    if file.name == "zarr.json":
+        return file.name
+    return file.suffix if file.suffix == ".checksums" else "constant" if alone else str(file.parent)
+
+
+def neighbour(file: Path, files: list[Path]) -> Path:
+    """The next file of the same kind."""
+    same = [f for f in files if kind(f) == kind(file)]
+    return same[(same.index(file) + 1) % len(same)]
+
+
+def delete(file: Path) -> None:
+    file.unlink()
+
+
+def truncate(file: Path) -> None:
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) * 2 // 3])
+
+
+def flip(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 4
+    file.write_bytes(content)
+
+
+def become_a_folder(file: Path) -> None:
+    content = file.read_bytes()
+    file.unlink()
+    file.mkdir()
+    (file / file.name).write_bytes(content)
+
+
+def rename_in_case(file: Path) -> None:
+    file.rename(file.with_name(file.name.swapcase()))
+
+
+def swap(one: Path, other: Path) -> None:
+    a, b = one.read_bytes(), other.read_bytes()
+    one.write_bytes(b)
+    other.write_bytes(a)
+
+
+def swap_with_neighbour(file: Path) -> None:
+    swap(file, neighbour(file, files_of(next(p for p in file.parents if p.name == "out.zarr"))))
+
+
+def swap_with_another_array(file: Path) -> None:
+    """The same chunk of the array that is alike in all but its name."""
+    alike = {"initial": "estimate", "estimate": "initial", "cost": "growth_rate", "growth_rate": "cost"}
+    array = file.parent.name
+    if array not in alike or file.name == "zarr.json":
+        return
+    swap(file, file.parent.parent / alike[array] / file.name)
+
+
+def replace_by_neighbour(file: Path) -> None:
+    """A copy that went to the wrong place."""
+    file.write_bytes(neighbour(file, files_of(next(p for p in file.parents if p.name == "out.zarr"))).read_bytes())
+
+
+MUTATIONS = [
+    delete,
+    truncate,
+    flip,
+    become_a_folder,
+    rename_in_case,
+    swap_with_neighbour,
+    swap_with_another_array,
+    replace_by_neighbour,
+]
+
+
+def read(out: Path) -> dict[str, xr.Dataset] | str:
+    """All data of all groups, or the one line with which they are refused."""
+    try:
+        tree = open_results(out, lazy=False)
+    except InputError as error:
+        said = str(error)
+        assert "\n" not in said
+        assert str(out) in said
+        return said
+    return {name: node.to_dataset().assign_attrs(tree.attrs) for name, node in tree.children.items()}
+
+
+def found(out: Path) -> str:
+    """What `verify` says, damage and notes; or the line with which it refuses."""
+    try:
+        verdict = verify.verify(out, cells=0)
+    except StoreError as error:
+        return str(error)
+    return "\n".join((*verdict.damage, *verdict.notes))
+
+
+REPAIRED = ("zarr.json", "noisy/zarr.json", "noisy/fmax", "noisy/parameter", "noisy/estimate", "noisy/status")
+"""Files, or folders of files, that a run repairs here: of metadata and constants one of each kind, since what is wrong
+with them is all found by one comparison of bytes; of results every chunk of the arrays that matter most."""
+
+
+def check_case(before: Any, digest: str, out: Path, file: Path, said: Callable[[], str]) -> Iterator[str]:
+    """What is wrong with the program after a mutation of ``file``, one line each."""
+    now = read(out)
+    if not isinstance(now, str) and not all(now[name].identical(before[name]) for name in before):
+        yield "other numbers in silence"
+    if str(file) not in (what := found(out)):
+        yield f"verify does not name it: {what}"
+    if not file.relative_to(out).as_posix().startswith(REPAIRED):
+        return
+    run_study(STUDY, out)
+    told = said()
+    if tree_digest(out) != digest:
+        for line in verify.verify(out, cells=0).damage:
+            if line not in told or "--quarantine" not in line:
+                yield f"run leaves, and does not say what to do about: {line}"
+        run_study(STUDY, out, quarantine=True)
+    if tree_digest(out) != digest:
+        yield f"not repaired: {verify.verify(out, cells=0)}"
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS)
+def test_a_mutated_file_is_never_other_numbers_is_named_and_is_repaired(
+    sound: Path, tmp_path: Path, mutation: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    before, digest = read(sound), tree_digest(sound)
+    wrong, tried = [], 0
+    for k, original in enumerate(files_of(sound)):
+        out = shutil.copytree(sound, tmp_path / str(k) / "out.zarr")
+        shutil.copytree(log_folder(sound), log_folder(out))
+        file = out / original.relative_to(sound)
+        mutation(file)
+        capsys.readouterr()
+        changed = tree_digest(out) != digest  # equal bytes may have changed places
+        tried += changed
+        for line in check_case(before, digest, out, file, lambda: capsys.readouterr().err) if changed else ():
+            wrong.append(f"{file.relative_to(out)}: {line}")
+        shutil.rmtree(out.parent)
+    assert tried >= 8
+    assert not wrong, "\n".join(wrong)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
+from google_crc32c import value as crc32c
 from zarr.abc.store import ByteRequest
 from zarr.core.buffer import Buffer, BufferPrototype
 
@@ -35,14 +36,15 @@ _LINE = re.compile(r"([0-9a-f]{8})  (\S+)")
 
 
 def note(fingerprint: str, files: Mapping[str, int]) -> bytes:
-    """The note of a chunk: the study, and the CRC-32C of every file by its place in the cube."""
+    """The note of a chunk: the study, the CRC-32C of every file by its place in the cube, and that of the note."""
     lines = (f"{crc:08x}  {file}" for file, crc in files.items())
-    return "\n".join([f"# CRC-32C of one chunk of study {fingerprint}", *lines, ""]).encode()
+    text = "\n".join([f"# CRC-32C of the files of one chunk, study {fingerprint}", *lines, ""]).encode()
+    return text + f"# {crc32c(text):08x}\n".encode()
 
 
 def noted(content: bytes, fingerprint: str, files: tuple[str, ...]) -> dict[str, int]:
     """CRC-32C by file, from a note; `ValueError` when it is damaged, or not of these files of this study."""
-    lines = [_LINE.fullmatch(line) for line in content.decode("ascii", "replace").splitlines()[1:]]
+    lines = [_LINE.fullmatch(line) for line in content.decode("ascii", "replace").splitlines()]
     said = {line[2]: int(line[1], 16) for line in lines if line is not None}
     if tuple(said) != files or note(fingerprint, said) != content:
         raise ValueError

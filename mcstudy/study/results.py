@@ -55,6 +55,8 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
             results = {k: data[k].chunk(amplitude=1, realization=piece) for k in store.layout.results}
             data = data.drop_vars(list(results)).load().assign(results)
         else:
+            # Status first: a run may be writing, and what it says was done is then in the other arrays.
+            data.variables["status"].load()
             data = data.load()
         _check_constants(store, data)
         groups[name] = data[list(root[name].data_vars)]

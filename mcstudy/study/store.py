@@ -286,7 +286,9 @@ class Cube:
         attributes = document(path).get("attributes", {})
         for name, kind in (("study", str), ("fingerprint", str), ("environment", dict)):
             if not isinstance(attributes.get(name), kind):
-                raise StoreError(f"{path / 'zarr.json'}: attribute {name}: missing; expected the root of a results cube")
+                raise StoreError(
+                    f"{path / 'zarr.json'}: attribute {name}: missing; expected the root of a results cube"
+                )
         return cls._of(path, attributes, depth_votes(path))
 
     @classmethod

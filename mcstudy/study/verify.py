@@ -178,7 +178,6 @@ def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iter
             said = noted(real_bytes(note_file, LARGEST_NOTE), store.fingerprint, store.files(chunk))
         except (ValueError, StoreError):
             yield f"{note_file}: expected the checksums of its chunk of this study"
-            return  # the chunk cannot be read by it
     whole: list[str] = []
     for name, place in zip(store.layout.results, store.files(chunk), strict=True):
         file = store.chunk_file(name, chunk)
@@ -192,8 +191,8 @@ def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iter
             yield f"{file}: expected the file whose checksum is in {note_file}, found another one ({OTHER})"
         elif name not in unreadable:
             whole.append(name)
-    if len(whole) < len(store.layout.results) or note_file.is_dir():
-        return
+    if len(whole) < len(store.layout.results) or (said is None and store.annotated(chunk)):
+        return  # the chunk cannot be read
     data: dict[str, np.ndarray] = {}
     for name in whole:
         try:

@@ -7,6 +7,7 @@ import pickle
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from mcstudy.report.context import Context
 from mcstudy.report.page import page
 from mcstudy.report.words import headline
 from mcstudy.study import durable, tasks
+from mcstudy.study.checksums import CheckedStore
 from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.durable import log_folder, tree_digest
 from mcstudy.study.extend import Growth, extend
@@ -168,6 +170,22 @@ def test_a_cube_can_be_read_at_every_step_of_a_run_and_holds_right_numbers_or_pe
     run_study(STUDY, out, ONE)
     assert min(seen) == STUDY.fits // 2
     assert tree_digest(out) == tree_digest(sound)
+
+
+def test_of_a_cube_that_may_be_growing_the_status_is_read_first(sound: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a fit that ends in between would be done, and without an estimate."""
+    keys: list[str] = []
+    get = CheckedStore.get_sync
+
+    def watched(self: CheckedStore, key: str, **options: Any) -> Any:
+        keys.append(key)
+        return get(self, key, **options)
+
+    monkeypatch.setattr(CheckedStore, "get_sync", watched)
+    open_results(sound, lazy=False)
+    results = [k for k in keys if k.split("/")[1:2] in (["status"], ["cost"], ["estimate"]) and "/c." in k]
+    assert [k.split("/")[1] for k in results[:2]] == ["status", "status"]
+    assert len(results) == 6
 
 
 def without_checksums(out: Path) -> list[Path]:

@@ -251,6 +251,8 @@ class States(RuleBasedStateMachine):
         told = self.reported()
         for file in self.damaged:
             status = self.status_of(file)
+            if file.suffix == ".checksums" and not file.exists() and status.name not in told:
+                continue  # a note like that of a run that was stopped, which has none
             if self.in_skeleton(file) or status.exists() or (file == status and file.name in told):
                 assert any(line.startswith(f"{file}: ") for line in lines), (file, lines)
         for line in lines:

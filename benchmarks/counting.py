@@ -20,7 +20,11 @@ from mcstudy.fit.lm import Plan, _pack
 from mcstudy.fit.problem import Problem
 
 WIDTH = lanes.WIDTH
-COMPILER = "from numba import njit"
+COMPILERS = {
+    "from numba import njit": "njit = lambda *a, **k: a[0] if a else (lambda f: f)",
+    "from mcstudy.stance.compiled import compiled": "compiled = lambda f: f",
+}
+"""Lines of the kernel's source that bring in its compiler, and what leaves it plain Python."""
 
 
 class Counter:
@@ -94,9 +98,10 @@ def counting_kernel() -> types.SimpleNamespace:
     """The kernel's functions as plain Python on counting lanes."""
     space: dict[str, Any] = {"__name__": "counting_kernel"}
     source = inspect.getsource(kernel)
-    if COMPILER not in source:
-        raise RuntimeError(f"the kernel's source has changed: expected the line {COMPILER!r}")
-    source = source.replace(COMPILER, "njit = lambda *a, **k: a[0] if a else (lambda f: f)")
+    for line, plain in COMPILERS.items():
+        if line not in source:
+            raise RuntimeError(f"the kernel's source has changed: expected the line {line!r}")
+        source = source.replace(line, plain)
     exec(compile(source, kernel.__file__, "exec"), space)
     space.update({name: value for name, value in _LANES.items() if name in space})
     return types.SimpleNamespace(**{k: v for k, v in space.items() if k in ("evaluate", "levenberg_marquardt")})

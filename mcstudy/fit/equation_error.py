@@ -9,14 +9,13 @@ and the mix of data y and model H in z chooses between the two classical lineari
 (no need of a good theta_w, but noise in z biases the gains), mix = 0 regresses on the model's own response (no such
 bias; it is the Gauss-Newton step of the output error). Gains enter exactly; delays through their derivative at
 theta_w. e(theta_w) = W (H(theta_w) - y), the output error itself, for every mix. Derived.
-
-This file is self-contained: the cache of numba does not see edits in imported files.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mcstudy.stance.compiled import compiled
 
 RIDGE = 1e-14
 """Least damping, relative to the largest diagonal element of the Gram matrix in units of the bounds' widths."""
@@ -27,7 +26,7 @@ _HALF_PI_2 = 6.077100506303966e-11
 _HALF_PI_3 = 2.0222662487959506e-21
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _turn(angle):  # type: ignore[no-untyped-def]
     """exp(-i angle), by Cody & Waite's reduction and Taylor series: no library call, so the same bits everywhere."""
     k = np.floor(angle * _TWO_OVER_PI + 0.5)
@@ -49,7 +48,7 @@ def _turn(angle):  # type: ignore[no-untyped-def]
     return complex(sine, cosine)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _add(J, column, first, second):  # type: ignore[no-untyped-def]
     J[0, column] += first.real
     J[1, column] += first.imag
@@ -57,7 +56,7 @@ def _add(J, column, first, second):  # type: ignore[no-untyped-def]
     J[3, column] += second.imag
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def normal_equations(x, mix, omega, fixed, entry, sense, factor, y, W, gram, gradient):  # type: ignore[no-untyped-def]
     """Gram matrix (P, P) and gradient (P,) of e at theta = theta_w = ``x``; returns ||e||^2.
 
@@ -124,7 +123,7 @@ def normal_equations(x, mix, omega, fixed, entry, sense, factor, y, W, gram, gra
     return sums[P, P]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _solve(A, b, n):  # type: ignore[no-untyped-def]
     """Solve A x = b in place for the leading n rows (A positive definite, lower triangle); False when it is not."""
     for j in range(n):
@@ -153,7 +152,7 @@ def _solve(A, b, n):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def bounded_step(gram, gradient, lower, upper, p, side):  # type: ignore[no-untyped-def]
     """Minimise p'Gp/2 + g'p for lower <= p <= upper (which hold 0) by a primal active set; fills ``p`` and ``side``.
 
@@ -215,7 +214,7 @@ def bounded_step(gram, gradient, lower, upper, p, side):  # type: ignore[no-unty
         side[release] = 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def propose(x, mixes, movable, lower, upper, omega, fixed, entry, sense, factor, y, W):  # type: ignore[no-untyped-def]
     """Take the linear steps ``mixes`` (M, K) from each row of ``x`` (M, P), in place.
 

@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 
 from mcstudy.fit.lanes import WIDTH, fma, fnma, load, nearest, negative, root, splat, store, where_less
+from mcstudy.stance.compiled import compiled
 
 CONVERGED, STALLED, ITERATION_LIMIT, NON_FINITE_MODEL = 1, 2, 3, 4
 
@@ -204,7 +205,7 @@ def _tile(w, left, right, gram, stride, n):
     store(w, gram + 8, c22)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def evaluate(
     w,
     x,
@@ -758,7 +759,7 @@ def _begin(w, lane, at_trial, at_data, at_damping, start, packed, lower, upper):
     return ROUNDING * norm
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def levenberg_marquardt(
     w,
     layout,

@@ -9,10 +9,10 @@ the prior's standard deviations, clipped to the bounds.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from mcstudy.fit.kernel import evaluate
 from mcstudy.fit.lanes import WIDTH
+from mcstudy.stance.compiled import compiled
 
 DAMPING = 1e-3
 DAMPING_MOST = 1e9
@@ -20,7 +20,7 @@ LONGEST = 0.4
 """Longest step of one parameter, in standard deviations of its prior: longer ones end in the wrong valley."""
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def _solve(A, b, n):  # type: ignore[no-untyped-def]
     """Solve A x = b in place by Cholesky; False when A is not positive definite."""
     for j in range(n):
@@ -49,7 +49,7 @@ def _solve(A, b, n):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def _step(gram, gradient, at, low, high, scale, damping, goal):  # type: ignore[no-untyped-def]
     """Fill ``goal`` with the damped step's end inside the bounds; returns the decrease it predicts."""
     P = at.size
@@ -101,7 +101,7 @@ def _step(gram, gradient, at, low, high, scale, damping, goal):  # type: ignore[
     return predicted
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def penalised_fits(  # type: ignore[no-untyped-def]
     w,
     layout,

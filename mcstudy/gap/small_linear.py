@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mcstudy.stance.compiled import compiled
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def gaussian_factor(A, b, variance):  # type: ignore[no-untyped-def]
     """ln Bayes factor (n,) of coefficients N(0, variance I) from b = F'r (K, n) and A = F'MF (K, K).
 
@@ -43,7 +44,7 @@ def gaussian_factor(A, b, variance):  # type: ignore[no-untyped-def]
     return 0.5 * out - 0.5 * log_det
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def orthonormal(J, X, least):  # type: ignore[no-untyped-def]
     """Orthonormal rows that span the rows of X (M, D) at right angles to those of J (P, D), and their number.
 

@@ -10,7 +10,8 @@ Coefficients: Dormand & Prince 1980, J Comput Appl Math 6:19, the 5th-order solu
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mcstudy.stance.compiled import compiled
 
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0])
 """Stage times of a step, in steps."""
@@ -29,10 +30,8 @@ _B = np.array([35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84])
 _C = NODES
 _ANGLE, _SENSED, _STIMULUS, _NOISE = 0, 1, 2, 3  # kinds of signal, as in the realisation
 
-_compiled = njit(nogil=True, cache=True, error_model="numpy")
 
-
-@_compiled
+@compiled
 def _read(record: np.ndarray, start: int, weight: np.ndarray) -> float:
     """Weighted sum over (value, rate, acceleration) at two neighbouring samples of one channel (N, 3)."""
     total = 0.0
@@ -41,7 +40,7 @@ def _read(record: np.ndarray, start: int, weight: np.ndarray) -> float:
     return total
 
 
-@_compiled
+@compiled
 def _dead(x: float, threshold: float) -> float:
     if x > threshold:
         return x - threshold
@@ -50,7 +49,7 @@ def _dead(x: float, threshold: float) -> float:
     return 0.0
 
 
-@_compiled
+@compiled
 def _slope(
     step: int,
     stage: int,
@@ -125,7 +124,7 @@ def _slope(
     slope[3] = inverse[1, 0] * torque0 + inverse[1, 1] * torque1
 
 
-@_compiled
+@compiled
 def integrate(
     h: float,
     history: np.ndarray,

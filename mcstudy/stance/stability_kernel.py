@@ -23,7 +23,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from mcstudy.stance.compiled import compiled
 
 CERTIFIED, CHAIN, FAILED = 0, 1, 2
 """Outcome per vector: certified; neutral and bounded by the abscissa of its root chain; not certified."""
@@ -37,13 +38,11 @@ CHAIN_MARGIN = 0.1  # 1/s, how far right of a neutral system's root chain the li
 FLOOR = -60.0  # 1/s, roots left of this are not followed
 MAX_MARCH = 20000
 
-_compiled = njit(nogil=True, cache=True, error_model="numpy")
-
 Loop = tuple[np.ndarray, ...]
 """One quasi-polynomial: coefficient (K, L), exponent, first and second delay, degree (K,), delay, scratch (G,)."""
 
 
-@_compiled
+@compiled
 def _characteristic(
     numerator: np.ndarray,
     delay: np.ndarray,
@@ -78,7 +77,7 @@ def _characteristic(
     return kept
 
 
-@_compiled
+@compiled
 def _evaluate(s: complex, loop: Loop) -> tuple[complex, complex, complex]:
     """f(s), f'(s) and the undelayed part of f(s)."""
     coefficient, exponent, first, second, degree, delay, factor = loop
@@ -102,7 +101,7 @@ def _evaluate(s: complex, loop: Loop) -> tuple[complex, complex, complex]:
     return f, df, undelayed
 
 
-@_compiled
+@compiled
 def _deflation(s: complex, roots: np.ndarray, found: int) -> tuple[complex, complex]:
     """sum of 1/(s - r) over the roots found and their conjugates, and the product of the (s - r)."""
     total, product = 0j, 1.0 + 0j
@@ -118,7 +117,7 @@ def _deflation(s: complex, roots: np.ndarray, found: int) -> tuple[complex, comp
     return total, product
 
 
-@_compiled
+@compiled
 def _newton(s: complex, roots: np.ndarray, found: int, loop: Loop) -> tuple[bool, complex]:
     """Newton's iteration, roots found divided out until it has nearly converged; returns (converged, root)."""
     for _ in range(40):
@@ -159,7 +158,7 @@ def _newton(s: complex, roots: np.ndarray, found: int, loop: Loop) -> tuple[bool
     return last < 1e-6 * (1.0 + abs(s)) or last == 1e300, complex(s.real, abs(s.imag))
 
 
-@_compiled
+@compiled
 def _add(s: complex, roots: np.ndarray, found: int) -> int:
     """Store a root unless it is already there."""
     for j in range(found):
@@ -171,7 +170,7 @@ def _add(s: complex, roots: np.ndarray, found: int) -> int:
     return found
 
 
-@_compiled
+@compiled
 def _scan(c: float, starts: np.ndarray, loop: Loop) -> int:
     """Points of the line Re s = c, on a fixed grid, where Newton's correction is locally smallest."""
     count = 0
@@ -188,7 +187,7 @@ def _scan(c: float, starts: np.ndarray, loop: Loop) -> int:
     return count
 
 
-@_compiled
+@compiled
 def _more(s: complex, starts: np.ndarray, count: int) -> int:
     """Store one more start if there is room."""
     if count < starts.size:
@@ -197,7 +196,7 @@ def _more(s: complex, starts: np.ndarray, count: int) -> int:
     return count
 
 
-@_compiled
+@compiled
 def _dominated(omega: float, sigma: float, loop: Loop) -> bool:
     """Whether the leading term outweighs all others for every s = sigma + i w with w >= omega."""
     coefficient, exponent, _, _, degree, _, _ = loop
@@ -212,7 +211,7 @@ def _dominated(omega: float, sigma: float, loop: Loop) -> bool:
     return rest < 0.95 * abs(coefficient[0, n])
 
 
-@_compiled
+@compiled
 def _count_right(sigma: float, roots: np.ndarray, found: int, starts: np.ndarray, loop: Loop) -> tuple[int, int]:
     """Number of roots right of Re s = sigma (-1 if not resolved), and how many starts were stored."""
     coefficient, exponent, _, _, degree, _, _ = loop
@@ -281,7 +280,7 @@ def _count_right(sigma: float, roots: np.ndarray, found: int, starts: np.ndarray
     return nearest, stored
 
 
-@_compiled
+@compiled
 def _chain(loop: Loop) -> float:
     """Abscissa that bounds the root chains of a neutral system (-inf if retarded, +inf if it has none).
 
@@ -311,7 +310,7 @@ def _chain(loop: Loop) -> float:
     return high
 
 
-@_compiled
+@compiled
 def rightmost(
     numerator: np.ndarray,
     delay: np.ndarray,

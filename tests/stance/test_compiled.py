@@ -1,0 +1,80 @@
+"""Compiled code on disk is that of the sources there are, also where a function is compiled from several files."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import mcstudy
+from mcstudy.stance.compiled import compiled, sources
+
+PACKAGE = Path(mcstudy.__file__).parent
+
+CALLED = """
+from numba import njit
+from mcstudy.stance.compiled import compiled
+
+@njit
+def inner(x):
+    return {value} * x
+
+@compiled
+def kept(x):
+    return {value} * x
+"""
+
+CALLER = """
+from mcstudy.stance.compiled import compiled
+from two_files import called
+from two_files.called import inner
+
+kept = called.kept
+
+@compiled
+def outer(x):
+    return inner(x) + kept(x)
+"""
+
+RUN = "from two_files.caller import outer; print(outer(1), sum(outer.stats.cache_hits.values()))"
+
+
+def test_an_edit_of_a_file_whose_functions_are_called_is_seen(tmp_path: Path) -> None:
+    folder = tmp_path / "two_files"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "caller.py").write_text(CALLER)
+    # Of one length, and with bytecode that is never kept: only the text differs.
+    variables = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {
+        "PYTHONPATH": str(tmp_path),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+
+    def run(value: int) -> list[str]:
+        (folder / "called.py").write_text(CALLED.format(value=value))
+        done = subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=True, env=variables)
+        return done.stdout.split()
+
+    assert run(2) == ["4", "0"]
+    assert run(2) == ["4", "1"]  # kept
+    assert run(3) == ["6", "0"]  # and not kept too long
+
+
+def test_the_kernels_that_call_other_files_are_stamped_with_those() -> None:
+    assert {"mcstudy.fit.kernel", "mcstudy.fit.lanes"} <= set(sources("mcstudy.gap.map_kernel"))
+    assert "mcstudy.fit.lanes" in sources("mcstudy.fit.kernel")
+    assert "mcstudy.gap.map_kernel" not in sources("mcstudy.fit.kernel")  # which calls nothing of it
+
+
+def test_nothing_is_kept_on_disk_by_any_other_decorator() -> None:
+    keeps = re.compile(r"\bcache=True\b")
+    code = {file: re.sub(r"#.*", "", file.read_text()) for file in PACKAGE.rglob("*.py")}
+    assert [file for file, text in code.items() if keeps.search(text)] == []
+    named = {file for file, text in code.items() if re.search(r"^@compiled$", text, re.MULTILINE)}
+    assert {file.stem for file in named} >= {"kernel", "map_kernel", "equation_error", "stability_kernel"}
+    for file in named:
+        name = ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts)
+        assert importlib.import_module(name).__dict__["compiled"] is compiled

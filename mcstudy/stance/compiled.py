@@ -8,8 +8,9 @@ that it imports, and those import in turn.
 
 from __future__ import annotations
 
-import ast
 import hashlib
+import re
+import sys
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from importlib.util import find_spec
@@ -17,6 +18,9 @@ from typing import Any
 
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
+
+FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.MULTILINE)
+IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n]*)", re.MULTILINE)
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -26,7 +30,6 @@ def compiled(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
-@cache
 def sources(module: str) -> dict[str, str]:
     """Source of a module and of every module of the same package that it imports, directly or not, by name."""
     found: dict[str, str] = {}
@@ -34,11 +37,12 @@ def sources(module: str) -> dict[str, str]:
     while waiting:
         name = waiting.pop()
         if name not in found:
-            found[name] = _source(name)
-            waiting += _imports(found[name], module.partition(".")[0])
+            found[name], imported = _source(name)
+            waiting += [other for other in imported if other.partition(".")[0] == module.partition(".")[0]]
     return found
 
 
+@cache
 def stamp(module: str) -> str:
     """SHA-256 of `sources`."""
     digest = hashlib.sha256()
@@ -47,32 +51,30 @@ def stamp(module: str) -> str:
     return digest.hexdigest()
 
 
-def _source(name: str) -> str:
+@cache
+def _source(name: str) -> tuple[str, tuple[str, ...]]:
+    """Source of a module, and the modules it imports (absolute imports, as everywhere in this package)."""
     spec = find_spec(name)
     loader: Any = spec and spec.loader
     text = loader.get_source(name) if hasattr(loader, "get_source") else None
     if text is None:
         raise ImportError(f"{name}: expected a module with Python source, which compiled code is compared with")
-    return str(text)
+    return str(text), tuple(_imports(str(text)))
 
 
-def _imports(text: str, package: str) -> Iterator[str]:
-    """Modules of ``package`` that a source imports (absolute imports)."""
-    for node in ast.walk(ast.parse(text)):
-        names: list[str] = []
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names = [node.module]
-            if node.module.partition(".")[0] == package:
-                inside = (f"{node.module}.{alias.name}" for alias in node.names)
-                names += [name for name in inside if _is_module(name)]
-        yield from (name for name in names if name.partition(".")[0] == package)
+def _imports(text: str) -> Iterator[str]:
+    # A syntax tree of every kernel would take a fifth of a second at each start.
+    for module, names in FROM.findall(text):
+        yield module
+        yield from (f"{module}.{name}" for name in re.findall(r"\w+", names) if _is_module(module, name))
+    for names in IMPORT.findall(text):
+        yield from re.findall(r"[\w.]+", names)
 
 
-def _is_module(name: str) -> bool:
-    parent = find_spec(name.rpartition(".")[0])
-    return parent is not None and parent.submodule_search_locations is not None and find_spec(name) is not None
+def _is_module(package: str, name: str) -> bool:
+    """Whether what is imported from a package that is loaded is one of its modules."""
+    loaded = sys.modules.get(package)
+    return hasattr(loaded, "__path__") and find_spec(f"{package}.{name}") is not None
 
 
 class _Impl(CompileResultCacheImpl):

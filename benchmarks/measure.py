@@ -21,6 +21,8 @@ from typing import Any, TypeVar
 
 import psutil
 
+from mcstudy.study.cluster import cores
+
 T = TypeVar("T")
 
 PEERS = ("scipy", "numpy", "numba", "pypesto", "fides", "lmfit", "xyzpy", "joblib", "dask", "distributed", "zarr")
@@ -93,7 +95,7 @@ def machine() -> dict[str, Any]:
     model = next((x.split(":")[1].strip() for x in _cpuinfo() if x.startswith("model name")), platform.processor())
     return {
         "cpu": model,
-        "cores": len(os.sched_getaffinity(0)),
+        "cores": cores(),
         "load": os.getloadavg(),
         "python": platform.python_version(),
         "versions": versions,

@@ -92,7 +92,7 @@ def main() -> int:
         "seconds": {**spent, "start of the interpreter": before, "imports": imports},
         "cpu": whole,
         "wall": time.perf_counter() - begun,
-        "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024),
     }
     Path(out).write_text(json.dumps(document))
     return code

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # importing `typing` for it would take longer than all else until the command hears Ctrl-C
 if TYPE_CHECKING:
+    from typing import Any
+
     from mcstudy.study.results import open_results
 
     __version__: str

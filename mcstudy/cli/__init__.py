@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
-import importlib
 import os
-import shlex
 import sys
-from collections.abc import Sequence
 
-from mcstudy.errors import InputError, Interrupted
+TYPE_CHECKING = False  # as in `mcstudy`: nothing is imported before signals are heard
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
 
-DONE, BAD_INPUT, INTERRUPTED, FITS_FAILED = 0, 2, 3, 4
-"""Exit codes: done, bad input, interrupted and resumable, some fits failed."""
+    from mcstudy.cli.stop import Stop
+    from mcstudy.exits import Exit
 
 VERBS = {
     "run": "run a study file into a results cube, or resume it",
@@ -28,23 +27,48 @@ VERBS = {
 }
 """Verbs and their one-line help; verb ``x`` lives in ``mcstudy.cli.x`` (``add_arguments(parser)``, ``main(args)``)."""
 
-EPILOG = (
-    "exit codes: 0 done; 2 bad input (one line: file, field, what was expected); "
-    "3 interrupted, the same command resumes; 4 some fits failed (listed)"
-)
-
-RESUMES = "run the same command again to resume"
-"""How a message of what can be resumed ends; the command itself is printed behind it."""
-
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """Variables that are set to 1 unless the user has set them."""
 
 
+def main(arguments: Sequence[str] | None = None) -> Exit:
+    """Entry point; returns the exit code.
+
+    Without ``arguments`` it is the command itself: those of the process count, and its signals end it. With them it is
+    a function like any other, which leaves the process alone.
+    """
+    if arguments is not None:
+        return _main(list(arguments), None)
+    from mcstudy.cli.stop import catch
+
+    stop, words = catch(), sys.argv[1:]
+    stop.watch(words)
+    return _main(words, stop)
+
+
+def _main(words: list[str], stop: Stop | None) -> Exit:
+    from mcstudy.exits import Exit
+
+    if words[:1] and words[0] in VERBS:
+        return _run(words[0], words[1:], stop)
+    parser = _parser()
+    args = parser.parse_args(words)
+    if args.version:
+        from mcstudy import __version__
+
+        print(f"mcstudy {__version__}")
+        return Exit.DONE
+    parser.print_help()
+    return Exit.DONE if not words else Exit.BAD_INPUT
+
+
 def _parser() -> argparse.ArgumentParser:
+    import argparse
+
     parser = argparse.ArgumentParser(
         prog="mcstudy",
         description="Monte Carlo studies of parameter identification in human balance.",
-        epilog=EPILOG,
+        epilog=_epilog(),
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB")
@@ -53,46 +77,55 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    if words[:1] and words[0] in VERBS:
-        return _run(words[0], words[1:])
-    parser = _parser()
-    args = parser.parse_args(words)
-    if args.version:
-        from mcstudy import __version__
+def _epilog() -> str:
+    from mcstudy.exits import exit_codes
 
-        print(f"mcstudy {__version__}")
-        return DONE
-    parser.print_help()
-    return DONE if not words else BAD_INPUT
+    return f"exit codes: {exit_codes()}"
 
 
-def _run(verb: str, words: Sequence[str]) -> int:
+def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     # One thread for linear algebra, set before numpy is imported: parallel work is by fits, and sums that are split
     # differently on another machine would give other last digits.
     for variable in ONE_THREAD:
         os.environ.setdefault(variable, "1")
+    import argparse
+    import contextlib
+    import importlib
+
+    from mcstudy.cli.stop import stopped, with_command
+    from mcstudy.errors import InputError, Interrupted
+    from mcstudy.exits import Exit
+
     try:
         module = importlib.import_module(f"mcstudy.cli.{verb}")
-        parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=VERBS[verb], epilog=EPILOG)
+        parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=VERBS[verb], epilog=_epilog())
         module.add_arguments(parser)
-        return int(module.main(parser.parse_args(words)))
+        code: Exit = module.main(parser.parse_args(words))
+        return code
     except InputError as error:
         print(f"mcstudy: {_one_line(error)}", file=sys.stderr)
-        return BAD_INPUT
-    except (Interrupted, KeyboardInterrupt) as error:
-        message = _one_line(error) if isinstance(error, Interrupted) else f"stopped; {RESUMES}"
-        again = f": {shlex.join(['mcstudy', verb, *words])}" if message.endswith(RESUMES) else ""
-        print(f"mcstudy: {message}{again}", file=sys.stderr, flush=True)
-        # Threads that are still computing have nothing to add: whatever they write is whole or absent.
-        sys.stdout.flush()
-        os._exit(INTERRUPTED)
+        return Exit.BAD_INPUT
+    except Interrupted as error:
+        message, code = with_command(_one_line(error), [verb, *words]), Exit.INTERRUPTED
+    except KeyboardInterrupt:
+        message, code = stopped([verb, *words])
     except BrokenPipeError:
-        # The reader of our output (head, less) has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+        message, code = stopped([verb, *words], " (what it prints has no reader)")
+        if code is not Exit.INTERRUPTED and (stop is None or not stop.asked):
+            return Exit.DONE  # the reader (head, less) has seen enough
+    except Exception as error:
+        if stop is None or not stop.asked:
+            raise
+        # What libraries raise when they are stopped in the middle, or print to a terminal that is gone.
+        message, code = stopped([verb, *words], f" ({type(error).__name__}: {_one_line(error)})")
+    with contextlib.suppress(OSError):
+        sys.stdout.flush()
+    if stop is not None:
+        stop.leave(message, code)  # threads that are still computing have nothing to add
+    with contextlib.suppress(BrokenPipeError):
+        print(f"mcstudy: {message}", file=sys.stderr, flush=True)
+    return code
 
 
 def _one_line(error: BaseException) -> str:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from mcstudy.cli.options import add_cluster_arguments, cluster_options, tell
+from mcstudy.exits import Exit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_cluster_arguments(parser)
 
 
-def main(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> Exit:
     """Grow and run; returns the exit code."""
     from mcstudy.study.extend import Growth, extend
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.gap.diagnosis import Diagnosis
@@ -83,16 +84,17 @@ def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
         )
 
 
-def main(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> Exit:
     """Run the verb below; returns the exit code."""
-    return int(args.run(args))
+    code: Exit = args.run(args)
+    return code
 
 
-def _effects(_: argparse.Namespace) -> int:
+def _effects(_: argparse.Namespace) -> Exit:
     from mcstudy.gap.effects import table_text
 
     print(table_text())
-    return 0
+    return Exit.DONE
 
 
 def _diagnosed(args: argparse.Namespace) -> tuple[Diagnosis, Recording | FrfRecording | list[Recording]]:
@@ -119,22 +121,23 @@ def _diagnosed(args: argparse.Namespace) -> tuple[Diagnosis, Recording | FrfReco
     return run(several, **options), several
 
 
-def _diagnose(args: argparse.Namespace) -> int:
+def _diagnose(args: argparse.Namespace) -> Exit:
     import json
 
     from mcstudy.gap.challenge.files import write_json
     from mcstudy.gap.tables import text
+    from mcstudy.study.durable import write
 
     diagnosis, _ = _diagnosed(args)
     words = f"{diagnosis.verdict()}\n\n{text(diagnosis)}"
     if args.out:
         write_json(args.out / "diagnosis.json", diagnosis.to_dict())
-        (args.out / "diagnosis.txt").write_text(f"{words}\n", encoding="utf-8")
+        write(args.out / "diagnosis.txt", f"{words}\n".encode())
     print(json.dumps(diagnosis.to_dict(), indent=1) if args.json else words)
-    return 0
+    return Exit.DONE
 
 
-def _report(args: argparse.Namespace) -> int:
+def _report(args: argparse.Namespace) -> Exit:
     import shlex
 
     from mcstudy.cli.report import write_page
@@ -156,26 +159,26 @@ def _report(args: argparse.Namespace) -> int:
     return write_page(args.output, text)
 
 
-def _make(args: argparse.Namespace) -> int:
+def _make(args: argparse.Namespace) -> Exit:
     from mcstudy.gap.challenge.design import read_challenge
     from mcstudy.gap.challenge.make import make
 
     file = read_challenge(args.file)
     sha = make(file, args.data, args.key, cluster_options(args))
     print(f"{args.data}: {file.total} recordings; key {args.key}, sha256 {sha}")
-    return 0
+    return Exit.DONE
 
 
-def _answer(args: argparse.Namespace) -> int:
+def _answer(args: argparse.Namespace) -> Exit:
     from mcstudy.gap.challenge.answer import METHODS, answer
 
     options = cluster_options(args)
     sha = answer(args.data, args.out, METHODS[args.method], args.method, options)
     print(f"{args.out}: sha256 {sha}")
-    return 0
+    return Exit.DONE
 
 
-def _score(args: argparse.Namespace) -> int:
+def _score(args: argparse.Namespace) -> Exit:
     import json
 
     from mcstudy.gap.challenge.files import write_json
@@ -186,16 +189,17 @@ def _score(args: argparse.Namespace) -> int:
     if args.out:
         write_json(args.out, score, "challenge_score")
     print(json.dumps(score, indent=1) if args.json else text(score))
-    return exit_code(score) if args.check else 0
+    return exit_code(score) if args.check else Exit.DONE
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(args: argparse.Namespace) -> Exit:
     from mcstudy.gap.challenge.answer import METHODS, answer
     from mcstudy.gap.challenge.design import read_challenge
     from mcstudy.gap.challenge.files import write_json
     from mcstudy.gap.challenge.make import make
     from mcstudy.gap.challenge.score import exit_code, score_files
     from mcstudy.gap.challenge.table import text
+    from mcstudy.study.durable import write
 
     file = read_challenge(args.file)
     options = cluster_options(args)
@@ -206,6 +210,6 @@ def _run(args: argparse.Namespace) -> int:
     score = score_files(data, key, answers)
     write_json(args.out / "score.json", score, "challenge_score")
     page = text(score)
-    (args.out / "score.txt").write_text(page + "\n", encoding="utf-8")
+    write(args.out / "score.txt", f"{page}\n".encode())
     print(page)
-    return exit_code(score) if args.check else 0
+    return exit_code(score) if args.check else Exit.DONE

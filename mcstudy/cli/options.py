@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcstudy.exits import Exit
+
 if TYPE_CHECKING:
     from mcstudy.study.cluster import ClusterOptions
     from mcstudy.study.submission import Outcome
@@ -56,22 +58,20 @@ def cluster_options(args: argparse.Namespace) -> ClusterOptions:
     )
 
 
-def tell(outcome: Outcome, out: Path) -> int:
+def tell(outcome: Outcome, out: Path) -> Exit:
     """Print what a run did; returns the exit code."""
-    from mcstudy.cli import DONE, FITS_FAILED
-
     rate = f", {outcome.fits / outcome.seconds:.0f} fits/s" if outcome.seconds > 0 and outcome.fits else ""
     print(f"{out}: {outcome.fits} fits in {outcome.seconds:.1f} s{rate}; {outcome.skipped} were there already")
     for line in outcome.failed_blocks:
         print(f"failed block: {line}")
     if not (outcome.failed_blocks or outcome.failed_fits):
-        return DONE
+        return Exit.DONE
     from mcstudy.study.failures import failed_fits
     from mcstudy.study.store import Cube
 
     for line in failed_fits(Cube.open(out)):
         print(f"failed fit: {line}")
-    return FITS_FAILED
+    return Exit.FITS_FAILED
 
 
 def _positive(text: str) -> int:

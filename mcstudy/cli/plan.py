@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from pathlib import Path
+
+from mcstudy.exits import Exit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -14,19 +15,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", type=int, help="threads assumed; default one a core")
 
 
-def main(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> Exit:
     """Print the plan; returns the exit code."""
     from mcstudy.study.study_file import read_study
 
     study = read_study(args.study)
     import mcstudy.study.run  # noqa: F401 - what a run imports is part of its time
-    from mcstudy.cli import DONE
+    from mcstudy.study.cluster import ClusterOptions
     from mcstudy.study.plan import plan
     from mcstudy.study.progress import duration
 
     planned = plan(study, imports=time.process_time())
     groups = planned.groups
-    threads = args.workers or len(os.sched_getaffinity(0))
+    threads = ClusterOptions(workers=args.workers).threads
     width = max(len(g.name) for g in groups)
     print(f"study {study.study.name}, seed {study.study.seed}")
     print(f"{'group':<{width}}  {'fits':>10}  {'chunks':>7}  {'MB':>8}  {'CPU':>12}")
@@ -46,4 +47,4 @@ def main(args: argparse.Namespace) -> int:
                 f"{g.name:<{width}}  amplitude {p.amplitude:g}, fmax {p.fmax:g} Hz: "
                 f"{p.mean:.2g} on average, {p.largest:.2g} for {p.parameter}"
             )
-    return DONE
+    return Exit.DONE

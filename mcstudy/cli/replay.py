@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mcstudy.exits import Exit
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
@@ -16,11 +18,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--amplitude", type=float, required=True)
 
 
-def main(args: argparse.Namespace) -> int:
-    """Print the path of the fit; returns 0 when it ends where it is stored to have ended, 2 otherwise."""
+def main(args: argparse.Namespace) -> Exit:
+    """Print the path of the fit; `Exit.DIFFERS` unless it ends where it is stored to have ended."""
     import numpy as np
 
-    from mcstudy.cli import BAD_INPUT, DONE
     from mcstudy.study.replay import replay
 
     r = replay(args.out, args.group, args.amplitude, args.fmax, args.realization, args.start)
@@ -35,6 +36,6 @@ def main(args: argparse.Namespace) -> int:
     print(f"ended: {r.status.text}")
     if r.differ:
         print(f"{args.out}: differs from what is stored ({', '.join(r.differ)}); stored: {r.stored_status.text}")
-        return BAD_INPUT
+        return Exit.DIFFERS
     print(f"{args.out}: equal to what is stored, bit for bit")
-    return DONE
+    return Exit.DONE

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
+
+from mcstudy.exits import Exit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE", help="the page to write (.html)")
 
 
-def main(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> Exit:
     """Write the page; returns the exit code."""
     from mcstudy.report.style import require_matplotlib
 
@@ -31,18 +34,20 @@ def main(args: argparse.Namespace) -> int:
     return write_page(args.output, lambda: page(args.out, args.beside))
 
 
-def write_page(file: Path, text: Callable[[], str]) -> int:
-    """Write what ``text`` returns; the file is opened first: nobody should wait for a page that cannot be kept."""
-    from mcstudy.cli import DONE
+def write_page(file: Path, text: Callable[[], str]) -> Exit:
+    """Write what ``text`` returns; the file is begun first: nobody should wait for a page that cannot be kept."""
     from mcstudy.errors import InputError
+    from mcstudy.study.durable import replacing
 
-    try:
-        opened = file.open("a", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{file}: expected a file that can be written, got {error.strerror}") from None
-    with opened:
-        content = text()
-        opened.truncate(0)
+    place = file.resolve()  # a link stays one
+    with contextlib.ExitStack() as stack:
+        try:
+            if place.exists():
+                place.open("ab").close()
+            opened = stack.enter_context(replacing(place))
+        except OSError as error:
+            raise InputError(f"{file}: expected a file that can be written, got {error.strerror}") from None
+        content = text().encode()
         opened.write(content)
-    print(f"{file}: {len(content.encode()) / 1e6:.2f} MB")
-    return DONE
+    print(f"{file}: {len(content) / 1e6:.2f} MB")
+    return Exit.DONE

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import add_cluster_arguments, cluster_options, tell
+from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.study.design import Study
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_cluster_arguments(parser)
 
 
-def main(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> Exit:
     """Run; returns the exit code."""
     from mcstudy.study.study_file import read_study
 
@@ -44,12 +45,11 @@ def main(args: argparse.Namespace) -> int:
     return tell(run_study(study, out, cluster_options(args), args.block, args.quarantine), out)
 
 
-def _until(args: argparse.Namespace, study: Study, out: Path) -> int:
+def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
     """Run and grow; returns the exit code."""
     import sys
 
     from mcstudy.analysis.until import parse_target, run_until
-    from mcstudy.cli import DONE, INTERRUPTED
     from mcstudy.errors import InputError
 
     if args.until_mcse is None or args.budget_fits is None:
@@ -64,4 +64,4 @@ def _until(args: argparse.Namespace, study: Study, out: Path) -> int:
     for line in until.steps:
         print(f"grown: {line}")
     print(until.statement)
-    return code if code != DONE or until.reached else INTERRUPTED
+    return code if code != Exit.DONE or until.reached else Exit.NOT_REACHED

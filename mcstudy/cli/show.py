@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mcstudy.exits import Exit
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
@@ -12,11 +14,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="machine-readable, as results_schema describes")
 
 
-def main(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> Exit:
     """Print; returns the exit code."""
     from mcstudy.analysis.tables import show
-    from mcstudy.cli import DONE
 
     report = show(args.out)
     print(report.json() if args.json else report.text())
-    return DONE
+    return Exit.DONE

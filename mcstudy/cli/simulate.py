@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from mcstudy.exits import Exit
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -30,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0)
 
 
-def main(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> Exit:
     """Simulate and write; returns the exit code."""
     import numpy as np
 
@@ -85,7 +87,7 @@ def main(args: argparse.Namespace) -> int:
     )
     path = write_recording(recording, args.output)
     print(f"{path}: {len(recording.trials)} trials of {recording.duration_s / len(recording.trials):.0f} s; {what}")
-    return 0
+    return Exit.DONE
 
 
 def _pair(word: str, option: str) -> tuple[str, float]:

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcstudy.exits import Exit
+
 if TYPE_CHECKING:
     from mcstudy.study.store import Cube
 
@@ -22,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--every", type=float, default=2.0, metavar="SECONDS", help="how often --watch looks")
 
 
-def main(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> Exit:
     """Print a table of fits by status; returns the exit code."""
     from mcstudy.study.store import Cube
 
@@ -30,10 +32,9 @@ def main(args: argparse.Namespace) -> int:
     return _watch(cube, max(args.every, 0.1)) if args.watch else _once(cube, args.json)
 
 
-def _once(cube: Cube, as_json: bool) -> int:
+def _once(cube: Cube, as_json: bool) -> Exit:
     import json
 
-    from mcstudy.cli import DONE, FITS_FAILED
     from mcstudy.fit.status import Status
     from mcstudy.study.failures import counts, failed_fits
 
@@ -42,7 +43,7 @@ def _once(cube: Cube, as_json: bool) -> int:
     if as_json:
         groups = {name: {s.name.lower(): c[s] for s in Status} for name, c in by_group.items()}
         print(json.dumps({"study": cube.study.study.name, "fingerprint": cube.study.fingerprint, "groups": groups}))
-        return FITS_FAILED if failed else DONE
+        return Exit.FITS_FAILED if failed else Exit.DONE
     print(f"{cube.path}: study {cube.study.study.name}, seed {cube.study.study.seed}")
     print(f"fingerprint {cube.study.fingerprint}")
     shown = [s for s in Status if s is Status.PENDING or any(c[s] for c in by_group.values())]
@@ -54,24 +55,24 @@ def _once(cube: Cube, as_json: bool) -> int:
         print(f"failed fit: {line}")
     if any(c[Status.PENDING] for c in by_group.values()):
         print("not complete: run the study file again to resume")
-    return FITS_FAILED if failed else DONE
+    return Exit.FITS_FAILED if failed else Exit.DONE
 
 
-def _watch(cube: Cube, every: float) -> int:
+def _watch(cube: Cube, every: float) -> Exit:
     import sys
     import time
     from collections import deque
 
-    from mcstudy.cli import DONE, FITS_FAILED
     from mcstudy.study.display import Display
     from mcstudy.study.progress import fits_line
+    from mcstudy.study.stopping import stop_requests
     from mcstudy.study.watch import Watch
 
     watch, display = Watch(cube), Display(sys.stdout)
     total = cube.study.fits
     seen: deque[tuple[float, int]] = deque()
-    try:
-        while True:
+    with stop_requests() as stop:
+        while not stop.is_set():
             watch.look()
             now, done = time.monotonic(), watch.done
             while len(seen) > 1 and seen[0][0] < now - WINDOW_S:
@@ -84,7 +85,6 @@ def _watch(cube: Cube, every: float) -> int:
                 lines.append(f"{watch.unreadable} chunks are damaged or incomplete: mcstudy verify names them")
             display.show(lines)
             if done >= total:
-                return FITS_FAILED if watch.failed else DONE
-            time.sleep(every)
-    except KeyboardInterrupt:
-        return DONE  # only the watching ends
+                return Exit.FITS_FAILED if watch.failed else Exit.DONE
+            stop.wait(every)
+    return Exit.DONE  # only the watching ends

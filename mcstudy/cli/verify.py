@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mcstudy.exits import Exit
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
@@ -13,9 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="chooses the cells; default 0")
 
 
-def main(args: argparse.Namespace) -> int:
-    """Check; returns 0 when nothing is wrong, 2 otherwise."""
-    from mcstudy.cli import BAD_INPUT, DONE
+def main(args: argparse.Namespace) -> Exit:
+    """Check; returns `Exit.DIFFERS` when anything is wrong."""
     from mcstudy.study.durable import tree_digest
     from mcstudy.study.verify import verify
 
@@ -29,4 +30,4 @@ def main(args: argparse.Namespace) -> int:
         f"{verdict.recomputed} fits recomputed, {verdict.pending} not run yet"
     )
     print(f"sha256 of the tree: {tree_digest(args.out)}")
-    return BAD_INPUT if verdict.damage else DONE
+    return Exit.DIFFERS if verdict.damage else Exit.DONE

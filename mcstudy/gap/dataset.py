@@ -24,6 +24,8 @@ from mcstudy.gap.units import factor
 from mcstudy.stance.body import STIMULI, Body
 from mcstudy.stance.feedback import ANGLES
 from mcstudy.study import schema
+from mcstudy.study.durable import partial_name, replace_tree
+from mcstudy.study.unfinished import unfinished
 from mcstudy.study.untrusted import GuardedStore
 
 BODY = ("J1", "J2", "C1", "C2", "A1", "A2", "g")
@@ -86,7 +88,10 @@ def header(dataset: xr.Dataset) -> dict[str, Any]:
 
 def write_netcdf(recording: Recording, path: Path) -> None:
     """Write a NetCDF-4 file; an existing one is replaced."""
-    to_dataset(recording).to_netcdf(path, engine="h5netcdf")
+    partial = partial_name(path)
+    with unfinished(partial, partial.touch):
+        to_dataset(recording).to_netcdf(partial, engine="h5netcdf")
+        partial.replace(path)
 
 
 def write_zarr(recording: Recording, path: Path) -> None:
@@ -94,7 +99,13 @@ def write_zarr(recording: Recording, path: Path) -> None:
     dataset = to_dataset(recording)
     # Strings have no Zarr v3 specification yet: the names of the angles go into an attribute.
     dataset = dataset.drop_vars("angle").assign_attrs(angles=list(ANGLES))
-    dataset.to_zarr(path, mode="w", zarr_format=3, consolidated=False)
+    partial = partial_name(path)
+    with unfinished(partial, partial.mkdir):
+        dataset.to_zarr(partial, mode="w", zarr_format=3, consolidated=False)
+        if path.exists():
+            replace_tree(path, partial)
+        else:
+            partial.rename(path)
 
 
 def write_csv(recording: Recording, folder: Path) -> Path:

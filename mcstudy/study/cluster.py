@@ -57,7 +57,14 @@ class ClusterOptions:
     @property
     def threads(self) -> int:
         """Threads of the local scheduler."""
-        return self.workers or len(os.sched_getaffinity(0))
+        return self.workers or cores()
+
+
+def cores() -> int:
+    """Cores this process may use; where the system does not tell (macOS), those there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _loopback(host: str) -> bool:

@@ -15,8 +15,10 @@ import shutil
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from mcstudy.errors import StoreError
+from mcstudy.study.unfinished import unfinished
 
 PARTIAL = ".partial"
 """Suffix of a file that is being written; leftovers of a killed run carry it and are swept by the next."""
@@ -24,24 +26,41 @@ PARTIAL = ".partial"
 
 def write(path: Path, content: bytes | memoryview) -> None:
     """Write one file atomically, its content synced; never creates a folder (a deleted store must not come back)."""
-    partial = path.with_name(f"{path.name}.{uuid.uuid4().hex}{PARTIAL}")
-    try:
-        with partial.open("xb") as file:
-            file.write(content)
+    with replacing(path) as file:
+        file.write(content)
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """A new file that takes the place of ``path`` when the block ends, synced; gone when it fails."""
+    partial = partial_name(path)
+    with unfinished(partial, lambda: partial.open("xb")) as file:
+        with file:
+            yield file
             file.flush()
-            os.fsync(file.fileno())
+            sync(file.fileno())
         partial.replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            partial.unlink()
-        raise
+
+
+def partial_name(path: Path) -> Path:
+    """A name of its own, beside ``path``, for what is being written."""
+    return path.with_name(f"{path.name}.{uuid.uuid4().hex}{PARTIAL}")
+
+
+def sync(handle: int) -> None:
+    """Ask the disk to keep an open file or folder."""
+    if hasattr(fcntl, "F_FULLFSYNC"):  # macOS, where fsync leaves the content in the drive's own memory
+        with contextlib.suppress(OSError):  # a file system that cannot: fsync is what there is
+            fcntl.fcntl(handle, fcntl.F_FULLFSYNC)
+            return
+    os.fsync(handle)
 
 
 def sync_folder(path: Path) -> None:
     """Make the names in a folder survive a power cut."""
     handle = os.open(path, os.O_RDONLY)
     try:
-        os.fsync(handle)
+        sync(handle)
     finally:
         os.close(handle)
 
@@ -59,7 +78,7 @@ def sync_tree(root: Path) -> None:
     for folder, _, files in os.walk(root):
         for name in files:
             with (Path(folder) / name).open("rb") as file:
-                os.fsync(file.fileno())
+                sync(file.fileno())
         sync_folder(Path(folder))
     sync_folder(root.parent)
 

@@ -12,7 +12,6 @@ and the spread of the best fits is the spread the study will find.
 from __future__ import annotations
 
 import math
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.streams import start_stream
 from mcstudy.study.tasks import fill
+from mcstudy.study.unfinished import scratch_folder
 
 PILOT_FITS = {"lm": 1500}
 """Fits timed per group; SciPy's solvers are timed on two starts per Fmax."""
@@ -106,9 +106,9 @@ def plan(study: Study, imports: float = 0.0) -> StudyPlan:
     """Plan every group of a study. ``imports``: CPU seconds that a run spends before it comes to the study file."""
     pilots = {name: _pilot(group) for name, group in study.group.items()}
     small = study.model_copy(update={"group": pilots})
-    with tempfile.TemporaryDirectory(prefix="mcstudy-plan-") as folder:
+    with scratch_folder("mcstudy-plan-") as folder:
         watch = _Watch()
-        cube = Cube.create(Path(folder) / "pilot.zarr", small, depths={n: g.realizations for n, g in pilots.items()})
+        cube = Cube.create(folder / "pilot.zarr", small, depths={n: g.realizations for n, g in pilots.items()})
         loading = 0.0
         for store in cube.groups.values():
             loading += _load(store)

@@ -7,7 +7,6 @@ chunk. The first is given, the second is what its copies agree on (`identity`), 
 from __future__ import annotations
 
 import contextlib
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.metadata import depth_votes, document
 from mcstudy.study.store import SCHEMA, Cube
 from mcstudy.study.strays import NOT_PART, parts, set_aside, strays
+from mcstudy.study.unfinished import scratch_folder
 from mcstudy.study.untrusted import refuse_links
 
 
@@ -39,8 +39,8 @@ class Repairs:
 
 def skeleton(cube: Cube, made_in: dict[str, Any]) -> dict[Path, bytes]:
     """Every file of an empty cube of the same study and depths, made in an environment: relative path and content."""
-    with tempfile.TemporaryDirectory() as folder:
-        fresh = Cube.create(Path(folder) / "fresh", cube.study, made_in, cube.depths)
+    with scratch_folder("mcstudy-fresh-") as folder:
+        fresh = Cube.create(folder / "fresh", cube.study, made_in, cube.depths)
         return {p.relative_to(fresh.path): p.read_bytes() for p in fresh.path.rglob("*") if p.is_file()}
 
 

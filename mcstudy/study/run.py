@@ -10,7 +10,8 @@ import contextlib
 import threading
 import uuid
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from mcstudy.errors import StoreError, StudyChangedError
@@ -24,7 +25,7 @@ from mcstudy.study.repair import Repairs, repair, repairable
 from mcstudy.study.runlog import RunLog
 from mcstudy.study.stopping import stop_requests
 from mcstudy.study.store import Cube
-from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission
+from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission, how_far
 from mcstudy.study.tasks import STOP
 from mcstudy.study.watch import Watch
 
@@ -87,8 +88,8 @@ def run_study(
     ------
     StudyChangedError: the cube belongs to another study.
     StoreError: the cube cannot be used, or another run holds it.
-    Interrupted: stopped by Ctrl-C, SIGTERM, a disk that could not be written, or a lost scheduler; the same call
-        resumes.
+    Interrupted: stopped by Ctrl-C, SIGTERM, SIGHUP, a disk that could not be written, or a lost scheduler; the same
+        call resumes.
     """
     out = Path(out).resolve()
     with locked(out):
@@ -129,7 +130,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
     for line in differ if total else ():
         progress.say(f"warning: the cube was made in another environment: {line}")
     if blocks:
-        with _stop_requests(run) as stop, connect(options) as client:
+        with _stop_requests(run, partial(how_far, out, progress)) as stop, connect(options) as client:
             if options.dashboard and options.scheduler is None:
                 progress.say(f"dashboard: {dashboard_url(client)}")
             submission = Submission(cube, client, options, stop, run, log, progress, outcome)
@@ -196,9 +197,9 @@ def _chunks_a_block(layout: Layout, chunks: int, threads: int) -> int:
 
 
 @contextlib.contextmanager
-def _stop_requests(run: str) -> Iterator[threading.Event]:
+def _stop_requests(run: str, words: Callable[[], str]) -> Iterator[threading.Event]:
     """`stop_requests` that the blocks of a run see too, where they run in this process."""
-    with stop_requests() as stop:
+    with stop_requests(words) as stop:
         STOP[run] = stop
         try:
             yield stop

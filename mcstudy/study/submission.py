@@ -45,7 +45,7 @@ TIMED_OUT = 2
 WINDOW = 3
 """Blocks in the scheduler's hands per thread: one running, and enough waiting that no thread idles."""
 
-DRAIN_S = 1.2
+DRAIN_S = 1.0
 """How long a stopped run waits for blocks to write what they have; with all before and after it, under 2 s."""
 
 
@@ -97,6 +97,11 @@ class _Flight:
     began: float = math.inf
     worker: str = ""
     starts: int = 0
+
+
+def how_far(path: Path, progress: Progress, why: str = "stopped") -> str:
+    """What a run says that ended before its time."""
+    return f"{path}: {why} with {progress.total - progress.done} fits left; run the same command again to resume"
 
 
 class Submission:
@@ -156,7 +161,7 @@ class Submission:
     def _interrupted(self, why: str) -> Interrupted:
         left = self.progress.total - self.progress.done
         self.log.add("interrupted", why=why, fits=self.outcome.fits, left=left)
-        return Interrupted(f"{self.cube.path}: {why} with {left} fits left; run the same command again to resume")
+        return Interrupted(how_far(self.cube.path, self.progress, why))
 
     def _submit(self, block: Block, alone: bool = False) -> None:
         task = Task(self.id, str(self.cube.path), self.study, block.group, self.cube.depths[block.group], block.chunks)

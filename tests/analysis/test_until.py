@@ -13,6 +13,7 @@ from mcstudy.analysis.selection import best
 from mcstudy.analysis.until import Target, look, parse_target, run_until
 from mcstudy.cli import main
 from mcstudy.errors import InputError
+from mcstudy.exits import Exit
 from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.durable import tree_digest
 from mcstudy.study.results import open_results
@@ -70,13 +71,13 @@ def test_where_the_budget_ends_first_it_says_so_and_goes_on_with_a_larger_one(
     file, out = tmp_path / "s.toml", tmp_path / "out.zarr"
     file.write_text(STUDY)
     words = ["run", str(file), "-o", str(out), "--workers", "1", "--until-mcse", "bias=1%", "--budget-fits"]
-    assert main([*words, "60"]) == 3
+    assert main([*words, "60"]) == Exit.NOT_REACHED
     said = capsys.readouterr().out.splitlines()[-1]
     assert said.startswith("stopped: the budget of 60 fits is spent (60 run); largest MCSE of bias")
     assert "target 1 %" in said
-    assert main([*words, "61"]) == 3
+    assert main([*words, "61"]) == Exit.NOT_REACHED
     assert Cube.open(out).study.fits == 60  # one fit is no realization
-    assert main([*words, "80"]) == 3
+    assert main([*words, "80"]) == Exit.NOT_REACHED
     assert Cube.open(out).study.fits == 80
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from importlib.metadata import version
@@ -11,10 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcstudy.cli import BAD_INPUT, DONE, FITS_FAILED, VERBS, main
+from mcstudy.cli import VERBS, main
+from mcstudy.cli.report import write_page
+from mcstudy.errors import InputError
+from mcstudy.exits import Exit
 from mcstudy.fit.problem import Fits
 from mcstudy.fit.status import Status
 from mcstudy.study import tasks
+from mcstudy.study.cluster import ClusterOptions
 
 STUDY = """
 [study]
@@ -39,7 +44,7 @@ def study(tmp_path: Path) -> Path:
 @pytest.fixture
 def cube(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     out = tmp_path / "out.zarr"
-    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == DONE
+    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == Exit.DONE
     capsys.readouterr()
     return out
 
@@ -86,7 +91,7 @@ def test_bad_study_files_are_one_line_on_stderr_and_exit_2(
         files[-1].write_text(text)
     for file in files:
         for verb in ("run", "plan"):
-            assert main([verb, str(file)]) == BAD_INPUT
+            assert main([verb, str(file)]) == Exit.BAD_INPUT
             captured = capsys.readouterr()
             assert captured.out == ""
             assert captured.err.startswith(f"mcstudy: {file}: ")
@@ -98,7 +103,7 @@ def test_a_cube_of_another_version_is_one_line_and_exit_2(cube: Path, capsys: py
     metadata = cube / "zarr.json"
     metadata.write_text(metadata.read_text().replace("study_cube:1.0.0", "study_cube:9.0.0"))
     for words in (["status", str(cube)], ["show", str(cube)], ["status", str(cube.parent)]):
-        assert main(words) == BAD_INPUT
+        assert main(words) == Exit.BAD_INPUT
         assert capsys.readouterr().err.count("\n") == 1
 
 
@@ -106,7 +111,7 @@ def test_a_changed_study_file_is_one_line_and_exit_2(
     cube: Path, study: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     study.write_text(STUDY.replace("starts = 4", "starts = 5"))
-    assert main(["run", str(study), "-o", str(cube)]) == BAD_INPUT
+    assert main(["run", str(study), "-o", str(cube)]) == Exit.BAD_INPUT
     captured = capsys.readouterr()
     assert "group.noisy.starts: 4 -> 5" in captured.err
     assert captured.err.count("\n") == 1
@@ -116,19 +121,19 @@ def test_run_says_what_it_did_and_a_second_run_that_nothing_was_left(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["run", str(study), "-o", str(tmp_path / "out.zarr"), "--workers", "1"]
-    assert main(words) == DONE
+    assert main(words) == Exit.DONE
     captured = capsys.readouterr()
     assert "8 fits in" in captured.out
     assert "8/8 fits (100 %)" in captured.err
-    assert main(words) == DONE
+    assert main(words) == Exit.DONE
     assert "0 fits in" in capsys.readouterr().out
 
 
 def test_status_counts_fits_by_outcome(cube: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["status", str(cube)]) == DONE
+    assert main(["status", str(cube)]) == Exit.DONE
     text = capsys.readouterr().out
     assert "noisy" in text
-    assert main(["status", str(cube), "--json"]) == DONE
+    assert main(["status", str(cube), "--json"]) == Exit.DONE
     counts = json.loads(capsys.readouterr().out)["groups"]["noisy"]
     assert sum(counts.values()) == 8
     assert counts["pending"] == 0
@@ -142,23 +147,23 @@ def test_failed_fits_are_listed_and_exit_4(
 
     monkeypatch.setattr(tasks, "fit_queue", broken)
     words = ["run", str(study), "-o", str(tmp_path / "out.zarr"), "--workers", "1"]
-    assert main(words) == FITS_FAILED
+    assert main(words) == Exit.FITS_FAILED
     out = capsys.readouterr().out
     assert out.count("failed fit: ") == 8
     assert "group noisy, amplitude 5, fmax 1.2 Hz, realization 1, start 3: the solver raised an error" in out
 
 
 def test_verify_passes_a_sound_cube_and_names_damage(cube: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["verify", str(cube)]) == DONE
+    assert main(["verify", str(cube)]) == Exit.DONE
     assert ": 0 damaged; 1 chunks read" in capsys.readouterr().out
     (chunk,) = (cube / "noisy" / "cost").glob("c*")
     chunk.write_bytes(b"nonsense")
-    assert main(["verify", str(cube)]) == BAD_INPUT
+    assert main(["verify", str(cube)]) == Exit.DIFFERS
     assert f"damage: {chunk}" in capsys.readouterr().out
 
 
 def test_plan_tells_cost_and_precision(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plan", str(study)]) == DONE
+    assert main(["plan", str(study)]) == Exit.DONE
     out = capsys.readouterr().out
     assert "in all 8 fits" in out
     assert "amplitude 5, fmax 1.2 Hz:" in out
@@ -167,7 +172,7 @@ def test_plan_tells_cost_and_precision(study: Path, capsys: pytest.CaptureFixtur
 def test_an_unknown_verb_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as done:
         main(["ruin"])
-    assert done.value.code == BAD_INPUT
+    assert done.value.code == Exit.BAD_INPUT
     assert "run" in capsys.readouterr().err
 
 
@@ -177,13 +182,44 @@ def test_show_says_which_parameter_its_bounds_hold(tmp_path: Path, capsys: pytes
     bounds = "[group.noisy.model.bounds.absolute]\nKpas1 = [179.9999999995, 180.0000000005]\n"
     truth = "[group.noisy.model.truth]\nKpas1 = 180.0\n"
     file.write_text(STUDY.replace("realizations = 2", "realizations = 4") + truth + bounds)
-    assert main(["run", str(file), "-o", str(out), "--workers", "1"]) == DONE
+    assert main(["run", str(file), "-o", str(out), "--workers", "1"]) == Exit.DONE
     capsys.readouterr()
-    assert main(["show", str(out)]) == DONE
+    assert main(["show", str(out)]) == Exit.DONE
     rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("Kpas1 ")]
     assert rows
     assert rows[0][-1] in ("held", "-")
-    assert main(["show", str(out), "--json"]) == DONE
+    assert main(["show", str(out), "--json"]) == Exit.DONE
     parameters = json.loads(capsys.readouterr().out)["groups"]["noisy"]["cells"][0]["parameters"]
     without = [p["name"] for p in parameters if "efficiency" in p and p["efficiency"]["value"] is None]
     assert without == ["Kpas1"]
+
+
+def test_plan_and_run_where_the_system_does_not_tell_which_cores_are_ours(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on macOS."""
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    assert main(["plan", str(study)]) == Exit.DONE
+    assert "on 3 threads of this machine" in capsys.readouterr().out
+    assert main(["run", str(study), "-o", str(tmp_path / "out.zarr")]) == Exit.DONE
+    monkeypatch.setattr(os, "cpu_count", lambda: None)  # nobody knows
+    assert ClusterOptions().threads == 1
+
+
+def test_a_page_that_is_not_finished_leaves_the_old_one_and_nothing_else(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+
+    def text() -> str:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_page(page, text)
+    assert list(tmp_path.iterdir()) == []
+    assert write_page(page, lambda: "whole") == Exit.DONE
+    with pytest.raises(KeyboardInterrupt):
+        write_page(page, text)
+    assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
+    assert page.read_text() == "whole"
+    with pytest.raises(InputError, match="expected a file that can be written, got Is a directory"):
+        write_page(tmp_path, text)

@@ -15,12 +15,13 @@ import pytest
 
 from mcstudy.cli import main
 from mcstudy.errors import DesignError, InputError, StoreError, StudyChangedError
+from mcstudy.exits import Exit
 from mcstudy.gap.challenge import files
 from mcstudy.gap.challenge.answer import answer, from_diagnosis
 from mcstudy.gap.challenge.cases import list_cases
 from mcstudy.gap.challenge.design import ChallengeFile, read_challenge, resolve
 from mcstudy.gap.challenge.make import make
-from mcstudy.gap.challenge.score import MISSED, exit_code, score_files
+from mcstudy.gap.challenge.score import exit_code, score_files
 from mcstudy.gap.challenge.table import text
 from mcstudy.gap.read import read_recording
 from mcstudy.study.cluster import ClusterOptions
@@ -201,7 +202,7 @@ def test_a_failure_is_an_answer_and_is_scored_as_wrong(made: tuple[Path, Path], 
     assert {a["name"]: a.get("error") for a in given["answers"]}[bad] == "ValueError: no convergence at all"
     score = score_files(data, key, tmp_path / "a.json")
     assert score["targets"][0]["value"] == 1.0
-    assert exit_code(score) == MISSED
+    assert exit_code(score) == Exit.MISSED
     assert bad in text(score)
 
 

@@ -8,7 +8,8 @@ import pytest
 import xarray as xr
 
 from mcstudy import open_results
-from mcstudy.cli import DONE, main
+from mcstudy.cli import main
+from mcstudy.exits import Exit
 from mcstudy.report.alternatives import write_alternative
 
 PAPER_LIKE = """
@@ -62,7 +63,7 @@ kind = "hip_torque"
 def _run(folder: Path, text: str) -> Path:
     study, out = folder / "study.toml", folder / "out.zarr"
     study.write_text(text)
-    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == DONE
+    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == Exit.DONE
     return out
 
 
@@ -84,14 +85,14 @@ def paper_tree(paper_cube: Path) -> xr.DataTree:
 @pytest.fixture(scope="session")
 def paper_page(paper_cube: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("page") / "paper.html"
-    assert main(["report", str(paper_cube), "-o", str(file)]) == DONE
+    assert main(["report", str(paper_cube), "-o", str(file)]) == Exit.DONE
     return file
 
 
 @pytest.fixture(scope="session")
 def other_page(other_cube: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("page") / "other.html"
-    assert main(["report", str(other_cube), "-o", str(file)]) == DONE
+    assert main(["report", str(other_cube), "-o", str(file)]) == Exit.DONE
     return file
 
 
@@ -144,7 +145,7 @@ def beside_page(
 ) -> Path:
     file = tmp_path_factory.mktemp("page") / "beside.html"
     beside = ["--beside", str(other_cube), *map(str, alternatives)]
-    assert main(["report", str(paper_cube), *beside, "-o", str(file)]) == DONE
+    assert main(["report", str(paper_cube), *beside, "-o", str(file)]) == Exit.DONE
     return file
 
 
@@ -153,12 +154,12 @@ def lagging_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A body whose hip angle is measured late."""
     file = tmp_path_factory.mktemp("recording") / "lagging.nc"
     words = ["--effect", "sensor_lag_theta2=0.03", "--cycles", "4", "--rate", "100", "--seed", "2"]
-    assert main(["simulate", "-o", str(file), *words]) == DONE
+    assert main(["simulate", "-o", str(file), *words]) == Exit.DONE
     return file
 
 
 @pytest.fixture(scope="session")
 def gap_page(lagging_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("page") / "gap.html"
-    assert main(["gap", "report", str(lagging_recording), "--fast", "-o", str(file)]) == DONE
+    assert main(["gap", "report", str(lagging_recording), "--fast", "-o", str(file)]) == Exit.DONE
     return file

@@ -14,8 +14,9 @@ pytest.importorskip("matplotlib")
 
 from mcstudy.analysis.cells import with_error
 from mcstudy.analysis.stable_starts import hit_rate_by_start
-from mcstudy.cli import BAD_INPUT, main
+from mcstudy.cli import main
 from mcstudy.errors import StoreError
+from mcstudy.exits import Exit
 from mcstudy.report.alternatives import TwoStimuliResult, read_alternative, write_alternative
 
 
@@ -78,7 +79,7 @@ def test_another_file_is_refused_in_one_line(
     file = tmp_path / "changed.json"
     file.write_text(json.dumps({**json.loads(alternatives[0].read_text()), **change}))
     page = tmp_path / "page.html"
-    assert main(["report", str(other_cube), "--beside", str(file), "-o", str(page)]) == BAD_INPUT
+    assert main(["report", str(other_cube), "--beside", str(file), "-o", str(page)]) == Exit.BAD_INPUT
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert f"{file}: {expected}" in error

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcstudy.cli import BAD_INPUT, main
+from mcstudy.cli import main
 from mcstudy.errors import InputError
+from mcstudy.exits import Exit
 from mcstudy.gap.diagnose import diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.fitting import Data
@@ -124,5 +125,5 @@ def test_a_published_frf_has_a_page_without_sway(data: GapData) -> None:
 def test_a_page_that_cannot_be_written_is_told_before_the_diagnosis(
     lagging_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["gap", "report", str(lagging_recording), "-o", str(tmp_path / "no" / "page.html")]) == BAD_INPUT
+    assert main(["gap", "report", str(lagging_recording), "-o", str(tmp_path / "no" / "page.html")]) == Exit.BAD_INPUT
     assert "expected a file that can be written" in capsys.readouterr().err

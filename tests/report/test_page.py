@@ -18,7 +18,8 @@ pytest.importorskip("matplotlib")
 
 from mcstudy.analysis.paper_rows import rows
 from mcstudy.analysis.view import StudyView
-from mcstudy.cli import BAD_INPUT, main
+from mcstudy.cli import main
+from mcstudy.exits import Exit
 from mcstudy.report.page import page
 from mcstudy.report.summary import summary
 
@@ -161,7 +162,7 @@ def test_an_unfinished_cube_has_a_page(other_cube: Path, tmp_path: Path) -> None
 def test_a_page_that_cannot_be_written_is_one_line(
     other_cube: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["report", str(other_cube), "-o", str(tmp_path / "none" / "p.html")]) == BAD_INPUT
+    assert main(["report", str(other_cube), "-o", str(tmp_path / "none" / "p.html")]) == Exit.BAD_INPUT
     assert "expected a file that can be written" in capsys.readouterr().err
 
 
@@ -169,7 +170,7 @@ def test_without_matplotlib_the_cure_is_told(tmp_path: Path) -> None:
     script = "import sys; sys.modules['matplotlib'] = None; from mcstudy.cli import main; "
     script += "sys.exit(main(['report', 'x.zarr', '-o', 'y.html']))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert done.returncode == BAD_INPUT
+    assert done.returncode == Exit.BAD_INPUT
     assert done.stderr.strip() == "mcstudy: report: matplotlib is not installed; pip install 'mcstudy[report]'"
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcstudy.cli import BAD_INPUT, DONE, main
+from mcstudy.cli import main
 from mcstudy.errors import InputError
+from mcstudy.exits import Exit
 from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
@@ -73,7 +74,7 @@ def test_the_path_goes_down_from_the_stored_start_to_the_stored_estimate(
 
 
 def test_the_command_prints_the_path_and_says_that_it_is_equal(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(sound), *CELL]) == DONE
+    assert main(["replay", str(sound), *CELL]) == Exit.DONE
     printed = capsys.readouterr().out
     assert "equal to what is stored, bit for bit" in printed
     assert printed.count("\n") >= 5
@@ -87,7 +88,7 @@ def test_one_changed_bit_is_found(copy: Path, capsys: pytest.CaptureFixture[str]
         bits = data[name].view(np.uint8)
         bits.reshape(-1)[:: data[name].dtype.itemsize] ^= 1
         store.write(chunk, data)
-    assert main(["replay", str(copy), *CELL]) == BAD_INPUT
+    assert main(["replay", str(copy), *CELL]) == Exit.DIFFERS
     assert f"differs from what is stored ({name}" in capsys.readouterr().out
 
 

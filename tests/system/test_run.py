@@ -47,7 +47,7 @@ def pausing(task):
     return run_task(task)
 attempt.run_task = pausing
 from mcstudy.cli import main
-sys.exit(main(sys.argv[1:]))
+sys.exit(main())
 """
 
 FOR_EVER_S = 1000

@@ -34,28 +34,29 @@ def fan_out(
 ) -> Iterator[tuple[Item, Any]]:
     """Yield (item, result) in the order of completion; ``work`` must not raise for what concerns one item only.
 
-    Raises whatever ``work`` raises, and `Interrupted` on Ctrl-C, SIGTERM, a lost scheduler or an item that kills its
-    workers: what was yielded is for the caller to keep.
+    Raises whatever ``work`` raises, and `Interrupted` on Ctrl-C, SIGTERM, SIGHUP, a lost scheduler or an item that
+    kills its workers: what was yielded is for the caller to keep.
     """
     if not items:
         return
     progress = Counting(len(items))
     finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    with stop_requests() as stop, connect(options) as client:
+    left = len(items)
+
+    def how_far(why: str = "stopped") -> str:
+        return f"{what}: {why} with {left} cases left; run the same command again to resume"
+
+    with stop_requests(how_far) as stop, connect(options) as client:
         if options.dashboard and options.scheduler is None:
             progress.say(f"dashboard: {dashboard_url(client)}")
         running: dict[Any, Item] = {}
         waiting = iter(items)
-        left, capacity = len(items), Capacity(client, progress.say)
-
-        def interrupted(why: str) -> Interrupted:
-            return Interrupted(f"{what}: {why} with {left} cases left; run the same command again to resume")
-
+        capacity = Capacity(client, progress.say)
         while left:
             if stop.is_set():
-                raise interrupted("stopped")
+                raise Interrupted(how_far())
             if client.status != "running":
-                raise interrupted("the scheduler was lost")
+                raise Interrupted(how_far("the scheduler was lost"))
             while len(running) < WINDOW * capacity.threads() and (item := next(waiting, None)) is not None:
                 future = client.submit(work, item, pure=False, retries=0)
                 running[future] = item
@@ -69,9 +70,9 @@ def fan_out(
             try:
                 result = future.result()
             except CancelledError:
-                raise interrupted("the scheduler was lost") from None  # nobody else cancels what is running
+                raise Interrupted(how_far("the scheduler was lost")) from None  # nobody else cancels what is running
             except KilledWorker as error:
-                raise interrupted(f"workers kept dying ({error})") from None
+                raise Interrupted(how_far(f"workers kept dying ({error})")) from None
             future.release()
             left -= 1
             progress.add(1, 0)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import uuid
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +18,8 @@ from mcstudy.gap.dataset import to_dataset
 from mcstudy.gap.recording import Recording
 from mcstudy.study import schema
 from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.durable import PARTIAL, sync_folder
+from mcstudy.study.durable import PARTIAL, partial_name, sync, sync_folder
+from mcstudy.study.unfinished import unfinished
 
 RESOLUTION = 2.0**-36
 """Resolution of the recorded channels (rad, N m): far below any noise, and it makes the files a third smaller."""
@@ -33,18 +31,16 @@ def write_case(recording: Recording, path: Path) -> str:
     for name in ("stimulus", "theta"):
         dataset[name].values = np.round(dataset[name].values / RESOLUTION) * RESOLUTION
     packed: dict[str, Any] = {"zlib": True, "complevel": 1, "shuffle": True}
-    partial = path.with_name(f"{path.name}.{uuid.uuid4().hex}{PARTIAL}")
+    partial = partial_name(path)
     try:
-        _write(dataset, partial, {"stimulus": packed, "theta": packed})
-        sha = files.digest(partial)
-        with partial.open("rb") as file:
-            os.fsync(file.fileno())
-        partial.replace(path)
+        with unfinished(partial, partial.touch):
+            _write(dataset, partial, {"stimulus": packed, "theta": packed})
+            sha = files.digest(partial)
+            with partial.open("rb") as file:
+                sync(file.fileno())
+            partial.replace(path)
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink()
     return sha
 
 

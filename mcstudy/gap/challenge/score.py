@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import StoreError
+from mcstudy.exits import Exit
 from mcstudy.gap.challenge import files
 from mcstudy.gap.challenge.design import KINDS, MAIN
 from mcstudy.gap.challenge.judge import WRONG, Judged, judge, true_name
@@ -196,11 +197,8 @@ def _confusion(main: Sequence[Judged]) -> dict[str, dict[str, int]]:
     return {row: dict(table[row].most_common()) for row in sorted(table)}
 
 
-MISSED = 5
-"""Exit code when a target is missed beyond doubt."""
-
-
-def exit_code(score: Mapping[str, Any]) -> int:
-    """`MISSED` when a target or rate of false alarms is missed beyond doubt or a case has no answer, else 0."""
+def exit_code(score: Mapping[str, Any]) -> Exit:
+    """`Exit.MISSED` when a target or rate of false alarms is missed beyond doubt or a case has no answer, else done."""
     rows = [*score["targets"], *score["false_alarms"]]
-    return MISSED if score["errors"] or any(r["verdict"] == "missed" and r["beyond_doubt"] for r in rows) else 0
+    missed = any(r["verdict"] == "missed" and r["beyond_doubt"] for r in rows)
+    return Exit.MISSED if score["errors"] or missed else Exit.DONE

@@ -1,0 +1,291 @@
+"""Ctrl-C, SIGTERM and SIGHUP end the command at any moment: soon, with one line, and nothing is lost or left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mcstudy.cli import VERBS
+from mcstudy.exits import Exit
+from mcstudy.study.durable import PARTIAL, tree_digest
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+SOON_S = 10
+"""The promise is 2 s; a busy machine has its time. Compiling, which once had to end first, takes half a minute."""
+
+STUDY = """
+[study]
+name = "small"
+seed = 7
+
+[group.noisy]
+realizations = 40
+starts = 20
+fmax = [1.2]
+amplitude = [5.0]
+"""
+
+# `mcstudy show OUT` that does something else.
+PROGRAM = """
+import hashlib, sys, threading, time
+from pathlib import Path
+import mcstudy.cli.show as verb
+from mcstudy.study.durable import replacing
+from mcstudy.study.unfinished import scratch_folder
+
+def swallows():
+    while True:
+        try:
+            ready()
+            time.sleep(1000)
+        except BaseException:
+            pass
+
+def native():
+    ready()
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)  # many minutes without a line of Python
+
+def writes():
+    with replacing(Path(sys.argv[2])) as file, scratch_folder("mcstudy-test-") as folder:
+        file.write(b"half")
+        (folder / "inside").mkdir()
+        threading.Thread(target=fills, args=(folder / "inside",), daemon=True).start()
+        ready()
+        time.sleep(1000)
+
+def fills(folder):
+    for k in range(10**9):
+        (folder / str(k)).touch()
+
+def ready():
+    print("ready", flush=True)
+
+verb.main = lambda args: {work}()
+from mcstudy.cli import main
+sys.exit(main())
+"""
+
+
+def heard() -> None:
+    """What a process is to have that is started: signals that are not ignored, whatever started this one ignores."""
+    for sign in SIGNALS:
+        signal.signal(sign, signal.SIG_DFL)
+
+
+def start(*words: str, folder: Path, cold: bool = False) -> subprocess.Popen[str]:
+    """A command whose temporary files are below ``folder``, as its compiled code when it is to compile (``cold``)."""
+    (folder / "temporary").mkdir(exist_ok=True)
+    variables = {**os.environ, "TMPDIR": str(folder / "temporary")}
+    if cold:
+        variables["NUMBA_CACHE_DIR"] = str(folder / "compiled")
+    return subprocess.Popen(
+        [sys.executable, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=variables,
+        preexec_fn=heard,
+    )
+
+
+def wait_until_signals_are_caught(process: subprocess.Popen[str]) -> None:
+    """Before its first line is run it is not this program that hears a signal, but Python or the system."""
+    status = Path(f"/proc/{process.pid}/status")
+    if not status.exists():
+        time.sleep(1)  # not Linux
+        return
+    while True:
+        assert process.poll() is None, process.communicate()
+        (caught,) = (line.split()[1] for line in status.read_text().splitlines() if line.startswith("SigCgt:"))
+        if int(caught, 16) & 1 << signal.SIGHUP - 1:
+            return
+        time.sleep(0.001)
+
+
+def ends(process: subprocess.Popen[str], *signs: signal.Signals, between_s: float = 0.0) -> tuple[int, str]:
+    """Send signals; the exit code and the one line that is said, of a process that ends soon, without a traceback."""
+    begun = time.monotonic()
+    for sign in signs:
+        process.send_signal(sign)
+        time.sleep(between_s)
+    try:
+        _, errors = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    took = time.monotonic() - begun
+    said = [line for line in errors.splitlines() if line.startswith("mcstudy: ")]
+    assert "Traceback" not in errors
+    assert "Error" not in errors
+    assert errors.count("stopping: ") <= 1
+    assert len(said) == 1, errors
+    assert took < SOON_S
+    return process.returncode, said[0]
+
+
+def left_in(folder: Path) -> list[str]:
+    """Files that are neither results nor what Dask tidies up at its next start."""
+    found = [p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()]
+    return [name for name in found if PARTIAL in name or name.startswith("temporary/mcstudy")]
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    file = tmp_path / "small.toml"
+    file.write_text(STUDY)
+    return file
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Digest of an undisturbed run."""
+    folder = tmp_path_factory.mktemp("whole")
+    (folder / "small.toml").write_text(STUDY)
+    words = ["-m", "mcstudy", "run", str(folder / "small.toml"), "-o", str(folder / "out.zarr")]
+    subprocess.run([sys.executable, *words], capture_output=True, check=True)
+    return tree_digest(folder / "out.zarr")
+
+
+@pytest.mark.parametrize(
+    ("wait_s", "sign"), [(w, SIGNALS[k % 3]) for k, w in enumerate((0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5))]
+)
+def test_a_run_ends_soon_after_a_signal_at_any_moment(study: Path, wait_s: float, sign: signal.Signals) -> None:
+    study.write_text(STUDY.replace("realizations = 40", "realizations = 40000"))
+    out = study.with_name("out.zarr")
+    process = start("-m", "mcstudy", "run", str(study), "-o", str(out), folder=study.parent)
+    wait_until_signals_are_caught(process)
+    time.sleep(wait_s)
+    code, said = ends(process, sign)
+    assert code == Exit.INTERRUPTED
+    assert said.endswith(f"run the same command again to resume: mcstudy run {study} -o {out}")
+    assert left_in(study.parent) == []
+
+
+@pytest.mark.parametrize(("wait_s", "between_s"), [(0.0, 0.0), (0.4, 0.01), (1.5, 0.05)])
+def test_pressed_twice_is_one_line_too(study: Path, wait_s: float, between_s: float) -> None:
+    study.write_text(STUDY.replace("realizations = 40", "realizations = 40000"))
+    process = start("-m", "mcstudy", "run", str(study), "-o", str(study.with_name("out.zarr")), folder=study.parent)
+    wait_until_signals_are_caught(process)
+    time.sleep(wait_s)
+    code, _ = ends(process, signal.SIGINT, signal.SIGINT, between_s=between_s)
+    assert code == Exit.INTERRUPTED
+    assert left_in(study.parent) == []
+
+
+@pytest.mark.parametrize("wait_s", [0.3, 1.0])
+def test_the_same_command_afterwards_completes_the_same_bytes(study: Path, whole: str, wait_s: float) -> None:
+    out = study.with_name("out.zarr")
+    words = ("-m", "mcstudy", "run", str(study), "-o", str(out))
+    process = start(*words, folder=study.parent)
+    wait_until_signals_are_caught(process)
+    time.sleep(wait_s)
+    assert ends(process, signal.SIGINT)[0] == Exit.INTERRUPTED
+    subprocess.run([sys.executable, *words], capture_output=True, check=True)
+    assert tree_digest(out) == whole
+    assert not list(study.parent.glob(".*"))  # nothing that was begun to be made
+
+
+@pytest.mark.parametrize("verb", ["run", "plan"])
+def test_nobody_waits_for_the_compiler(study: Path, verb: str) -> None:
+    """In a thread of the scheduler, and in the main one."""
+    out = study.with_name("out.zarr")
+    words = ["-o", str(out)] if verb == "run" else []
+    process = start("-m", "mcstudy", verb, str(study), *words, folder=study.parent, cold=True)
+    begun = out.with_name("out.zarr.log") / "runs.jsonl" if verb == "run" else study.parent / "compiled"
+    while not begun.exists():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    time.sleep(5)
+    assert not list(study.parent.glob("compiled/fit_*/kernel.levenberg_marquardt*.nbc"))
+    code, _ = ends(process, signal.SIGINT)
+    assert code == (Exit.INTERRUPTED if verb == "run" else Exit.STOPPED)
+    assert left_in(study.parent) == []
+
+
+COMMANDS = {
+    **{verb: (verb, "nothing") for verb in ("plan", "status", "show", "verify")},
+    "replay": ("replay", "nothing", "--realization", "0", "--start", "0", "--fmax", "1", "--amplitude", "1"),
+    "report": ("report", "nothing", "-o", "page.html"),
+    "simulate": ("simulate", "-o", "nothing.nc"),
+    "gap": ("gap", "diagnose", "nothing"),
+    "gap challenge score": ("gap", "challenge", "score", "nothing", "--key", "k", "--answers", "a"),
+    "run": ("run", "nothing"),
+    "extend": ("extend", "nothing"),
+    "gap challenge make": ("gap", "challenge", "make", "nothing", "--data", "d", "--key", "k"),
+    "gap challenge answer": ("gap", "challenge", "answer", "nothing", "-o", "a"),
+    "gap challenge run": ("gap", "challenge", "run", "nothing", "-o", "d"),
+}
+RESUMABLE = {"run", "extend", "gap challenge make", "gap challenge answer", "gap challenge run"}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_verb_ends_with_one_line_and_says_whether_it_resumes(tmp_path: Path, name: str) -> None:
+    assert set(VERBS) <= {words[0] for words in COMMANDS.values()}
+    process = start("-m", "mcstudy", *COMMANDS[name], folder=tmp_path)
+    wait_until_signals_are_caught(process)
+    code, said = ends(process, signal.SIGTERM)
+    if name in RESUMABLE:
+        assert code == Exit.INTERRUPTED
+        assert said == "mcstudy: stopped; run the same command again to resume: mcstudy " + " ".join(COMMANDS[name])
+    else:
+        assert code == Exit.STOPPED
+        assert said == "mcstudy: stopped"
+
+
+@pytest.mark.parametrize("sign", SIGNALS)
+@pytest.mark.parametrize("work", ["swallows", "native", "writes"])
+def test_no_code_can_lose_a_signal_and_no_half_written_file_stays(
+    tmp_path: Path, work: str, sign: signal.Signals
+) -> None:
+    process = start("-c", PROGRAM.replace("{work}", work), "show", str(tmp_path / "file"), folder=tmp_path)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    assert ends(process, sign) == (Exit.STOPPED, "mcstudy: stopped")
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+
+
+def test_what_nohup_ignores_stays_ignored(tmp_path: Path) -> None:
+    program = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + PROGRAM.replace("{work}", "swallows")
+    process = start("-c", program, "show", "nothing", folder=tmp_path)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGHUP)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(timeout=1)
+    assert ends(process, signal.SIGTERM)[0] == Exit.STOPPED
+
+
+def test_a_terminal_that_is_gone_is_no_reason_to_stay(study: Path) -> None:
+    """Nobody reads what it says, and what it writes fails."""
+    study.write_text(STUDY.replace("realizations = 40", "realizations = 40000"))
+    out = study.with_name("out.zarr")
+    process = start("-m", "mcstudy", "run", str(study), "-o", str(out), folder=study.parent)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    while not (out / "noisy" / "status").exists() or not list((out / "noisy" / "status").glob("c.*")):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    process.stdout.close()
+    process.stderr.close()
+    begun = time.monotonic()
+    process.send_signal(signal.SIGHUP)
+    assert process.wait(timeout=120) == Exit.INTERRUPTED
+    assert time.monotonic() - begun < SOON_S
+    assert left_in(study.parent) == []
+
+
+def test_a_run_whose_output_has_no_reader_does_not_claim_to_be_done(study: Path) -> None:
+    study.write_text(STUDY.replace("realizations = 40", "realizations = 40000"))
+    out = study.with_name("out.zarr")
+    process = start("-m", "mcstudy", "run", str(study), "-o", str(out), folder=study.parent)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    process.stderr.close()
+    assert process.wait(timeout=120) == Exit.INTERRUPTED

@@ -38,6 +38,7 @@ from mcstudy.gap.recording import Recording, Trial
 from mcstudy.gap.stranger import inside
 from mcstudy.gap.units import factor
 from mcstudy.stance.body import STIMULI, Body
+from mcstudy.study.plain_errors import one_line
 from mcstudy.study.untrusted import real_bytes, toml
 
 LARGEST_SHEET = 1_000_000
@@ -141,8 +142,7 @@ def read_sheet(path: Path, data: Path | None = None) -> Recording | FrfRecording
     try:
         sheet = Sheet.model_validate(text)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise RecordingError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+        raise RecordingError(f"{path}: {one_line(error, Sheet)}") from error
     if sheet.stimulus not in STIMULI:
         raise RecordingError(f"{path}: stimulus: expected one of {', '.join(STIMULI)}, got {sheet.stimulus!r}")
     files = _Files(data or path.parent, str(path))

@@ -7,19 +7,18 @@ arrays - and comes back as a Dataset in memory that every function of `mcstudy.a
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
-from mcstudy.errors import DesignError
 from mcstudy.stance.feedback import Model
 from mcstudy.study.checks import check
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import Chunk
+from mcstudy.study.plain_errors import validated
 from mcstudy.study.store import GroupStore
 from mcstudy.study.tasks import fill
 
@@ -53,7 +52,8 @@ def run_model(
     ------
     DesignError: for what a study file would be refused for; one line that starts with the field.
     """
-    group = _group({"realizations": realizations, "starts": starts, "fmax": fmax, "amplitude": amplitude, **sections})
+    axes = {"realizations": realizations, "starts": starts, "fmax": fmax, "amplitude": amplitude}
+    group: Group = validated(Group, {**axes, **sections}, whole="settings")
     check(group, model)
     experiment = Experiment(group, seed, model)
     # Only for its layout: nothing of a store touches the disk before it is written to.
@@ -79,13 +79,3 @@ def run_model(
     }
     angles = {dim: list(model.angles) for dim in ("angle", "angle_2") if dim in out.dims}
     return out.assign_coords({dim: (dim, names, arrays[dim].attributes) for dim, names in angles.items()})
-
-
-def _group(settings: dict[str, Any]) -> Group:
-    try:
-        return Group.model_validate_json(json.dumps(settings))
-    except TypeError:
-        raise DesignError("settings: expected numbers, text, lists and tables only") from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise DesignError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}, got {first['input']!r}") from None

@@ -77,7 +77,16 @@ def test_a_mistake_is_one_line_with_file_field_and_expectation(
 
 
 @pytest.mark.parametrize(
-    "content", [b"[study", b"\xff\xfe", b"x = " + b"[" * 5000, b"", b"# only a comment", b" " * 2_000_000]
+    "content",
+    [
+        b"[study",
+        b"\xff\xfe",
+        b"x = " + b"[" * 5000,
+        b"",
+        b"# only a comment",
+        b" " * 2_000_000,
+        b"[study]\nname = 'a'\nseed = 0x" + b"f" * 5000 + b"\n[group.a]\nstarts = 1",
+    ],
 )
 def test_what_is_not_a_study_file_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "bad.toml"

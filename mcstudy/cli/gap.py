@@ -10,6 +10,7 @@ from mcstudy.cli.options import add_scheduler_arguments, cluster_options
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
+    from mcstudy.gap.challenge.design import ChallengeFile
     from mcstudy.gap.diagnosis import Diagnosis
     from mcstudy.gap.frf_only import FrfRecording
     from mcstudy.gap.recording import Recording
@@ -122,18 +123,15 @@ def _diagnosed(args: argparse.Namespace) -> tuple[Diagnosis, Recording | FrfReco
 
 
 def _diagnose(args: argparse.Namespace) -> Exit:
-    import json
-
-    from mcstudy.gap.challenge.files import write_json
+    from mcstudy.gap.challenge.files import json_text, write_json, write_text
     from mcstudy.gap.tables import text
-    from mcstudy.study.durable import write
 
     diagnosis, _ = _diagnosed(args)
     words = f"{diagnosis.verdict()}\n\n{text(diagnosis)}"
     if args.out:
-        write_json(args.out / "diagnosis.json", diagnosis.to_dict())
-        write(args.out / "diagnosis.txt", f"{words}\n".encode())
-    print(json.dumps(diagnosis.to_dict(), indent=1) if args.json else words)
+        write_json(args.out / "diagnosis.json", diagnosis.to_dict(), "diagnosis")
+        write_text(args.out / "diagnosis.txt", words)
+    print(json_text(diagnosis.to_dict(), "diagnosis", "diagnosis") if args.json else words)
     return Exit.DONE
 
 
@@ -159,12 +157,21 @@ def _report(args: argparse.Namespace) -> Exit:
     return write_page(args.output, text)
 
 
-def _make(args: argparse.Namespace) -> Exit:
-    from mcstudy.gap.challenge.design import read_challenge
+def _made(args: argparse.Namespace, data: Path, key: Path) -> tuple[ChallengeFile, str]:
+    """The challenge of a file, made, and the SHA-256 of its key."""
+    from mcstudy.errors import DesignError
+    from mcstudy.gap.challenge.challenge_file import read_challenge
     from mcstudy.gap.challenge.make import make
 
     file = read_challenge(args.file)
-    sha = make(file, args.data, args.key, cluster_options(args))
+    try:
+        return file, make(file, data, key, cluster_options(args))
+    except DesignError as error:
+        raise DesignError(f"{args.file}: {error}") from None
+
+
+def _make(args: argparse.Namespace) -> Exit:
+    file, sha = _made(args, args.data, args.key)
     print(f"{args.data}: {file.total} recordings; key {args.key}, sha256 {sha}")
     return Exit.DONE
 
@@ -179,37 +186,30 @@ def _answer(args: argparse.Namespace) -> Exit:
 
 
 def _score(args: argparse.Namespace) -> Exit:
-    import json
-
-    from mcstudy.gap.challenge.files import write_json
+    from mcstudy.gap.challenge.files import json_text, write_json
     from mcstudy.gap.challenge.score import exit_code, score_files
     from mcstudy.gap.challenge.table import text
 
     score = score_files(args.data, args.key, args.answers)
     if args.out:
         write_json(args.out, score, "challenge_score")
-    print(json.dumps(score, indent=1) if args.json else text(score))
+    print(json_text(score, "challenge_score", "score") if args.json else text(score))
     return exit_code(score) if args.check else Exit.DONE
 
 
 def _run(args: argparse.Namespace) -> Exit:
     from mcstudy.gap.challenge.answer import METHODS, answer
-    from mcstudy.gap.challenge.design import read_challenge
-    from mcstudy.gap.challenge.files import write_json
-    from mcstudy.gap.challenge.make import make
+    from mcstudy.gap.challenge.files import write_json, write_text
     from mcstudy.gap.challenge.score import exit_code, score_files
     from mcstudy.gap.challenge.table import text
-    from mcstudy.study.durable import write
 
-    file = read_challenge(args.file)
-    options = cluster_options(args)
     data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
-    make(file, data, key, options)
+    file, _ = _made(args, data, key)
     if not answers.exists():
-        answer(data, answers, METHODS[file.answer.method], file.answer.method, options)
+        answer(data, answers, METHODS[file.answer.method], file.answer.method, cluster_options(args))
     score = score_files(data, key, answers)
     write_json(args.out / "score.json", score, "challenge_score")
     page = text(score)
-    write(args.out / "score.txt", f"{page}\n".encode())
+    write_text(args.out / "score.txt", page)
     print(page)
     return exit_code(score) if args.check else Exit.DONE

@@ -145,6 +145,8 @@ def similarity(effects: Sequence[str], unit: np.ndarray) -> tuple[list[str], np.
     ``effects``: (K,) name of the effect of each unit signature in ``unit`` (K, M). Variants of one cause count as 1.
     """
     names = list(dict.fromkeys(effects))
+    if not names:
+        return [], np.zeros((0, 0))
     cosine = np.abs(unit @ unit.T)
     owner = np.array([names.index(e) for e in effects])
     out = np.eye(len(names))
@@ -157,6 +159,8 @@ def similarity(effects: Sequence[str], unit: np.ndarray) -> tuple[list[str], np.
 
 def groups(names: Sequence[str], cosine: np.ndarray, threshold: float = ALIKE) -> list[tuple[str, ...]]:
     """Connected sets of effects with |cosine| above the threshold, single ones included."""
+    if not names:
+        return []
     count, label = connected_components(cosine > threshold, directed=False)
     return [tuple(n for n, own in zip(names, label, strict=True) if own == k) for k in range(count)]
 

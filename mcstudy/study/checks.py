@@ -83,23 +83,33 @@ def _check_fit(group: Group) -> None:
 
 def _check_frequencies(group: Group, model: Model) -> None:
     points, half_line = frequency_points(group).f, 0.5 / stimulus(group, group.amplitude[0]).period_s
-    last = max(points[-1], HIGHEST_HZ)
-    if group.fmax[0] < points[0] - half_line:
-        raise DesignError(f"fmax: expected at least {points[0]:.4g} Hz, the first frequency, got {group.fmax[0]}")
-    if group.fmax[-1] > last + half_line:
-        raise DesignError(f"fmax: expected at most {last:.4g} Hz, the last frequency, got {group.fmax[-1]}")
+    check_fmax(group.fmax[0], group.fmax[-1], points, half_line, "fmax")
     for f in group.spectra.exclude_hz:
         if np.abs(points - f).min() > half_line:
             raise DesignError(f"spectra.exclude_hz: expected frequencies of the FRF, got {f}")
-    parameters, a_frequency = len(model.parameters), 2 * model.n_angles
     try:
         smallest = len(kept_points(group).below(group.fmax[0]))
     except InputError:
         smallest = 0
-    if a_frequency * smallest < parameters:
+    check_determined(smallest, model, group.fmax[0], "fmax")
+
+
+def check_fmax(lowest: float, highest: float, points: np.ndarray, half_line: float, field: str) -> None:
+    """Raise `DesignError` unless both fmax (Hz) are within half a line of the frequency points (N,)."""
+    last = max(points[-1], HIGHEST_HZ)
+    if lowest < points[0] - half_line:
+        raise DesignError(f"{field}: expected at least {points[0]:.4g} Hz, the first frequency, got {lowest}")
+    if highest > last + half_line:
+        raise DesignError(f"{field}: expected at most {last:.4g} Hz, the last frequency, got {highest}")
+
+
+def check_determined(frequencies: int, model: Model, fmax: float, field: str) -> None:
+    """Raise `DesignError` unless the frequencies up to ``fmax`` hold as many numbers as the model has parameters."""
+    parameters, a_frequency = len(model.parameters), 2 * model.n_angles
+    if a_frequency * frequencies < parameters:
         raise DesignError(
-            f"fmax: expected at least {-(-parameters // a_frequency)} frequencies for {parameters} parameters, "
-            f"{group.fmax[0]} Hz leaves {smallest}"
+            f"{field}: expected at least {-(-parameters // a_frequency)} frequencies for {parameters} parameters, "
+            f"{fmax} Hz leaves {frequencies}"
         )
 
 

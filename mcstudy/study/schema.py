@@ -32,17 +32,79 @@ def identifier(name: str) -> str:
 
 
 @cache
-def _validator(name: str) -> Any:
+def _validator(name: str, at: tuple[str, ...]) -> Any:
     from jsonschema import Draft202012Validator  # type: ignore[import-untyped]  # slow to import, and not needed for the command line's help
 
-    return Draft202012Validator(load(name))
+    whole = load(name)
+    part = whole
+    for key in at:
+        part = part[key]
+    return Draft202012Validator({"$defs": whole.get("$defs", {}), **part})
 
 
-def validate(name: str, value: Any, where: str) -> None:
-    """Raise `StoreError`, one line with ``where`` and the place in ``value``, if ``value`` does not conform."""
-    error = next(iter(sorted(_validator(name).iter_errors(value), key=lambda e: list(map(str, e.absolute_path)))), None)
-    if error is not None:
-        place = ".".join(map(str, error.absolute_path)) or "top level"
-        message = " ".join(error.message.split())
-        shown = message if len(message) <= 200 else message[:197] + "..."
-        raise StoreError(f"{where}: {place}: expected {name} of {VERSION}: {shown}")
+def validate(name: str, value: Any, where: str, at: tuple[str, ...] = ()) -> None:
+    """Raise `StoreError`, one line with ``where`` and the place in ``value``, if ``value`` does not conform.
+
+    ``at``: keys that lead to the part of the schema that ``value`` is to conform to; none for a whole document.
+    """
+    errors = sorted(_validator(name, at).iter_errors(value), key=lambda e: list(map(str, e.absolute_path)))
+    if errors:
+        place, words = _explained(_innermost(errors[0]))
+        raise StoreError(f"{where}: {'.'.join(place) or 'top level'}: {words} ({name} {VERSION})")
+
+
+def _innermost(error: Any) -> Any:
+    """What is wrong inside the alternative that fits best: the one that fits down to the deepest place."""
+    while error.context:
+        error = max(error.context, key=lambda e: (len(e.absolute_path), e.validator != "type", e.schema_path[0]))
+    return error
+
+
+_TYPES = {
+    "number": "a number",
+    "integer": "a whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "array": "a list",
+    "object": "a table",
+    "null": "null",
+}
+
+_LIMITS = {
+    "minimum": "at least {}",
+    "maximum": "at most {}",
+    "exclusiveMinimum": "more than {}",
+    "exclusiveMaximum": "less than {}",
+    "pattern": "text matching {}",
+    "const": "{!r}",
+    "minLength": "text of at least {} characters",
+    "maxLength": "text of at most {} characters",
+    "minItems": "at least {} items",
+    "maxItems": "at most {} items",
+    "minProperties": "at least {} keys",
+    "maxProperties": "at most {} keys",
+}
+
+
+def _explained(error: Any) -> tuple[list[str], str]:
+    """Place of an error of jsonschema, and what was expected and found there."""
+    from mcstudy.study.plain_errors import short
+
+    place = [k if k.isprintable() and len(k) <= 60 else short(k) for k in map(str, error.absolute_path)]
+    rule, limit, value = error.validator, error.validator_value, error.instance
+    if rule == "required":
+        return [*place, next(k for k in limit if k not in value)], "missing"
+    if rule == "additionalProperties" and limit is False:
+        known = error.schema.get("properties", {})
+        strange = next(k for k in value if k not in known)
+        return place, f"expected no keys but {', '.join(known)}, found {short(strange)}"
+    if rule == "type":
+        expected = " or ".join(_TYPES[t] for t in ([limit] if isinstance(limit, str) else limit))
+    elif rule == "enum":
+        expected = "one of " + ", ".join(map(repr, limit))
+    elif rule in _LIMITS:
+        expected = _LIMITS[rule].format(limit)
+        expected = expected.removesuffix("s") if limit == 1 and rule.endswith(("Items", "Length", "ties")) else expected
+    else:
+        expected = f"what {rule} allows"
+    return place, f"expected {expected}, found {short(value)}"

@@ -26,31 +26,41 @@ MAX_BYTES = 1_000_000
 def read_study(path: str | Path) -> Study:
     """The resolved study of a file; raises `DesignError` with one line."""
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise DesignError(f"{path}: expected a readable study file ({error.strerror})") from None
-    if len(content) > MAX_BYTES:
-        raise DesignError(f"{path}: expected at most {MAX_BYTES} bytes")
-    try:
-        text = content.decode("utf-8")
-    except UnicodeDecodeError:
-        raise DesignError(f"{path}: expected UTF-8 text") from None
+    text = read_text(path, "study file")
     try:
         return parse_study(text)
     except DesignError as error:
         raise DesignError(f"{path}: {error}") from None
 
 
-def parse_study(text: str) -> Study:
-    """The resolved study of a study file's text; the one-line `DesignError` starts with the field."""
-    if len(text) > MAX_BYTES:
-        raise DesignError(f"expected a study file of at most {MAX_BYTES} characters")
+def read_text(path: Path, what: str) -> str:
+    """The text of a TOML file of at most `MAX_BYTES`; raises `DesignError` with one line."""
     try:
-        raw = toml(text)
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise DesignError(f"{path}: expected a readable {what} ({error.strerror})") from None
+    if len(content) > MAX_BYTES:
+        raise DesignError(f"{path}: expected at most {MAX_BYTES} bytes")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        raise DesignError(f"{path}: expected UTF-8 text") from None
+
+
+def parse_toml(text: str, what: str) -> dict[str, Any]:
+    """The tables of a TOML text; raises `DesignError` with one line."""
+    if len(text) > MAX_BYTES:
+        raise DesignError(f"expected a {what} of at most {MAX_BYTES} characters")
+    try:
+        return toml(text)
     except ValueError as error:
         raise DesignError(f"not valid TOML: {error}") from None
+
+
+def parse_study(text: str) -> Study:
+    """The resolved study of a study file's text; the one-line `DesignError` starts with the field."""
+    raw = parse_toml(text, "study file")
     known = ("study", *SECTIONS, "group")
     for key, value in raw.items():
         if key not in known:
@@ -72,7 +82,7 @@ def parse_study(text: str) -> Study:
         for key in SECTIONS:
             if not isinstance(own.get(key, {}), dict):
                 raise DesignError(f"group.{name}.{key}: expected a table, got {short(own[key])}")
-        groups[name] = _merge(shared, own)
+        groups[name] = merge(shared, own)
         validated(Group, groups[name], f"group.{name}")
     study = validated(Study, {"study": raw["study"], "group": groups}, "")
     resolved = {}
@@ -85,12 +95,12 @@ def parse_study(text: str) -> Study:
     return study.model_copy(update={"group": resolved})
 
 
-def _merge(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+def merge(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """``base`` with the keys of ``own`` over it, table by table."""
     merged = dict(base)
     for key, value in own.items():
         old = merged.get(key)
-        merged[key] = _merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+        merged[key] = merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
     return merged
 
 

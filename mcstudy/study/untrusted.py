@@ -7,6 +7,8 @@ chunk may claim any size, which the decoder would allocate. Here a file is looke
 from __future__ import annotations
 
 import asyncio
+import json
+import math
 import os
 import re
 import stat
@@ -29,6 +31,12 @@ LARGEST_METADATA = 20_000_000
 """Bytes of one metadata document: a thousand groups need fewer."""
 
 DEEPEST_KEY = 16
+
+DEEPEST_VALUE = 64
+"""Tables and lists inside each other in a JSON document; ours have at most ten."""
+
+LONGEST_WHOLE = 20
+"""Digits of a whole number in a JSON document: no integer of 64 bits has more."""
 
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
 
@@ -64,6 +72,66 @@ def toml(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(" ".join(str(error).split())) from None
+
+
+def json_document(content: bytes) -> Any:
+    """A JSON document in UTF-8; `ValueError`, one line, for what is none.
+
+    Python's parser takes more than JSON and more than we can use: NaN and infinities, numbers beyond any float, a key
+    given twice (the last one counts), halves of characters that cannot be printed, nesting that only a deeper stack
+    can walk. None of that is a document here.
+    """
+    try:
+        value = json.loads(
+            content.decode("utf-8"),
+            parse_constant=_no_number,
+            parse_float=_finite,
+            parse_int=_whole,
+            object_pairs_hook=_once_each,
+        )
+        if b"\\u" in content:
+            json.dumps(value, ensure_ascii=False).encode("utf-8")
+    except UnicodeDecodeError:
+        raise ValueError("expected UTF-8 text") from None
+    except UnicodeEncodeError:
+        raise ValueError("expected whole characters, found one half of a surrogate pair") from None
+    except RecursionError:
+        raise ValueError(f"expected nesting of at most {DEEPEST_VALUE} levels") from None
+    _shallow(value)
+    return value
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"expected finite numbers, found {text}")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _no_number(text[:40])
+
+
+def _whole(text: str) -> int:
+    if len(text.lstrip("-")) > LONGEST_WHOLE:
+        raise ValueError(f"expected whole numbers of at most {LONGEST_WHOLE} digits, found {len(text)} digits")
+    return int(text)
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"expected every key once in a table, found {twice[:40]!r} twice")
+    return table
+
+
+def _shallow(value: Any) -> None:
+    level = [value]
+    for _ in range(DEEPEST_VALUE + 1):
+        level = [x for v in level if isinstance(v, dict | list) for x in (v.values() if isinstance(v, dict) else v)]
+        if not level:
+            return
+    raise ValueError(f"expected nesting of at most {DEEPEST_VALUE} levels")
 
 
 def zstd_claim(content: bytes) -> int | None:

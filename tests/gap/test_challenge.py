@@ -19,7 +19,8 @@ from mcstudy.exits import Exit
 from mcstudy.gap.challenge import files
 from mcstudy.gap.challenge.answer import answer, from_diagnosis
 from mcstudy.gap.challenge.cases import list_cases
-from mcstudy.gap.challenge.design import ChallengeFile, read_challenge, resolve
+from mcstudy.gap.challenge.challenge_file import read_challenge, resolve
+from mcstudy.gap.challenge.design import ChallengeFile
 from mcstudy.gap.challenge.make import make
 from mcstudy.gap.challenge.score import exit_code, score_files
 from mcstudy.gap.challenge.table import text
@@ -37,6 +38,9 @@ RAW: dict[str, Any] = {
     "protocol": {"amplitudes": [5.0], "cycles": 3},
     "variant": {"white": {"cases": 1, "noise": {"colour": 0.0}}},
 }
+
+
+HEAD = '[challenge]\nname = "c"\nseed = 1\ncases = 3\n'
 
 
 @pytest.fixture(scope="module")
@@ -91,13 +95,59 @@ def test_names_of_cases_do_not_tell_their_kind() -> None:
         ({"speed": {}}, "speed: unknown key"),
         ({"variant": {"main": {}}}, "variant.main"),
         ({"variant": {"a": {}}}, "variant.a.cases"),
-        ({"challenge": {"name": "x", "seed": 1}}, "challenge.cases"),
+        ({"challenge": {"name": "x", "seed": 1}}, "challenge.cases: missing"),
+        ({"challenge": {"name": "x", "seed": 1, "cases": 0}}, "challenge.cases: expected at least 1, got 0"),
+        (
+            {"protocol": {"amplitude": [5.0]}},
+            "protocol.amplitude: unknown key, expected one of amplitudes, cycles, fmax",
+        ),
+        ({"protocol": {"fmax": 1e6}}, "protocol.fmax: expected at most 8 Hz, the last frequency, got 1000000.0"),
+        ({"protocol": {"fmax": 1e-6}}, "protocol.fmax: expected at least 0.02287 Hz, the first frequency, got 1e-06"),
+        ({"protocol": {"fmax": 0.03}}, "protocol.fmax: expected at least 3 frequencies for 12 parameters"),
+        ({"protocol": {"amplitudes": [1e300]}}, "protocol.amplitudes.0: expected at most 1000, got 1e\\+300"),
+        ({"protocol": {"amplitudes": [1e-300]}}, "protocol.amplitudes.0: expected at least 0.001, got 1e-300"),
+        ({"protocol": {"amplitudes": [5.0] * 100, "cycles": 1000}}, "protocol.cycles: expected a recording of at most"),
+        ({"noise": {"level": 1e300}}, "noise.level: expected at most 1000000, got 1e\\+300"),
+        ({"noise": {"psd": [1e300, 1.0]}}, "noise.psd.0: expected at most 1000"),
+        ({"noise": {"corner_hz": 1e-300}}, "noise.corner_hz: expected at least 0.001"),
+        ({"sizes": {"strata": []}}, "sizes.strata: expected at least 1 item"),
+        (
+            {"sizes": {"strata": [{"share": 1.0, "low": 1.0, "high": 1e300}]}},
+            "sizes.strata.0.high: expected at most 1000",
+        ),
+        ({"variant": {"a": {"cases": 1, "noise": 3}}}, "variant.a.noise: expected a table, got 3"),
+        (
+            {"variant": {"a": {"cases": 1, "protocol": {"fmax": 99.0}}}},
+            "variant.a.protocol.fmax: expected at most 8 Hz",
+        ),
     ],
 )
 def test_a_bad_file_is_told_in_one_line(change: dict[str, Any], message: str) -> None:
     with pytest.raises(DesignError, match=message) as caught:
         resolve(RAW | change)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"x = " + b"[" * 5000,
+        b"[challenge]\n" + b"a." * 100_000 + b"b = 1",
+        HEAD.encode() + b"[noise]\nlevel = " + b"9" * 5000,
+        HEAD.replace("seed = 1", "seed = 0x" + "f" * 5000).encode(),
+        HEAD.encode() + b"[body]\nspread = " + b"[" * 200 + b"]" * 200,
+        b"\xff",
+        b" " * 2_000_000,
+    ],
+    ids=["deep", "dotted", "digits", "hex", "nested", "bytes", "long"],
+)
+def test_what_is_no_challenge_file_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "bad.toml"
+    file.write_bytes(content)
+    with pytest.raises(DesignError, match=r"^[^\n]+$") as caught:
+        read_challenge(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert len(str(caught.value)) < 400
 
 
 def test_recordings_do_not_tell_their_cause(made: tuple[Path, Path]) -> None:
@@ -284,9 +334,41 @@ def test_the_command_takes_certificates_and_refuses_what_makes_no_scheduler(
 
 
 def test_an_unknown_effect_in_the_file_is_refused(tmp_path: Path) -> None:
-    file = resolve(RAW | {"sizes": {"effects": ["gravity"]}, "variant": {}})
-    with pytest.raises(InputError, match="unknown effect 'gravity'"):
-        make(file, tmp_path / "d", tmp_path / "k.json", ONE)
+    with pytest.raises(InputError, match=r"sizes\.effects: unknown effect 'gravity'"):
+        resolve(RAW | {"sizes": {"effects": ["gravity"]}, "variant": {}})
+    file = tmp_path / "ghost.toml"
+    file.write_text(
+        HEAD + "[mix]\nnone = 0.5\nknown = 0.0\noutsider = 0.5\npair = 0.0\nshifted = 0.0\n"
+        "[sizes]\noutsiders = ['leg_wobble', 'ghost']\n"
+    )
+    with pytest.raises(DesignError, match=r"ghost\.toml: sizes\.outsiders: expected one of hysteresis, .*got 'ghost'$"):
+        read_challenge(file)
+
+
+def test_effects_that_nobody_could_see_are_told_before_anything_is_made(tmp_path: Path) -> None:
+    loud = RAW | {"noise": {"level": 1e6}, "variant": {}}
+    for sizes, message in (
+        ({}, "protocol: expected recordings in which at least 2 of the effects can reach a delta of 2, found 0"),
+        ({"effects": ["head_mode"]}, "sizes.effects: head_mode stays below a delta of 2 within its bounds"),
+    ):
+        with pytest.raises(DesignError, match=message):
+            make(resolve(loud | {"sizes": sizes}), tmp_path / "d", tmp_path / "k.json", ONE)
+    with pytest.raises(DesignError, match=r"protocol: .*at least 2 of the effects .*found 1"):
+        make(resolve(RAW | {"sizes": {"effects": ["head_mode"]}}), tmp_path / "d", tmp_path / "k.json", ONE)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_series_may_hold_nonlinear_effects_alone(tmp_path: Path) -> None:
+    raw = RAW | {
+        "challenge": {"name": "rules", "seed": 3, "cases": 2},
+        "mix": {"none": 0.5, "known": 0.5, "outsider": 0.0, "pair": 0.0, "shifted": 0.0},
+        "sizes": {"effects": ["gain_drift"], "strata": [{"share": 1.0, "low": 4.0, "high": 15.0}]},
+        "variant": {},
+    }
+    make(resolve(raw), tmp_path / "d", tmp_path / "k.json", ONE)
+    cases = {c["kind"]: c for c in files.read_json(tmp_path / "k.json", "challenge_key")["cases"]}
+    assert cases["known"]["closable"] == {"gain_drift": 1.0}
+    assert cases["none"]["ceiling"] == {}
 
 
 def test_cases_do_not_depend_on_workers_or_order(tiny: ChallengeFile, made: tuple[Path, Path], tmp_path: Path) -> None:

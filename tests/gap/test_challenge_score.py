@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from mcstudy.gap.challenge.ceiling import Classifier, log_evidence, size_grid
+from mcstudy.errors import StoreError
+from mcstudy.gap.challenge.ceiling import FLOOR, Classifier, log_evidence, size_grid
 from mcstudy.gap.challenge.design import Stratum
 from mcstudy.gap.challenge.judge import judge
 from mcstudy.gap.challenge.rates import mean, rate
 from mcstudy.gap.challenge.score import MISSED, exit_code, score
 from mcstudy.gap.challenge.table import text
+from mcstudy.gap.challenge.targets import TARGETS
 from mcstudy.study import schema
 
 EFFECTS = ("head_mode", "stimulus_gain", "leg_inertia_error", "force_feedback")
@@ -73,7 +77,7 @@ def oracle(case: dict[str, Any], k: int) -> dict[str, Any]:
         return plain(detected=True, p_value=0.0, unknown_probability=1.0, credible_set=["unknown"])
     names = [e["effect"] for e in case["effects"]]
     label = "+".join(sorted(names))
-    high = 1.1 if k % 20 else 0.99
+    high = 1.0 if k % 20 else 0.99
     closed = {"effects": label, "fraction": 0.95, "low": 0.9, "high": high}
     return plain(detected=True, p_value=0.0, causes=[cause(names, 1.0)], credible_set=[label], closed=closed)
 
@@ -82,10 +86,10 @@ def guesser(_: dict[str, Any], k: int) -> dict[str, Any]:
     """Tosses a coin for a gap, and names a cause that has nothing to do with the case."""
     rng = np.random.default_rng(k)
     name = str(rng.choice(EFFECTS))
-    closed = {"effects": name, "fraction": 0.5, "low": float(rng.random()), "high": 1.0}
+    closed = {"effects": name, "fraction": 1.0, "low": float(rng.random()), "high": 1.0}
     return plain(
         detected=bool(rng.random() < 0.5), causes=[cause([name], 0.9)], none_probability=0.05, unknown_probability=0.05,
-        credible_set=[name], closed=closed,
+        credible_set=[name, "none"], closed=closed,
     )  # fmt: skip
 
 
@@ -125,8 +129,9 @@ def test_a_guesser_misses_them_beyond_doubt(key: dict[str, Any]) -> None:
 def test_honest_ignorance_beats_confident_guessing_in_the_proper_scores(key: dict[str, Any]) -> None:
     def ignorant(_: dict[str, Any], __: int) -> dict[str, Any]:
         return plain(
-            none_probability=0.3, unknown_probability=0.15, causes=[cause([e], 0.55 / len(EFFECTS)) for e in EFFECTS]
-        )
+            none_probability=0.3, unknown_probability=0.15, causes=[cause([e], 0.55 / len(EFFECTS)) for e in EFFECTS],
+            credible_set=["none", "unknown", *EFFECTS],
+        )  # fmt: skip
 
     honest, guessed = score(key, answers(key, "i", ignorant)), score(key, answers(key, "g", guesser))
     for name in ("log_loss", "brier"):
@@ -221,3 +226,215 @@ def test_groups_that_count_as_one_are_easier_to_name() -> None:
 def test_evidence_of_a_fixed_size_is_exact() -> None:
     z = np.array([-1.0, 0.0, 3.0])
     assert log_evidence(z, np.array([2.0]), np.array([1.0])) == pytest.approx(2 * z - 2)
+
+
+def with_answer(key: dict[str, Any], change: Callable[[dict[str, Any]], None], at: int = 100) -> dict[str, Any]:
+    """The oracle's answers with one of them changed; case 100 is the first with a known cause."""
+    given = copy.deepcopy(answers(key, "oracle", oracle))
+    change(given["answers"][at])
+    return given
+
+
+UNTRUE: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
+    ("a sum of 1.8", lambda a: a.update(none_probability=0.8), "probability: expected a sum of at most 1 .*found 1.8"),
+    (
+        "two certain causes",
+        lambda a: a.update(causes=[cause([e], 1.0) for e in ("head_mode", "force_feedback")], closed=None),
+        "probability: expected a sum of at most 1 .*found 2",
+    ),
+    (
+        "a cause twice",
+        lambda a: a["causes"].append({**a["causes"][0], "probability": 0.0}),
+        r"causes.1.effects: expected every cause once",
+    ),
+    ("p = NaN", lambda a: a.update(p_value=math.nan), "p_value: expected a finite number, found nan"),
+    ("NaN probability", lambda a: a.update(none_probability=math.nan), "none_probability: expected a finite number"),
+    ("endless seconds", lambda a: a.update(seconds=math.inf), "seconds: expected a finite number, found inf"),
+    (
+        "an effect nobody knows",
+        lambda a: a["causes"][0].update(effects=["ghost"]),
+        "causes.0.effects: expected effects of the library .*found 'ghost'",
+    ),
+    (
+        "a group of nobody",
+        lambda a: a["causes"][0].update(group=["ghost"]),
+        "causes.0.group: expected effects of the library .*found 'ghost'",
+    ),
+    (
+        "three effects",
+        lambda a: a["causes"][0].update(effects=["head_mode", "stimulus_gain", "force_feedback"]),
+        "causes.0.effects: expected one effect or two",
+    ),
+    (
+        "an effect in two groups",
+        lambda a: a.update(
+            causes=[
+                cause(["head_mode"], 0.5, ["sensor_lag_both"]),
+                cause(["force_feedback"], 0.5, ["sensor_lag_both"]),
+            ],
+            closed=None,
+        ),
+        "causes.1.group: expected groups without a common effect, found sensor_lag_both",
+    ),
+    (
+        "an empty set",
+        lambda a: a.update(credible_set=[]),
+        "credible_set: expected hypotheses with a probability of 0.95",
+    ),
+    (
+        "a set of what is not believed",
+        lambda a: a.update(credible_set=["none", "unknown"]),
+        "credible_set: expected hypotheses with a probability of 0.95, found 0",
+    ),
+    (
+        "a set of the unheard of",
+        lambda a: a.update(credible_set=[*a["credible_set"], "ghost"]),
+        "credible_set: expected effects of the library",
+    ),
+    (
+        "a set that says it twice",
+        lambda a: a.update(credible_set=a["credible_set"] * 2),
+        "credible_set: expected every hypothesis once",
+    ),
+    (
+        "an interval back to front",
+        lambda a: next(iter(a["causes"][0]["size"].values())).update(low=1.2),
+        "causes.0.size.*: expected low <= high, found 1.2 and 1.1",
+    ),
+    (
+        "an endless interval",
+        lambda a: next(iter(a["causes"][0]["size"].values())).update(high=math.inf),
+        "causes.0.size.*high: expected a finite number",
+    ),
+    ("a share of 1.1", lambda a: a["closed"].update(high=1.1), "closed.high: expected a number from 0 to 1, found 1.1"),
+    ("a share back to front", lambda a: a["closed"].update(low=0.995, high=0.5), "closed: expected low <= high"),
+    (
+        "the share of another cause",
+        lambda a: a["closed"].update(effects="sensor_lag_both"),
+        "closed.effects: expected the most probable cause, found sensor_lag_both",
+    ),
+    (
+        "places that sum to 2",
+        lambda a: a.update(place={"hip": 1.0, "ankle": 1.0}),
+        "place: expected a sum of at most 1, found 2",
+    ),
+    ("a case never set", lambda a: a.update(name="case999"), "case999.*expected a case of these data"),
+    (
+        "a case answered twice",
+        lambda a: a.update(name="case101"),
+        "case101: name: expected one answer to a case, found 2",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), [u[1:] for u in UNTRUE], ids=[u[0] for u in UNTRUE])
+def test_answers_that_cannot_be_believed_are_refused(
+    key: dict[str, Any], change: Callable[[dict[str, Any]], None], message: str
+) -> None:
+    with pytest.raises(StoreError, match=f"^a.json: .*{message}") as caught:
+        score(key, with_answer(key, change), "a.json")
+    assert "case100" in str(caught.value) or "case" in message
+    assert "\n" not in str(caught.value)
+
+
+def test_an_identical_second_answer_is_refused_too(key: dict[str, Any]) -> None:
+    given = answers(key, "oracle", oracle)
+    with pytest.raises(StoreError, match="case399: name: expected one answer to a case, found 2"):
+        score(key, given | {"answers": [*given["answers"], given["answers"][-1]]})
+
+
+def test_what_is_missing_to_one_is_given_to_wrong_causes(key: dict[str, Any]) -> None:
+    case = next(c for c in key["cases"] if c["kind"] == "known")
+    name = case["effects"][0]["effect"]
+    half = judge(case, {"seconds": 0.0, **plain(causes=[cause([name], 0.5)])})
+    assert half.probability == 0.5
+    assert half.log_loss == pytest.approx(math.log(2))
+    assert half.brier == pytest.approx(0.5)
+    assert sum(half.wrong.values()) == pytest.approx(0.5)
+    nothing_said = judge(case, {"seconds": 0.0, **plain()})
+    silent = judge(case, {"seconds": 0.0, "error": "no idea"})
+    assert not nothing_said.top
+    assert nothing_said.brier == silent.brier == 2.0
+    assert nothing_said.log_loss == silent.log_loss
+
+
+def test_who_cannot_decide_is_not_right(key: dict[str, Any]) -> None:
+    """Equal probabilities for everything name nothing, whatever the truth is."""
+    case = next(c for c in key["cases"] if c["kind"] == "known")
+    even = plain(none_probability=0.2, causes=[cause([e], 0.2) for e in EFFECTS if e != "leg_inertia_error"])
+    judged = judge(case, {"seconds": 0.0, **even})
+    assert not judged.top
+    assert judged.top_name == "undecided"
+
+
+@pytest.mark.parametrize("give", [oracle, guesser])
+def test_leaving_out_hard_cases_gains_nothing(key: dict[str, Any], give: Any) -> None:
+    """No figure is better when half of the cases have an error in place of an answer."""
+
+    def gives_up(case: dict[str, Any], k: int) -> dict[str, Any]:
+        return {"error": "too hard"} if k % 2 else give(case, k)
+
+    tried, gave_up = score(key, answers(key, "tried", give)), score(key, answers(key, "gave up", gives_up))
+    assert len(gave_up["errors"]) == 200
+    for target, a, b in zip(TARGETS, tried["targets"], gave_up["targets"], strict=True):
+        assert b["n"] >= a["n"], target.name
+        low_is_good = math.isinf(target.goal.low)
+        assert b["value"] >= a["value"] if low_is_good else b["value"] <= a["value"], target.name
+    for name in ("log_loss", "brier"):
+        assert gave_up["proper"][name]["all"]["value"] > tried["proper"][name]["all"]["value"]
+
+
+def test_an_interval_that_is_withheld_does_not_hold_the_truth(key: dict[str, Any]) -> None:
+    case = next(c for c in key["cases"] if c["kind"] == "known")
+    name = case["effects"][0]["effect"]
+    sound = {"seconds": 0.0, **plain(detected=True, causes=[cause([name], 1.0)])}
+    assert judge(case, sound).closed_inside is False
+    assert judge(case, sound).size_inside is True
+    sound["causes"][0]["size"] = {}
+    assert judge(case, sound).size_inside is False
+    silent = judge(case, {"seconds": 0.0, "error": "no idea"})
+    assert (silent.size_inside, silent.closed_inside) == (False, False)
+    assert silent.set_size > len(EFFECTS)
+
+
+def test_intervals_of_a_score_lie_where_scores_can(key: dict[str, Any]) -> None:
+    """Also with few cases and nearly all of them right, where a mean +- 1.96 standard errors leaves the scale."""
+
+    def nearly(case: dict[str, Any], k: int) -> dict[str, Any]:
+        return guesser(case, k) if k % 60 == 10 else oracle(case, k)
+
+    result = score(key, answers(key, "nearly", nearly))
+    figures = [*result["targets"], *result["false_alarms"], *result["figures"].values()]
+    figures += [b[k] for b in result["power"] for k in ("detected", "top", "probability")]
+    figures += [f for c in result["by_cause"] for f in c.values() if isinstance(f, dict)]
+    sizes = [f for n, f in result["figures"].items() if n.startswith("size of")]
+    for f in figures:
+        largest = math.inf if f in sizes or f.get("percent") is False else 1.0
+        assert f["low"] is None or 0.0 <= f["low"] <= f["value"] <= f["high"] <= largest
+    for name, largest in (("brier", 2.0), ("log_loss", -math.log(FLOOR))):
+        for f in result["proper"][name].values():
+            assert 0.0 <= f["low"] <= f["value"] <= f["high"] <= largest + 1e-5
+    assert result["proper"]["brier"]["all"]["low"] > 0.0
+
+
+def test_interval_of_a_mean_is_wilson_s_for_hits_and_the_usual_one_far_from_the_bounds() -> None:
+    hits = [True] * 3 + [False] * 40
+    assert (mean(map(float, hits)).low, mean(map(float, hits)).high) == pytest.approx((rate(hits).low, rate(hits).high))
+    x = np.random.default_rng(0).uniform(0.4, 0.6, 2000)
+    half = 1.96 * x.std(ddof=1) / math.sqrt(x.size)
+    assert (mean(x).low, mean(x).high) == pytest.approx((x.mean() - half, x.mean() + half), abs=2e-5)
+    assert mean(2 * x, bounds=(0.0, 2.0)).low == pytest.approx(2 * mean(x).low)
+    assert mean([0.0] * 20).low == 0.0
+    assert mean([0.0] * 20).high == pytest.approx(rate([False] * 20).high)
+    with pytest.raises(ValueError, match="from 0 to 1"):
+        mean([0.5, 1.5])
+
+
+def test_interval_of_a_skewed_mean_holds_it_as_often_as_it_says() -> None:
+    """Brier scores of a good method: most are near zero, few are large."""
+    rng = np.random.default_rng(1)
+    draws = np.where(rng.random((400, 150)) < 0.06, rng.uniform(0.2, 2.0, (400, 150)), 0.02 * rng.random((400, 150)))
+    true = 0.06 * 1.1 + 0.94 * 0.01
+    found = [mean(x, bounds=(0.0, 2.0)) for x in draws]
+    assert all(0.0 < f.low < f.value < f.high < 2.0 for f in found)
+    assert np.mean([f.low <= true <= f.high for f in found]) > 0.91

@@ -62,10 +62,13 @@ def test_a_file_is_read_as_it_was_written(alternatives: list[Path]) -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"kind": "other"}, "kind: expected alternative of 1.0.0"),
-        ({"schema": "mcstudy:alternative:2.0.0"}, "schema: expected alternative of 1.0.0"),
+        ({"kind": "other"}, "kind: expected one of 'two_stimuli', 'population', found 'other'"),
+        (
+            {"schema": "mcstudy:alternative:2.0.0"},
+            "schema: expected 'mcstudy:alternative:1.0.0', found 'mcstudy:alternative:2.0.0'",
+        ),
         ({"frequency": [0.1]}, "two <stimuli>: T11: off: expected 1 numbers, one a frequency, got 3"),
-        ({"estimators": None}, "estimators: expected alternative of 1.0.0"),
+        ({"estimators": None}, "estimators: expected a list, found None"),
     ],
 )
 def test_another_file_is_refused_in_one_line(
@@ -86,6 +89,6 @@ def test_another_file_is_refused_in_one_line(
 
 
 def test_what_does_not_conform_is_not_written(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="expected alternative"):
+    with pytest.raises(StoreError, match=r"rows: expected at least 1 item, found \[\]"):
         write_alternative(tmp_path / "x.json", {"kind": "population", "command": "c", "settings": {}, "rows": []})
     assert not (tmp_path / "x.json").exists()

@@ -6,14 +6,15 @@ recording that cannot be diagnosed gets an answer that says why: it is scored as
 
 from __future__ import annotations
 
-import json
+import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mcstudy.errors import McstudyError, StudyChangedError
+from mcstudy.errors import McstudyError, StoreError, StudyChangedError
 from mcstudy.gap.challenge import files
+from mcstudy.gap.challenge.answer_checks import check_answer
 from mcstudy.gap.challenge.fanout import fan_out
 from mcstudy.gap.frf_only import FrfRecording
 from mcstudy.gap.read import read_recording
@@ -23,6 +24,8 @@ from mcstudy.study.cluster import ClusterOptions
 
 Diagnose = Callable[[Recording | FrfRecording], Mapping[str, Any]]
 """From a recording to the dictionary of a diagnosis (its JSON keys)."""
+
+KIND = "challenge_answers"
 
 NEGLIGIBLE = 1e-5
 """Causes less probable than this are not written."""
@@ -118,7 +121,8 @@ def answer(
 
     Raises
     ------
-    StoreError: the folder is not a challenge's, is not whole, or holds more than recordings (a key, for one).
+    StoreError: the folder is not a challenge's, is not whole, holds more than recordings (a key, for one), or a
+        recording is not the one that was made.
     StudyChangedError: parts of answers to other data, or by another method, are in the way.
     Interrupted: stopped; the same call resumes.
     """
@@ -126,48 +130,53 @@ def answer(
     manifest, sha = files.read_manifest(data)
     if out.is_relative_to(data):
         raise StudyChangedError(f"{out}: expected answers outside the data folder {data}")
-    parts = files.partial_folder(out)
-    done = files.read_parts(out)
-    for part in done.values():
-        if part.get("manifest_sha256") != sha or part.get("method") != method:
-            raise StudyChangedError(f"{parts}: answers to other data or by another method; remove the folder")
+    done = _resumed(out, sha, method)
     names = [Path(n).stem for n in manifest["files"]]
+    for name in (n for n in names if n not in done):
+        if files.digest(data / f"{name}.nc") != manifest["files"][f"{name}.nc"]:
+            raise StoreError(f"{data / name}.nc: expected the recording whose SHA-256 the manifest has, found another")
 
     def one(name: str) -> dict[str, Any]:
         begun = time.perf_counter()
         try:
             given = from_diagnosis(diagnose(read_recording(data / f"{name}.nc")))
-            _check({"name": name, "seconds": 0.0, **given}, name)
+            _check({"name": name, "seconds": 0.0, **given}, "answer")
         except McstudyError as error:
             given = {"error": " ".join(str(error).split())}
         except Exception as error:  # one recording's trouble must not cost the others their answers
             given = {"error": f"{type(error).__name__}: {' '.join(str(error).split())}"}
         return {"name": name, "seconds": round(time.perf_counter() - begun, 3), **given}
 
-    parts.mkdir(parents=True, exist_ok=True)
+    files.make_folder(files.partial_folder(out))
     header = {"manifest_sha256": sha, "method": method}
     for name, given in fan_out(one, [n for n in names if n not in done], options or ClusterOptions(), str(data)):
         done[name] = header | {"answer": given}
-        files.write_json(parts / f"{name}.json", done[name])
+        files.write_part(out, KIND, header, given)
     answers = {
-        "schema": schema.identifier("challenge_answers"),
+        "schema": schema.identifier(KIND),
         "challenge": manifest["challenge"],
         **header,
         "answers": [done[n]["answer"] for n in names],
     }
-    result = files.write_json(out, answers, "challenge_answers")
+    result = files.write_json(out, answers, KIND)
     files.drop_parts(out)
     return result
 
 
-def _check(given: Mapping[str, Any], name: str) -> None:
-    """Answers are checked one by one, so that one that cannot be written does not stop the file."""
-    whole = {
-        "schema": schema.identifier("challenge_answers"),
-        "challenge": "",
-        "manifest_sha256": "0" * 64,
-        "method": "",
-        "answers": [given],
-    }
-    json.dumps(given, allow_nan=False)
-    schema.validate("challenge_answers", whole, name)
+def _resumed(out: Path, sha: str, method: str) -> dict[str, dict[str, Any]]:
+    """Answers that are there already, those that cannot be scored left out."""
+    done = {}
+    for name, part in files.read_parts(out, KIND).items():
+        if part.get("manifest_sha256") != sha or part.get("method") != method:
+            folder = files.partial_folder(out)
+            raise StudyChangedError(f"{folder}: answers to other data or by another method; remove the folder")
+        with contextlib.suppress(StoreError):
+            check_answer(part["answer"], name)
+            done[name] = part
+    return done
+
+
+def _check(given: Mapping[str, Any], where: str) -> None:
+    """Answers are checked one by one, so that one that cannot be scored does not stop the file."""
+    schema.validate(KIND, given, where, ("properties", "answers", "items"))
+    check_answer(given, where)

@@ -15,7 +15,7 @@ import numpy as np
 
 from mcstudy.errors import DesignError
 from mcstudy.gap import effects as library
-from mcstudy.gap.challenge.design import KINDS, ChallengeFile, Kind, Series
+from mcstudy.gap.challenge.design import KINDS, MAIN, ChallengeFile, Kind, Series
 from mcstudy.gap.challenge.geometry import VISIBLE, Geometry, Probe, Setting, free, probes, size_for, stands
 from mcstudy.gap.make_recording import Protocol
 from mcstudy.stance.body import two_segment
@@ -92,6 +92,22 @@ def pool(series: Series) -> list[str]:
         if library.effect(name).kind == "linear" and name not in visible:
             raise DesignError(f"sizes.effects: {name} stays below a delta of {VISIBLE:g} within its bounds")
     return list(named) or visible
+
+
+def check_visible(file: ChallengeFile) -> None:
+    """Raise `DesignError` unless the recordings of every series show as many effects as its cases have."""
+    for name, series in file.series.items():
+        wanted = 2 if series.mix.pair else 1 if series.mix.known else 0
+        section = "" if name == MAIN else f"variant.{name}."
+        try:
+            found = pool(series) if wanted else []
+        except DesignError as error:
+            raise DesignError(f"{section}{error}") from None
+        if len(found) < wanted:
+            raise DesignError(
+                f"{section}protocol: expected recordings in which at least {wanted} of the effects can reach a delta "
+                f"of {VISIBLE:g}, found {len(found)} (more cycles, larger amplitudes, or less noise would show more)"
+            )
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from typing import Any
 
 from mcstudy.gap.challenge.ceiling import FLOOR
 from mcstudy.gap.challenge.design import NOTHING
+from mcstudy.gap.challenge.rates import Bounds
+from mcstudy.gap.effects import LIBRARY
 
 CONFIDENT = 0.8
 """Probability above which a wrong name is a confident one."""
@@ -23,6 +25,17 @@ SHARE = 0.005
 """Shares of a gap are judged to half a percent: members of one ambiguity group close it all but for so much."""
 
 TRUTH = "truth"
+
+UNDECIDED = "undecided"
+
+SCORES: dict[str, Bounds] = {"log_loss": (0.0, -math.log(FLOOR)), "brier": (0.0, 2.0)}
+"""Bounds of the proper scores of one case."""
+
+LARGEST_SET = float(len(LIBRARY) + 2)
+"""Size of the set that holds nothing missing, the unknown, and every effect: that of a case without an answer."""
+
+SET_SIZES: Bounds = (0.0, len(LIBRARY) * (len(LIBRARY) + 1) / 2 + 2)
+"""Bounds of the size of a set, which may also hold pairs."""
 
 WRONG = ("nothing missing", "a cause outside the library", "pairs", "other single causes")
 """Kinds of answers that are wrong for a known cause."""
@@ -38,8 +51,9 @@ class Judged:
     detected; p_value: of the gap. probability: given to the truth. top: whether the truth is the most probable
     hypothesis; top_name: what is. covered, set_size: of the 95 % set, in groups. flagged: unknown is the most probable.
     confident: probability of the most probable named cause. log_loss, brier: proper scores (log of probabilities below
-    `FLOOR` is cut). size_inside, closed_inside: whether the 95 % intervals hold the truth, None when there is nothing
-    to hold. ceiling: expected figures of the ideal method on this case.
+    `FLOOR` is cut; what is missing to a sum of 1 counts as one more hypothesis, a wrong one). size_inside,
+    closed_inside: whether the 95 % intervals hold the truth, None when there is nothing to hold; an interval that is
+    withheld does not hold it. ceiling: expected figures of the ideal method on this case.
     """
 
     case: Mapping[str, Any]
@@ -87,14 +101,16 @@ def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
     if "error" in answer:
         nothing = case["kind"] in NOTHING
         return Judged(
-            case, False, nothing, 0.0, False, "error", False, math.nan, not nothing and case["kind"] != "outsider",
-            1.0, -math.log(FLOOR), 2.0, seconds=float(answer["seconds"]), ceiling=ceiling,
+            case, False, nothing, 0.0, False, "error", False, LARGEST_SET, not nothing and case["kind"] != "outsider",
+            1.0, -math.log(FLOOR), 2.0,
+            size_inside=False if case["kind"] == "known" else None,
+            closed_inside=False if case.get("closable") else None,
+            seconds=float(answer["seconds"]), ceiling=ceiling, wrong={**dict.fromkeys(WRONG, 0.0), WRONG[-1]: 1.0},
         )  # fmt: skip
     p = _hypotheses(case, answer)
-    total = sum(p.values())
-    p = {k: v / total for k, v in p.items()} if total > 0 else {TRUTH: 0.0}
-    own = p.get(TRUTH, 0.0)
-    best = max(p, key=lambda k: p[k])
+    rest = max(0.0, 1.0 - sum(p.values()))
+    own = p[TRUTH]
+    best = _most_probable(p)
     named = [v for k, v in p.items() if k not in ("none", "unknown")]
     if case["kind"] in NOTHING or case["kind"] == "outsider":
         named = [v for k, v in p.items() if k not in ("none", "unknown", TRUTH)]
@@ -112,14 +128,20 @@ def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
         best == unknown,
         max(named, default=0.0),
         -math.log(max(own, FLOOR)),
-        sum(v**2 for v in p.values()) - 2 * own + 1,
+        sum(v**2 for v in p.values()) + rest**2 - 2 * own + 1,
         float(answer["p_value"]),
         _size_inside(case, answer) if best == TRUTH else None,
         _closed_inside(case, answer),
         float(answer["seconds"]),
         ceiling,
-        _wrong(p),
+        _wrong(p, rest),
     )
+
+
+def _most_probable(p: Mapping[str, float]) -> str:
+    """The most probable hypothesis; `UNDECIDED` when several are, which a guess at random would not be right about."""
+    first, *others = sorted(p, key=lambda k: -p[k])
+    return UNDECIDED if not p[first] or any(p[k] == p[first] for k in others) else first
 
 
 def _hypotheses(case: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, float]:
@@ -133,13 +155,14 @@ def _hypotheses(case: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str,
     return p
 
 
-def _wrong(p: Mapping[str, float]) -> dict[str, float]:
-    """Probability by kind of wrong answer."""
+def _wrong(p: Mapping[str, float], rest: float) -> dict[str, float]:
+    """Probability by kind of wrong answer; what is missing to 1 is given to causes that are not listed."""
     kinds = {"none": WRONG[0], "unknown": WRONG[1], TRUTH: TRUTH}
     out = dict.fromkeys((*WRONG, TRUTH), 0.0)
     for name, value in p.items():
         out[kinds.get(name, WRONG[2] if "+" in name else WRONG[3])] += value
     out.pop(TRUTH)
+    out[WRONG[3]] += rest
     return out
 
 
@@ -173,8 +196,10 @@ def _size_inside(case: Mapping[str, Any], answer: Mapping[str, Any]) -> bool | N
     truth = case["effects"][0]
     cause = next((c for c in answer["causes"] if c["effects"] == [truth["effect"]]), None)
     size = next(iter(truth["sizes"]))  # the size proper is declared first
-    if cause is None or size not in cause["size"]:
+    if cause is None:
         return None
+    if size not in cause["size"]:
+        return False
     interval = cause["size"][size]
     return bool(interval["low"] <= truth["sizes"][size] <= interval["high"])
 
@@ -182,7 +207,13 @@ def _size_inside(case: Mapping[str, Any], answer: Mapping[str, Any]) -> bool | N
 def _closed_inside(case: Mapping[str, Any], answer: Mapping[str, Any]) -> bool | None:
     """Whether the interval of the gap closed by the named cause holds what that cause closes without noise."""
     closed = answer["closed"]
-    if case["kind"] in NOTHING or closed is None or not answer["detected"]:
+    if case["kind"] in NOTHING or not answer["detected"]:
         return None
-    true = case.get("closable", {}).get(closed["effects"])
+    closable = case.get("closable", {})
+    if closed is None:
+        if not answer["causes"]:
+            return None
+        leading = max(answer["causes"], key=lambda c: float(c["probability"]))
+        return False if "+".join(sorted(leading["effects"])) in closable else None
+    true = closable.get("+".join(sorted(closed["effects"].split("+"))))
     return None if true is None else bool(closed["low"] - SHARE <= true <= closed["high"] + SHARE)

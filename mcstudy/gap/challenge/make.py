@@ -10,7 +10,7 @@ import xarray as xr
 
 from mcstudy.errors import StoreError, StudyChangedError
 from mcstudy.gap.challenge import files
-from mcstudy.gap.challenge.cases import Case, list_cases
+from mcstudy.gap.challenge.cases import Case, check_visible, list_cases
 from mcstudy.gap.challenge.design import ChallengeFile
 from mcstudy.gap.challenge.fanout import fan_out
 from mcstudy.gap.challenge.truth import make_case
@@ -20,6 +20,8 @@ from mcstudy.study import schema
 from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.durable import PARTIAL, partial_name, sync, sync_folder
 from mcstudy.study.unfinished import unfinished
+
+KIND = "challenge_key"
 
 RESOLUTION = 2.0**-36
 """Resolution of the recorded channels (rad, N m): far below any noise, and it makes the files a third smaller."""
@@ -53,6 +55,7 @@ def make(file: ChallengeFile, data: Path, key: Path, options: ClusterOptions | N
 
     Raises
     ------
+    DesignError: no effect of a series can be seen in its recordings.
     StoreError: the key would lie inside the data, or a folder cannot be written.
     StudyChangedError: the folder belongs to another challenge.
     Interrupted: stopped; the same call resumes.
@@ -67,19 +70,20 @@ def make(file: ChallengeFile, data: Path, key: Path, options: ClusterOptions | N
         if not key.exists() or files.digest(key) != manifest["key_sha256"]:
             raise StoreError(f"{key}: expected the key that {data / files.MANIFEST} names")
         return str(manifest["key_sha256"])
-    cases, parts = list_cases(file), files.partial_folder(key)
-    data.mkdir(parents=True, exist_ok=True)
-    parts.mkdir(parents=True, exist_ok=True)
+    check_visible(file)
+    cases = list_cases(file)
+    files.make_folder(data)
+    files.make_folder(files.partial_folder(key))
     done = {
         name: part
-        for name, part in files.read_parts(key).items()
-        if part.get("fingerprint") == file.fingerprint and (data / f"{name}.nc").exists()
+        for name, part in files.read_parts(key, KIND).items()
+        if part.get("fingerprint") == file.fingerprint and _is(data / f"{name}.nc", part.get("sha256"))
     }
 
     def one(case: Case) -> dict[str, Any]:
         recording, truth = make_case(file, case)
         part = {"fingerprint": file.fingerprint, "sha256": write_case(recording, data / f"{case.name}.nc")}
-        files.write_json(parts / f"{case.name}.json", part | {"truth": truth})
+        files.write_part(key, KIND, part, truth)
         return part | {"truth": truth}
 
     for case, part in fan_out(one, [c for c in cases if c.name not in done], options or ClusterOptions(), str(data)):
@@ -87,15 +91,20 @@ def make(file: ChallengeFile, data: Path, key: Path, options: ClusterOptions | N
     return _finish(file, data, key, cases, done)
 
 
+def _is(recording: Path, sha: object) -> bool:
+    """Whether a recording is there as it was made."""
+    return recording.is_file() and files.digest(recording) == sha
+
+
 def _finish(file: ChallengeFile, data: Path, key: Path, cases: list[Case], done: dict[str, dict[str, Any]]) -> str:
     truth = {
-        "schema": schema.identifier("challenge_key"),
+        "schema": schema.identifier(KIND),
         "challenge": file.challenge.name,
         "fingerprint": file.fingerprint,
         "design": file.model_dump(mode="json", exclude={"answer"}),
         "cases": [done[c.name]["truth"] for c in cases],
     }
-    sha = files.write_json(key, truth, "challenge_key")
+    sha = files.write_json(key, truth, KIND)
     recordings = {f"{c.name}.nc": str(done[c.name]["sha256"]) for c in cases}
     manifest = {
         "schema": schema.identifier("challenge_manifest"),

@@ -1,4 +1,4 @@
-"""Figures with their uncertainty: a rate with Wilson's interval, a mean with its standard error."""
+"""Figures with their uncertainty: a rate with Wilson's interval, a mean with the like one for bounded values."""
 
 from __future__ import annotations
 
@@ -52,19 +52,46 @@ def rate(hits: Iterable[bool], ceilings: Iterable[float] = ()) -> Figure:
     if n == 0:
         return NOTHING
     k = float(x.mean())
-    centre = (k + Z95**2 / (2 * n)) / (1 + Z95**2 / n)
-    half = Z95 / (1 + Z95**2 / n) * math.sqrt(k * (1 - k) / n + Z95**2 / (4 * n**2))
-    return Figure(k, min(k, max(0.0, centre - half)), max(k, min(1.0, centre + half)), n, _mean(ceilings))
+    return Figure(k, *_score_interval(k, 1.0, n), n, _mean(ceilings))
 
 
-def mean(values: Iterable[float], ceilings: Iterable[float] = ()) -> Figure:
-    """Mean with 1.96 standard errors either side; values that are nan are left out."""
+Bounds = tuple[float, float]
+"""Least and largest value that one case can have."""
+
+PROBABILITY: Bounds = (0.0, 1.0)
+
+
+def mean(values: Iterable[float], ceilings: Iterable[float] = (), bounds: Bounds = PROBABILITY) -> Figure:
+    """Mean of bounded values with a 95 % score interval, which lies within the bounds; nan values are left out.
+
+    The interval holds every mean mu that is within 1.96 standard errors sqrt(phi mu (1 - mu) / n) of the one found (in
+    units of the bounds), with phi the variance found over that of values at the bounds only: Wilson's interval where
+    there are no others, and mean +- 1.96 standard errors far from the bounds.
+    """
     x = np.fromiter(values, dtype=float)
     x = x[~np.isnan(x)]
     if x.size == 0:
         return NOTHING
-    half = Z95 * float(x.std(ddof=1)) / math.sqrt(x.size) if x.size > 1 else math.nan
-    return Figure(float(x.mean()), float(x.mean()) - half, float(x.mean()) + half, int(x.size), _mean(ceilings))
+    low, high = bounds
+    if x.min() < low or x.max() > high:
+        raise ValueError(f"expected values from {low:g} to {high:g}, got {x.min():g} to {x.max():g}")
+    value = float(x.mean())
+    if x.size == 1:
+        return Figure(value, math.nan, math.nan, 1, _mean(ceilings))
+    m = (value - low) / (high - low)
+    most = m * (1 - m)
+    phi = min(1.0, float(x.var(ddof=1)) / (high - low) ** 2 / most) if most > 0 else 1.0
+    ends = _score_interval(m, phi, x.size)
+    first, last = (low + (high - low) * end for end in ends)
+    return Figure(value, min(first, value), max(last, value), int(x.size), _mean(ceilings))
+
+
+def _score_interval(m: float, phi: float, n: int) -> tuple[float, float]:
+    """Roots mu of n (m - mu)^2 = z^2 phi mu (1 - mu), rounding kept from crossing m."""
+    a = Z95**2 * phi / n
+    centre = (m + a / 2) / (1 + a)
+    half = math.sqrt(a * (m * (1 - m) + a / 4)) / (1 + a)
+    return min(m, max(0.0, centre - half)), max(m, min(1.0, centre + half))
 
 
 def _mean(values: Iterable[float]) -> float:

@@ -9,11 +9,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from mcstudy.errors import StoreError
+from mcstudy.errors import DesignError, StoreError
 from mcstudy.exits import Exit
 from mcstudy.gap.challenge import files
+from mcstudy.gap.challenge.answer_checks import check_answers, check_key
+from mcstudy.gap.challenge.challenge_file import resolved
 from mcstudy.gap.challenge.design import KINDS, MAIN
-from mcstudy.gap.challenge.judge import WRONG, Judged, judge, true_name
+from mcstudy.gap.challenge.judge import SCORES, SET_SIZES, WRONG, Judged, judge, true_name
 from mcstudy.gap.challenge.rates import Figure, mean, rate
 from mcstudy.gap.challenge.targets import (
     AT_MOST_5,
@@ -40,26 +42,39 @@ def score_files(data: Path, key: Path, answers: Path) -> Score:
     """Score answers to a data folder with its key.
 
     Raises `StoreError` when the key is not the one whose digest was published with the data, or when the answers are
-    to other data or leave a case out.
+    to other data, leave a case out, or contradict themselves.
     """
     manifest, sha = files.read_manifest(data.resolve(), whole=False)
     if not key.is_file() or files.digest(key) != manifest["key_sha256"]:
         raise StoreError(f"{key}: not the key whose SHA-256 {data / files.MANIFEST} publishes")
-    truth, given = files.read_json(key, "challenge_key"), files.read_json(answers, "challenge_answers")
+    truth, given = _read_key(key, manifest), files.read_answers(answers)
     if given["manifest_sha256"] != sha:
         raise StoreError(f"{answers}: answers to other data than {data}")
-    result = score(truth, given)
+    result = score(truth, given, str(answers))
     result["key_sha256"], result["answers_sha256"] = manifest["key_sha256"], files.digest(answers)
     schema.validate("challenge_score", result, "score")
     return result
 
 
-def score(key: Mapping[str, Any], answers: Mapping[str, Any]) -> Score:
-    """Score answers with a key, both as their schemas describe them; `StoreError` when a case has no answer."""
+def _read_key(path: Path, manifest: Mapping[str, Any]) -> dict[str, Any]:
+    key = files.read_json(path, "challenge_key")
+    try:
+        design = resolved(key["design"], "design")
+    except DesignError as error:
+        raise StoreError(f"{path}: {error}") from None
+    check_key(key["cases"], design.series, str(path))
+    if {f"{c['name']}.nc" for c in key["cases"]} != set(manifest["files"]):
+        raise StoreError(f"{path}: cases: expected those of the manifest, {len(manifest['files'])} in all")
+    return key
+
+
+def score(key: Mapping[str, Any], answers: Mapping[str, Any], where: str = "answers") -> Score:
+    """Score answers with a key, both as their schemas describe them.
+
+    Raises `StoreError`, one line that starts with ``where``, for answers that cannot be believed or leave a case out.
+    """
+    check_answers(answers["answers"], (c["name"] for c in key["cases"]), where)
     by_name = {a["name"]: a for a in answers["answers"]}
-    missing = [c["name"] for c in key["cases"] if c["name"] not in by_name]
-    if missing:
-        raise StoreError(f"answers: {missing[0]} has no answer ({len(missing)} in all)")
     judged = [judge(c, by_name[c["name"]]) for c in key["cases"]]
     main = [j for j in judged if j.case["series"] == MAIN]
     series = [s for s in key["design"]["series"] if s != MAIN]
@@ -98,8 +113,8 @@ FIGURES = {
     "group top-1 at delta >= 6": share(between(6.0, math.inf), lambda j: j.top, "top"),
     "power at delta = 4 if the direction were known": share(between(3.5, 4.5), lambda j: j.detected, "known_direction"),
     "95 % set holds the truth, all cases": share(lambda _: True, lambda j: j.covered),
-    "size of the 95 % set, known causes": average(known, lambda j: j.set_size, "set_size"),
-    "size of the 95 % set, nothing missing": average(nothing, lambda j: j.set_size, "set_size"),
+    "size of the 95 % set, known causes": average(known, lambda j: j.set_size, "set_size", SET_SIZES),
+    "size of the 95 % set, nothing missing": average(nothing, lambda j: j.set_size, "set_size", SET_SIZES),
     "effect-size intervals hold the truth": share(
         lambda j: j.size_inside is not None, lambda j: bool(j.size_inside), 0.95
     ),
@@ -145,10 +160,11 @@ def _proper(main: Sequence[Judged]) -> dict[str, Any]:
     """Log loss and Brier score over all cases and by kind. Ceilings exist for nothing missing and one known effect."""
     out: dict[str, Any] = {}
     for name, pick in (("log_loss", lambda j: j.log_loss), ("brier", lambda j: j.brier)):
-        out[name] = {"all": mean(pick(j) for j in main).to_dict()}
+        out[name] = {"all": mean((pick(j) for j in main), bounds=SCORES[name]).to_dict()}
         for kind in KINDS:
             own = [j for j in main if j.kind == kind]
-            out[name][kind] = mean((pick(j) for j in own), (j.ceiling.get(name, math.nan) for j in own)).to_dict()
+            ideal = (j.ceiling.get(name, math.nan) for j in own)
+            out[name][kind] = mean((pick(j) for j in own), ideal, SCORES[name]).to_dict()
     return out
 
 

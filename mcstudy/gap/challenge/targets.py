@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from mcstudy.gap.challenge.design import NOTHING as NOTHING_MISSING
-from mcstudy.gap.challenge.judge import CONFIDENT, Judged
-from mcstudy.gap.challenge.rates import Figure, mean, rate
+from mcstudy.gap.challenge.judge import CONFIDENT, SET_SIZES, Judged
+from mcstudy.gap.challenge.rates import PROBABILITY, Bounds, Figure, mean, rate
 
 UPPER_FALSE_ALARMS = 0.065
 """The upper limit of a rate of false alarms that still counts as at most 5 %."""
@@ -83,12 +83,17 @@ def share(which: Callable[[Judged], bool], hit: Callable[[Judged], bool], ceilin
     return figure
 
 
-def average(which: Callable[[Judged], bool], value: Callable[[Judged], float], ceiling: str | float = math.nan) -> Any:
-    """Figure: mean over the selected cases."""
+def average(
+    which: Callable[[Judged], bool],
+    value: Callable[[Judged], float],
+    ceiling: str | float = math.nan,
+    bounds: Bounds = PROBABILITY,
+) -> Any:
+    """Figure: mean over the selected cases of a value within ``bounds``."""
 
     def figure(judged: Sequence[Judged]) -> Figure:
         own = [j for j in judged if which(j)]
-        return mean((value(j) for j in own), (_ceiling(j, ceiling) for j in own))
+        return mean((value(j) for j in own), (_ceiling(j, ceiling) for j in own), bounds)
 
     return figure
 
@@ -116,7 +121,7 @@ TARGETS: tuple[Target, ...] = (
     Target(
         "size of the 95 % set at delta = 6",
         Goal("≤ 1.3", high=1.3),
-        average(between(5.5, 6.5), lambda j: j.set_size, "set_size"),
+        average(between(5.5, 6.5), lambda j: j.set_size, "set_size", SET_SIZES),
         percent=False,
     ),
     Target(

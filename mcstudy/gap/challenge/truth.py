@@ -169,9 +169,6 @@ def _ruled(series: Series, rng: np.random.Generator, name: str) -> tuple[Recordi
 
 def _outsider(series: Series, rng: np.random.Generator) -> tuple[Recording, dict[str, Any]]:
     names = series.sizes.outsiders or tuple(OUTSIDERS)
-    for name in names:
-        if name not in OUTSIDERS:
-            raise DesignError(f"sizes.outsiders: expected one of {', '.join(OUTSIDERS)}, got {name!r}")
     for _ in range(REDRAWS):
         name = str(rng.choice(names))
         drawn = draw_outsider(series, rng, name)
@@ -212,7 +209,7 @@ def _explained(geometry: Geometry, probes: Sequence[Probe], y: np.ndarray) -> di
     left: dict[str, np.ndarray] = {}
     f, C, theta = geometry.setting.f, geometry.C, geometry.theta
     gap = float(np.linalg.norm(geometry.unexplained(y)))
-    if gap < LEAST_GAP:
+    if gap < LEAST_GAP or not probes:  # a series may draw from nonlinear effects alone
         return {"closable": {}}
     for name in dict.fromkeys(p.effect for p in probes):
         model = library.apply(geometry.base, name)

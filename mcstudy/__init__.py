@@ -16,7 +16,6 @@ __all__ = ["__version__", "open_results"]
 def __getattr__(name: str) -> Any:
     # Imported when asked for: the command line's help must not wait for xarray, Dask and numba.
     if name == "open_results":
-        import mcstudy.analysis.accessor  # noqa: F401 - results open with their .mc methods
         from mcstudy.study.results import open_results
 
         return open_results

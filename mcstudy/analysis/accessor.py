@@ -5,17 +5,21 @@
     tree["accuracy"].mc.combined().mc.cv()  # active and passive stiffness summed
 
 Every method works on a cube (it takes the best start first) and on cells (`best` or a derivative of it); those that
-need all starts say so. Nothing is computed before it is asked for.
+need all starts say so. Cubes larger than memory are reduced chunk by chunk. A result of moderate size (`MOST_BYTES`)
+is numbers; a larger one, and every one of ``dataset.mc.lazy``, stays lazy where the cube is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import cached_property
+from inspect import getdoc
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
 
+import mcstudy.accessors  # noqa: F401 - registers it
 from mcstudy.analysis import (
     accuracy,
     basins,
@@ -32,14 +36,43 @@ from mcstudy.analysis import atlas as atlases
 from mcstudy.analysis import sensitivity as sensitivities
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
+from mcstudy.study.readable import readable
+
+MOST_BYTES = 64 * 2**20
+"""Largest result that is computed at once: tables, and the best fits of some hundred thousand cells."""
+
+_OF_A_GROUP = ("estimate", "cost", "status", "truth", "initial")
+"""What a group of a cube holds, and nothing else holds all or most of."""
+
+T = TypeVar("T", xr.Dataset, xr.DataArray)
 
 
-@xr.register_dataset_accessor("mc")
 class MonteCarlo:
     """Statistics of one group of a cube, each with its Monte Carlo standard error."""
 
-    def __init__(self, data: xr.Dataset) -> None:
-        self._data = data
+    def __init__(self, data: xr.Dataset, compute: bool = True) -> None:
+        self._given, self._compute = data, compute
+
+    def __repr__(self) -> str:
+        names = [n for n in dir(type(self)) if not n.startswith("_")]
+        width = max(map(len, names)) + 2
+        lines = [f"  {n:{width}}{(getdoc(getattr(type(self), n)) or '').splitlines()[0]}" for n in names]
+        return "\n".join([f"{(getdoc(MonteCarlo) or '').splitlines()[0]} help(dataset.mc.bias) says more.", *lines])
+
+    @cached_property
+    def _data(self) -> xr.Dataset:
+        if not any(name in self._given for name in _OF_A_GROUP):
+            held = ", ".join(map(str, self._given.data_vars)) or "nothing"
+            raise InputError(f"mc: expected a group of a cube or its best fits, got a Dataset with {held}")
+        return readable(self._given)
+
+    def _result(self, result: T) -> T:
+        return result.compute() if self._compute and result.nbytes <= MOST_BYTES else result
+
+    @property
+    def lazy(self) -> MonteCarlo:
+        """The same methods with lazy results, to be computed together or written piece by piece."""
+        return MonteCarlo(self._data, compute=False)
 
     @cached_property
     def model(self) -> Model:
@@ -48,7 +81,7 @@ class MonteCarlo:
 
     @property
     def _cells(self) -> xr.Dataset:
-        return self.best() if "start" in self._data.dims else self._data
+        return selection.best(self._data) if "start" in self._data.dims else self._data
 
     @property
     def _cube(self) -> xr.Dataset:
@@ -58,105 +91,112 @@ class MonteCarlo:
 
     def best(self, allowed: xr.DataArray | None = None) -> xr.Dataset:
         """Lowest-cost usable fit per cell; see `mcstudy.analysis.selection.best`. Needs all starts."""
-        return selection.best(self._cube, allowed)
+        return self._result(selection.best(self._cube, allowed))
 
     def only(self, mask: xr.DataArray) -> xr.Dataset:
         """Best fits where ``mask`` (e.g. ``cells.mc.stable()``) holds, the rest left out: conditional statistics."""
-        return selection.only(self._cells, mask)
+        return self._result(selection.only(self._cells, mask))
 
     def stable(self) -> xr.DataArray:
         """Mask of cells whose best fit is a stable loop."""
-        return selection.stable(self._cells)
+        return self._result(selection.stable(self._cells))
 
     def inside_bounds(self) -> xr.DataArray:
         """Mask of cells whose best fit touches no bound."""
-        return selection.inside_bounds(self._cells)
+        return self._result(selection.inside_bounds(self._cells))
 
     def combined(self) -> xr.Dataset:
         """Best fits with active and passive stiffness summed: the paper's 10 numbers."""
-        return selection.combined(self._cells)
+        return self._result(selection.combined(self._cells))
 
     def outcomes(self) -> xr.DataArray:
         """Counts of fits by status. Needs all starts."""
-        return selection.outcomes(self._cube)
+        return self._result(selection.outcomes(self._cube))
 
     def realizations(self) -> xr.Dataset:
         """Counts of realizations used, not run, with data not finite, diverged, failed. Needs all starts."""
-        return selection.realizations(self._cube)
+        return self._result(selection.realizations(self._cube))
 
     def bias(self) -> xr.Dataset:
         """Mean estimate minus truth, in units."""
-        return accuracy.bias(self._cells)
+        return self._result(accuracy.bias(self._cells))
 
     def absolute_bias_percent(self) -> xr.Dataset:
         """The paper's bias, with its noise floor."""
-        return accuracy.absolute_bias_percent(self._cells)
+        return self._result(accuracy.absolute_bias_percent(self._cells))
 
     def mean_absolute_bias_percent(self) -> xr.Dataset:
         """The paper's bias averaged over parameters, with its noise floor."""
-        return accuracy.mean_absolute_bias_percent(self._cells)
+        return self._result(accuracy.mean_absolute_bias_percent(self._cells))
+
+    def mean_spread_percent(self) -> xr.Dataset:
+        """Standard deviation in percent of the truth, averaged over parameters: the paper's variability."""
+        return self._result(accuracy.mean_spread_percent(self._cells))
 
     def sd(self) -> xr.Dataset:
         """Standard deviation over realizations, in units."""
-        return accuracy.sd(self._cells)
+        return self._result(accuracy.sd(self._cells))
 
     def cv(self) -> xr.Dataset:
         """Coefficient of variation."""
-        return accuracy.cv(self._cells)
+        return self._result(accuracy.cv(self._cells))
 
     def rmse(self) -> xr.Dataset:
         """Root mean squared error, in units."""
-        return accuracy.rmse(self._cells)
+        return self._result(accuracy.rmse(self._cells))
 
     def at_bound(self) -> xr.Dataset:
         """Fraction of best fits on a bound, by side."""
-        return accuracy.at_bound(self._cells)
+        return self._result(accuracy.at_bound(self._cells))
 
     def unstable(self) -> xr.Dataset:
         """Fraction of best fits that are unstable."""
-        return accuracy.unstable(self._cells)
+        return self._result(accuracy.unstable(self._cells))
 
     def j_nc(self) -> xr.DataArray:
         """Error of the neural controllers of every fit held (all starts, or the best), at all frequencies."""
-        return neural.j_nc(self._data, self.model)
+        return self._result(neural.j_nc(self._data, self.model))
 
     def j_nc_within(self) -> xr.DataArray:
         """The same at the fitted frequencies only."""
-        return neural.j_nc_within(self._data, self.model)
+        return self._result(neural.j_nc_within(self._data, self.model))
 
     def sensitivity(self) -> xr.Dataset:
         """J_true when each parameter of the truth changes by 10 %, in three frequency ranges."""
-        return sensitivities.sensitivity(self.model, self._data["truth"].values, self._data["frequency"].values)
+        truth, f = self._data["truth"].values, self._data["frequency"].values
+        return self._result(sensitivities.sensitivity(self.model, truth, f))
 
     def efficiency(self, covariance: xr.DataArray | None = None) -> xr.Dataset:
-        """Cramér-Rao variance over the variance found.
+        """Cramér-Rao variance over the variance found; NaN where many fits are on bounds and it does not apply.
 
-        ``covariance`` (amplitude, frequency, angle, angle_2) of the FRF errors; `context.covariance_of` by default.
+        ``covariance`` (amplitude, frequency, angle, angle_2) of the FRF errors; `context.covariance_of` by default. Of
+        combined stiffnesses too. See `mcstudy.analysis.efficiency.efficiency`.
         """
-        cells = self._cells
+        cells, model = self._cells, context.fitted_model(self._data)
         covariance = context.covariance_of(cells) if covariance is None else covariance
         overlap = efficiency.overlap_of(context.points_of(cells))
-        return efficiency.efficiency(cells, efficiency.bounds_on_sd(cells, self.model, covariance, overlap))
+        bounds = efficiency.bounds_on_sd(cells, model, covariance, overlap)
+        return self._result(efficiency.efficiency(cells, bounds))
 
     def starts_needed(self, confidence: float = 0.95) -> xr.Dataset:
         """Starts that find the pool's minimum, per realization. Needs all starts."""
-        return convergence.starts_needed(self._cube, confidence)
+        return self._result(convergence.starts_needed(self._cube, confidence))
 
     def starts_needed_quantiles(self, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
         """Quantiles of `starts_needed` over realizations. Needs all starts."""
-        return convergence.starts_needed_quantiles(self.starts_needed(), q)
+        return self._result(convergence.starts_needed_quantiles(convergence.starts_needed(self._cube), q))
 
     def minimum_curve(self, drawn: np.ndarray | None = None) -> xr.Dataset:
         """The paper's Fig. 3B, averaged over realizations. Needs all starts."""
-        return minimum_curve.average_curve(minimum_curve.minimum_curve(self._cube, drawn))
+        return self._result(minimum_curve.average_curve(minimum_curve.minimum_curve(self._cube, drawn)))
 
     def asymptote(self, tolerance: float = 0.01) -> xr.Dataset:
         """Where Fig. 3B flattens. Needs all starts."""
-        return minimum_curve.asymptote(minimum_curve.minimum_curve(self._cube), tolerance)
+        return self._result(minimum_curve.asymptote(minimum_curve.minimum_curve(self._cube), tolerance))
 
     def basins(self, most: int = 10) -> xr.Dataset:
         """The lowest local minima of every cell, and how often they are reached. Needs all starts."""
-        return basins.basins(self._cube, most)
+        return self._result(basins.basins(self._cube, most))
 
     def atlas(self, amplitude: float | None = None, fmax: float | None = None, most: int = 10) -> xr.Dataset:
         """Local minima of all realizations in clusters, at the last amplitude and Fmax by default. Needs all starts.
@@ -167,7 +207,7 @@ class MonteCarlo:
         for name, value in (("amplitude", amplitude), ("fmax", fmax)):
             cube = cube.sel({name: [self._held(name, value)]})
         found = basins.basins(cube, most).isel(amplitude=0, fmax=0).compute()
-        return atlases.atlas(found, self._data["lower"], self._data["upper"])
+        return self._result(atlases.atlas(found, self._data["lower"], self._data["upper"]))
 
     def _held(self, name: str, value: float | None) -> float:
         held = [float(x) for x in self._data[name].values]
@@ -184,7 +224,7 @@ class MonteCarlo:
         counts: Iterable[int] = by_starts.COUNTS,
     ) -> xr.Dataset:
         """A statistic of cells as a function of the number of starts (dim ``drawn``). Needs all starts."""
-        return by_starts.by_starts(self._cube, statistic, counts)
+        return self._result(by_starts.by_starts(self._cube, statistic, counts))
 
     def hit_rate_by_start(self) -> xr.Dataset:
         """Share of starts that arrive, for loops that stand at the start and loops that fall. Needs all starts.
@@ -192,12 +232,21 @@ class MonteCarlo:
         Reads all starts at once; see `mcstudy.analysis.stable_starts.hit_rate_by_start`.
         """
         needed = self._cube[["initial", "cost", "status"]].compute()
-        return stable_starts.hit_rate_by_start(needed, self.model)
+        return self._result(stable_starts.hit_rate_by_start(needed, self.model))
 
 
-@xr.register_datatree_accessor("mc")
 class MonteCarloOfNode(MonteCarlo):
     """The same on a node of the tree: ``tree["accuracy"].mc.bias()``."""
 
     def __init__(self, node: xr.DataTree) -> None:
         super().__init__(node.to_dataset())
+        self._groups = list(map(str, node.children))
+
+    @cached_property
+    def _data(self) -> xr.Dataset:
+        if self._groups and not self._given.data_vars:
+            first, *_ = self._groups
+            raise InputError(
+                f'mc: choose a group: {", ".join(self._groups)} (e.g. tree["{first}"].mc), got all of them'
+            )
+        return super()._data

@@ -14,32 +14,33 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from mcstudy.analysis.labels import ONE, PERCENT, labelled, units_of
 from mcstudy.analysis.montecarlo import Moments, Statistic, fraction, jackknife, moments
 
 
-def statistic_of(cells: xr.Dataset, statistic: Statistic) -> xr.Dataset:
-    """Any function of the cells' moments, with its Monte Carlo standard error."""
-    return jackknife(cells["estimate"], cells["truth"], statistic)
+def statistic_of(cells: xr.Dataset, statistic: Statistic, name: str = "statistic", units: str = ONE) -> xr.Dataset:
+    """Any function of the cells' moments, with its Monte Carlo standard error; ``name`` and ``units`` are its own."""
+    return labelled(jackknife(cells["estimate"], cells["truth"], statistic), cells, name, units)
 
 
 def bias(cells: xr.Dataset) -> xr.Dataset:
     """Mean estimate minus truth."""
-    return statistic_of(cells, bias_of)
+    return statistic_of(cells, bias_of, "bias (mean estimate minus truth)", units_of(cells))
 
 
 def sd(cells: xr.Dataset) -> xr.Dataset:
     """Standard deviation over realizations (divisor n - 1)."""
-    return statistic_of(cells, sd_of)
+    return statistic_of(cells, sd_of, "standard deviation over realizations", units_of(cells))
 
 
 def cv(cells: xr.Dataset) -> xr.Dataset:
     """Coefficient of variation: standard deviation over absolute mean estimate."""
-    return statistic_of(cells, cv_of)
+    return statistic_of(cells, cv_of, "coefficient of variation")
 
 
 def rmse(cells: xr.Dataset) -> xr.Dataset:
     """Root mean squared error about the truth."""
-    return statistic_of(cells, rmse_of)
+    return statistic_of(cells, rmse_of, "root mean squared error", units_of(cells))
 
 
 def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
@@ -48,7 +49,8 @@ def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
     An absolute value cannot average out: with no true bias at all its expectation is ``floor`` =
     sqrt(2/pi) SD / sqrt(n) (in percent of the truth; the folded normal), not zero. Compare every value with its floor.
     """
-    return statistic_of(cells, absolute_bias_of).assign(floor=floor_percent(cells))
+    out = jackknife(cells["estimate"], cells["truth"], absolute_bias_of).assign(floor=floor_percent(cells))
+    return labelled(out, cells, "absolute bias, in percent of the truth", PERCENT)
 
 
 def mean_absolute_bias_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
@@ -58,13 +60,19 @@ def mean_absolute_bias_percent(cells: xr.Dataset, over: Sequence[str] = ("parame
     takes the correlation of parameters and amplitudes within a realization into account; where the true biases are
     far below their errors it overstates (an absolute value varies less than what is inside it).
     """
-    out = statistic_of(cells, lambda m: absolute_bias_of(m).mean(list(over)))
-    return out.assign(floor=floor_percent(cells).mean(list(over)))
+    out = jackknife(cells["estimate"], cells["truth"], lambda m: absolute_bias_of(m).mean(list(over)))
+    out = out.assign(floor=floor_percent(cells).mean(list(over)))
+    return labelled(out, cells, f"absolute bias, in percent of the truth, {_mean_over(over)}", PERCENT)
 
 
 def mean_spread_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
     """Standard deviation in percent of the truth, averaged over parameters: the paper's 'average variability'."""
-    return statistic_of(cells, lambda m: relative_sd_of(m).mean(list(over)))
+    name = f"standard deviation, in percent of the truth, {_mean_over(over)}"
+    return statistic_of(cells, lambda m: relative_sd_of(m).mean(list(over)), name, PERCENT)
+
+
+def _mean_over(dims: Sequence[str]) -> str:
+    return f"mean over every {' and '.join(dims)}"
 
 
 def bias_of(m: Moments) -> xr.DataArray:
@@ -110,7 +118,8 @@ def at_bound(cells: xr.Dataset) -> xr.Dataset:
     truth. A large fraction here says that the bias of that parameter means little.
     """
     sides = xr.DataArray([-1, 1], dims="side", coords={"side": ["lower", "upper"]})
-    return fraction(cells["at_bound"] == sides, cells["estimate"].notnull())
+    out = fraction(cells["at_bound"] == sides, cells["estimate"].notnull())
+    return labelled(out, cells, "fraction of best fits with the parameter on that bound")
 
 
 def unstable(cells: xr.Dataset) -> xr.Dataset:
@@ -118,4 +127,5 @@ def unstable(cells: xr.Dataset) -> xr.Dataset:
 
     A fit without a growth rate counts as left out.
     """
-    return fraction(cells["growth_rate"] > 0, cells["growth_rate"].notnull())
+    out = fraction(cells["growth_rate"] > 0, cells["growth_rate"].notnull())
+    return labelled(out, cells, "fraction of best fits that are unstable")

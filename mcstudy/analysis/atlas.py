@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import REALIZATION
 
 TOLERANCE = 0.5
@@ -68,11 +69,20 @@ def atlas(basins: xr.Dataset, lower: xr.DataArray, upper: xr.DataArray, toleranc
     names = ("value", "mcse", "realizations", "lowest", "stable", "excess")
     columns = {n: ("cluster", np.array([row[i] for row in rows])) for i, n in enumerate(names)}
     position = np.array([row[-1] for row in rows]).reshape(len(rows), place.shape[-1])
-    return xr.Dataset(
+    out = xr.Dataset(
         {**columns, "position": (("cluster", "parameter"), position)},
-        coords={"cluster": np.arange(len(rows)), "parameter": lower["parameter"].values},
-        attrs={"realizations": realizations},
+        coords={"cluster": np.arange(len(rows)), **lower["parameter"].coords},
     )
+    return labelled(
+        out,
+        basins,
+        "probability that a start ends in the cluster",
+        realizations=("realizations in which the cluster occurs", ONE),
+        lowest=("realizations in which the cluster holds the lowest minimum", ONE),
+        stable=("fraction of the cluster's starts whose fit is a stable loop", ONE),
+        excess=("median cost over the lowest cost of the realization", ONE),
+        position=("mean place between the bounds, 0 the lower and 1 the upper", ONE),
+    ).assign_attrs(realizations=realizations)
 
 
 def _clusters(place: np.ndarray, reach: np.ndarray, tolerance: float) -> np.ndarray:

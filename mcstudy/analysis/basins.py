@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.convergence import COST_FLOOR
+from mcstudy.analysis.labels import ONE, label, labelled, units_of
 from mcstudy.analysis.montecarlo import wilson
 from mcstudy.analysis.selection import usable
 from mcstudy.fit.status import Status
@@ -39,7 +40,7 @@ def labels(
         dask="parallelized",
         output_dtypes=[np.int32],
     )
-    return out.transpose(*cube["status"].dims).assign_attrs(long_name="local minimum reached, by rank of its cost")
+    return label(out.transpose(*cube["status"].dims), "local minimum reached, by rank of its cost")
 
 
 def _minima(cube: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray]:
@@ -105,16 +106,22 @@ def basins(
     attempted = (cube["status"] != int(Status.PENDING)).sum("start")
     members, low, growth_rate = (table.isel(part=i) for i in range(3))
     reach = wilson(members, attempted)
-    return (
-        reach[["value", "mcse", "lower", "upper"]]
-        .assign(
-            cost=low,
-            estimate=lead * (cube["upper"] - cube["lower"]) + cube["lower"],
-            stable=xr.where(growth_rate < 0, 1.0, 0.0).where(growth_rate.notnull()),
-            n_basins=found,
-            n=attempted,
-        )
-        .assign_coords(basin=np.arange(most))
+    out = reach[["value", "mcse", "lower", "upper"]].assign(
+        cost=low,
+        estimate=lead * (cube["upper"] - cube["lower"]) + cube["lower"],
+        stable=xr.where(growth_rate < 0, 1.0, 0.0).where(growth_rate.notnull()),
+        n_basins=found,
+        n=attempted,
+    )
+    return labelled(
+        out.assign_coords(basin=np.arange(most)),
+        cube,
+        "probability that a start ends in the local minimum",
+        cost=("cost at the local minimum", ONE),
+        estimate=("parameters at the local minimum", units_of(cube)),
+        stable=("whether the local minimum is a stable loop", ONE),
+        n_basins=("number of local minima found", ONE),
+        n=("starts attempted", ONE),
     )
 
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy
+from mcstudy.analysis.labels import ONE
 from mcstudy.analysis.selection import best
 
 COUNTS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500)
@@ -27,9 +27,10 @@ def by_starts(
     """
     held = cube.sizes["start"]
     drawn = sorted({x for x in counts if x < held} | {held})
-    needed = [n for n in ("estimate", "cost", "status", "truth") if n in cube]
+    needed = [n for n in ("estimate", "cost", "status", "truth") if n in cube]  # coordinates come along
     parts = [statistic(best(cube[needed].isel(start=slice(0, x)))) for x in drawn]
-    return xr.concat(parts, dim="drawn", coords="minimal", compat="override").assign_coords(drawn=np.array(drawn))
+    out = xr.concat(parts, dim="drawn", coords="minimal", compat="override")
+    return out.assign_coords(drawn=("drawn", drawn, {"long_name": "number of starts", "units": ONE}))
 
 
 def mean_absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
@@ -39,4 +40,5 @@ def mean_absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
 
 def mean_cv(cells: xr.Dataset) -> xr.Dataset:
     """Coefficient of variation averaged over parameters, dims (amplitude, fmax)."""
-    return accuracy.statistic_of(cells, lambda m: accuracy.cv_of(m).mean("parameter"))
+    name = "coefficient of variation, mean over every parameter"
+    return accuracy.statistic_of(cells, lambda m: accuracy.cv_of(m).mean("parameter"), name)

@@ -16,6 +16,7 @@ from mcstudy.stance.noise import SensorNoise
 from mcstudy.study.design import Group
 from mcstudy.study.measure import kept_points, stimulus
 from mcstudy.study.models import build_model
+from mcstudy.study.readable import structured
 
 DESIGN = "design"
 """Attribute of a group that holds its resolved design."""
@@ -29,7 +30,7 @@ def group_of(data: xr.Dataset) -> Group:
     if DESIGN not in data.attrs:
         raise StoreError(f"attribute {DESIGN!r}: expected the design of the group, found none")
     try:
-        return Group.model_validate_json(json.dumps(data.attrs[DESIGN]))
+        return Group.model_validate_json(json.dumps(structured(data.attrs, DESIGN)))
     except (ValidationError, TypeError) as error:
         why = str(error).splitlines()[0]
         raise StoreError(f"attribute {DESIGN!r}: expected the design of a group, got {why}") from None
@@ -40,10 +41,15 @@ def model_of(data: xr.Dataset) -> Model:
 
     Raises `StoreError` when what is declared is no model or has other parameters than the data.
     """
-    model = build_model(group_of(data)) if DECLARED not in data.attrs else _declared(data.attrs[DECLARED])
+    model = fitted_model(data)
     if list(model.names) != [str(n) for n in data["parameter"].values]:
         raise StoreError(f"parameter: expected {', '.join(model.names)} as in the design")
     return model
+
+
+def fitted_model(data: xr.Dataset) -> Model:
+    """The same, whatever parameters the data have: `mcstudy.analysis.selection.combined` cells have sums of them."""
+    return build_model(group_of(data)) if DECLARED not in data.attrs else _declared(structured(data.attrs, DECLARED))
 
 
 def _declared(value: object) -> Model:
@@ -73,7 +79,7 @@ def covariance_of(data: xr.Dataset) -> xr.DataArray:
     group = group_of(data)
     if group.simulator == "none" or group.spectra.points != "odd_lines" or group.spectra.ramp != "remove":
         return measured_covariance(data).assign_attrs(source="mean of the stored noise covariances")
-    model, points, s = model_of(data), points_of(data), group.stimulus
+    model, points, s = fitted_model(data), points_of(data), group.stimulus
     noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
     duration_s = (s.cycles - s.discard) * points.period_s
     covariance = np.zeros((len(group.amplitude), len(points), 2, 2), dtype=complex)

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import gammaln
 
+from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import quantiles, wilson
 from mcstudy.analysis.selection import usable
 from mcstudy.fit.status import Status
@@ -21,6 +22,10 @@ COST_FLOOR = 1e-12
 """Excess of cost that counts as none: without noise the minimum is rounding, and no ratio to it means anything.
 The paper's cost is 1 for a model that predicts no sway at all, so the floor is on a scale of 1."""
 
+HITS = ("starts that reached the lowest cost of the pool", ONE)
+
+STARTS = ("starts attempted", ONE)
+
 _EQUAL = 1 + 1e-9  # a probability that equals its limit up to rounding has reached it
 
 
@@ -31,13 +36,14 @@ def hits(cube: xr.Dataset, tolerance: float = HIT_TOLERANCE, floor: float = COST
     """
     cost = cube["cost"].where(usable(cube))
     minimum = cost.min("start")
-    return xr.Dataset(
+    out = xr.Dataset(
         {
             "hits": (cost <= minimum * (1 + tolerance) + floor).sum("start"),
             "starts": (cube["status"] != int(Status.PENDING)).sum("start"),
             "minimum": minimum,
         }
     )
+    return labelled(out, cube, hits=HITS, starts=STARTS, minimum=("lowest cost of the pool", ONE))
 
 
 def miss_probability(hits: np.ndarray, starts: np.ndarray, drawn: np.ndarray) -> np.ndarray:
@@ -116,7 +122,7 @@ def starts_needed(
     p = rate["value"].where((pool["hits"] > 0) & (rate["value"] < 1))
     slope = abs(np.log1p(-confidence)) / ((1 - p) * np.log1p(-p) ** 2)
     error = slope * (p * (1 - p) / pool["starts"]) ** 0.5
-    return xr.Dataset(
+    out = xr.Dataset(
         {
             "value": value,
             "mcse": error.where(rate["value"] < 1, 0.0).where(pool["hits"] > 0),
@@ -128,8 +134,22 @@ def starts_needed(
             "starts": pool["starts"],
         }
     )
+    of, independent_starts = f"for {100 * confidence:g} % certainty", "independent starts needed"
+    return labelled(
+        out,
+        cube,
+        f"starts needed {of}, drawn from the pool",
+        mcse=(f"Monte Carlo standard error of the {independent_starts} {of}", ONE),
+        independent=(f"{independent_starts} {of}", ONE),
+        lower=(f"lower end of the 95 % interval of the {independent_starts} {of}", ONE),
+        upper=(f"upper end of the 95 % interval of the {independent_starts} {of}", ONE),
+        hit_rate=("fraction of starts that reached the lowest cost of the pool", ONE),
+        hits=HITS,
+        starts=STARTS,
+    )
 
 
 def starts_needed_quantiles(needed: xr.Dataset, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
     """Quantiles of `starts_needed` over realizations, with standard error and order-statistic interval."""
-    return quantiles(needed["value"], q)
+    name = str(needed["value"].attrs.get("long_name", "starts needed"))
+    return labelled(quantiles(needed["value"], q), needed, f"quantile over realizations of the {name}")

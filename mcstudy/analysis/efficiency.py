@@ -4,7 +4,8 @@ The FRF errors at the points of a group are circular complex Gaussian with covar
 the FRFs at the truth, the information is 2 Re(J^H C^-1 J) and its inverse, the Cramér-Rao bound, limits the covariance
 of unbiased estimates. Weighted least squares with other weights (the paper's cost) has the *linearised* covariance
 A^-1 B A^-1 with A = Re(J^H W^H W J), B = Re(J^H W^H W C W^H W J) / 2 (the sandwich). Both hold to first order in the
-noise and with no bound active; where fits end on bounds, the spread can even fall below them. Derived.
+noise and with no bound active. Where fits end on bounds, the estimates of *all* parameters may scatter less than that,
+since a bound that stops one parameter informs on those it goes together with. Derived.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.accuracy import at_bound, statistic_of
+from mcstudy.analysis.labels import ONE, labelled, units_of
 from mcstudy.analysis.montecarlo import REALIZATION
+from mcstudy.analysis.selection import inside_bounds, sums_of
 from mcstudy.errors import InputError
 from mcstudy.fit.problem import paper_cost
 from mcstudy.spectra.bands import Bands
@@ -25,6 +28,9 @@ from mcstudy.stance.simulate_spectral import sway_psd
 HELD = 1e-3
 """Standard deviations of the noise that the whole distance between its bounds must move the responses, or else a
 parameter is held by them."""
+
+INSIDE = 0.9
+"""Fraction of best fits that must be off every bound for the Cramér-Rao bound to apply."""
 
 
 def expected_line_covariance(
@@ -141,7 +147,9 @@ def bounds_on_sd(
 
     Parameters
     ----------
-    cells: needs ``truth``, ``n_frequencies`` and the coords amplitude, fmax, frequency.
+    cells: needs ``n_frequencies`` and the coords amplitude, fmax, frequency, parameter: those of the model, or what
+        `mcstudy.analysis.selection.combined` makes of them; the variance of a sum is that of the bound's own sum.
+    model: the bounds are at its truth.
     covariance: of the FRF errors, dims (amplitude, frequency, angle, angle_2), e.g. `measured_covariance`.
     overlap: see `joint_covariance`.
 
@@ -150,22 +158,59 @@ def bounds_on_sd(
     Dataset ``cramer_rao`` and ``paper_cost`` (linearised, what the paper's weights cost), in the parameters' units; NaN
     where ``held`` says that the bounds hold the parameter, whatever the data are.
 
-    Raises `InputError` where the points do not determine the other parameters.
+    Raises `InputError` where the points do not determine the other parameters, or for parameters of another model.
     """
-    f, truth = cells["frequency"].values, cells["truth"].values
-    shape = (cells.sizes["amplitude"], cells.sizes["fmax"], truth.size)
+    f, truth = cells["frequency"].values, model.truth
+    members = _members(cells, model)
+    shape = (cells.sizes["amplitude"], cells.sizes["fmax"], len(members))
     bound, paper, fixed = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=bool)
     weight = paper_cost(model, f, frf(model, truth, f)).weight
     for a, C in enumerate(covariance.transpose("amplitude", "frequency", "angle", "angle_2").values):
         for b, n in enumerate(cells["n_frequencies"].values):
             joint = joint_covariance(C[:n], None if overlap is None else overlap[:n, :n])
-            fixed[a, b] = held(model, truth, f[:n], joint)
-            bound[a, b] = np.sqrt(np.diag(cramer_rao(model, truth, f[:n], joint)))
-            paper[a, b] = np.sqrt(np.diag(linearised(model, truth, f[:n], weight[:n], joint)))
+            alone = held(model, truth, f[:n], joint)
+            fixed[a, b] = [alone[m].any() for m in members]
+            bound[a, b] = _sd_of_sums(cramer_rao(model, truth, f[:n], joint), members)
+            paper[a, b] = _sd_of_sums(linearised(model, truth, f[:n], weight[:n], joint), members)
     dims = ("amplitude", "fmax", "parameter")
     coords = {d: cells[d] for d in dims}
     values = {"cramer_rao": (dims, bound), "paper_cost": (dims, paper), "held": (dims, fixed)}
-    return xr.Dataset(values, coords=coords)
+    units = units_of(cells)
+    return labelled(
+        xr.Dataset(values, coords=coords),
+        cells,
+        cramer_rao=("standard deviation at the Cramér-Rao bound", units),
+        paper_cost=("standard deviation with the paper's weights, to first order in the noise", units),
+        held=_HELD,
+    )
+
+
+_HELD = ("whether its bounds hold the parameter", ONE)
+
+
+def _members(cells: xr.Dataset, model: Model) -> list[list[int]]:
+    """Positions among the model's parameters of what each parameter of the cells is the sum of."""
+    sums = {n: (n,) for n in model.names} | sums_of(model.names)
+    names = [str(n) for n in cells["parameter"].values]
+    for name in names:
+        if name not in sums:
+            raise InputError(f"parameter: expected those of model {model.name} or their sums, found {name}")
+    return [[model.names.index(n) for n in sums[name]] for name in names]
+
+
+def _sd_of_sums(covariance: np.ndarray, members: list[list[int]]) -> np.ndarray:
+    return np.sqrt([covariance[np.ix_(m, m)].sum() for m in members])
+
+
+def bound_applies(cells: xr.Dataset) -> xr.DataArray:
+    """Where at least `INSIDE` of the best fits are off *every* bound, dims (amplitude, fmax).
+
+    Elsewhere the Cramér-Rao bound says nothing about any parameter, also not about one that is itself off its bounds.
+    """
+    known = cells["cost"].notnull() if "cost" in cells else cells["estimate"].notnull().all("parameter")
+    free = inside_bounds(cells) & known
+    n = known.sum(REALIZATION)
+    return (n > 0) & (free.sum(REALIZATION) >= INSIDE * n)
 
 
 def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
@@ -173,18 +218,42 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
 
     Parameters
     ----------
-    cells: best fits. bounds: from `bounds_on_sd`.
+    cells: best fits, or these combined. bounds: from `bounds_on_sd`.
 
     Returns
     -------
-    Dataset ``value``, ``mcse`` (of the variance found; the bound's own error is far smaller), ``n``, ``left_out``,
-    ``cramer_rao_sd``, ``paper_cost_sd``, ``held`` (see `bounds_on_sd`) and ``at_bound``, the fraction of fits with the
-    parameter on a bound: where that is not near zero the Cramér-Rao bound does not apply.
+    Dataset ``value`` and ``mcse`` (of the variance found; the bound's own error is far smaller), both NaN where
+    ``applies`` (amplitude, fmax) is false: more than one fit in ten is on *some* bound there, and no parameter's spread
+    can be compared with a bound that knows of no bounds (`bound_applies`). ``ratio`` and ``ratio_mcse`` are the same
+    numbers whether it applies or not. Also ``n``, ``left_out``, ``cramer_rao_sd``, ``paper_cost_sd``, ``held`` (see
+    `bounds_on_sd`), and for cells that are not combined ``at_bound``, the fraction of fits with the parameter itself on
+    a bound.
     """
     out = statistic_of(cells, lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2)
-    return out.assign(
+    applies, name = bound_applies(cells), "efficiency (Cramér-Rao variance over variance found)"
+    found = out.assign(
+        value=out["value"].where(applies),
+        mcse=out["mcse"].where(applies),
+        applies=applies,
+        ratio=out["value"],
+        ratio_mcse=out["mcse"],
         cramer_rao_sd=bounds["cramer_rao"],
         paper_cost_sd=bounds["paper_cost"],
         held=bounds["held"],
-        at_bound=at_bound(cells)["value"].sum("side", skipna=False),
+    )
+    if "at_bound" in cells:
+        found["at_bound"] = at_bound(cells)["value"].sum("side", skipna=False)
+    anywhere = "Cramér-Rao variance over variance found, also where the bound does not apply"
+    sd = {k: (bounds[k].attrs["long_name"], bounds[k].attrs["units"]) for k in ("cramer_rao", "paper_cost")}
+    return labelled(
+        found,
+        cells,
+        name,
+        applies=("whether the Cramér-Rao bound applies", ONE),
+        ratio=(anywhere, ONE),
+        ratio_mcse=(f"Monte Carlo standard error of the {anywhere}", ONE),
+        cramer_rao_sd=sd["cramer_rao"],
+        paper_cost_sd=sd["paper_cost"],
+        held=_HELD,
+        at_bound=("fraction of best fits with the parameter on a bound", ONE),
     )

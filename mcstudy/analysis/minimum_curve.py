@@ -14,6 +14,7 @@ import xarray as xr
 from scipy.special import gammaln
 
 from mcstudy.analysis.convergence import COST_FLOOR
+from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import usable
 
@@ -75,7 +76,14 @@ def minimum_curve(
         output_dtypes=[float, float],
         dask_gufunc_kwargs={"output_sizes": {"drawn": drawn.size}},
     )
-    return xr.Dataset({"mean": mean, "sd": sd, "minimum": cost.min("start")}).assign_coords(drawn=drawn)
+    out = xr.Dataset({"mean": mean, "sd": sd, "minimum": cost.min("start")}).assign_coords(drawn=drawn)
+    return labelled(
+        out,
+        cube,
+        mean=("expected lowest cost of that many starts", ONE),
+        sd=("standard deviation of the lowest cost of that many starts", ONE),
+        minimum=("lowest cost of the pool", ONE),
+    )
 
 
 def _curve_of_pool(cost: np.ndarray, drawn: tuple[int, ...], weights: Weights) -> tuple[np.ndarray, np.ndarray]:
@@ -99,7 +107,13 @@ def average_curve(curve: xr.Dataset) -> xr.Dataset:
     ss = ((mean - value) ** 2).sum(REALIZATION)
     mcse = np.sqrt(ss / (n * (n - 1)).where(n > 1))
     left_out = mean.sizes[REALIZATION] - n
-    return xr.Dataset({"value": value, "sd": curve["sd"].mean(REALIZATION), "mcse": mcse, "n": n, "left_out": left_out})
+    sd = curve["sd"].mean(REALIZATION)
+    return labelled(
+        xr.Dataset({"value": value, "sd": sd, "mcse": mcse, "n": n, "left_out": left_out}),
+        curve,
+        "expected lowest cost of that many starts, mean over realizations",
+        sd=("standard deviation of the lowest cost of that many starts, mean over realizations", ONE),
+    )
 
 
 def descent_left(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
@@ -158,7 +172,8 @@ def asymptote(
     )
     n = minimum.notnull().sum(REALIZATION)
     out = xr.Dataset(dict(zip(names, parts, strict=True)))
-    return out.assign(n=n, left_out=minimum.sizes[REALIZATION] - n)
+    out = out.assign(n=n, left_out=minimum.sizes[REALIZATION] - n)
+    return labelled(out, curve, "number of starts at which the mean lowest cost has flattened")
 
 
 def _asymptote_of_pools(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from mcstudy.analysis.labels import label
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import neural_controllers
 
@@ -28,7 +29,7 @@ def j_nc(fits: xr.Dataset, model: Model) -> xr.DataArray:
     DataArray with the dims of ``estimate`` less ``parameter``; NaN where there is no estimate. Lazy where fits are.
     """
     counts = xr.DataArray(np.array([fits.sizes["frequency"]]), dims="_n")
-    return _errors(fits, model, counts).isel(_n=0)
+    return label(_errors(fits, model, counts).isel(_n=0), "error of the neural controllers, J_NC").rename("j_nc")
 
 
 def j_nc_within(fits: xr.Dataset, model: Model) -> xr.DataArray:
@@ -36,7 +37,8 @@ def j_nc_within(fits: xr.Dataset, model: Model) -> xr.DataArray:
     counts = fits["n_frequencies"].reset_coords(drop=True).rename(fmax="_n")
     every = _errors(fits, model, counts)
     layers = [every.isel(_n=i, fmax=i) for i in range(fits.sizes["fmax"])]
-    return xr.concat(layers, dim=fits["fmax"]).transpose(*(d for d in fits["estimate"].dims if d != "parameter"))
+    out = xr.concat(layers, dim=fits["fmax"]).transpose(*(d for d in fits["estimate"].dims if d != "parameter"))
+    return label(out, "error of the neural controllers at the fitted frequencies, J_NC").rename("j_nc_within")
 
 
 def _errors(fits: xr.Dataset, model: Model, counts: xr.DataArray) -> xr.DataArray:

@@ -6,11 +6,15 @@ Dataset with the dim ``start``; `best` reduces it to *cells*, on which all accur
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
+from mcstudy.analysis.labels import ONE, label, labelled, relabelled
 from mcstudy.errors import InputError
 from mcstudy.fit.status import USABLE, Status
+from mcstudy.study.readable import PARAMETER_UNIT
 
 COMBINED: dict[str, tuple[str, ...]] = {
     "K11+Kpas1": ("K11", "Kpas1"),
@@ -18,6 +22,28 @@ COMBINED: dict[str, tuple[str, ...]] = {
     "K+Kpas": ("K", "Kpas"),
 }
 """Sums of the active and the passive stiffness of a joint (Goodworth & Peterka 2018, Fig. 6)."""
+
+INSIDE = "inside_bounds"
+"""Variable of `combined` cells that holds what `inside_bounds` says of the parameters they were combined from."""
+
+_OF_THE_BEST = {
+    "estimate": "parameters of the best fit",
+    "cost": "cost of the best fit",
+    "growth_rate": "real part of the rightmost characteristic root of the best fit; positive is unstable",
+    "status": "how the best fit ended; pending is a fit that has not been run",
+    "at_bound": "bound the parameter of the best fit lies on",
+    "iterations": "evaluations of the model with its derivatives for the best fit",
+}
+
+_CONDITIONAL = ("estimate", "cost", "growth_rate")
+
+_ACCOUNT = {
+    "used": "with a usable fit",
+    "not_run": "not run yet",
+    "non_finite": "whose data or weights were not finite",
+    "diverged": "whose model was not finite from any start",
+    "failed": "whose fits failed otherwise",
+}
 
 
 def usable(cube: xr.Dataset) -> xr.DataArray:
@@ -49,10 +75,10 @@ def best(cube: xr.Dataset, allowed: xr.DataArray | None = None) -> xr.Dataset:
     for name in ("status", "at_bound", "iterations"):
         if name in cube:
             out[name] = take(cube[name], index)
-    label = take(cube["start"].broadcast_like(index), index) if "start" in cube.coords else index
-    out["best_start"] = label.where(any_ok, -1).astype("int64")
-    out["usable_starts"] = ok.sum("start")
-    return out
+    which = take(cube["start"].broadcast_like(index), index) if "start" in cube.coords else index
+    out["best_start"] = label(which.where(any_ok, -1).astype("int64"), "start of the best fit; -1 where none is usable")
+    out["usable_starts"] = label(ok.sum("start"), "usable starts")
+    return relabelled(out, **_OF_THE_BEST)
 
 
 def _whole_starts(x: xr.DataArray) -> xr.DataArray:
@@ -82,7 +108,8 @@ def _take_block(values: np.ndarray, index: np.ndarray) -> np.ndarray:
 def outcomes(cube: xr.Dataset) -> xr.DataArray:
     """Number of fits per (amplitude, fmax, outcome); outcomes are the names of `Status`, all of them kept apart."""
     counts = [(cube["status"] == int(s)).sum(["realization", "start"]) for s in Status]
-    return xr.concat(counts, dim=xr.DataArray([s.name.lower() for s in Status], dims="outcome", name="outcome"))
+    names = xr.DataArray([s.name.lower() for s in Status], dims="outcome", name="outcome")
+    return label(xr.concat(counts, dim=names), "number of fits").rename("fits")
 
 
 def realizations(cube: xr.Dataset) -> xr.Dataset:
@@ -102,17 +129,19 @@ def realizations(cube: xr.Dataset) -> xr.Dataset:
     diverged = ended & (status == int(Status.NON_FINITE_MODEL)).all("start")
     failed = ended & ~non_finite & ~diverged
     groups = {"used": used, "not_run": pending, "non_finite": non_finite, "diverged": diverged, "failed": failed}
-    return xr.Dataset({name: which.sum("realization") for name, which in groups.items()})
+    counts = xr.Dataset({name: which.sum("realization") for name, which in groups.items()})
+    return labelled(counts, cube, "", ONE, **{name: (f"realizations {what}", ONE) for name, what in _ACCOUNT.items()})
 
 
 def stable(cells: xr.Dataset) -> xr.DataArray:
     """Which cells' best fit is a stable loop (rightmost root left of zero): a mask for conditional statistics."""
-    return cells["growth_rate"] < 0
+    return label(cells["growth_rate"] < 0, "whether the best fit is a stable loop").rename("stable")
 
 
 def inside_bounds(cells: xr.Dataset) -> xr.DataArray:
     """Which cells' best fit touches no bound: a mask for conditional statistics."""
-    return (cells["at_bound"] == 0).all("parameter")
+    inside = cells[INSIDE] if INSIDE in cells else (cells["at_bound"] == 0).all("parameter")
+    return label(inside, "whether the best fit touches no bound").rename(INSIDE)
 
 
 def only(cells: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
@@ -121,34 +150,51 @@ def only(cells: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
     Statistics of the result are *conditional* on the mask, those of ``cells`` itself are over all replicates.
     """
     out = cells.copy()
-    for name in ("estimate", "cost", "growth_rate"):
+    for name in _CONDITIONAL:
         if name in cells:
             out[name] = cells[name].where(mask)
-    return out
+    return relabelled(out, **{name: f"{_OF_THE_BEST[name]}, selected fits only" for name in _CONDITIONAL})
 
 
 def combined(cells: xr.Dataset) -> xr.Dataset:
     """Cells with the active and passive stiffness of each joint replaced by their sum: 12 parameters become 10.
 
-    Keeps ``estimate`` and ``truth`` (and the other variables without parameters); bounds of a sum are not defined.
+    Keeps ``estimate`` and ``truth`` (and the other variables without parameters); bounds of a sum are not defined, but
+    ``inside_bounds`` says whether the fit touched any.
 
     Raises
     ------
     InputError: when the model has no such pair.
     """
     names = [str(n) for n in cells["parameter"].values]
-    pairs = {new: old for new, old in COMBINED.items() if set(old) <= set(names)}
-    if not pairs:
+    groups = sums_of(names)
+    if len(groups) == len(names):
         raise InputError(f"parameter: no active and passive stiffness to combine among {', '.join(names)}")
-    gone = {n for old in pairs.values() for n in old}
-    groups = [*pairs.items(), *((n, (n,)) for n in names if n not in gone)]
     weights = xr.DataArray(
-        [[float(n in old) for n in names] for _, old in groups],
+        [[float(n in old) for n in names] for old in groups.values()],
         dims=("combined", "parameter"),
-        coords={"combined": [new for new, _ in groups], "parameter": cells["parameter"].values},
+        coords={"combined": list(groups), "parameter": cells["parameter"].values},
     )
     out = cells.drop_dims("parameter")
     for name in ("estimate", "truth"):
         total = xr.dot(cells[name], weights, dim="parameter").rename(combined="parameter")
         out[name] = total.transpose(*cells[name].dims).assign_attrs(cells[name].attrs)
-    return out
+    out["parameter"] = out["parameter"].assign_attrs(cells["parameter"].attrs)
+    if PARAMETER_UNIT in cells:
+        first = [names.index(old[0]) for old in groups.values()]
+        unit = cells[PARAMETER_UNIT]
+        out = out.assign_coords({PARAMETER_UNIT: ("parameter", unit.values[first], unit.attrs)})
+    if "at_bound" in cells:
+        out[INSIDE] = inside_bounds(cells)
+    return relabelled(
+        out,
+        estimate=f"{_OF_THE_BEST['estimate']}, active and passive stiffness summed",
+        truth="true value, active and passive stiffness summed",
+    )
+
+
+def sums_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """What `combined` makes of parameters ``names``: the parameters behind each of its own, alone or as a sum."""
+    pairs = {new: old for new, old in COMBINED.items() if set(old) <= set(names)}
+    gone = {n for old in pairs.values() for n in old}
+    return pairs | {n: (n,) for n in names if n not in gone}

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
+from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.errors import InputError
 from mcstudy.fit.problem import paper_cost
 from mcstudy.stance.feedback import Model
@@ -58,7 +59,12 @@ def sensitivity(
         },
     )
     mean = out["value"].mean("direction")
-    return out.assign(share=mean / mean.sum("parameter"))
+    return labelled(
+        out.assign(share=mean / mean.sum("parameter")),
+        None,
+        "J_true between the FRFs before and after the change",
+        share=("share of the parameter in the frequency range", ONE),
+    )
 
 
 def influence(model: Model, theta: np.ndarray, f: np.ndarray, change: float = 0.1) -> xr.DataArray:

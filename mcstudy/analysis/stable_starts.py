@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.convergence import COST_FLOOR, HIT_TOLERANCE
+from mcstudy.analysis.labels import ONE, label, labelled
 from mcstudy.analysis.selection import usable
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import growth_rate
@@ -28,7 +29,8 @@ def stable_starts(cube: xr.Dataset, model: Model) -> xr.DataArray:
     known = np.isfinite(distinct).all(axis=1)
     if known.any():
         growth[known] = growth_rate(model, distinct[known])
-    return xr.DataArray((growth < 0)[where].reshape(cube["status"].shape), dims=cube["status"].dims)
+    stable = xr.DataArray((growth < 0)[where].reshape(cube["status"].shape), dims=cube["status"].dims)
+    return label(stable, "whether the loop at the start of the fit is stable")
 
 
 def hit_rate_by_start(
@@ -54,7 +56,7 @@ def hit_rate_by_start(
     n = loop.sum("start")
     share = (hit & loop).sum("start") / n.where(n > 0)
     used = share.notnull().sum("realization")
-    return xr.Dataset(
+    out = xr.Dataset(
         {
             "value": share.mean("realization"),
             "mcse": share.std("realization", ddof=1).where(used > 1) / used.where(used > 1) ** 0.5,
@@ -62,3 +64,10 @@ def hit_rate_by_start(
             "starts": n.sum("realization"),
         }
     ).transpose("amplitude", "fmax", "loop")
+    return labelled(
+        out,
+        cube,
+        "fraction of starts that reached the lowest cost of the pool, mean over realizations",
+        worst=("fraction of starts that reached the lowest cost of the pool, in the worst realization", ONE),
+        starts=("starts from such a loop", ONE),
+    )

@@ -20,6 +20,9 @@ from mcstudy.study.schema import identifier
 
 SCHEMA = "show"
 
+_FLAGS = ("applies", "held")
+"""Variables of a result that are true or false."""
+
 
 def summary(study: StudyView) -> dict[str, Any]:
     """Everything ``show`` prints, JSON values only (a number that does not exist is None)."""
@@ -157,13 +160,13 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
 
 
 def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
-    """Positions along ``dims`` -> ``value`` and ``mcse``, and whatever else of floor, lower, upper there is.
+    """Positions along ``dims`` -> ``value`` and ``mcse``, and whatever else of floor, bounds and flags there is.
 
     Arrays once, not a selection a number: a table has thousands.
     """
-    names = ("value", "mcse", *(name for name in ("floor", "lower", "upper") if name in result))
-    arrays = {name: result[name].transpose(*dims).values for name in names}
-    return lambda *at: {name: number(array[at]) for name, array in arrays.items()}
+    names = ("value", "mcse", *(name for name in ("floor", "lower", "upper", *_FLAGS) if name in result))
+    arrays = {name: result[name].broadcast_like(result["value"]).transpose(*dims).values for name in names}
+    return lambda *at: {name: bool(x[at]) if name in _FLAGS else number(x[at]) for name, x in arrays.items()}
 
 
 def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
@@ -178,7 +181,10 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     entries = _entries(view.cells, list(view.model.names), units, single)
     if view.combined is not None:
         new = [str(n) for n in view.combined["parameter"].values if str(n) not in units]
-        entries += _entries(view.combined, new, units, _measures(view.combined))
+        sums = _measures(view.combined)
+        if view.combined_bounds_on_sd is not None:
+            sums["efficiency"] = efficiency(view.combined, view.combined_bounds_on_sd)
+        entries += _entries(view.combined, new, units, sums)
     return entries
 
 

@@ -155,7 +155,7 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
 
 def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
     here = [c for c in cells if c["fmax"] == fmax]
-    efficient = any(_efficiency(c, p) != "-" for c in here for p in c["parameters"])
+    efficient = any(_efficiency(p) != "-" for c in here for p in c["parameters"])
     header = [f"{fmax:g} Hz", "truth"]
     for c in here:
         a = f"{c['amplitude']:g} {design['amplitude_unit']}"
@@ -170,20 +170,20 @@ def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float
             bounds = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
             on = number(100 * sum(bounds), 2) if bounds and None not in bounds else "-"
             line += [with_error(*bias), with_error(p["cv"]["value"], p["cv"]["mcse"]), on]
-            line += [_efficiency(c, p)] * efficient
+            line += [_efficiency(p)] * efficient
         rows.append(line)
-    return table(header, rows)
+    without = efficient and any(_efficiency(p) == "-" for c in here for p in c["parameters"])
+    return table(header, rows) + (_NO_BOUND if without else "")
 
 
-def _efficiency(cell: dict[str, Any], parameter: dict[str, Any]) -> str:
-    """Shown only where nearly all fits are off every bound: elsewhere the Cramér-Rao bound does not apply.
+_NO_BOUND = (
+    "\nefficiency '-': the Cramér-Rao bound does not apply (more than one fit in ten is on some bound) or is not known."
+)
 
-    ``held``: there is none for this parameter, since going from one of its bounds to the other changes nothing.
-    """
-    others = (p.get("efficiency", {}).get("value") for p in cell["parameters"])
-    if "efficiency" in parameter and parameter["efficiency"]["value"] is None and any(v is not None for v in others):
-        return "held"
-    inside = cell["inside_bounds"]["value"]
-    if "efficiency" not in parameter or inside is None or inside < 0.9:
+
+def _efficiency(parameter: dict[str, Any]) -> str:
+    """``held``: there is none for this parameter, since going from one of its bounds to the other changes nothing."""
+    found = parameter.get("efficiency")
+    if found is None or not found["applies"]:
         return "-"
-    return with_error(parameter["efficiency"]["value"], parameter["efficiency"]["mcse"])
+    return "held" if found["held"] else with_error(found["value"], found["mcse"])

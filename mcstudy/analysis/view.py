@@ -59,12 +59,24 @@ class GroupView:
     @cached_property
     def bounds_on_sd(self) -> xr.Dataset | None:
         """Cramér-Rao and linearised standard deviations; None where the group has no (complete) noise covariance."""
+        return self._bounds_on_sd(self.cells)
+
+    @cached_property
+    def combined_bounds_on_sd(self) -> xr.Dataset | None:
+        """The same for `combined`."""
+        return None if self.combined is None else self._bounds_on_sd(self.combined)
+
+    def _bounds_on_sd(self, cells: xr.Dataset) -> xr.Dataset | None:
+        if self._covariance is None:
+            return None
+        return bounds_on_sd(cells, self.model, self._covariance, overlap_of(points_of(self.cube)))
+
+    @cached_property
+    def _covariance(self) -> xr.DataArray | None:
         if "noise_covariance" not in self.cube or not self.noisy:
             return None
         covariance = covariance_of(self.cube).compute()
-        if not bool(np.isfinite(covariance).all()):
-            return None
-        return bounds_on_sd(self.cells, self.model, covariance, overlap_of(points_of(self.cube)))
+        return covariance if bool(np.isfinite(covariance).all()) else None
 
     @property
     def noisy(self) -> bool:

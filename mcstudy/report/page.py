@@ -21,6 +21,7 @@ from mcstudy.report.sections.estimates import efficiency_figure, estimates, pape
 from mcstudy.report.sections.search import further_search_figures, paper_search_figures
 from mcstudy.report.sections.signals import signal_figures
 from mcstudy.report.words import beside, groups, headline, introduction
+from mcstudy.study.readable import structured
 from mcstudy.study.results import open_results
 
 
@@ -129,7 +130,7 @@ def _without_paper(content: Figure) -> Figure:
 
 def _provenance(context: Context) -> str:
     attributes = context.tree.attrs
-    environment = attributes.get("environment", {})
+    environment = structured(attributes, "environment") or {}
     versions = environment.get("versions", {})
     rows = [
         ["fingerprint of the study", str(attributes.get("fingerprint", ""))],

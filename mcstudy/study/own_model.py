@@ -13,12 +13,14 @@ from typing import Any
 import xarray as xr
 from pydantic import TypeAdapter
 
+import mcstudy.accessors  # noqa: F401 - the result has its .mc methods
 from mcstudy.stance.feedback import Model
 from mcstudy.study.checks import check
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import Chunk
 from mcstudy.study.plain_errors import validated
+from mcstudy.study.readable import readable
 from mcstudy.study.store import GroupStore
 from mcstudy.study.tasks import fill
 
@@ -45,8 +47,8 @@ def run_model(
     Returns
     -------
     Dataset with the variables, dims, units and attributes of a group of a cube (results_schema/README.md), ``angle``
-    named by the model. Attribute ``declared_model`` is the model itself, so that `mcstudy.analysis` knows it; the
-    section ``model`` of the design does not speak of it.
+    named by the model. Attribute ``declared_model`` is the model itself as JSON, so that `mcstudy.analysis` knows it;
+    the section ``model`` of the design does not speak of it.
 
     Raises
     ------
@@ -76,6 +78,7 @@ def run_model(
         "model": model.name,
         "truth_provenance": model.provenance,
         "stimulus_unit": model.stimulus_unit,
+        "seed": seed,
     }
     angles = {dim: list(model.angles) for dim in ("angle", "angle_2") if dim in out.dims}
-    return out.assign_coords({dim: (dim, names, arrays[dim].attributes) for dim, names in angles.items()})
+    return readable(out.assign_coords({dim: (dim, names, arrays[dim].attributes) for dim, names in angles.items()}))

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+import mcstudy.accessors  # noqa: F401 - results open with their .mc methods
 from mcstudy.errors import StoreError
 from mcstudy.study.checksums import CheckedStore
+from mcstudy.study.readable import readable, text_attributes
 from mcstudy.study.store import Cube, GroupStore
 
 FITS_A_PIECE = 200_000
@@ -21,10 +23,11 @@ FITS_IN_MEMORY = 1_000_000
 
 
 def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
-    """A results cube as an `xarray.DataTree`, one node a group of the study.
+    """A results cube as an `xarray.DataTree`, one node a group of the study, ``.mc`` its statistics.
 
     Coordinates and constants (truth, bounds) are read at once; results stay on disk until they are asked for, so a
-    cube may be larger than memory.
+    cube may be larger than memory. Attributes that are objects (``design``, ``environment``) are JSON text, so that all
+    of it can be written as NetCDF.
 
     Parameters
     ----------
@@ -59,9 +62,10 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
             data.variables["status"].load()
             data = data.load()
         _check_constants(store, data)
-        groups[name] = data[list(root[name].data_vars)]
+        # the seed too, which the root alone holds: it says which groups of other cubes had the same noise
+        groups[name] = readable(data[list(root[name].data_vars)]).assign_attrs(seed=cube.study.study.seed)
     tree = xr.DataTree.from_dict(groups)
-    tree.attrs.update(root.attrs)
+    tree.attrs.update(text_attributes(root.attrs))
     return tree
 
 

@@ -54,11 +54,22 @@ def on_disk(cube: xr.Dataset) -> xr.Dataset:
 @pytest.mark.parametrize("method", ON_CUBE)
 def test_every_method_is_lazy_and_gives_the_numbers_of_a_cube_in_memory(make_cube: Cube, method: str) -> None:
     cube = make_cube(realizations=6, starts=8)
-    lazy = getattr(on_disk(cube).mc, method)()
+    lazy = getattr(on_disk(cube).mc.lazy, method)()
     parts = [lazy] if isinstance(lazy, xr.DataArray) else list(lazy.data_vars.values())
     assert method == "efficiency" or any(p.chunks is not None for p in parts)
     with dask.config.set(scheduler="synchronous"):
         xr.testing.assert_allclose(lazy.compute(), getattr(cube.mc, method)(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ON_CUBE)
+def test_a_result_of_moderate_size_is_numbers(make_cube: Cube, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    lazy = on_disk(make_cube(realizations=6, starts=8))
+    with dask.config.set(scheduler="synchronous"):
+        result = getattr(lazy.mc, method)()
+    assert "dask" not in repr(result)
+    monkeypatch.setattr("mcstudy.analysis.accessor.MOST_BYTES", result.nbytes - 1)
+    large = getattr(lazy.mc, method)()
+    assert method == "efficiency" or "dask" in repr(large)
 
 
 def test_statistics_of_a_large_cube_hold_a_few_chunks_in_memory(make_cube: Cube) -> None:
@@ -67,19 +78,32 @@ def test_statistics_of_a_large_cube_hold_a_few_chunks_in_memory(make_cube: Cube)
     assert len(on_disk(cube)["estimate"].data.chunks[2]) == 40
     lazy = on_disk(cube)
     wanted = {
-        "bias": lazy.mc.bias(),
-        "starts": lazy.mc.starts_needed_quantiles(),
-        "j_nc": lazy.mc.best().mc.j_nc(),
-        "basins": lazy.mc.basins(most=2),
+        "bias": lazy.mc.bias,
+        "bias, computed later": lazy.mc.lazy.bias().compute,
+        "starts": lazy.mc.starts_needed_quantiles,
+        "j_nc": lambda: lazy.mc.lazy.best().mc.j_nc(),
+        "basins": lambda: lazy.mc.basins(most=2),
     }
     del cube
     for name, result in wanted.items():
         tracemalloc.start()
         with dask.config.set(scheduler="synchronous"):
-            result.compute()
+            result()
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert peak < size / 2, name  # about 40 chunks of graph and bookkeeping, and a few of data
+
+
+def test_best_fits_of_a_large_cube_are_taken_a_few_chunks_at_a_time(make_cube: Cube) -> None:
+    lazy = on_disk(make_cube(realizations=20, starts=8000, fmax=(1.2,), amplitude=(3.0,)))
+    size = lazy["estimate"].nbytes
+    tracemalloc.start()
+    with dask.config.set(scheduler="synchronous"):
+        cells = lazy.mc.best()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert cells["estimate"].chunks is None
+    assert peak < size / 2
 
 
 def test_reading_the_whole_cube_at_once_would_have_been_noticed(make_cube: Cube) -> None:

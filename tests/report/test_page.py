@@ -22,6 +22,7 @@ from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.report.page import page
 from mcstudy.report.summary import summary
+from mcstudy.study.readable import structured
 
 VOID = {"meta", "link", "br", "path", "use", "img", "input", "hr"}
 PAPER_FIGURES = ["fig2a", "fig2b", "fig2c", "fig2d", "fig3a", "fig3b", "fig3c"]
@@ -136,7 +137,7 @@ def test_text_of_a_study_cannot_become_markup(paper_page: Path) -> None:
 def test_fingerprint_seed_versions_and_commands_are_on_the_page(paper_page: Path, paper_tree: xr.DataTree) -> None:
     text = paper_page.read_text(encoding="utf-8")
     assert paper_tree.attrs["fingerprint"] in text
-    assert f"numpy {paper_tree.attrs['environment']['versions']['numpy']}" in text
+    assert f"numpy {structured(paper_tree.attrs, 'environment')['versions']['numpy']}" in text
     assert "mcstudy run paperlike.toml -o OUT" in text
 
 

@@ -15,6 +15,7 @@ from mcstudy.errors import DesignError, StoreError
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.response import frf
 from mcstudy.study.own_model import run_model
+from mcstudy.study.readable import structured
 from mcstudy.study.results import open_results
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study
@@ -86,7 +87,7 @@ def test_the_example_declares_and_studies_a_model_in_under_40_lines() -> None:
 
 
 def test_what_is_declared_must_be_a_model(sway: xr.Dataset) -> None:
-    for broken in ({}, {"name": "x"}, "no", {**sway.attrs["declared_model"], "parameters": []}):
+    for broken in ({}, {"name": "x"}, "no", {**structured(sway.attrs, "declared_model"), "parameters": []}):
         with pytest.raises(StoreError, match="attribute 'declared_model': expected a model") as refused:
             _ = sway.assign_attrs(declared_model=broken).mc.model
         assert "\n" not in str(refused.value)

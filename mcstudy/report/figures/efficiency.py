@@ -7,15 +7,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from mcstudy.analysis.efficiency import efficiency
-from mcstudy.analysis.selection import inside_bounds
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.report.figures.common import Data, axes, chosen_amplitude, legend_below, plain_log_axis, view_of
 from mcstudy.report.labels import amplitude_label, fmax_label
 from mcstudy.report.style import COLOURS, MARKERS, SERIES
-
-INSIDE = 0.9
-"""Fraction of fits that must be off every bound for the Cramér-Rao bound to apply."""
 
 SHOWN = (0.01, 100.0)
 """Efficiencies the axis shows; others are drawn as arrows at its ends."""
@@ -28,12 +24,6 @@ def efficiency_of(view: GroupView) -> xr.Dataset:
     return efficiency(view.cells, view.bounds_on_sd)
 
 
-def bound_applies(view: GroupView) -> xr.DataArray:
-    """Where nearly all best fits are off every bound, dims (amplitude, fmax)."""
-    free = inside_bounds(view.cells) & view.cells["cost"].notnull()
-    return free.sum("realization") >= INSIDE * view.cells["cost"].notnull().sum("realization")
-
-
 def efficiency_dots(data: Data, amplitude: float | None = None, ax: Axes | None = None) -> Axes:
     """Efficiency of every parameter by Fmax, ± MCSE: Cramér-Rao variance over the variance found.
 
@@ -43,14 +33,13 @@ def efficiency_dots(data: Data, amplitude: float | None = None, ax: Axes | None 
     view, ax = view_of(data), axes(ax, (4.3, 4.6))
     amplitude = chosen_amplitude(view, amplitude)
     result = efficiency_of(view).sel(amplitude=amplitude)
-    applies = bound_applies(view).sel(amplitude=amplitude)
     names = [str(n) for n in result["parameter"].values]
     fmaxes = result["fmax"].values
     ax.set_xscale("log")
     for i, f in enumerate(fmaxes):
         here, y = result.sel(fmax=f), np.arange(len(names)) + (i - (len(fmaxes) - 1) / 2) * 0.24
         colour, marker = SERIES[i % len(SERIES)], MARKERS[i % len(MARKERS)]
-        face = colour if bool(applies.sel(fmax=f)) else COLOURS["panel"]
+        face = colour if bool(here["applies"]) else COLOURS["panel"]
         _dots(ax, here, y, colour, marker, face)
         ax.plot([], [], marker, color=colour, markerfacecolor=face, label=fmax_label(float(f)))
         if view.group.fit.cost == "paper":
@@ -69,7 +58,7 @@ def efficiency_dots(data: Data, amplitude: float | None = None, ax: Axes | None 
 
 
 def _dots(ax: Axes, here: xr.Dataset, y: np.ndarray, colour: str, marker: str, face: str) -> None:
-    value, error = here["value"].values, here["mcse"].fillna(0.0).values
+    value, error = here["ratio"].values, here["ratio_mcse"].fillna(0.0).values
     shown = np.isfinite(value) & (value >= SHOWN[0]) & (value <= SHOWN[1])
     below = np.minimum(error, 0.8 * np.where(np.isfinite(value), value, 0.0))  # a log axis has no zero
     bars = [below[shown], np.minimum(error[shown], SHOWN[1] - value[shown])]

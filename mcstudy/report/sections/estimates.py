@@ -14,7 +14,7 @@ from mcstudy.report.context import Context, conditions, largest_amplitude, short
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.accuracy import bias_of, cv_at
 from mcstudy.report.figures.common import chosen_fmax
-from mcstudy.report.figures.efficiency import bound_applies, efficiency_of
+from mcstudy.report.figures.efficiency import efficiency_of
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 from mcstudy.report.sections.search import relative_errors
@@ -251,9 +251,9 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
     title = "Efficiency against the Cramér–Rao bound"
     if view.bounds_on_sd is None:
         return Missing("", title, f"group {view.name} has no noise covariance")
-    result, applies = efficiency_of(view), bound_applies(view)
+    result = efficiency_of(view)
     amplitudes = view.cube["amplitude"].values.tolist()
-    none = "" if bool(applies.any()) else " Here that is so in every condition."
+    none = "" if bool(result["applies"].any()) else " Here that is so in every condition."
     ticks = " Vertical ticks: what the paper's weights reach to first order." if view.group.fit.cost == "paper" else ""
     return Figure(
         f"efficiency{suffix}",
@@ -262,7 +262,7 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
         [
             f"Group {view.name} (cost {view.group.fit.cost}): smallest variance that any unbiased estimator could have "
             "divided by the variance found, ± MCSE. 1 is perfect. Hollow: more than one fit in ten ends on a bound, "
-            "where the Cramér-Rao bound does not apply and values above 1 are possible."
+            "where the Cramér-Rao bound does not apply (a dash in the tables) and values above 1 are possible."
             f"{none}{ticks} Arrows: off the scale.",
         ],
         [

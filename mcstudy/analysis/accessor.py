@@ -33,7 +33,9 @@ from mcstudy.analysis import (
     stable_starts,
 )
 from mcstudy.analysis import atlas as atlases
+from mcstudy.analysis import compare as comparing
 from mcstudy.analysis import sensitivity as sensitivities
+from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
 from mcstudy.study.readable import readable
@@ -92,6 +94,17 @@ class MonteCarlo:
     def best(self, allowed: xr.DataArray | None = None) -> xr.Dataset:
         """Lowest-cost usable fit per cell; see `mcstudy.analysis.selection.best`. Needs all starts."""
         return self._result(selection.best(self._cube, allowed))
+
+    def compare(self, other: xr.Dataset | xr.DataTree) -> xr.Dataset:
+        """Another group, of any cube, minus this one: bias, spread and more by Fmax. Needs all starts of both.
+
+        Paired by realization where both have the same seed. See `mcstudy.analysis.compare`. Raises `InputError` for
+        groups with nothing in common.
+        """
+        if not isinstance(other, xr.Dataset | xr.DataTree):
+            raise InputError(f"compare: expected a group of a cube, got {type(other).__name__}")
+        theirs = getattr(other, "mc")._cube  # noqa: B009 - registered, which types do not show
+        return comparing.difference(GroupView("this", self._cube), GroupView("the other", theirs)).dataset()
 
     def only(self, mask: xr.DataArray) -> xr.Dataset:
         """Best fits where ``mask`` (e.g. ``cells.mc.stable()``) holds, the rest left out: conditional statistics."""

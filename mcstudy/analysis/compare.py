@@ -1,12 +1,13 @@
-"""What a changed setting does: groups of one study compared realization by realization.
+"""What a changed setting does: groups of one study, or of two, compared realization by realization.
 
-Groups of a study share their random numbers: realization r is the same noise in each, so that differences between
-groups are far better known than either group alone. All numbers here are such differences, *group less reference*,
+Groups of one seed share their random numbers: realization r is the same noise in each, so that differences between
+groups are far better known than either group alone. All numbers here are such differences, *group minus reference*,
 averaged over the amplitudes (and parameters) both have, with the jackknife error over their common realizations; a
-realization that one of the two could not use is left out of both.
+realization that one of the two could not use is left out of both. Groups of different seeds are independent: each has
+its own realizations, and the errors add as variances do.
 
-The reference is the study's group in the paper's setting, or else its first. A difference that the paper also makes a
-claim about (`mcstudy.analysis.published.VARIANTS`) is put beside the claim.
+In a study the reference is the group in the paper's setting, or else its first. A difference that the paper also makes
+a claim about (`mcstudy.analysis.published.VARIANTS`) is put beside the claim.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy
-from mcstudy.analysis.montecarlo import Moments, jackknife
+from mcstudy.analysis.labels import PERCENT, labelled
+from mcstudy.analysis.montecarlo import Moments, Statistic, jackknife
 from mcstudy.analysis.published import VARIANTS, Expectation, Variant
 from mcstudy.analysis.view import GroupView, StudyView
+from mcstudy.errors import InputError
 
 LIMIT = 3.0
 """Standard errors beyond which a difference has a sign."""
@@ -84,7 +87,8 @@ class Comparison:
     Attributes
     ----------
     reference, group: names. differences: settings in which they differ, as ``field = value`` of the group.
-    amplitudes: those averaged over. realizations: common ones.
+    amplitudes: those averaged over. realizations: common ones, or the fewer of the two where they are independent.
+    paired: whether realizations are the same noise in both.
     result: Dataset ``value``, ``mcse``, ``n`` with dims (measure, fmax); NaN where a measure does not exist.
     verdicts: what the paper claims about this change.
     """
@@ -94,8 +98,23 @@ class Comparison:
     differences: list[str]
     amplitudes: list[float]
     realizations: int
+    paired: bool
     result: xr.Dataset
     verdicts: list[Verdict]
+
+    def dataset(self) -> xr.Dataset:
+        """The differences with their names, and what was compared among the attributes."""
+        meanings = xr.DataArray([m.meaning for m in MEASURES.values()], dims=MEASURE)
+        out = self.result.sel({MEASURE: list(MEASURES)}).assign_coords(
+            meaning=meanings.assign_attrs(long_name="what the difference is of")
+        )
+        out = labelled(out, None, f"difference, {self.group} minus {self.reference}", PERCENT)
+        return out.assign_attrs(
+            settings="; ".join(self.differences) or "the same",
+            errors="paired by realization" if self.paired else "of independent realizations",
+            realizations=self.realizations,
+            amplitudes=self.amplitudes,
+        )
 
 
 def comparisons(study: StudyView) -> list[Comparison]:
@@ -109,27 +128,88 @@ def comparisons(study: StudyView) -> list[Comparison]:
 
 
 def compare(reference: GroupView, other: GroupView) -> Comparison | None:
-    """One comparison; None for groups of the same setting or without common parameters, cells or realizations."""
-    differences = other.differences_from(reference.group)
-    if not differences or other.model.names != reference.model.names:
+    """One comparison within a study; None for groups of the same setting, or when `refusal` has a reason."""
+    if not other.differences_from(reference.group) or refusal(reference, other, paired=True):
         return None
-    pair = [_relative(view) for view in (reference, other)]
-    cells = xr.concat(xr.align(*pair, join="inner"), dim=GROUP)
-    if min(cells.sizes[d] for d in ("amplitude", "fmax")) == 0 or cells.sizes["realization"] < LEAST:
-        return None
-    cells = cells.where(cells["estimate"].notnull().all((GROUP, "parameter")))
-    frf = _frf(reference, other, cells)
-    parts = [_of_parameters(cells), _shares(cells), *([] if frf is None else [frf])]
+    return _compared(reference, other, paired=True)
+
+
+def difference(reference: GroupView, other: GroupView) -> Comparison:
+    """One comparison of groups of any cubes, also of the same setting: paired where `same_streams`, else independent.
+
+    Raises `InputError` for groups that cannot be compared.
+    """
+    paired = same_streams(reference, other)
+    reason = refusal(reference, other, paired)
+    if reason:
+        raise InputError(reason)
+    return _compared(reference, other, paired)
+
+
+def same_streams(reference: GroupView, other: GroupView) -> bool:
+    """Whether equal realizations of both drew the same random numbers: streams are keyed by seed and realization."""
+    seeds = [view.cube.attrs.get("seed") for view in (reference, other)]
+    return seeds[0] is not None and seeds[0] == seeds[1] and len(_common(reference, other, "realization")) > 0
+
+
+def refusal(reference: GroupView, other: GroupView, paired: bool) -> str | None:
+    """Why two groups cannot be compared, in one line that starts with the field; None when they can."""
+    names, theirs = ", ".join(reference.model.names), ", ".join(other.model.names)
+    if names != theirs:
+        return f"parameter: expected {names} as in {reference.name}, got {theirs} in {other.name}"
+    units = [view.model.stimulus_unit for view in (reference, other)]
+    if units[0] != units[1]:
+        return f"amplitude: expected values in {units[0]} as in {reference.name}, got {units[1]} in {other.name}"
+    for axis in ("amplitude", "fmax"):
+        if not _common(reference, other, axis):
+            held = [", ".join(f"{x:g}" for x in view.cube[axis].values) for view in (reference, other)]
+            return f"{axis}: expected one of {held[0]} as in {reference.name}, got {held[1]} in {other.name}"
+    n = [view.cube.sizes["realization"] for view in (reference, other)]
+    if paired and len(_common(reference, other, "realization")) < LEAST:
+        common = len(_common(reference, other, "realization"))
+        return f"realization: expected at least {LEAST} in common of {reference.name} and {other.name}, got {common}"
+    if min(n) < LEAST:
+        return f"realization: expected at least {LEAST} each, got {n[0]} in {reference.name} and {n[1]} in {other.name}"
+    return None
+
+
+def _common(reference: GroupView, other: GroupView, axis: str) -> list[float]:
+    return np.intersect1d(reference.cube[axis].values, other.cube[axis].values).tolist()
+
+
+def _compared(reference: GroupView, other: GroupView, paired: bool) -> Comparison:
+    cells = _side_by_side([_relative(view) for view in (reference, other)], paired)
+    both = (GROUP, "parameter") if paired else ("parameter",)
+    cells = cells.where(cells["estimate"].notnull().all(both))
+    frf = _frf(reference, other, cells, paired)
+    parts = [_of_parameters(cells, paired), _shares(cells, paired), *([] if frf is None else [frf])]
     result = xr.concat(parts, dim=MEASURE, join="outer").reindex({MEASURE: list(MEASURES)})
     return Comparison(
         reference=reference.name,
         group=other.name,
-        differences=differences,
+        differences=other.differences_from(reference.group) or _other_model(reference, other),
         amplitudes=[float(a) for a in cells["amplitude"].values],
-        realizations=int(cells.sizes["realization"]),
+        realizations=len(_common(reference, other, "realization")) if paired else _fewest(reference, other),
+        paired=paired,
         result=result,
         verdicts=list(_verdicts(reference, other, result)),
     )
+
+
+def _other_model(reference: GroupView, other: GroupView) -> list[str]:
+    """A model declared in Python is not in the design."""
+    return [] if reference.model == other.model else [f"model = {other.model.name}"]
+
+
+def _fewest(reference: GroupView, other: GroupView) -> int:
+    return min(int(view.cube.sizes["realization"]) for view in (reference, other))
+
+
+def _side_by_side(data: list[xr.Dataset], paired: bool) -> xr.Dataset:
+    """Both at the axes they share; paired, at common realizations, else at all of both, NaN where one has none."""
+    if paired:
+        return xr.concat(xr.align(*data, join="inner"), dim=GROUP)
+    return xr.concat(xr.align(*data, join="inner", exclude="realization"), dim=GROUP, join="outer")
 
 
 def _relative(view: GroupView) -> xr.Dataset:
@@ -142,16 +222,26 @@ def _relative(view: GroupView) -> xr.Dataset:
     return out.reset_coords(drop=True)
 
 
-def _difference(x: xr.DataArray) -> xr.DataArray:
-    """Group less reference, averaged over amplitudes."""
-    return (x.isel({GROUP: 1}) - x.isel({GROUP: 0})).mean("amplitude")
+def _difference(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic, paired: bool) -> xr.Dataset:
+    """Group minus reference of a statistic averaged over amplitudes, ``value`` and ``mcse``."""
+    if paired:
+
+        def of_both(m: Moments) -> xr.DataArray:
+            each = statistic(m)
+            return (each.isel({GROUP: 1}) - each.isel({GROUP: 0})).mean("amplitude")
+
+        return jackknife(x, truth, of_both)[["value", "mcse"]].reset_coords(drop=True)
+    each = jackknife(x, truth, lambda m: statistic(m).mean("amplitude")).reset_coords(drop=True)
+    first, second = (each.isel({GROUP: i}, drop=True) for i in range(2))
+    errors = np.sqrt(first["mcse"] ** 2 + second["mcse"] ** 2)
+    return xr.Dataset({"value": second["value"] - first["value"], "mcse": errors})
 
 
 def _named(values: dict[str, xr.DataArray]) -> xr.DataArray:
     return xr.concat(list(values.values()), dim=xr.DataArray(list(values), dims=MEASURE, name=MEASURE))
 
 
-def _of_parameters(cells: xr.Dataset) -> xr.Dataset:
+def _of_parameters(cells: xr.Dataset, paired: bool) -> xr.Dataset:
     truth = xr.DataArray(1.0)
 
     def statistic(m: Moments) -> xr.DataArray:
@@ -160,22 +250,22 @@ def _of_parameters(cells: xr.Dataset) -> xr.Dataset:
             "spread": accuracy.relative_sd_of(m),
             "rmse": 100 * accuracy.rmse_of(m),
         }
-        return _difference(_named(measures).mean("parameter"))
+        return _named(measures).mean("parameter")
 
-    return _numbers(jackknife(cells["estimate"], truth, statistic))
+    return _difference(cells["estimate"], truth, statistic, paired)
 
 
-def _shares(cells: xr.Dataset) -> xr.Dataset:
+def _shares(cells: xr.Dataset, paired: bool) -> xr.Dataset:
     shares = _named({name: cells[name] for name in ("unstable", "on_bound", "hits")})
-    return _numbers(jackknife(shares, xr.DataArray(0.0), lambda m: _difference(m.mean)))
+    return _difference(shares, xr.DataArray(0.0), lambda m: m.mean, paired)
 
 
-def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset) -> xr.Dataset | None:
+def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset, paired: bool) -> xr.Dataset | None:
     """FRFs at the frequencies up to each Fmax that both have; None for cubes that hold none."""
     if "frf" not in reference.cube or "frf" not in other.cube:
         return None
     data = [view.cube[["frf", "true_frf"]].reset_coords(drop=True) for view in (reference, other)]
-    both = xr.concat(xr.align(*data, join="inner"), dim=GROUP).sel(amplitude=cells["amplitude"])
+    both = _side_by_side(data, paired).sel(amplitude=cells["amplitude"])
     if both.sizes["frequency"] == 0:
         return None
     both = both.sel(realization=cells["realization"]).compute()
@@ -191,13 +281,34 @@ def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset) -> xr.Datase
     def statistic(m: Moments) -> xr.DataArray:
         measures = {"frf_error": (m.mean - m.truth) ** 2, "frf_spread": m.sd**2}
         size = 100 * _named(measures).sum("part", skipna=False) ** 0.5
-        return _difference(size.mean("angle").where(inside).mean("frequency"))
+        return size.mean("angle").where(inside).mean("frequency")
 
-    return _numbers(jackknife(x, truth, statistic))
+    return _difference(x, truth, statistic, paired)
 
 
-def _numbers(result: xr.Dataset) -> xr.Dataset:
-    return result[["value", "mcse"]].reset_coords(drop=True)
+def comparisons_with(study: StudyView, reference: StudyView, name: str) -> tuple[list[Comparison], dict[str, str]]:
+    """Every group of a study minus the group of the same name of another study, called ``name``.
+
+    Two studies of one group each are compared whatever these are called. Returns the comparisons, and by group why
+    there is none; raises `InputError`, one of these reasons, when no group can be compared.
+    """
+    pairs = {g: (view, reference.groups[g]) for g, view in study.groups.items() if g in reference.groups}
+    if len(study.groups) == len(reference.groups) == 1:
+        (only,) = reference.groups.values()
+        pairs = {g: (view, only) for g, view in study.groups.items()}
+    if not pairs:
+        held = [", ".join(view.groups) for view in (reference, study)]
+        raise InputError(f"{name}: expected a group of the same name, one of {held[1]}, got {held[0]}")
+    found, without = [], {}
+    for group, (ours, theirs) in pairs.items():
+        theirs = GroupView(f"{theirs.name} of {name}", theirs.cube)
+        try:
+            found.append(difference(theirs, ours))
+        except InputError as error:
+            without[group] = str(error)
+    if not found:
+        raise InputError(next(iter(without.values())))
+    return found, without
 
 
 def _verdicts(reference: GroupView, other: GroupView, result: xr.Dataset) -> Iterator[Verdict]:

@@ -185,7 +185,7 @@ def bounds_on_sd(
     )
 
 
-_HELD = ("whether its bounds hold the parameter", ONE)
+_HELD = ("whether its bounds hold the parameter or a part of the sum", ONE)
 
 
 def _members(cells: xr.Dataset, model: Model) -> list[list[int]]:

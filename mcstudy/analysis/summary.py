@@ -9,7 +9,7 @@ from typing import Any
 import xarray as xr
 
 from mcstudy.analysis import accuracy, neural, selection
-from mcstudy.analysis.compare import MEASURES, Comparison, comparisons
+from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
 from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.montecarlo import Statistic, fraction, quantiles
@@ -24,14 +24,20 @@ _FLAGS = ("applies", "held")
 """Variables of a result that are true or false."""
 
 
-def summary(study: StudyView) -> dict[str, Any]:
-    """Everything ``show`` prints, JSON values only (a number that does not exist is None)."""
+def summary(study: StudyView, reference: StudyView | None = None, name: str = "") -> dict[str, Any]:
+    """Everything ``show`` prints, JSON values only (a number that does not exist is None).
+
+    ``reference``: another study to compare with instead of the groups among themselves, called ``name``; raises
+    `InputError` when nothing of it can be compared.
+    """
     attributes = study.attributes
+    found, without = (comparisons(study), {}) if reference is None else comparisons_with(study, reference, name)
     return {
         "schema": identifier(SCHEMA),
         "study": {key: attributes.get(key) for key in ("title", "fingerprint", "seed")},
         "paper": {"reference": PAPER, "rows": [_row(r) for r in rows(study)]},
-        "comparisons": [_comparison(c) for c in comparisons(study)],
+        "comparisons": [_comparison(c) for c in found],
+        "not_compared": without,
         "groups": {name: _group(view) for name, view in study.groups.items()},
     }
 
@@ -73,6 +79,7 @@ def _comparison(c: Comparison) -> dict[str, Any]:
         "differences": c.differences,
         "amplitudes": c.amplitudes,
         "realizations": c.realizations,
+        "paired": c.paired,
         "cells": [
             {"fmax": float(fmax), **{key: read(f, k) for k, key in enumerate(MEASURES)}}
             for f, fmax in enumerate(c.result["fmax"].values)

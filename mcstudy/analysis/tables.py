@@ -31,16 +31,20 @@ class Report:
         return json.dumps(self.data, indent=1, ensure_ascii=False, allow_nan=False)
 
 
-def show(path: str | Path) -> Report:
+def show(path: str | Path, reference: str | Path | None = None) -> Report:
     """Tables of the cube at ``path``; complete or not (what is missing is counted as left out).
 
-    Raises `StoreError` when it is not a cube of this version.
+    ``reference``: another cube; its groups are compared with those of the same name, instead of these among themselves.
+    Raises `StoreError` when one is not a cube of this version, `InputError` when none of their groups can be compared.
     """
-    return report_of(open_results(path, lazy=None))
+    tree = open_results(path, lazy=None)
+    if reference is None:
+        return report_of(tree)
+    return report_of(tree, open_results(reference, lazy=None), str(reference))
 
 
-def report_of(tree: xr.DataTree) -> Report:
-    """Tables of an open cube."""
-    data = summary(StudyView(tree))
+def report_of(tree: xr.DataTree, reference: xr.DataTree | None = None, name: str = "the reference") -> Report:
+    """Tables of an open cube, compared with another one, called ``name``, if there is one."""
+    data = summary(StudyView(tree), None if reference is None else StudyView(reference), name)
     validate(SCHEMA, data, "show")
     return Report(data)

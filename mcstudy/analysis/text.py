@@ -9,6 +9,7 @@ from mcstudy.analysis.cells import number, table, with_error
 from mcstudy.analysis.compare import MEASURES
 
 WIDTH = 118
+_HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}
 _MARK = {True: "yes", False: "NO", None: "-"}
 
 
@@ -22,8 +23,8 @@ def render(data: dict[str, Any]) -> str:
         parts.append(textwrap.fill(f"True values: {provenance}.", WIDTH))
     if data["paper"]["rows"]:
         parts.append(_paper(data["paper"]))
-    if data["comparisons"]:
-        parts.append(_comparisons(data["comparisons"]))
+    parts += [_comparisons(with_it) for with_it in _by_reference(data["comparisons"])]
+    parts += [f"Group {name} is not compared: {reason}" for name, reason in data["not_compared"].items()]
     parts += [_group(name, group) for name, group in data["groups"].items()]
     return "\n\n".join(parts)
 
@@ -66,10 +67,15 @@ def _paper(paper: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _by_reference(comparisons: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    names = dict.fromkeys(c["reference"] for c in comparisons)
+    return [[c for c in comparisons if c["reference"] == name] for name in names]
+
+
 def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
     reference = all_of_them[0]["reference"]
     header = (
-        f"Compared with group {reference}: other group minus {reference}, paired by realization (same noise), mean "
+        f"Compared with group {reference}: the other group minus {reference}, {_HOW[all_of_them[0]['paired']]}, mean "
         "over amplitudes, ± one MCSE of the difference. "
         + "; ".join(f"{m.head}: {m.meaning}" for m in MEASURES.values())
         + "."
@@ -84,7 +90,7 @@ def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
             claims.append(_claims(c))
     lines = [textwrap.fill(header, WIDTH), "", table(["", "Fmax", *(m.head for m in MEASURES.values())], rows), ""]
     for c in all_of_them:
-        what = f"{c['group']}: {'; '.join(c['differences'])}; {c['realizations']} realizations"
+        what = f"{c['group']}: {'; '.join(c['differences']) or 'same setting'}; {c['realizations']} realizations"
         lines.append(textwrap.fill(what, WIDTH, subsequent_indent="    "))
     return "\n".join([*lines, *claims])
 
@@ -184,6 +190,6 @@ _NO_BOUND = (
 def _efficiency(parameter: dict[str, Any]) -> str:
     """``held``: there is none for this parameter, since going from one of its bounds to the other changes nothing."""
     found = parameter.get("efficiency")
-    if found is None or not found["applies"]:
+    if found is None:
         return "-"
-    return "held" if found["held"] else with_error(found["value"], found["mcse"])
+    return "held" if found["held"] else with_error(found["value"], found["mcse"])  # no value where it does not apply

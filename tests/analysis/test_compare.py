@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import mcstudy.accessors  # noqa: F401 - registers .mc
 from mcstudy.analysis.compare import MEASURES, compare, comparisons
 from mcstudy.analysis.published import VARIANTS
 from mcstudy.analysis.tables import report_of
 from mcstudy.analysis.view import GroupView, StudyView
+from mcstudy.errors import InputError
 from mcstudy.study.study_file import read_study
 
 Cube = Callable[..., xr.Dataset]
@@ -173,3 +175,103 @@ def test_the_section_is_in_the_text_and_the_json(make_cube: Cube) -> None:
     assert "RMSE lower at 1.2 Hz: " in text
     assert all(len(line) <= 160 for line in text.splitlines())
     assert comparisons(StudyView(tree(paper=make_cube(realizations=8)))) == []
+
+
+def seeded(cube: xr.Dataset, seed: int) -> xr.Dataset:
+    return cube.assign_attrs(seed=seed)
+
+
+def test_two_cubes_of_one_seed_are_paired_as_groups_of_one_study_are(make_cube: Cube) -> None:
+    a, b = make_cube(realizations=30, spread=0.3), shrunk(make_cube(realizations=25, spread=0.3, **HALF), 0.9)
+    within = compare(GroupView("a", a), GroupView("b", b))
+    assert within is not None
+    found = seeded(a, 7).mc.compare(seeded(b, 7))
+    xr.testing.assert_allclose(found["value"].drop_vars("meaning"), within.result["value"])
+    xr.testing.assert_allclose(found["mcse"].drop_vars("meaning"), within.result["mcse"])
+    assert found.attrs["errors"] == "paired by realization"
+    assert found.attrs["realizations"] == 25
+    assert found.attrs["settings"] == "model.bounds.lower = 0.5"
+    assert found["value"].attrs == {"long_name": "difference, the other minus this", "units": "%"}
+    nodes = tree(a=seeded(a, 7)), tree(b=seeded(b, 7))
+    xr.testing.assert_identical(nodes[0]["a"].mc.compare(nodes[1]["b"]), found)
+
+
+@pytest.mark.parametrize("seeds", [(7, 8), (7, None)])
+def test_cubes_that_do_not_share_their_noise_are_independent(make_cube: Cube, seeds: tuple[int, int | None]) -> None:
+    settings: dict[str, Any] = {"amplitude": (3.0,), "spread": 0.3}
+    a, b = make_cube(realizations=30, **settings), make_cube(realizations=50, seed=2, **settings)
+    b = shrunk(b, 0.8)
+    mine, theirs = (x if s is None else seeded(x, s) for x, s in zip((a, b), seeds, strict=True))
+    found = mine.mc.compare(theirs)
+    assert found.attrs["errors"] == "of independent realizations"
+    assert found.attrs["realizations"] == 30
+    for measure, method in (("bias", "mean_absolute_bias_percent"), ("spread", "mean_spread_percent")):
+        first, second = (getattr(x.mc, method)().isel(amplitude=0) for x in (a, b))
+        here = found.sel(measure=measure)
+        np.testing.assert_allclose(here["value"], second["value"] - first["value"], rtol=1e-9)
+        np.testing.assert_allclose(here["mcse"], np.hypot(first["mcse"], second["mcse"]), rtol=1e-9)
+    assert bool(np.isfinite(found.sel(measure=["hits", "unstable"])["mcse"]).all())
+    size = [100 * abs(x["frf"] / x["true_frf"] - 1).std("realization", ddof=1).mean() for x in (a, b)]
+    assert abs(float(found["value"].sel(measure="frf_spread", fmax=8.0) - (size[1] - size[0]))) < 1.0
+
+
+def test_a_cube_compared_with_itself_differs_by_nothing(make_cube: Cube) -> None:
+    cube = seeded(make_cube(realizations=10, spread=0.3), 7)
+    found = cube.mc.compare(cube)
+    assert found.attrs["settings"] == "the same"
+    np.testing.assert_allclose(found["value"], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found["mcse"], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        ({"model": {"kind": "one_segment"}}, "parameter: expected K11, K12"),
+        ({"stimulus": {"kind": "platform_translation"}}, "amplitude: expected values in N m as in this, got"),
+        ({"fmax": (2.0,)}, "fmax: expected one of 0.41, 1.2, 8 as in this, got 2 in the other"),
+        ({"amplitude": (7.0,)}, "amplitude: expected one of 3, 5 as in this, got 7 in the other"),
+        ({"realizations": 2}, "realization: expected at least 3 in common of this and the other, got 2"),
+    ],
+)
+def test_cubes_that_cannot_be_compared_are_refused_in_one_line(
+    make_cube: Cube, settings: dict[str, Any], line: str
+) -> None:
+    a, b = seeded(make_cube(), 7), seeded(make_cube(**settings), 7)
+    with pytest.raises(InputError) as refused:
+        a.mc.compare(b)
+    assert str(refused.value).startswith(line)
+    assert "\n" not in str(refused.value)
+    if "realizations" in settings:
+        with pytest.raises(InputError, match="realization: expected at least 3 each, got 6 in this and 2 in the other"):
+            a.mc.compare(seeded(b, 8))
+
+
+def test_only_a_group_with_its_starts_can_be_compared(make_cube: Cube) -> None:
+    cube = make_cube()
+    for other, line in ((cube.mc.best(), "all its starts"), (3, "expected a group of a cube, got int")):
+        with pytest.raises(InputError, match=line):
+            cube.mc.compare(other)
+    with pytest.raises(InputError, match="choose a group: a, b"):
+        cube.mc.compare(tree(a=cube, b=cube))
+
+
+def test_a_study_can_be_shown_beside_another(make_cube: Cube) -> None:
+    ideal = make_cube(realizations=2, simulator="none")
+    a = tree(main=seeded(make_cube(realizations=8), 7), ideal=ideal, new=make_cube(realizations=8))
+    b = tree(main=seeded(make_cube(realizations=9, seed=2, **HALF), 8), ideal=ideal)
+    report = report_of(b, a, "a.zarr")
+    (comparison,) = report.data["comparisons"]
+    assert (comparison["group"], comparison["reference"]) == ("main", "main of a.zarr")
+    assert comparison["paired"] is False
+    assert report.data["not_compared"] == {
+        "ideal": "realization: expected at least 3 each, got 2 in ideal of a.zarr and 2 in ideal"
+    }
+    text = report.text()
+    assert "the other group minus main of a.zarr, independent (other seed)" in " ".join(text.split())
+    assert "Group ideal is not compared: realization: expected at least 3" in text
+    one = report_of(tree(b=b["main"].to_dataset()), tree(a=a["main"].to_dataset())).data["comparisons"]
+    assert [c["reference"] for c in one] == ["a of the reference"]
+    with pytest.raises(InputError, match=r"a\.zarr: expected a group of the same name, one of x, got main, ideal"):
+        report_of(tree(x=ideal), a, "a.zarr")
+    with pytest.raises(InputError, match="realization: expected at least 3 each"):
+        report_of(tree(ideal=ideal), tree(ideal=ideal), "a.zarr")

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import mcstudy.accessors  # noqa: F401 - registers .mc
 from mcstudy.analysis import efficiency
-from mcstudy.analysis.selection import best
+from mcstudy.analysis.selection import best, combined
 from mcstudy.errors import InputError
 from mcstudy.fit.problem import paper_cost
 from mcstudy.spectra.bands import odd_lines, published
@@ -137,6 +138,50 @@ def test_efficiency_is_one_for_estimates_that_scatter_like_the_bound(make_cube: 
         bounds["cramer_rao"].isel(amplitude=1), bounds["cramer_rao"].isel(amplitude=0) * 3 / 5, rtol=1e-9
     )
     assert (bounds["cramer_rao"].diff("fmax") <= 0).all()
+
+
+def test_a_bound_on_any_parameter_takes_the_cramer_rao_bound_from_all(make_cube: Cube) -> None:
+    cube = make_cube(realizations=20, starts=1, fmax=(1.2, 8.0), amplitude=(5.0,))
+    assert bool(cube.mc.efficiency()["applies"].all())
+    cube["at_bound"][0, 0, :3, :, 2] = 1  # 15 % of the fits at 1.2 Hz
+    cube["at_bound"][0, 1, :2, :, 2] = 1  # 10 % at 8 Hz
+    found = cube.mc.efficiency().isel(amplitude=0)
+    assert found["applies"].values.tolist() == [False, True]
+    assert float(found["at_bound"].sel(fmax=1.2, parameter="K11")) == 0
+    assert bool(found[["value", "mcse"]].sel(fmax=1.2).isnull().all().to_array().all())
+    assert bool(found["value"].sel(fmax=8.0).notnull().all())
+    assert bool(found["ratio"].notnull().all())
+    xr.testing.assert_equal(found["value"].sel(fmax=8.0), found["ratio"].sel(fmax=8.0).rename("value"))
+    assert not bool(cube.mc.only(cube.mc.best()["cost"] < 0).mc.efficiency()["applies"].any())
+
+
+def test_the_bound_of_combined_stiffnesses_is_that_of_the_sum(make_cube: Cube) -> None:
+    cube = make_cube(realizations=20, starts=1, fmax=(1.2,), amplitude=(5.0,))
+    cells = best(cube)
+    f = cells["frequency"].values[: int(cells["n_frequencies"][0])]
+    C = random_covariance(np.random.default_rng(7), cells["frequency"].values)
+    covariance = xr.DataArray(C[None], dims=("amplitude", "frequency", "angle", "angle_2"))
+    bounds = efficiency.bounds_on_sd(combined(cells), MODEL, covariance).isel(amplitude=0, fmax=0)
+    whole = efficiency.cramer_rao(MODEL, MODEL.truth, f, efficiency.joint_covariance(C[: f.size]))
+    i, j = MODEL.names.index("K11"), MODEL.names.index("Kpas1")
+    expected = np.sqrt(whole[i, i] + whole[j, j] + 2 * whole[i, j])
+    assert float(bounds["cramer_rao"].sel(parameter="K11+Kpas1")) == pytest.approx(expected, rel=1e-9)
+    assert float(bounds["cramer_rao"].sel(parameter="Td1")) == pytest.approx(np.sqrt(whole[-2, -2]), rel=1e-9)
+    assert expected < np.sqrt(whole[i, i])  # the sum is what the data determine
+    found = cube.mc.combined().mc.efficiency()
+    assert found["value"].sizes["parameter"] == 10
+    alone = cube.mc.efficiency().sel(parameter=["Td1", "B11"])
+    np.testing.assert_allclose(found["value"].sel(parameter=["Td1", "B11"]), alone["value"], rtol=1e-9)
+    cube["at_bound"][..., 0] = 1
+    assert not bool(cube.mc.combined().mc.efficiency()["applies"].any())
+    assert bool(cube.mc.combined().mc.inside_bounds().equals(cube.mc.inside_bounds()))
+
+
+def test_parameters_of_another_model_have_no_bound(make_cube: Cube) -> None:
+    cells = make_cube().mc.best()
+    renamed = cells.assign_coords(parameter=[f"own_{n}" for n in cells["parameter"].values])
+    with pytest.raises(InputError, match="parameter: expected those of model two_segment or their sums, found own_K11"):
+        renamed.mc.efficiency()
 
 
 def test_a_group_without_noise_has_no_bound(make_cube: Cube) -> None:

@@ -94,7 +94,7 @@ def variables(result: Any) -> dict[str, xr.DataArray]:
 
 def test_every_method_is_looked_at() -> None:
     public = {n for n in dir(MonteCarlo) if not n.startswith("_")}
-    assert public == {*STATISTICS, *SELECTIONS, "only", "model", "lazy"}
+    assert public == {*STATISTICS, *SELECTIONS, "only", "compare", "model", "lazy"}
 
 
 @pytest.mark.parametrize("method", STATISTICS)

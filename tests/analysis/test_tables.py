@@ -167,6 +167,27 @@ def test_efficiency_is_shown_only_where_bounds_are_inactive(make_cube: Cube) -> 
     assert "efficiency" not in report_of(tree(g=cube)).text()
 
 
+def test_efficiency_is_marked_and_withheld_where_another_parameters_bound_lends_the_information(
+    make_cube: Cube,
+) -> None:
+    cube = make_cube(realizations=20, fmax=(1.2,), amplitude=(3.0, 5.0))
+    kpas1 = [str(n) for n in cube["parameter"].values].index("Kpas1")
+    cube["at_bound"][0, :, :, :, kpas1] = 1
+    report = report_of(tree(g=cube))
+    bounded, free = report.data["groups"]["g"]["cells"]
+    for cell, applies in ((bounded, False), (free, True)):
+        for entry in cell["parameters"]:
+            found = entry["efficiency"]
+            assert found["applies"] is applies, entry["name"]
+            assert (found["value"] is not None) is applies, entry["name"]
+            assert (found["mcse"] is not None) is applies, entry["name"]
+    assert [p["name"] for p in free["parameters"]][-2:] == ["K11+Kpas1", "K22+Kpas2"]
+    text = report.text()
+    assert "efficiency '-': the Cramér-Rao bound does not apply" in text
+    (line,) = [x for x in text.splitlines() if x.startswith("K11 ")]
+    assert line.split().count("-") == 1
+
+
 def test_text_fits_a_terminal(paper_report: Report) -> None:
     text = paper_report.text()
     head = text[: text.index("Group theory")]

@@ -190,8 +190,12 @@ def test_show_says_which_parameter_its_bounds_hold(tmp_path: Path, capsys: pytes
     assert rows[0][-1] in ("held", "-")
     assert main(["show", str(out), "--json"]) == Exit.DONE
     parameters = json.loads(capsys.readouterr().out)["groups"]["noisy"]["cells"][0]["parameters"]
-    without = [p["name"] for p in parameters if "efficiency" in p and p["efficiency"]["value"] is None]
-    assert without == ["Kpas1"]
+    found = {p["name"]: p["efficiency"] for p in parameters}
+    assert [name for name, e in found.items() if e["held"]] == ["Kpas1", "K11+Kpas1"]
+    (applies,) = {e["applies"] for e in found.values()}
+    assert [name for name, e in found.items() if e["value"] is None] == (
+        ["Kpas1", "K11+Kpas1"] if applies else list(found)
+    )
 
 
 def test_plan_and_run_where_the_system_does_not_tell_which_cores_are_ours(

@@ -26,7 +26,7 @@ def comparison_html(context: Context) -> str:
         for c in comparisons
     )
     return (
-        f"<p>The other group less group {escape(reference)}, paired by realization, mean over amplitudes, ± MCSE of "
+        f"<p>The other group minus group {escape(reference)}, paired by realization, mean over amplitudes, ± MCSE of "
         f"the difference. {escape(meanings)}.</p>"
         + table(Table(f"Difference from group {reference}", ["group", *(m.head for m in MEASURES.values())], rows))
         + f"<ul>{changes}</ul>"

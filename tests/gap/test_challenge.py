@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import shutil
 import subprocess
 import sys
+import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +25,7 @@ from mcstudy.gap.challenge.answer import answer, from_diagnosis
 from mcstudy.gap.challenge.cases import list_cases
 from mcstudy.gap.challenge.challenge_file import read_challenge, resolve
 from mcstudy.gap.challenge.design import ChallengeFile
+from mcstudy.gap.challenge.fanout import fan_out
 from mcstudy.gap.challenge.make import make
 from mcstudy.gap.challenge.score import exit_code, score_files
 from mcstudy.gap.challenge.table import text
@@ -66,6 +71,14 @@ def nothing_found(_: object) -> dict[str, Any]:
         "credible_set": ["none"],
         "closed": None,
     }
+
+
+@pytest.fixture(scope="module")
+def answered(made: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Answers to the data, as text."""
+    out = tmp_path_factory.mktemp("answered") / "a.json"
+    answer(made[0], out, nothing_found, "stub", ONE)
+    return out.read_text()
 
 
 @pytest.mark.parametrize("file", sorted(PIPELINES.glob("gap_challenge*.toml")), ids=lambda p: p.name)
@@ -398,3 +411,198 @@ def test_a_stopped_run_says_so_and_keeps_what_is_done(tmp_path: Path) -> None:
     assert done.returncode == 3
     assert "run the same command again to resume" in done.stderr
     assert not (tmp_path / "k.json").exists()
+
+
+def test_no_thread_works_on_after_an_error(tmp_path: Path) -> None:
+    """One case fails while another is being worked on: the error comes when that one has ended, and no third begins."""
+
+    def work(item: int) -> None:
+        (tmp_path / f"begun{item}").touch()
+        if item:
+            time.sleep(3.0)
+            (tmp_path / f"ended{item}").touch()
+        else:
+            while not (tmp_path / "begun1").exists():
+                time.sleep(0.01)
+            raise StoreError("this case cannot be made")
+
+    with pytest.raises(StoreError, match="this case cannot be made"):
+        list(fan_out(work, range(12), ClusterOptions(workers=2), "here"))
+    left = sorted(p.name for p in tmp_path.iterdir())
+    assert {p.removeprefix("begun") for p in left if p.startswith("begun")} - {"0"} == {
+        p.removeprefix("ended") for p in left if p.startswith("ended")
+    }
+    time.sleep(1.5)
+    assert sorted(p.name for p in tmp_path.iterdir()) == left
+
+
+def test_whoever_stops_taking_results_waits_for_those_on_the_way(tmp_path: Path) -> None:
+    def work(item: int) -> int:
+        (tmp_path / f"begun{item}").touch()
+        time.sleep(0.5 * item)
+        (tmp_path / f"ended{item}").touch()
+        return item
+
+    results = fan_out(work, range(6), ClusterOptions(workers=2), "here")
+    assert next(results) == (0, 0)
+    results.close()
+    begun, ended = (len(list(tmp_path.glob(f"{word}*"))) for word in ("begun", "ended"))
+    assert begun == ended < 6
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["5", "[]", "{}", "null", "{torn", '{"answer": 5}', "[" * 5000, '{"answer": {"name": "case1", "seconds": 1}}'],
+)
+def test_a_part_that_is_none_is_done_again(made: tuple[Path, Path], tmp_path: Path, text: str) -> None:
+    data, _ = made
+    parts = files.partial_folder(tmp_path / "a.json")
+    parts.mkdir()
+    (parts / "case1.json").write_text(text)
+    (parts / "notes").mkdir()
+    answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+    assert len(files.read_json(tmp_path / "a.json", "challenge_answers")["answers"]) == 5
+    assert not (parts / "case1.json").exists()
+
+
+def test_a_part_that_cannot_be_scored_is_done_again(made: tuple[Path, Path], tmp_path: Path) -> None:
+    data, _ = made
+    done = {"name": "case1", "seconds": 0.0, **from_diagnosis(nothing_found(None))}
+    header = {"manifest_sha256": files.digest(data / files.MANIFEST), "method": "stub"}
+    parts = files.partial_folder(tmp_path / "a.json")
+    parts.mkdir()
+    unsound = header | {"answer": done | {"unknown_probability": 0.8}}
+    (parts / "case1.json").write_text(json.dumps(unsound))
+    (parts / "case2.json").write_text(json.dumps(header | {"answer": done}))  # the answer to another case
+    answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+    given = files.read_json(tmp_path / "a.json", "challenge_answers")["answers"]
+    assert [a["unknown_probability"] for a in given] == [0.0] * 5
+    assert [a["name"] for a in given] == [f"case{k}" for k in range(1, 6)]
+
+
+def test_a_recording_that_was_changed_is_not_answered(made: tuple[Path, Path], tmp_path: Path) -> None:
+    data = Path(shutil.copytree(made[0], tmp_path / "data"))
+    (data / "case2.nc").write_bytes((data / "case3.nc").read_bytes())
+    with pytest.raises(StoreError, match=r"case2\.nc: expected the recording whose SHA-256 the manifest has"):
+        answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+
+
+def test_a_recording_that_was_changed_is_made_again(
+    tiny: ChallengeFile, made: tuple[Path, Path], tmp_path: Path
+) -> None:
+    data, key = tmp_path / "data", tmp_path / "key.json"
+    data.mkdir()
+    files.partial_folder(key).mkdir()
+    for case in json.loads(made[1].read_text())["cases"]:
+        recording = made[0] / f"{case['name']}.nc"
+        (data / recording.name).write_bytes(recording.read_bytes())
+        part = {"fingerprint": tiny.fingerprint, "sha256": files.digest(recording), "truth": case}
+        (files.partial_folder(key) / f"{case['name']}.json").write_text(json.dumps(part))
+    (data / "case2.nc").write_bytes(b"torn")
+    make(tiny, data, key, ONE)
+    assert tree_digest(data) == tree_digest(made[0])
+
+
+def forged(made: tuple[Path, Path], tmp_path: Path, change: Callable[[dict[str, Any]], None]) -> tuple[Path, Path]:
+    """Data and a key that somebody changed, and whose digest they wrote into the manifest."""
+    data, key = Path(shutil.copytree(made[0], tmp_path / "data")), tmp_path / "key.json"
+    truth = json.loads(made[1].read_text())
+    change(truth)
+    key.write_text(json.dumps(truth))
+    manifest = json.loads((data / files.MANIFEST).read_text())
+    (data / files.MANIFEST).write_text(json.dumps(manifest | {"key_sha256": files.digest(key)}))
+    return data, key
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda k: k.update(design={}), r"key\.json: design\.challenge: missing"),
+        (lambda k: k["design"]["series"]["main"]["protocol"].update(fmax=1e6), r"design\.series\.main\.protocol\.fmax"),
+        (lambda k: k["cases"].append(k["cases"][0]), "case1: name: expected every case once, found 2"),
+        (lambda k: k["cases"].pop(), "cases: expected those of the manifest, 5 in all"),
+        (lambda k: k["cases"][0].update(series="other"), "case1: series: expected one of main, white, found 'other'"),
+        (lambda k: k["cases"][0].update(effects=[{}] * 2), r"cases\.0\.effects\.0\.effect: missing"),
+        (lambda k: [c.update(kind="known") for c in k["cases"]], "effects: expected 1 for kind known, found"),
+        (lambda k: k["cases"][0].update(delta="large"), r"cases\.0\.delta: expected a number, found 'large'"),
+    ],
+)
+def test_a_key_that_contradicts_itself_is_refused(
+    made: tuple[Path, Path], tmp_path: Path, change: Callable[[dict[str, Any]], None], message: str
+) -> None:
+    data, key = forged(made, tmp_path, change)
+    answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+    with pytest.raises(StoreError, match=message) as caught:
+        score_files(data, key, tmp_path / "a.json")
+    assert str(caught.value).startswith(f"{key}: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"p_value": 0.5', '"p_value": NaN', "expected JSON: expected finite numbers, found NaN"),
+        ('"p_value": 0.5', '"p_value": 1e999', "expected JSON: expected finite numbers, found 1e999"),
+        ('"p_value": 0.5', '"p_value": 0.5, "p_value": 0.1', "expected JSON: .* found 'p_value' twice"),
+        (
+            '"p_value": 0.5',
+            f'"p_value": {"9" * 5000}',
+            "expected whole numbers of at most 20 digits, found 5000 digits",
+        ),
+        ('"p_value": 0.5', '"p_value": 2', "case1: p_value: expected at most 1, found 2"),
+        ('"p_value": 0.5', '"p_value": true', "case1: p_value: expected a number, found True"),
+        ('"p_value": 0.5,', "", "case1: p_value: missing"),
+        ('"none_probability": 1.0', '"none_probability": 0.9', "case1: credible_set: expected hypotheses with"),
+        ('"none_probability": 1.0', f'"a": {"[" * 100}{"]" * 100}', "expected nesting of at most 64 levels"),
+        ('"method": "stub"', '"method": "\\ud800"', "one half of a surrogate pair"),
+        ('"method": "stub"', '"method": "stub", "author": "me"', "top level: expected no keys but .* found 'author'"),
+        ('"name": "case2"', '"name": "case1"', "case1: name: expected one answer to a case, found 2"),
+        ('"name": "case2"', '"name": "case9"', "case9.*: name: expected a case of these data"),
+    ],
+)
+def test_answers_from_anybody_are_refused_with_file_case_and_field(
+    made: tuple[Path, Path],
+    answered: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    old: str,
+    new: str,
+    message: str,
+) -> None:
+    data, key = made
+    assert old in answered
+    (tmp_path / "b.json").write_text(answered.replace(old, new, 1))
+    words = ["gap", "challenge", "score", str(data), "--key", str(key), "--answers", str(tmp_path / "b.json")]
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert re.search(f"^mcstudy: {tmp_path}/b.json: .*{message}", told)
+    assert told.count("\n") == 1
+    assert len(told) < 600
+
+
+def test_a_stranger_s_text_does_not_steer_the_terminal(made: tuple[Path, Path], answered: str, tmp_path: Path) -> None:
+    data, key = made
+    given = json.loads(answered) | {"method": "\x1b[2Jbest\nof all"}
+    given["answers"][0] = {"name": "case1", "seconds": 0.0, "error": "\x07" + "long " * 1000}
+    (tmp_path / "b.json").write_text(json.dumps(given))
+    page = text(score_files(data, key, tmp_path / "b.json"))
+    assert "answered by \\x1b[2Jbest of all, " in page
+    assert all(line.isprintable() and len(line) < 400 for line in page.splitlines())
+
+
+@pytest.mark.parametrize("verb", ["make", "answer", "score"])
+def test_folders_that_cannot_be_are_told_in_one_line(
+    made: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str
+) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "c.toml").write_text(HEAD + "[protocol]\ncycles = 3\n")
+    here, data, key = str(tmp_path / "file" / "in"), str(made[0]), str(made[1])
+    words = {
+        "make": [str(tmp_path / "c.toml"), "--data", here, "--key", str(tmp_path / "k.json")],
+        "answer": [data, "-o", here],
+        "score": [data, "--key", key, "--answers", here],
+    }[verb]
+    assert main(["gap", "challenge", verb, *words]) == 2
+    told = capsys.readouterr().err
+    assert here.removesuffix("/in") in told
+    assert told.count("\n") == 1

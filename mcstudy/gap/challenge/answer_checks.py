@@ -22,6 +22,12 @@ ROUNDING = 1e-6
 SET = 0.95
 """Probability that the set of an answer holds."""
 
+LONGEST_S = 1e8
+"""Seconds that one answer may have taken: three years."""
+
+LARGEST_CEILING = 1e6
+"""Of any figure of the ideal method: they are probabilities, scores and sizes of sets."""
+
 NAMELESS = ("none", "unknown")
 """Hypotheses that name no effect: nothing is missing, or what is missing is not in the library."""
 
@@ -49,7 +55,8 @@ def check_answers(answers: Sequence[Mapping[str, Any]], cases: Iterable[str], wh
 
 def check_answer(given: Mapping[str, Any], where: str) -> None:
     """Raise `StoreError`, one line, unless an answer that conforms to its schema can be scored."""
-    _finite(given["seconds"], f"{where}: seconds")
+    if _finite(given["seconds"], f"{where}: seconds") > LONGEST_S:
+        raise StoreError(f"{where}: seconds: expected at most {LONGEST_S:g}, found {given['seconds']:g}")
     if "error" in given:
         return
     p = {n: _probability(given[f"{n}_probability"], f"{where}: {n}_probability") for n in NAMELESS}
@@ -175,5 +182,9 @@ def check_key(cases: Sequence[Mapping[str, Any]], series: Iterable[str], where: 
         if len(case["effects"]) != CAUSES[case["kind"]]:
             expected = f"expected {CAUSES[case['kind']]} for kind {case['kind']}"
             raise StoreError(f"{at}: effects: {expected}, found {len(case['effects'])}")
+        for name, value in case.get("ceiling", {}).items():
+            if not 0 <= value <= LARGEST_CEILING:
+                expected = f"expected a number from 0 to {LARGEST_CEILING:g}"
+                raise StoreError(f"{at}: ceiling.{name[:60]!r}: {expected}, found {value:g}")
         if ("outsider" in case) != (case["kind"] == "outsider"):
             raise StoreError(f"{at}: outsider: expected one for kind outsider only, found kind {case['kind']}")

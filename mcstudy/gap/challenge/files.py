@@ -45,7 +45,10 @@ def digest(path: Path) -> str:
 def json_text(value: Mapping[str, Any], kind: str, where: str) -> str:
     """A document as it is printed or written, checked against the schema ``kind`` first."""
     schema.validate(kind, value, where)
-    return json.dumps(value, indent=1, sort_keys=False, allow_nan=False, ensure_ascii=False)
+    try:
+        return json.dumps(value, indent=1, sort_keys=False, allow_nan=False, ensure_ascii=False)
+    except ValueError:  # a schema's "number" includes them
+        raise StoreError(f"{where}: expected finite numbers, found NaN or an infinity") from None
 
 
 def write_json(path: Path, value: Mapping[str, Any], kind: str) -> str:

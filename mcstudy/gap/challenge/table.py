@@ -8,22 +8,31 @@ from typing import Any
 
 from mcstudy.gap.challenge.rates import Figure
 
+LONGEST_TEXT = 300
+"""Characters of a name or an error that are shown."""
+
 Rows = list[tuple[str, ...]]
 
 
 def text(score: Mapping[str, Any]) -> str:
     """The whole score."""
     lines = [
-        f"challenge {score['challenge']}: {score['cases']} cases answered by {score['method']}, "
+        f"challenge {_plain(score['challenge'])}: {score['cases']} cases answered by {_plain(score['method'])}, "
         f"{score['seconds_per_case']:g} s a case, {len(score['errors'])} without an answer"
     ]
     for part in (_proper, _targets, _false_alarms, _figures, _power, _by_cause):
         lines += ["", *_aligned(part(score))]
     lines += ["", "most probable hypothesis, by truth"]
     for row, counts in score["confusion"].items():
-        lines.append(f"  {row}: " + ", ".join(f"{n} {k}" for k, n in counts.items()))
-    lines += [f"no answer to {e['name']}: {e['error']}" for e in score["errors"][:20]]
+        lines.append(f"  {_plain(row)}: " + ", ".join(f"{n} {_plain(k)}" for k, n in counts.items()))
+    lines += [f"no answer to {e['name']}: {_plain(e['error'])}" for e in score["errors"][:20]]
     return "\n".join(lines)
+
+
+def _plain(text: str) -> str:
+    """Text of a stranger in one line, nothing in it that would steer a terminal."""
+    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split()))
+    return line if len(line) <= LONGEST_TEXT else f"{line[: LONGEST_TEXT - 3]}..."
 
 
 def _proper(score: Mapping[str, Any]) -> Rows:
@@ -72,7 +81,7 @@ def _by_cause(score: Mapping[str, Any]) -> Rows:
     rows: Rows = [("cause (delta ≥ 5)", "cases", "detected", "top-1", "ceiling", "confidently wrong")]
     for c in score["by_cause"]:
         detected, wrong = _value(c["detected"]), _value(c["confident_wrong"])
-        rows.append((c["cause"], str(c["top"]["n"]), detected, *_pairs(c, "top"), wrong))
+        rows.append((_plain(c["cause"]), str(c["top"]["n"]), detected, *_pairs(c, "top"), wrong))
     return rows
 
 

@@ -131,6 +131,8 @@ def linearised(model: Model, theta: np.ndarray, f: np.ndarray, weight: np.ndarra
     """
     free = np.flatnonzero(~held(model, theta, f, joint))
     _, J = frf_jacobian(model, theta, f)
+    if not free.size:
+        return _among_all(np.empty((0, 0)), free, theta.size)
     J, scale = J[..., free], (model.upper - model.lower)[free]
     weighted = np.einsum("nij,njp->nip", weight, J * scale)
     G = np.einsum("nji,njp->nip", weight.conj(), weighted).reshape(-1, free.size)
@@ -156,25 +158,39 @@ def bounds_on_sd(
     Returns
     -------
     Dataset ``cramer_rao`` and ``paper_cost`` (linearised, what the paper's weights cost), in the parameters' units; NaN
-    where ``held`` says that the bounds hold the parameter, whatever the data are.
+    where ``held`` says that the bounds hold the parameter, whatever the data are, and NaN in all of an amplitude and
+    Fmax where ``why_not`` (amplitude, fmax) says, in words, why there is none; it is empty elsewhere.
 
-    Raises `InputError` where the points do not determine the other parameters, or for parameters of another model.
+    Raises `InputError` for parameters of another model.
     """
     f, truth = cells["frequency"].values, model.truth
     members = _members(cells, model)
     shape = (cells.sizes["amplitude"], cells.sizes["fmax"], len(members))
     bound, paper, fixed = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=bool)
+    why_not = np.full(shape[:2], "", dtype=object)
     weight = paper_cost(model, f, frf(model, truth, f)).weight
     for a, C in enumerate(covariance.transpose("amplitude", "frequency", "angle", "angle_2").values):
         for b, n in enumerate(cells["n_frequencies"].values):
-            joint = joint_covariance(C[:n], None if overlap is None else overlap[:n, :n])
-            alone = held(model, truth, f[:n], joint)
-            fixed[a, b] = [alone[m].any() for m in members]
-            bound[a, b] = _sd_of_sums(cramer_rao(model, truth, f[:n], joint), members)
-            paper[a, b] = _sd_of_sums(linearised(model, truth, f[:n], weight[:n], joint), members)
+            try:
+                joint = joint_covariance(C[:n], None if overlap is None else overlap[:n, :n])
+                alone = held(model, truth, f[:n], joint)
+                fixed[a, b] = [alone[m].any() for m in members]
+                bound[a, b] = _sd_of_sums(cramer_rao(model, truth, f[:n], joint), members)
+                paper[a, b] = _sd_of_sums(linearised(model, truth, f[:n], weight[:n], joint), members)
+            except InputError as error:
+                why_not[a, b] = str(error)
+            except np.linalg.LinAlgError:
+                why_not[a, b] = "singular to rounding: the points do not determine the parameters"
+            if why_not[a, b]:
+                bound[a, b] = paper[a, b] = np.nan
     dims = ("amplitude", "fmax", "parameter")
     coords = {d: cells[d] for d in dims}
-    values = {"cramer_rao": (dims, bound), "paper_cost": (dims, paper), "held": (dims, fixed)}
+    values = {
+        "cramer_rao": (dims, bound),
+        "paper_cost": (dims, paper),
+        "held": (dims, fixed),
+        "why_not": (dims[:2], why_not.astype(str)),
+    }
     units = units_of(cells)
     return labelled(
         xr.Dataset(values, coords=coords),
@@ -182,10 +198,12 @@ def bounds_on_sd(
         cramer_rao=("standard deviation at the Cramér-Rao bound", units),
         paper_cost=("standard deviation with the paper's weights, to first order in the noise", units),
         held=_HELD,
+        why_not=_WHY_NOT,
     )
 
 
 _HELD = ("whether its bounds hold the parameter or a part of the sum", ONE)
+_WHY_NOT = ("why there is no bound, empty where there is one", ONE)
 
 
 def _members(cells: xr.Dataset, model: Model) -> list[list[int]]:
@@ -199,7 +217,11 @@ def _members(cells: xr.Dataset, model: Model) -> list[list[int]]:
 
 
 def _sd_of_sums(covariance: np.ndarray, members: list[list[int]]) -> np.ndarray:
-    return np.sqrt([covariance[np.ix_(m, m)].sum() for m in members])
+    """Standard deviations of sums; raises `LinAlgError` where rounding has made a variance negative."""
+    variance = np.array([covariance[np.ix_(m, m)].sum() for m in members])
+    if (variance < 0).any():
+        raise np.linalg.LinAlgError("negative variance")
+    return np.sqrt(variance)
 
 
 def bound_applies(cells: xr.Dataset) -> xr.DataArray:
@@ -225,9 +247,9 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
     Dataset ``value`` and ``mcse`` (of the variance found; the bound's own error is far smaller), both NaN where
     ``applies`` (amplitude, fmax) is false: more than one fit in ten is on *some* bound there, and no parameter's spread
     can be compared with a bound that knows of no bounds (`bound_applies`). ``ratio`` and ``ratio_mcse`` are the same
-    numbers whether it applies or not. Also ``n``, ``left_out``, ``cramer_rao_sd``, ``paper_cost_sd``, ``held`` (see
-    `bounds_on_sd`), and for cells that are not combined ``at_bound``, the fraction of fits with the parameter itself on
-    a bound.
+    numbers whether it applies or not. Also ``n``, ``left_out``, ``cramer_rao_sd``, ``paper_cost_sd``, ``held``,
+    ``why_not`` (see `bounds_on_sd`), and for cells that are not combined ``at_bound``, the fraction of fits with the
+    parameter itself on a bound.
     """
     out = statistic_of(cells, lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2)
     applies, name = bound_applies(cells), "efficiency (Cramér-Rao variance over variance found)"
@@ -240,6 +262,7 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
         cramer_rao_sd=bounds["cramer_rao"],
         paper_cost_sd=bounds["paper_cost"],
         held=bounds["held"],
+        why_not=bounds["why_not"],
     )
     if "at_bound" in cells:
         found["at_bound"] = at_bound(cells)["value"].sum("side", skipna=False)
@@ -255,5 +278,6 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
         cramer_rao_sd=sd["cramer_rao"],
         paper_cost_sd=sd["paper_cost"],
         held=_HELD,
+        why_not=_WHY_NOT,
         at_bound=("fraction of best fits with the parameter on a bound", ONE),
     )

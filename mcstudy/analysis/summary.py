@@ -13,6 +13,7 @@ from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparis
 from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.montecarlo import Statistic, fraction, quantiles
+from mcstudy.analysis.notes import notes
 from mcstudy.analysis.paper_rows import Row, rows
 from mcstudy.analysis.published import PAPER
 from mcstudy.analysis.view import GroupView, StudyView
@@ -122,6 +123,7 @@ def _group(view: GroupView) -> dict[str, Any]:
         },
         "differences": view.differences,
         "truth_provenance": view.provenance,
+        "notes": notes(view),
         "fits": {str(k): int(v) for k, v in zip(fits["outcome"].values, fits.values, strict=True)},
         "cells": _cells(view),
     }

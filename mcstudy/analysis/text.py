@@ -118,6 +118,8 @@ def _group(name: str, group: dict[str, Any]) -> str:
     if group["differences"]:
         differences = f"Differs from the paper's setting in: {'; '.join(group['differences'])}"
         head += "\n" + textwrap.fill(differences, WIDTH, subsequent_indent="    ")
+    for note in group["notes"]:
+        head += "\n" + textwrap.fill(note, WIDTH, subsequent_indent="    ")
     parts = [head, _overview(d, group["cells"])]
     if d["simulator"] != "none":  # without noise and averaging every bias is rounding
         parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]

@@ -162,6 +162,8 @@ def run_until(
     block: int | None = None,
     say: Callable[[str], object] = str,
     quarantine: bool = False,
+    *,
+    allow_unstable: bool = False,
 ) -> Until:
     """Run ``study`` and let it grow until every group with noise is at the target or the budget is spent.
 
@@ -170,7 +172,7 @@ def run_until(
     out: the cube; may be one that an earlier call has grown, which goes on from there.
     budget: most fits the cube may have in all.
     say: is told every step when it is taken; by default nobody is.
-    quarantine: as of `run_study`.
+    quarantine, allow_unstable: as of `run_study`.
 
     Raises
     ------
@@ -183,7 +185,7 @@ def run_until(
     current = _already_grown(study, out)
     if current.fits > budget:
         raise InputError(f"--budget-fits: expected at least the {current.fits} fits there are already, got {budget}")
-    total = run_study(current, out, options, block, quarantine)
+    total = run_study(current, out, options, block, quarantine, allow_unstable=allow_unstable)
     until = Until(False, "", outcome=total)
     while True:
         tree = open_results(out, lazy=None)

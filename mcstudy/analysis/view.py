@@ -17,6 +17,7 @@ from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import SECTIONS, Group
 from mcstudy.study.models import with_model_values
+from mcstudy.study.unstable import instability
 
 _NEEDED = (
     "estimate",
@@ -77,6 +78,11 @@ class GroupView:
             return None
         covariance = covariance_of(self.cube).compute()
         return covariance if bool(np.isfinite(covariance).all()) else None
+
+    @cached_property
+    def instability(self) -> str:
+        """In words, how fast the true body falls; empty for one that stands."""
+        return instability(self.model)
 
     @property
     def noisy(self) -> bool:

@@ -10,12 +10,13 @@ from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.study.cluster import ClusterOptions
+    from mcstudy.study.design import Study
     from mcstudy.study.submission import Outcome
 
 
 def add_scheduler_arguments(parser: argparse.ArgumentParser) -> None:
     """Where to run."""
-    parser.add_argument("--workers", type=_positive, help="threads of the local scheduler; default one a core")
+    parser.add_argument("--workers", type=positive, help="threads of the local scheduler; default one a core")
     parser.add_argument(
         "--scheduler", metavar="ADDR", help="running Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT"
     )
@@ -33,13 +34,37 @@ def add_scheduler_arguments(parser: argparse.ArgumentParser) -> None:
 def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
     """Where to run, how large a block is and how long it may take."""
     add_scheduler_arguments(parser)
-    parser.add_argument("--block", type=_positive, help="chunks a task; default about half a second of work")
+    parser.add_argument("--block", type=positive, help="chunks a task; default about half a second of work")
     parser.add_argument(
         "--block-timeout",
-        type=_seconds,
+        type=seconds,
         metavar="SECONDS",
         help="longest time a block may run before its worker is restarted; default no limit",
     )
+
+
+def add_unstable_argument(parser: argparse.ArgumentParser) -> None:
+    """Whether a body may fall."""
+    parser.add_argument(
+        "--allow-unstable",
+        action="store_true",
+        help="accept true parameters whose closed loop is unstable (a body that falls)",
+    )
+
+
+def stable_study(args: argparse.Namespace) -> Study:
+    """The study of the file ``args.study``; raises `DesignError` with one line for what is not one, or falls."""
+    from mcstudy.errors import DesignError
+    from mcstudy.study.study_file import read_study
+
+    study = read_study(args.study)
+    from mcstudy.study.unstable import refuse_unstable  # numba is slow to import; a bad file is told at once
+
+    try:
+        refuse_unstable(study, args.allow_unstable)
+    except DesignError as error:
+        raise DesignError(f"{args.study}: {error}") from None
+    return study
 
 
 def cluster_options(args: argparse.Namespace) -> ClusterOptions:
@@ -74,14 +99,16 @@ def tell(outcome: Outcome, out: Path) -> Exit:
     return Exit.FITS_FAILED
 
 
-def _positive(text: str) -> int:
+def positive(text: str) -> int:
+    """A whole number from 1, as argparse's ``type``."""
     value = int(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text}")
     return value
 
 
-def _seconds(text: str) -> float:
+def seconds(text: str) -> float:
+    """A time above 0, as argparse's ``type``."""
     value = float(text)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"expected seconds above 0, got {text}")

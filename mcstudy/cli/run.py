@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import add_cluster_arguments, cluster_options, tell
+from mcstudy.cli.options import add_cluster_arguments, add_unstable_argument, cluster_options, stable_study, tell
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -28,21 +28,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="grow the study until the largest Monte Carlo error of bias (or mean_bias) is this, e.g. bias=1%%",
     )
     parser.add_argument("--budget-fits", type=int, metavar="N", help="most fits --until-mcse may come to in all")
+    add_unstable_argument(parser)
     add_cluster_arguments(parser)
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Run; returns the exit code."""
-    from mcstudy.study.study_file import read_study
-
-    study = read_study(args.study)
+    study = stable_study(args)
     # Dask is slow to import, and a bad study file should be told at once.
     from mcstudy.study.run import default_out, run_study
 
     out = args.out or default_out(study)
     if args.until_mcse is not None or args.budget_fits is not None:
         return _until(args, study, out)
-    return tell(run_study(study, out, cluster_options(args), args.block, args.quarantine), out)
+    outcome = run_study(
+        study, out, cluster_options(args), args.block, args.quarantine, allow_unstable=args.allow_unstable
+    )
+    return tell(outcome, out)
 
 
 def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
@@ -59,7 +61,17 @@ def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
     def say(line: str) -> None:
         print(f"grows: {line}", file=sys.stderr, flush=True)
 
-    until = run_until(study, out, target, args.budget_fits, cluster_options(args), args.block, say, args.quarantine)
+    until = run_until(
+        study,
+        out,
+        target,
+        args.budget_fits,
+        cluster_options(args),
+        args.block,
+        say,
+        args.quarantine,
+        allow_unstable=args.allow_unstable,
+    )
     code = tell(until.outcome, out)
     for line in until.steps:
         print(f"grown: {line}")

@@ -11,6 +11,7 @@ from mcstudy.analysis.text import incomplete
 from mcstudy.report.context import Context, short, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label
+from mcstudy.study.unstable import warning
 
 MARK = {True: "yes", False: "no", None: "–"}
 CLASS = {True: "yes", False: "no", None: "none"}
@@ -22,6 +23,11 @@ def introduction(context: Context) -> str:
     truths = dict.fromkeys(view.provenance for view in context.study.groups.values())
     conventions = dict.fromkeys(v.group.stimulus.convention.replace("_", " ") for v in context.study.groups.values())
     text = f"<p>{escape(description)}</p>" if description else ""
+    falls = {name: view.instability for name, view in context.study.groups.items() if view.instability}
+    text += "".join(
+        f'<p class="truth"><strong>Warning:</strong> group {escape(name)}: {escape(warning(what))}.</p>'
+        for name, what in falls.items()
+    )
     text += "".join(f'<p class="truth"><strong>True values:</strong> {escape(t)}.</p>' for t in truths)
     return text + f"<p>Amplitudes of the stimulus are {escape(' and '.join(conventions))} values.</p>"
 
@@ -153,5 +159,6 @@ def groups(context: Context) -> str:
                 if view.differences
                 else ""
             )
+            + "".join(f"<p>{escape(note)}</p>" for note in data["notes"])
         )
     return "".join(parts)

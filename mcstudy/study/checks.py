@@ -7,10 +7,12 @@ import numpy as np
 from mcstudy.errors import DesignError, InputError
 from mcstudy.spectra.bands import PERIOD_S
 from mcstudy.stance.feedback import Model
-from mcstudy.study.design import Group
+from mcstudy.stance.response import frf_jacobian
+from mcstudy.study.group import GAIN, GAIN_BOUND, Group
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.measure import HIGHEST_HZ, frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model
+from mcstudy.study.sections import Range
 from mcstudy.study.untrusted import LARGEST_CHUNK
 
 MAX_SAMPLES = 4_000_000
@@ -18,6 +20,15 @@ MAX_SAMPLES = 4_000_000
 
 MAX_FREQUENCIES = 4000
 """Most frequency points: a cycle of the longest sequence at 20 ms a state has 1600 odd lines up to 8 Hz."""
+
+DELAY = Range(1e-9, 10.0, "s", or_zero=True)
+"""Delays and their bounds; a person has some 0.1 s."""
+
+NARROWEST = 1e-12
+"""Smallest distance between the bounds of a parameter, in its unit."""
+
+SMALLEST_RESPONSE = 1e-15
+"""Smallest response of an angle, rad per unit of stimulus, and the inverse of the largest; a person has some 1e-3."""
 
 MAX_CHUNKS = 1_000_000
 """Most chunks of a group: with the largest ones that are chosen freely, 5e9 fits."""
@@ -29,10 +40,44 @@ def check(group: Group, model: Model | None = None) -> None:
     ``model``: fitted instead of the one the group describes.
     """
     model = build_model(group) if model is None else model
+    _check_parameters(model)
     _check_stimulus(group)
     _check_fit(group)
     _check_frequencies(group, model)
+    _check_response(group, model)
     _check_size(group, model)
+
+
+def _check_parameters(model: Model) -> None:
+    for p in model.parameters:
+        is_delay = p.name in model.delays
+        if is_delay and p.value not in DELAY:
+            raise DesignError(f"model.truth.{p.name}: expected {DELAY}, got {p.value}")
+        if not is_delay and p.value not in GAIN:
+            raise DesignError(f"model.truth.{p.name}: expected {GAIN}, got {p.value}")
+        allowed = DELAY if is_delay else GAIN_BOUND
+        if p.lower not in allowed or p.upper not in allowed:
+            raise DesignError(f"model.bounds: expected {allowed}, got [{p.lower}, {p.upper}] for {p.name}")
+        if p.upper - p.lower < NARROWEST:
+            raise DesignError(
+                f"model.bounds: expected bounds at least {NARROWEST:g} {p.unit} apart, "
+                f"got [{p.lower}, {p.upper}] for {p.name}"
+            )
+
+
+def _check_response(group: Group, model: Model) -> None:
+    """A body without inertia, one that no stimulus moves, or one whose response overflows has nothing to fit."""
+    try:
+        with np.errstate(all="ignore"):
+            response, slope = frf_jacobian(model, model.truth, kept_points(group).f)
+    except np.linalg.LinAlgError:
+        response = slope = np.array(np.nan)
+    size = np.abs(response[..., : model.n_angles]) if response.ndim else np.abs(response)
+    if not (np.isfinite(slope).all() and (size > SMALLEST_RESPONSE).all() and (size < 1 / SMALLEST_RESPONSE).all()):
+        raise DesignError(
+            f"model: expected a body that the stimulus moves by {SMALLEST_RESPONSE:g} to {1 / SMALLEST_RESPONSE:g} "
+            f"rad/({model.stimulus_unit}) at every frequency, got one that it does not"
+        )
 
 
 def _check_stimulus(group: Group) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mcstudy.fit.status import Status
 from mcstudy.stance.feedback import ANGLES, Model
-from mcstudy.study.design import Group
+from mcstudy.study.group import Group
 
 CHUNKS_A_GROUP = 400
 """Chunks a large group is cut into: enough to share out, few enough for a file system."""

@@ -19,7 +19,7 @@ from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_time import simulate, with_derivatives
 from mcstudy.stance.stimulus import Prts
-from mcstudy.study.design import Group
+from mcstudy.study.group import Group
 from mcstudy.study.streams import noise_stream
 
 HIGHEST_HZ = 8.0

@@ -23,6 +23,7 @@ from mcstudy.study.plain_errors import validated
 from mcstudy.study.readable import readable
 from mcstudy.study.store import GroupStore
 from mcstudy.study.tasks import fill
+from mcstudy.study.unstable import refuse_unstable_model
 
 
 def run_model(
@@ -33,6 +34,7 @@ def run_model(
     fmax: tuple[float, ...],
     amplitude: tuple[float, ...],
     seed: int = 0,
+    allow_unstable: bool = False,
     **sections: dict[str, Any],
 ) -> xr.Dataset:
     """Measure, fit and describe a model as one group of a study file would.
@@ -42,6 +44,7 @@ def run_model(
     model: the subject and the model fitted to it; truth and bounds are its own.
     realizations, starts, fmax (Hz), amplitude (units of the model's stimulus): as in ``[group.NAME]``.
     seed: as in ``[study]``.
+    allow_unstable: whether the closed loop of the model's true parameters may be unstable.
     sections: the tables ``stimulus``, ``noise``, ``spectra``, ``fit`` of a study file, as dicts, and ``simulator``.
 
     Returns
@@ -57,6 +60,8 @@ def run_model(
     axes = {"realizations": realizations, "starts": starts, "fmax": fmax, "amplitude": amplitude}
     group: Group = validated(Group, {**axes, **sections}, whole="settings")
     check(group, model)
+    if not allow_unstable:
+        refuse_unstable_model(model)
     experiment = Experiment(group, seed, model)
     # Only for its layout: nothing of a store touches the disk before it is written to.
     store = GroupStore(Path(), model.name, experiment, group.realizations, "")

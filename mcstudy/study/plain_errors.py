@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from mcstudy.errors import DesignError
@@ -24,21 +25,35 @@ def validated(model: Any, value: Any, where: str = "", whole: str = "file") -> A
     """
     try:
         # through JSON because strict validation of JSON takes a list for a tuple and nothing else for anything else
-        return model.model_validate_json(json.dumps(value))
+        return model.model_validate_json(json.dumps(value, default=_plain))
     except TypeError:
         raise DesignError(f"{where or whole}: expected numbers, text, lists and tables only (no dates)") from None
     except ValidationError as error:
-        raise DesignError(one_line(error, model, where)) from None
+        raise DesignError(one_line(error, model, where, whole)) from None
     except (ValueError, RecursionError):  # pydantic's own error is a ValueError too, and came first
         raise DesignError(f"{where or whole}: expected numbers of fewer digits, and less deep nesting") from None
 
 
-def one_line(error: ValidationError, model: type[BaseModel], where: str = "") -> str:
+def _plain(value: Any) -> Any:
+    """A section or an array as a file would hold it."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, Mapping):
+        return dict(value)
+    if hasattr(value, "__array__"):
+        return np.asarray(value).tolist()
+    raise TypeError(type(value).__name__)
+
+
+def one_line(error: ValidationError, model: type[BaseModel], where: str = "", whole: str = "file") -> str:
     """The first of pydantic's errors about a ``model`` as one line; ``where`` is put before the field."""
     errors = error.errors(include_url=False)
+    places = [e["loc"] for e in errors]
+    # a list whose items are refused is also called too short
+    errors = [e for e in errors if not any(len(p) > len(e["loc"]) and p[: len(e["loc"])] == e["loc"] for p in places)]
     first = min(errors, key=lambda e: e["type"] != "extra_forbidden")  # a misspelt key also makes another one missing
     loc, table = _place(model, first["loc"])
-    field = ".".join([where, *loc] if where else loc) or "file"
+    field = ".".join([where, *loc] if where else loc) or whole
     others = [e for e in errors if _place(model, e["loc"])[0] != loc]
     more = f" (and {len(others)} more)" if others else ""
     if first["type"] == "extra_forbidden":
@@ -71,7 +86,7 @@ _BY_TYPE = {
     "dict_type": "expected a table",
     "tuple_type": "expected a list",
     "list_type": "expected a list",
-    "json_invalid": "expected numbers, text, lists and tables, less deeply nested",
+    "json_invalid": "expected text that UTF-8 can hold, and tables less deeply nested",
 }
 
 _WORDING = (

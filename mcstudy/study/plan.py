@@ -28,6 +28,7 @@ from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.streams import start_stream
 from mcstudy.study.tasks import fill
 from mcstudy.study.unfinished import scratch_folder
+from mcstudy.study.unstable import refuse_unstable
 
 PILOT_FITS = {"lm": 1500}
 """Fits timed per group; SciPy's solvers are timed on two starts per Fmax."""
@@ -102,8 +103,17 @@ class StudyPlan:
         return self.start_up * self.slowdown + shared / threads
 
 
-def plan(study: Study, imports: float = 0.0) -> StudyPlan:
-    """Plan every group of a study. ``imports``: CPU seconds that a run spends before it comes to the study file."""
+def plan(study: Study, imports: float = 0.0, *, allow_unstable: bool = False) -> StudyPlan:
+    """Plan every group of a study.
+
+    Parameters
+    ----------
+    study: a resolved study. imports: CPU seconds that a run spends before it comes to the study file.
+    allow_unstable: whether the closed loop of the true parameters may be unstable.
+
+    Raises `DesignError` for a body that falls when that was not asked for.
+    """
+    refuse_unstable(study, allow_unstable)
     pilots = {name: _pilot(group) for name, group in study.group.items()}
     small = study.model_copy(update={"group": pilots})
     with scratch_folder("mcstudy-plan-") as folder:

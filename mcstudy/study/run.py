@@ -27,6 +27,7 @@ from mcstudy.study.stopping import stop_requests
 from mcstudy.study.store import Cube
 from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission, how_far
 from mcstudy.study.tasks import STOP
+from mcstudy.study.unstable import refuse_unstable, warnings_of
 from mcstudy.study.watch import Watch
 
 __all__ = ["ATTEMPTS", "Block", "Outcome", "default_out", "open_or_create", "pending_blocks", "run_cube", "run_study"]
@@ -73,6 +74,8 @@ def run_study(
     options: ClusterOptions | None = None,
     block: int | None = None,
     quarantine: bool = False,
+    *,
+    allow_unstable: bool = False,
 ) -> Outcome:
     """Run everything that is pending of ``study`` in the cube ``out``.
 
@@ -83,14 +86,17 @@ def run_study(
     options: where to run.
     block: chunks a block; by default enough for about half a second.
     quarantine: whether files and folders that are no part of the cube are moved to a folder beside it.
+    allow_unstable: whether the closed loop of the true parameters may be unstable.
 
     Raises
     ------
+    DesignError: a group's body falls and that was not asked for.
     StudyChangedError: the cube belongs to another study.
     StoreError: the cube cannot be used, or another run holds it.
     Interrupted: stopped by Ctrl-C, SIGTERM, SIGHUP, a disk that could not be written, or a lost scheduler; the same
         call resumes.
     """
+    refuse_unstable(study, allow_unstable)
     out = Path(out).resolve()
     with locked(out):
         recover(out)
@@ -127,6 +133,8 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
         progress.say(line)
     if noted:
         progress.say(f"repaired: the checksums of {noted} chunks, which had none")
+    for line in warnings_of(study):
+        progress.say(f"warning: {line}")
     for line in differ if total else ():
         progress.say(f"warning: the cube was made in another environment: {line}")
     if blocks:

@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import DesignError
-from mcstudy.study.checks import check
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
-from mcstudy.study.models import with_model_values
 from mcstudy.study.plain_errors import short, validated
 from mcstudy.study.untrusted import toml
 
@@ -84,15 +82,8 @@ def parse_study(text: str) -> Study:
                 raise DesignError(f"group.{name}.{key}: expected a table, got {short(own[key])}")
         groups[name] = merge(shared, own)
         validated(Group, groups[name], f"group.{name}")
-    study = validated(Study, {"study": raw["study"], "group": groups}, "")
-    resolved = {}
-    for name, group in study.group.items():
-        try:
-            check(group)
-            resolved[name] = with_model_values(group)
-        except DesignError as error:
-            raise DesignError(f"group.{name}.{error}") from None
-    return study.model_copy(update={"group": resolved})
+    study: Study = validated(Study, {"study": raw["study"], "group": groups})
+    return study
 
 
 def merge(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:

@@ -169,6 +169,77 @@ def test_plan_tells_cost_and_precision(study: Path, capsys: pytest.CaptureFixtur
     assert "amplitude 5, fmax 1.2 Hz:" in out
 
 
+@pytest.fixture
+def falling(study: Path) -> Path:
+    """A study of a body whose stiffness does not hold it up, and of one that stands."""
+    weak = "[group.weak]\nrealizations = 2\nstarts = 2\nfmax = [1.2]\namplitude = [5.0]\n[group.weak.model.truth]\n"
+    study.write_text(STUDY + weak + "K11 = 300.0\n")
+    return study
+
+
+def test_a_body_that_falls_is_refused_in_one_line(falling: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for verb in ("plan", "run"):
+        assert main([verb, str(falling)]) == Exit.BAD_INPUT
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.startswith(f"mcstudy: {falling}: group.weak.model.truth: expected a stable closed loop")
+        assert "growth rate +1.44 1/s" in captured.err
+        assert "--allow-unstable" in captured.err
+        assert captured.err.count("\n") == 1
+
+
+def test_a_body_that_falls_is_warned_of_wherever_it_is_shown(
+    falling: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, page = tmp_path / "out.zarr", tmp_path / "page.html"
+    warning = "the closed loop of the true parameters is unstable (growth rate +1.44 1/s)"
+    assert main(["plan", str(falling), "--allow-unstable"]) == Exit.DONE
+    assert f"warning: group weak: {warning}" in capsys.readouterr().out
+    assert main(["run", str(falling), "-o", str(out), "--workers", "1", "--allow-unstable"]) == Exit.DONE
+    assert f"warning: group weak: {warning}" in capsys.readouterr().err
+    assert main(["show", str(out)]) == Exit.DONE
+    shown = " ".join(capsys.readouterr().out.split())
+    assert shown.count(f"Warning: {warning}") == 1
+    assert main(["show", str(out), "--json"]) == Exit.DONE
+    groups = json.loads(capsys.readouterr().out)["groups"]
+    assert [warning in " ".join(groups[name]["notes"]) for name in ("noisy", "weak")] == [False, True]
+    assert main(["report", str(out), "-o", str(page)]) == Exit.DONE
+    assert f"<strong>Warning:</strong> group weak: {warning}" in page.read_text(encoding="utf-8")
+
+
+def test_show_and_report_name_the_cell_without_a_number(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Bounds a trillion times too far apart: to rounding, the points do not determine the parameters."""
+    out, page = tmp_path / "out.zarr", tmp_path / "page.html"
+    bounds = "[group.noisy.model.bounds.absolute]\nK11 = [0.0, 1e15]\n"
+    study.write_text(STUDY.replace("realizations = 2", "realizations = 4") + bounds)
+    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == Exit.DONE
+    capsys.readouterr()
+    assert main(["show", str(out)]) == Exit.DONE
+    text = " ".join(capsys.readouterr().out.split())
+    assert "No Cramér-Rao bound (frequency: 16 points do not determine 12 parameters): 5 N m, Fmax 1.2 Hz." in text
+    assert "K11 " in text
+    assert main(["show", str(out), "--json"]) == Exit.DONE
+    group = json.loads(capsys.readouterr().out)["groups"]["noisy"]
+    assert any("No Cramér-Rao bound" in note and "Fmax 1.2 Hz" in note for note in group["notes"])
+    assert all(p["efficiency"]["value"] is None for p in group["cells"][0]["parameters"] if "efficiency" in p)
+    assert main(["report", str(out), "-o", str(page)]) == Exit.DONE
+    assert "None at 5 N m up to 1.2 Hz: frequency: 16 points do not determine 12 parameters." in page.read_text()
+
+
+def test_one_realization_is_shown_with_what_it_cannot_tell(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out.zarr"
+    study.write_text(STUDY.replace("realizations = 2", "realizations = 1"))
+    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == Exit.DONE
+    capsys.readouterr()
+    assert main(["show", str(out)]) == Exit.DONE
+    text = " ".join(capsys.readouterr().out.split())
+    assert "No Monte Carlo errors and no spread from so few realizations: 5 N m, Fmax 1.2 Hz (1)." in text
+
+
 def test_an_unknown_verb_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as done:
         main(["ruin"])

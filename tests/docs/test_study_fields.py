@@ -33,6 +33,8 @@ def allowed(schema: dict[str, Any]) -> str:
         return f"table of: {allowed(schema['additionalProperties'])}"
     if schema["type"] == "boolean":
         return "true, false"
+    if "description" in schema:  # a range in words
+        return str(schema["description"]).replace("a number", TYPES[schema["type"]])
     limits = ", ".join(f"{sign} {number(schema[key])}" for key, sign in LIMITS.items() if key in schema)
     return f"{TYPES[schema['type']]} {limits}".strip()
 

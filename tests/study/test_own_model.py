@@ -86,6 +86,14 @@ def test_the_example_declares_and_studies_a_model_in_under_40_lines() -> None:
     assert len(example.read_text(encoding="utf-8").splitlines()) < 40
 
 
+def test_a_body_that_falls_is_refused_unless_it_is_asked_for() -> None:
+    weak = one_segment().with_values({"K": 300.0})
+    settings: dict[str, object] = {"realizations": 1, "starts": 1, "fmax": [1.2], "amplitude": np.array([5.0])}
+    with pytest.raises(DesignError, match=r"^model\.truth: expected a stable closed loop, got .*growth rate \+"):
+        run_model(weak, **settings)  # type: ignore[arg-type]
+    assert run_model(weak, allow_unstable=True, **settings).sizes["start"] == 1  # type: ignore[arg-type]
+
+
 def test_what_is_declared_must_be_a_model(sway: xr.Dataset) -> None:
     for broken in ({}, {"name": "x"}, "no", {**structured(sway.attrs, "declared_model"), "parameters": []}):
         with pytest.raises(StoreError, match="attribute 'declared_model': expected a model") as refused:
@@ -100,7 +108,8 @@ def test_what_is_declared_must_be_a_model(sway: xr.Dataset) -> None:
         ({"noise": {"psdd": (1.0, 1.0)}}, "noise.psdd: "),
         ({"stimulus": {"discard": 6}}, "stimulus.discard: "),
         ({"fmax": (0.04,)}, "fmax: expected at least 3 frequencies for 12 parameters"),
-        ({"noise": {"psd": np.ones(2)}}, "settings: expected numbers"),
+        ({"noise": {"psd": {1.0, 2.0}}}, "Group: expected numbers"),
+        ({"amplitude": (1e308,)}, "amplitude.0: expected a number from 1e-06 to 1e+06, got 1e+308"),
     ],
 )
 def test_settings_are_refused_as_a_study_file_would_be(settings: dict[str, object], line: str) -> None:

@@ -243,6 +243,8 @@ def _fig_7c(view: GroupView) -> Figure | Missing:
 
 
 def _efficiency(result: xr.Dataset) -> str:
+    if str(result["why_not"].item()):
+        return "–"
     return "held by its bounds" if bool(result["held"]) else value_of(result)
 
 
@@ -253,6 +255,12 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
         return Missing("", title, f"group {view.name} has no noise covariance")
     result = efficiency_of(view)
     amplitudes = view.cube["amplitude"].values.tolist()
+    missing = [
+        f" None at {a:g} {view.model.stimulus_unit} up to {f:g} Hz: {why}."
+        for a in amplitudes
+        for f in result["fmax"].values.tolist()
+        if (why := str(result["why_not"].sel(amplitude=a, fmax=f).item()))
+    ]
     none = "" if bool(result["applies"].any()) else " Here that is so in every condition."
     ticks = " Vertical ticks: what the paper's weights reach to first order." if view.group.fit.cost == "paper" else ""
     return Figure(
@@ -263,7 +271,7 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
             f"Group {view.name} (cost {view.group.fit.cost}): smallest variance that any unbiased estimator could have "
             "divided by the variance found, ± MCSE. 1 is perfect. Hollow: more than one fit in ten ends on a bound, "
             "where the Cramér-Rao bound does not apply (a dash in the tables) and values above 1 are possible."
-            f"{none}{ticks} Arrows: off the scale.",
+            f"{none}{ticks} Arrows: off the scale.{''.join(missing)}",
         ],
         [
             Panel(f"{a:g} {view.model.stimulus_unit}", lambda ax, a=a: figures.efficiency_dots(view, a, ax), (4.3, 4.6))  # type: ignore[misc]

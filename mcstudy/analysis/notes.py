@@ -1,0 +1,43 @@
+"""What a reader of a group's numbers must know first: a body that falls, and numbers that there are not, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mcstudy.analysis.selection import inside_bounds
+from mcstudy.analysis.view import GroupView
+from mcstudy.study.unstable import warning
+
+LEAST = 3
+"""Realizations below which nothing is known of a Monte Carlo error."""
+
+
+def notes(view: GroupView) -> list[str]:
+    """One sentence each; conditions of which the same is to be said are listed together."""
+    found: dict[str, list[str]] = {}
+    for why, cell in _of_cells(view):
+        found.setdefault(why, []).append(cell)
+    falls = [f"Warning: {warning(view.instability)}."] if view.instability else []
+    return falls + [f"{why}: {'; '.join(cells)}." for why, cells in found.items()]
+
+
+def _of_cells(view: GroupView) -> Iterator[tuple[str, str]]:
+    """What is missing, and at which amplitude and Fmax."""
+    used = view.cells["cost"].notnull()
+    on_bound = ~inside_bounds(view.cells) & used
+    for fmax in view.group.fmax:
+        for amplitude in view.group.amplitude:
+            here = {"amplitude": amplitude, "fmax": fmax}
+            name = f"{amplitude:g} {view.model.stimulus_unit}, Fmax {fmax:g} Hz"
+            n = int(used.sel(here).sum())
+            if n == 0:
+                yield "No usable fit", name
+                continue
+            if n < LEAST:
+                yield f"No Monte Carlo errors{' and no spread' * (n == 1)} from so few realizations", f"{name} ({n})"
+            if view.noisy and bool(on_bound.sel(here).sum() == n):
+                yield "Every best fit ends on some bound, so the Cramér-Rao bound does not apply", name
+            if view.bounds_on_sd is not None and (why := str(view.bounds_on_sd["why_not"].sel(here).item())):
+                yield f"No Cramér-Rao bound ({why})", name
+            elif view.bounds_on_sd is None and view.noisy:
+                yield "No Cramér-Rao bound (a noise covariance is missing or not finite)", name

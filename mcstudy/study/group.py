@@ -1,0 +1,150 @@
+"""What a group of a study is: every choice that changes a number, as validated sections.
+
+A study file has one section of each kind, and groups that may override any of them (`mcstudy.study.study_file` reads
+it); what is left after merging is a `Group` with nothing left to default. Every number has a range, far beyond any
+person or robot: what lies outside is a slip, and would end in numbers that cannot be computed.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from mcstudy.study.sections import Name, Range, Section
+
+AMPLITUDE = Range(1e-6, 1e6)
+"""N m or m."""
+
+GAIN = Range(1e-9, 1e9, or_zero=True, signed=True)
+"""True values, N m/rad, N m s/rad or s; of a delay see `mcstudy.study.checks`. A person has up to some 1e3."""
+
+GAIN_BOUND = Range(1e-12, 1e15, or_zero=True, signed=True)
+"""Bounds of true values."""
+
+MULTIPLE = Range(1e-6, 1e6, or_zero=True, signed=True)
+"""Bounds as multiples of true values."""
+
+BODY = Range(1e-9, 1e6, or_zero=True, signed=True)
+"""kg m^2, kg m and m/s^2; a person has up to some 1e2."""
+
+FREQUENCY = Range(1e-4, 1e4, "Hz")
+NOISE_CORNER = Range(1e-6, 1e6, "Hz")
+NOISE_PSD = Range(1e-18, 1e6, "deg^2/Hz", or_zero=True)
+DELAY_MARGIN = Range(1e-9, 10.0, "s")
+STATE = Range(1e-6, 1e3, "s")
+RATE = Range(1e-3, 1e6, "Hz")
+
+
+def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Coordinates are stored in ascending order, so that the order of a list in the file means nothing."""
+    if len(set(values)) != len(values):
+        raise ValueError("every value listed once")
+    return tuple(sorted(values))
+
+
+LENGTH = Field(min_length=1, max_length=1000)
+ASCENDING = AfterValidator(_ascending)
+"""A coordinate axis: its values distinct, kept ascending."""
+
+
+class StudySection(Section):
+    """Name and seed; the prose is for people and does not enter the fingerprint."""
+
+    name: Name
+    seed: int = Field(ge=0, lt=2**63)
+    description: str = ""
+    regenerates: tuple[str, ...] = ()
+
+
+class BoundsSection(Section):
+    """Bounds: gains as multiples of the true value, delays as the true value +- a margin, or absolute per parameter.
+
+    Defaults: Goodworth & Peterka 2018, Methods.
+    """
+
+    lower: Annotated[float, MULTIPLE] = 0.0
+    upper: Annotated[float, MULTIPLE] = 2.0
+    delay_margin_s: Annotated[float, DELAY_MARGIN] = 0.030
+    absolute: dict[str, tuple[Annotated[float, GAIN_BOUND], Annotated[float, GAIN_BOUND]]] = Field(default={})
+
+
+class ModelSection(Section):
+    """Which model, its true values (in the units of `mcstudy.stance.body`), its body and its bounds."""
+
+    kind: Literal["two_segment", "one_segment"] = "two_segment"
+    truth: dict[str, Annotated[float, GAIN]] = Field(default={})
+    body: dict[str, Annotated[float, BODY]] = Field(default={})
+    bounds: BoundsSection = BoundsSection()
+
+
+class StimulusSection(Section):
+    """Pseudorandom ternary stimulus: 3**stages - 1 states of state_s seconds; ``cycles`` periods, some dropped."""
+
+    kind: Literal["ankle_torque", "hip_torque", "platform_translation"] = "ankle_torque"
+    stages: int = Field(default=7, ge=2, le=9)
+    state_s: Annotated[float, STATE] = 0.020
+    rate_hz: Annotated[float, RATE] = 200.0
+    cycles: int = Field(default=6, ge=1, le=100_000)
+    discard: int = Field(default=1, ge=0, le=100_000)
+    convention: Literal["peak", "peak_to_peak"] = "peak"
+
+
+class NoiseSection(Section):
+    """Sensor noise of the two angles: one-sided PSD at 0.5 Hz in deg^2/Hz, low-pass corner in Hz."""
+
+    psd: tuple[Annotated[float, NOISE_PSD], Annotated[float, NOISE_PSD]] = (4e-4, 7e-5)
+    corner_hz: Annotated[float, NOISE_CORNER] = 0.15
+
+
+class SpectraSection(Section):
+    """Which frequency points, whether the ramp of each record is removed before the DFT, and points left out.
+
+    ``width``: fraction of a point's lines that are averaged into it (`mcstudy.spectra.bands.narrower`).
+    ``covariance``: noise covariance from the even lines alone, or from the even lines through a first fit of the loop
+    (`mcstudy.spectra.loop_covariance`; simulator "spectral" only).
+    """
+
+    points: Literal["published", "averaged", "odd_lines"] = "published"
+    width: float = Field(default=1.0, gt=0, le=1)
+    ramp: Literal["keep", "remove"] = "keep"
+    covariance: Literal["even_lines", "through_loop"] = "even_lines"
+    exclude_hz: tuple[Annotated[float, FREQUENCY], ...] = ()
+
+
+class FitSection(Section):
+    """Cost, solver, kind of starts and stop rules."""
+
+    cost: Literal["paper", "ml"] = "paper"
+    solver: Literal["lm", "trf", "trust-constr"] = "lm"
+    starts: Literal["uniform", "latin_hypercube", "sobol", "linearised"] = "uniform"
+    tolerance: float = Field(default=1e-12, gt=0, lt=1)
+    max_iterations: int = Field(default=1000, ge=1, le=1_000_000)
+
+
+class Group(Section):
+    """One group of the cube: its axes, and the sections that hold for it.
+
+    ``fmax`` in Hz, ``amplitude`` in units of the stimulus, ``starts`` per fit problem. With simulator "none" a
+    realization is a pool: the data are the same, the starts are not.
+    """
+
+    realizations: int = Field(ge=1, le=10_000_000)
+    starts: int = Field(ge=1, le=1_000_000)
+    fmax: Annotated[tuple[Annotated[float, FREQUENCY], ...], LENGTH, ASCENDING]
+    amplitude: Annotated[tuple[Annotated[float, AMPLITUDE], ...], LENGTH, ASCENDING]
+    simulator: Literal["none", "spectral", "time_domain"] = "spectral"
+    model: ModelSection = ModelSection()
+    stimulus: StimulusSection = StimulusSection()
+    noise: NoiseSection = NoiseSection()
+    spectra: SpectraSection = SpectraSection()
+    fit: FitSection = FitSection()
+
+    @property
+    def fits(self) -> int:
+        """Number of fits of the group."""
+        return len(self.amplitude) * len(self.fmax) * self.realizations * self.starts
+
+
+SECTIONS = ("model", "stimulus", "noise", "spectra", "fit")
+"""Sections that a group may override."""

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from mcstudy.analysis.tables import show
-from mcstudy.cli import DONE, main
+from mcstudy.cli import main
 from mcstudy.errors import DesignError
+from mcstudy.exits import Exit
 from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.design import FitSection, Group, ModelSection, NoiseSection, Study, StudySection
 from mcstudy.study.run import run_study
@@ -73,10 +74,10 @@ def test_its_cube_opens_shows_and_verifies(tmp_path: Path, capsys: pytest.Captur
     assert Cube.open(out).study == parse_study(TEXT)
     assert "Group noisy" in show(out).text()
     for verb in ("status", "verify", "show"):
-        assert main([verb, str(out)]) == DONE
+        assert main([verb, str(out)]) == Exit.DONE
     file = tmp_path / "built.toml"
     file.write_text(TEXT)
-    assert main(["run", str(file), "-o", str(out), "--workers", "1"]) == DONE
+    assert main(["run", str(file), "-o", str(out), "--workers", "1"]) == Exit.DONE
     assert "0 fits in" in capsys.readouterr().out
 
 

@@ -91,7 +91,9 @@ _BY_TYPE = {
 
 _WORDING = (
     (r"^(?:Input|String|Tuple|List|Dictionary) should be(?: a valid| an?(?= ))? ", "expected a "),
-    (r"^(?:Input|String|Tuple|List|Dictionary) should have ", "expected "),
+    (r"^(?:Tuple|List) should have ", "expected a list with "),
+    (r"^Dictionary should have ", "expected a table with "),
+    (r"^(?:Input|String) should have ", "expected "),
     (r"^String should match ", "expected text matching "),
     (r"^expected a (?=greater|less|'|\"|finite)", "expected "),
     (r"^expected a integer", "expected a whole number"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 import subprocess
 import sys
@@ -92,3 +94,27 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
         durable.locked(tmp_path / "file" / "out.zarr"),
     ):
         pass
+
+
+def test_where_fsync_does_not_reach_the_disk_the_call_that_does_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on macOS; a file system that does not know it gets what there is."""
+    asked: list[int] = []
+    synced: list[int] = []
+
+    def control(_: int, command: int) -> int:
+        asked.append(command)
+        if len(asked) > 2:
+            raise OSError(errno.ENOTSUP, "not supported")
+        return 0
+
+    monkeypatch.setattr(fcntl, "F_FULLFSYNC", 51, raising=False)
+    monkeypatch.setattr(fcntl, "fcntl", control)
+    monkeypatch.setattr(os, "fsync", synced.append)
+    durable.write(tmp_path / "f", b"x")
+    durable.sync_folder(tmp_path)
+    assert (asked, synced) == ([51, 51], [])
+    durable.write(tmp_path / "f", b"y")
+    assert len(asked) == 3
+    assert len(synced) == 1

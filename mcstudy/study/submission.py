@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from distributed import Client, Future
+from distributed.comm import CommClosedError
 from distributed.scheduler import KilledWorker
 
 from mcstudy.errors import Interrupted
@@ -181,8 +182,8 @@ class Submission:
             self.doubtful.append(block)
         try:
             result: Attempt = future.result()
-        except CancelledError:
-            raise self._interrupted("the scheduler was lost") from None  # nobody else cancels what is running
+        except (CancelledError, CommClosedError):  # nobody else cancels what is running
+            raise self._interrupted("the scheduler was lost") from None
         except KilledWorker as error:
             self._killer(flight, str(error))
             return

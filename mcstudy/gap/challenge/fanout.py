@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import dask.array  # noqa: F401  # xarray imports it on first use, which two threads must not do at once
 from distributed import KilledWorker
+from distributed.comm import CommClosedError
 
 from mcstudy.errors import Interrupted
 from mcstudy.study.cluster import Capacity, ClusterOptions, connect, dashboard_url
@@ -127,7 +128,7 @@ def fan_out(
                 item = running.pop(future)
                 try:
                     result = future.result()
-                except CancelledError:  # nobody else cancels what is running
+                except (CancelledError, CommClosedError):  # nobody else cancels what is running
                     raise Interrupted(how_far("the scheduler was lost")) from None
                 except KilledWorker as error:
                     raise Interrupted(how_far(f"workers kept dying ({error})")) from None

@@ -9,8 +9,8 @@ _STARTS = (
     "The solver, not the problem. Starts for 95 % certainty: an interior-point solver that estimates derivatives "
     "in the parameters' own units, as the paper's fmincon did unless told otherwise, hits in 8 ± 5 % of starts "
     "and so needs about 35 (22 to 99 within the error); the same solver in units of the bounds 3 (63 ± 9 %; "
-    "python pipelines/examples/estimated_derivatives.py). With exact derivatives lm, trf and the interior-point "
-    "trust-constr need 2 (79, 76, 83 % hits; mcstudy run pipelines/solvers.toml)."
+    "python pipelines/examples/estimated_derivatives.py --realizations 6 --starts 10). With exact derivatives lm, "
+    "trf and the interior-point trust-constr need 2 (79, 76, 83 % hits; mcstudy run pipelines/solvers.toml)."
 )
 _BOUNDS_SET_SPREAD = (
     "At 0.41 Hz bounds, not noise, set our spread: nine points leave Kpas1, Kpas2, both delays and B21 on a bound"

@@ -77,25 +77,31 @@ SOLVERS = {
     "trust-constr, differences, own units": estimated("trust-constr", np.ones_like(WIDTH)),
 }
 
-if __name__ == "__main__":
+
+def arguments() -> argparse.ArgumentParser:
+    """Few fits by default, since some solvers take more than a second each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--realizations", type=int, default=6)
-    parser.add_argument("--starts", type=int, default=10)
+    parser.add_argument("--realizations", type=int, default=2, help="of the noise; 6 for the figures of the page")
+    parser.add_argument("--starts", type=int, default=1, help="of each; 10 for the figures of the page")
     parser.add_argument("--seed", type=int, default=2018)
-    arguments = parser.parse_args()
-    hits = {name: np.zeros(arguments.realizations) for name in SOLVERS}
+    return parser
+
+
+if __name__ == "__main__":
+    given = arguments().parse_args()
+    hits = {name: np.zeros(given.realizations) for name in SOLVERS}
     seconds = dict.fromkeys(SOLVERS, 0.0)
-    for r, rng in enumerate(np.random.default_rng(arguments.seed).spawn(arguments.realizations)):
+    for r, rng in enumerate(np.random.default_rng(given.seed).spawn(given.realizations)):
         data, _ = experiment.frf(experiment.realization(rng), AMPLITUDE)
         problem = paper_cost(model, points.f, data)
         lowest = fit(problem, uniform(model, rng, 300)).cost.min()
-        starts = uniform(model, rng, arguments.starts)
+        starts = uniform(model, rng, given.starts)
         for name, solver in SOLVERS.items():
             begun = time.process_time()
             cost = solver(problem, starts)
             seconds[name] += time.process_time() - begun
             hits[name][r] = np.mean(cost <= lowest * (1 + HIT_TOLERANCE))
-    fits = arguments.realizations * arguments.starts
+    fits = given.realizations * given.starts
     print("{:<48}{:>14}{:>9}{:>12}".format("", "hits ± MCSE", "starts", "ms a fit"))
     for name, share in hits.items():
         error = share.std(ddof=1) / np.sqrt(share.size) if share.size > 1 else float("nan")

@@ -25,6 +25,7 @@ from mcstudy.study.design import Group, Study
 from mcstudy.study.extend import Growth, extend, grown_study
 from mcstudy.study.results import open_results
 from mcstudy.study.run import Outcome, run_study
+from mcstudy.study.sections import Range
 from mcstudy.study.store import Cube
 
 FACTOR = 4
@@ -32,6 +33,9 @@ FACTOR = 4
 
 FEWEST = 8
 """Realizations below which a standard error is not believed."""
+
+PERCENT = Range(1e-6, 1e6)
+"""What a target may be: below, no number of realizations reaches it; above, one does."""
 
 MARGIN = 1.05
 """Realizations beyond what the square law asks for, so that the next look does not fall just short."""
@@ -118,9 +122,9 @@ def parse_target(text: str) -> Target:
         target = Target(match[1], float(match[2])) if match else None
     except ValueError:
         target = None
-    if target is None or target.statistic not in STATISTICS or not 0 < target.percent < math.inf:
+    if target is None or target.statistic not in STATISTICS or target.percent not in PERCENT:
         names = " or ".join(f"{name}=PERCENT%" for name in STATISTICS)
-        raise InputError(f"--until-mcse: expected {names}, such as bias=1%, got {text}")
+        raise InputError(f"--until-mcse: expected {names} with PERCENT {PERCENT}, such as bias=1%, got {text}")
     return target
 
 

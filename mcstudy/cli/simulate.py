@@ -43,7 +43,16 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.stance.body import STIMULI, two_segment
     from mcstudy.stance.noise import SensorNoise
     from mcstudy.stance.stimulus import Prts
+    from mcstudy.study.checks import DELAY, MAX_SAMPLES
+    from mcstudy.study.group import AMPLITUDE, GAIN, RATE
+    from mcstudy.study.sections import Range
 
+    for amplitude in args.amplitude:
+        AMPLITUDE.require(amplitude, "--amplitude")
+    RATE.require(args.rate, "--rate")
+    Range(1e-6, 1e6, or_zero=True).require(args.noise, "--noise")
+    Range(1, 100_000).require(args.cycles, "--cycles")
+    Range(0, 2**63 - 1).require(args.seed, "--seed")
     if args.stimulus not in STIMULI:
         raise InputError(f"--stimulus: expected one of {', '.join(STIMULI)}, got {args.stimulus!r}")
     psd = SensorNoise().psd_deg2_hz
@@ -55,11 +64,18 @@ def main(args: argparse.Namespace) -> Exit:
         periodic=not args.aperiodic,
         noise=SensorNoise((psd[0] * args.noise**2, psd[1] * args.noise**2)),
     )
+    if protocol.waveform.samples * args.cycles > MAX_SAMPLES:
+        raise InputError(
+            f"--cycles: expected a record of at most {MAX_SAMPLES} samples, got {args.cycles} cycles of "
+            f"{protocol.waveform.samples}"
+        )
     model = two_segment(stimulus=args.stimulus)
     values = dict(_pair(p, "--parameter") for p in args.parameter)
     unknown = set(values) - set(model.names)
     if unknown:
         raise InputError(f"--parameter: unknown {', '.join(sorted(unknown))}; the model has {', '.join(model.names)}")
+    for name, value in values.items():
+        (DELAY if name in model.delays else GAIN).require(value, f"--parameter {name}")
     theta = np.array([values.get(p.name, p.value) for p in model.parameters])
     names, sizes = [], {}
     drawing, running = np.random.default_rng(args.seed).spawn(2)
@@ -67,7 +83,8 @@ def main(args: argparse.Namespace) -> Exit:
         name = word.split("=")[0]
         names.append(name)
         if "=" in word:
-            sizes[effect(name).size.name] = _pair(word, "--effect")[1]
+            size = effect(name).size
+            sizes[size.name] = size.believable(_pair(word, "--effect")[1], f"--effect {name}")
         else:
             nominal = model.with_bounds(
                 {

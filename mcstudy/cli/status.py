@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcstudy.cli.options import seconds
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--json", action="store_true", help="machine-readable")
     how.add_argument("--watch", action="store_true", help="follow a run from another shell until it is complete")
-    parser.add_argument("--every", type=float, default=2.0, metavar="SECONDS", help="how often --watch looks")
+    parser.add_argument("--every", type=seconds, default=2.0, metavar="SECONDS", help="how often --watch looks")
 
 
 def main(args: argparse.Namespace) -> Exit:

@@ -13,6 +13,7 @@ import numpy as np
 
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model, Parameter
+from mcstudy.study.sections import Range
 
 Place = Literal["ankle", "hip", "stimulus", "sensor", "body"]
 PLACES: tuple[Place, ...] = ("ankle", "hip", "stimulus", "sensor", "body")
@@ -76,6 +77,16 @@ class Size:
         """As a model parameter; its nominal value is the null (for a companion, the middle of its range)."""
         value = sum(self.published) / 2 if self.null is None else self.null
         return Parameter(self.name, self.unit, value, self.lower, self.upper, self.meaning)
+
+    def believable(self, value: float, where: str) -> float:
+        """The value; raises `InputError`, one line that starts with ``where``, for one that no body can have.
+
+        A size is 0, or within six orders below and two above the largest of its bounds.
+        """
+        largest = max(abs(self.lower), abs(self.upper), *self.published)
+        allowed = Range(1e-6 * largest, 1e2 * largest, self.unit, or_zero=True, signed=True)
+        allowed.require(value, where)
+        return value
 
     def draw(self, rng: np.random.Generator, scale: float = 1.0) -> float:
         """A value from the published range times ``scale`` (companions unscaled), of either sign if it is signed."""

@@ -35,6 +35,9 @@ LARGEST_SWAY = 1.0
 COMFORTABLE_STEP = 2.5
 """Largest step * |pole| of a filter that is simulated without more steps; the method's limit is 3.3."""
 
+MOST_SUBSTEPS = 1000
+"""Steps per sample up to which a filter is simulated."""
+
 Torque = Callable[[Sway, float], np.ndarray]
 """(sway, rate in Hz) -> additional torque (n, 2) by row (hip, ankle) in N m, on the side of the stimulus."""
 
@@ -226,6 +229,11 @@ def _with_torque(
     """One trial; an additional torque that follows from the sway is found by damped fixed-point iteration."""
     # A lag far shorter than a sample is the sensor's or the actuator's, and must not be refused for it.
     substeps = max(1, math.ceil(realise(model, theta).fastest_pole / (COMFORTABLE_STEP * rate)))
+    if substeps > MOST_SUBSTEPS:
+        raise InputError(
+            f"a time constant shorter than {1 / (COMFORTABLE_STEP * rate * MOST_SUBSTEPS):.2g} s cannot be simulated "
+            f"at {rate:g} Hz; leave the effect out"
+        )
     sway = simulate(model, theta, stimulus, rate, noise=noise, rules=rules, substeps=substeps)
     if torque is None:
         return sway

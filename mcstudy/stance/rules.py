@@ -46,6 +46,9 @@ class Rules:
                 raise ModelError(f"rules {name}: expected two numbers >= 0, got {pair!r}")
         if not (np.isfinite(self.active_gain) and self.active_gain >= 0):
             raise ModelError(f"rules active_gain: expected a number >= 0, got {self.active_gain!r}")
+        for name, drift in self.gain_drift.items():
+            if not np.isfinite(drift):
+                raise ModelError(f"rules gain_drift {name}: expected a finite number, got {drift!r}")
 
 
 LINEAR = Rules()
@@ -60,4 +63,10 @@ def reweighted(amplitude: float, reference: float, exponent: float) -> float:
     """
     if not (amplitude > 0 and reference > 0):
         raise ModelError(f"reweighting: amplitudes must be positive, got {amplitude!r} and {reference!r}")
-    return float((amplitude / reference) ** -exponent)
+    try:
+        gain = float((amplitude / reference) ** -exponent)
+    except OverflowError:
+        gain = np.inf
+    if not np.isfinite(gain):
+        raise ModelError(f"reweighting: expected an exponent that gives a finite gain, got {exponent!r}")
+    return gain

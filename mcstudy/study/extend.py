@@ -6,74 +6,28 @@ the same, so the larger cube is built beside the old one from its finished cells
 
 from __future__ import annotations
 
-import math
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from mcstudy.errors import DesignError, StoreError
+from mcstudy.errors import StoreError
 from mcstudy.fit.status import Status
 from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.design import Group, Study
+from mcstudy.study.design import Study
 from mcstudy.study.durable import locked, recover, replace_tree, sweep
+from mcstudy.study.growth import Growth, grown_study
 from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import repair
 from mcstudy.study.run import Outcome, run_cube
 from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.study_file import parse_study, to_toml
 
 CELL = ("amplitude", "fmax", "realization", "start")
 
 
-@dataclass(frozen=True)
-class Growth:
-    """What to add.
-
-    Attributes
-    ----------
-    realizations, starts: new totals; None leaves them.
-    fmax (Hz), amplitude (units of the stimulus): values to add; those already there change nothing.
-    groups: which groups grow; none for all.
-    """
-
-    realizations: int | None = None
-    starts: int | None = None
-    fmax: tuple[float, ...] = ()
-    amplitude: tuple[float, ...] = ()
-    groups: tuple[str, ...] = ()
-
-
-def grown_study(study: Study, growth: Growth) -> Study:
-    """The larger study; raises `DesignError` for what cannot grow, or would not be a valid study file."""
-    for name in growth.groups:
-        if name not in study.group:
-            raise DesignError(f"--group: expected one of {', '.join(study.group)}, got {name}")
-    names = growth.groups or tuple(study.group)
-    groups = {name: _grown(f"group.{name}", g, growth) if name in names else g for name, g in study.group.items()}
-    # Through the text of a study file: what is valid is decided in one place.
-    return parse_study(to_toml(study.model_copy(update={"group": groups})))
-
-
-def _grown(where: str, group: Group, growth: Growth) -> Group:
-    realizations, starts = growth.realizations or group.realizations, growth.starts or group.starts
-    for field, new, old in (("realizations", realizations, group.realizations), ("starts", starts, group.starts)):
-        if new < old:
-            raise DesignError(f"{where}.{field}: expected at least {old}, what the cube has, got {new}")
-    if group.fit.starts == "latin_hypercube" and starts != group.starts:
-        raise DesignError(
-            f"{where}.starts: expected {group.starts}, since Latin hypercube starts depend on their number and "
-            f"all would have to be fitted again (a new study does), got {starts}"
-        )
-    axes = {"fmax": growth.fmax, "amplitude": growth.amplitude}
-    for name, values in axes.items():
-        if not all(math.isfinite(x) for x in values):
-            raise DesignError(f"{where}.{name}: expected finite numbers, got {', '.join(map(str, values))}")
-    merged = {name: tuple(sorted({*getattr(group, name), *values})) for name, values in axes.items()}
-    return group.model_copy(update={"realizations": realizations, "starts": starts, **merged})
+__all__ = ["Growth", "extend", "grow", "grown_study"]
 
 
 def extend(out: str | Path, growth: Growth, options: ClusterOptions | None = None, block: int | None = None) -> Outcome:

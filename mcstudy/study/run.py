@@ -19,6 +19,7 @@ from mcstudy.study import environment, runlog, study_file
 from mcstudy.study.cluster import ClusterOptions, connect, dashboard_url
 from mcstudy.study.design import Study
 from mcstudy.study.durable import locked, recover, sweep
+from mcstudy.study.growth import Growth, growths
 from mcstudy.study.layout import Chunk, Layout
 from mcstudy.study.progress import Progress
 from mcstudy.study.repair import Repairs, repair, repairable
@@ -60,12 +61,23 @@ def open_or_create(path: Path, study: Study, quarantine: bool = False) -> tuple[
             raise
         return repair(path, study, quarantine)
     if cube.study.fingerprint != study.fingerprint:
-        changed = study_file.changes(cube.study, study)
-        more = f"; and {len(changed) - 5} more" if len(changed) > 5 else ""
-        raise StudyChangedError(
-            f"{path}: belongs to another study file; expected no change, found {'; '.join(changed[:5])}{more}"
-        )
+        raise StudyChangedError(f"{path}: {_what_changed(path, cube.study, study)}")
     return repair(path, study, quarantine)
+
+
+def _what_changed(path: Path, held: Study, study: Study) -> str:
+    """How a cube's study differs from one that is to be run into it, and what may be done about it."""
+    changed = study_file.changes(held, study)
+    lines = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
+    if steps := growths(held, study):
+        commands = " && ".join(step.command(path) for step in steps)
+        return f"holds a smaller study; expected no change, found {lines}; to grow the cube: {commands}"
+    if growths(study, held):
+        return (
+            f"has grown beyond this study file, and holds all of it; expected no change, found {lines}; "
+            f"to finish what is pending: {Growth().command(path)}"
+        )
+    return f"belongs to another study file; expected no change, found {lines}"
 
 
 def run_study(

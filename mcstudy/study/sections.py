@@ -19,6 +19,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, core_schema
 
+from mcstudy.errors import InputError
 from mcstudy.study.plain_errors import validated
 
 if TYPE_CHECKING:
@@ -60,6 +61,12 @@ class Range:
         """The value; raises `ValueError` when it lies outside."""
         if value not in self:
             raise ValueError(f"expected {self}")
+        return value
+
+    def require(self, value: float, where: str) -> float:
+        """The value of an option or argument called ``where``; raises `InputError`, one line, when it lies outside."""
+        if value not in self:
+            raise InputError(f"{where}: expected {self}, got {value}")
         return value
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:

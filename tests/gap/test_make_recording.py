@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcstudy.cli import simulate
+from mcstudy.cli import BAD_INPUT, main, simulate
 from mcstudy.errors import InputError
 from mcstudy.gap import effects
 from mcstudy.gap.make_recording import Protocol, body_with_effects, draw_case, simulate_recording
@@ -165,3 +165,39 @@ def test_the_command_writes_a_recording_that_can_be_read(tmp_path: Path, capsys:
         simulate.main(parser.parse_args(["-o", str(out), "--effect", "stimulus_gain=much"]))
     with pytest.raises(InputError, match="unknown K99"):
         simulate.main(parser.parse_args(["-o", str(out), "--parameter", "K99=1"]))
+
+
+NONSENSE = [
+    ["--rate", "1e300"],
+    ["--noise", "1e300"],
+    ["--noise", "-1"],
+    ["--amplitude", "5", "1e308"],
+    ["--amplitude", "1e-300"],
+    ["--cycles", "1000000000"],
+    ["--cycles", "5000"],
+    ["--seed", "-1"],
+    ["--parameter", "K11=1e308"],
+    ["--parameter", "Td1=1e308"],
+    ["--parameter", "Td1=-1"],
+    *(["--effect", f"{e.name}={size}"] for e in effects.LIBRARY for size in ("1e-300", "1e300", "1e308", "nan", "inf")),
+]
+
+
+@pytest.mark.parametrize("words", NONSENSE, ids=" ".join)
+def test_a_number_no_body_has_is_refused_in_one_line(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "rec.nc"
+    assert main(["simulate", "-o", str(out), *words]) == BAD_INPUT
+    said = capsys.readouterr().err
+    assert said.startswith(f"mcstudy: {words[0]}")
+    assert "expected" in said
+    assert said.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_time_constant_far_below_a_sample_is_refused() -> None:
+    with pytest.raises(InputError, match="a time constant shorter than 2e-06 s cannot be simulated at 200 Hz"):
+        simulate_recording(
+            still(), MODEL.truth, np.random.default_rng(1), effects=["stimulus_lag"], sizes={"tau_stim": 1e-9}
+        )

@@ -299,6 +299,17 @@ def test_the_active_gain_is_a_factor_on_all_active_gains():
     assert reweighted(4.0, 0.5, 1 / 3) == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("exponent", [1e308, -1e308, float("nan"), float("-inf")])
+def test_reweighting_without_a_finite_gain_is_refused(exponent: float) -> None:
+    with pytest.raises(ModelError, match="reweighting: expected an exponent that gives a finite gain"):
+        reweighted(0.5, 4.0, exponent) if exponent > 0 else reweighted(4.0, 0.5, exponent)
+
+
+def test_a_drift_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(ModelError, match="rules gain_drift K: expected a finite number"):
+        Rules(gain_drift={"K": float("inf")})
+
+
 def test_gain_drift_moves_the_equilibrium_with_the_clock():
     """K (1 + d (t/T - 1/2)) at the end is K (1 + d/2); the loop follows within its 0.3 s."""
     K, d, n = PENDULUM.truth[0], 0.4, 60000

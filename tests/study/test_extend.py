@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from mcstudy.errors import DesignError, Interrupted, StoreError
+from mcstudy.errors import DesignError, Interrupted, StoreError, StudyChangedError
 from mcstudy.study import durable, tasks
 from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.extend import Growth, extend, grow, grown_study
-from mcstudy.study.run import run_study
+from mcstudy.study.growth import growths
+from mcstudy.study.run import open_or_create, run_study
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study, to_toml
 from mcstudy.study.verify import verify
@@ -212,6 +213,12 @@ def test_growing_by_nothing_changes_nothing(out: Path) -> None:
     ("growth", "expected"),
     [
         (Growth(realizations=4), r"group\.noisy\.realizations: expected at least 5"),
+        (Growth(realizations=0), r"group\.noisy\.realizations: expected at least 5, what the cube has, got 0"),
+        (Growth(starts=0), r"group\.noisy\.starts: expected at least 6, what the cube has, got 0"),
+        (Growth(realizations=10**30), r"group\.noisy\.realizations: expected at most"),
+        (Growth(fmax=(1e300,)), r"group\.noisy\.fmax\.2: expected a number from"),
+        (Growth(amplitude=(1e308,)), r"group\.noisy\.amplitude\.2: expected a number from"),
+        (Growth(amplitude=(1e-30,)), r"group\.noisy\.amplitude\.0: expected a number from"),
         (Growth(groups=("loud",)), r"--group: expected one of noisy, ideal, got loud"),
         (Growth(fmax=(0.001,)), r"group\.noisy\.fmax: expected at least"),
         (Growth(amplitude=(-1.0,)), r"group\.noisy\.amplitude"),
@@ -222,6 +229,59 @@ def test_what_cannot_grow_is_one_line(tiny: str, growth: Growth, expected: str) 
     with pytest.raises(DesignError, match=expected) as caught:
         grown_study(parse_study(tiny), growth)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("edits", "commands"),
+    [
+        ([("realizations = 5", "realizations = 8")], ["--realizations 8 --group noisy"]),
+        (
+            [("realizations = 5", "realizations = 8"), ("realizations = 2", "realizations = 3")],
+            ["--realizations 8 --group noisy", "--realizations 3 --group ideal"],
+        ),
+        ([("starts = 6", "starts = 9"), ("starts = 4", "starts = 9")], ["--starts 9"]),
+        (
+            [("[3.0, 5.0]", "[3.0, 5.0, 9.0]"), ("[0.41, 1.2]", "[0.41, 1.2, 8.0]")],
+            ["--fmax 8.0 --amplitude 9.0 --group noisy"],
+        ),
+    ],
+)
+def test_a_larger_study_file_is_told_the_command_that_grows_the_cube(
+    tiny: str, tmp_path: Path, edits: list[tuple[str, str]], commands: list[str]
+) -> None:
+    path, text = tmp_path / "out.zarr", tiny
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new, 1)
+    small, large = Cube.create(path, parse_study(tiny)).study, parse_study(text)
+    with pytest.raises(StudyChangedError, match="holds a smaller study; expected no change, found group") as refused:
+        open_or_create(path, large)
+    assert str(refused.value).endswith(" && ".join(f"mcstudy extend {path} {words}" for words in commands))
+    steps = growths(small, large)
+    assert steps is not None
+    for step in steps:
+        small = grown_study(small, step)
+    assert small == large
+    path.rename(tmp_path / "old.zarr")
+    Cube.create(path, large)
+    with pytest.raises(StudyChangedError, match="has grown beyond this study file, and holds all of it") as refused:
+        open_or_create(path, parse_study(tiny))
+    assert str(refused.value).endswith(f"to finish what is pending: mcstudy extend {path}")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_change_that_is_no_growth_is_told_no_command(tiny: str, tmp_path: Path) -> None:
+    lhs = "[fit]\nstarts = 'latin_hypercube'\n"
+    for before, after in (
+        (tiny, tiny.replace("seed = 7", "seed = 8")),
+        (tiny, tiny.replace("realizations = 5", "realizations = 8").replace("starts = 6", "starts = 5")),
+        (tiny + lhs, tiny.replace("starts = 6", "starts = 9") + lhs),
+    ):
+        Cube.create(tmp_path / "out.zarr", parse_study(before))
+        with pytest.raises(StudyChangedError, match="belongs to another study file; expected no change") as refused:
+            open_or_create(tmp_path / "out.zarr", parse_study(after))
+        assert "mcstudy extend" not in str(refused.value)
+        shutil.rmtree(tmp_path / "out.zarr")
 
 
 def test_latin_hypercube_starts_do_not_grow_but_the_rest_does(tiny: str) -> None:

@@ -65,7 +65,12 @@ GREEDY = [
         "stimulus = {stages = 9, state_s = 0.1, cycles = 1, discard = 0}",
         "group.noisy.stimulus.state_s: expected at most",
     ),
-    ("amplitude = [3.0, 5.0]", "amplitude = [5.0]\nstimulus.rate_hz = 1e300", "group.noisy.stimulus.state_s: expected"),
+    ("amplitude = [3.0, 5.0]", "amplitude = [5.0]\nstimulus.rate_hz = 1e300", "group.noisy.stimulus.rate_hz: expected"),
+    (
+        "amplitude = [3.0, 5.0]",
+        "amplitude = [5.0]\nstimulus = {rate_hz = 1e6, state_s = 1e3}",
+        "group.noisy.stimulus.state_s: expected at most",
+    ),
     ("amplitude = [3.0, 5.0]", "amplitude = [5.0]\nstimulus.state_s = 1e9", "group.noisy.stimulus.state_s: expected"),
 ]
 

@@ -1,0 +1,105 @@
+"""How one study is another with more realizations, starts, Fmax or amplitudes, and the command that makes it so."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcstudy.errors import DesignError
+from mcstudy.study.design import Group, Study
+from mcstudy.study.study_file import parse_study, to_toml
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What to add.
+
+    Attributes
+    ----------
+    realizations, starts: new totals; None leaves them.
+    fmax (Hz), amplitude (units of the stimulus): values to add; those already there change nothing.
+    groups: which groups grow; none for all.
+    """
+
+    realizations: int | None = None
+    starts: int | None = None
+    fmax: tuple[float, ...] = ()
+    amplitude: tuple[float, ...] = ()
+    groups: tuple[str, ...] = ()
+
+    def command(self, out: Path) -> str:
+        """The command that grows the cube ``out`` by this."""
+        words = ["mcstudy", "extend", str(out)]
+        for name in ("realizations", "starts"):
+            total = getattr(self, name)
+            words += [] if total is None else [f"--{name}", str(total)]
+        for name in ("fmax", "amplitude"):
+            values = getattr(self, name)
+            words += [f"--{name}", *map(str, values)] if values else []
+        words += [word for group in self.groups for word in ("--group", group)]
+        return shlex.join(words)
+
+
+def grown_study(study: Study, growth: Growth) -> Study:
+    """The larger study; raises `DesignError` for what cannot grow, or would not be a valid study file."""
+    for name in growth.groups:
+        if name not in study.group:
+            raise DesignError(f"--group: expected one of {', '.join(study.group)}, got {name}")
+    names = growth.groups or tuple(study.group)
+    groups = {name: _grown(f"group.{name}", g, growth) if name in names else g for name, g in study.group.items()}
+    # Through the text of a study file: what is valid is decided in one place.
+    return parse_study(to_toml(study.model_copy(update={"group": groups})))
+
+
+def _grown(where: str, group: Group, growth: Growth) -> Group:
+    totals = {}
+    for name in ("realizations", "starts"):
+        old, new = getattr(group, name), getattr(growth, name)
+        totals[name] = old if new is None else new
+        if totals[name] < old:
+            raise DesignError(f"{where}.{name}: expected at least {old}, what the cube has, got {new}")
+    if group.fit.starts == "latin_hypercube" and totals["starts"] != group.starts:
+        raise DesignError(
+            f"{where}.starts: expected {group.starts}, since Latin hypercube starts depend on their number and "
+            f"all would have to be fitted again (a new study does), got {totals['starts']}"
+        )
+    axes = {"fmax": growth.fmax, "amplitude": growth.amplitude}
+    for name, values in axes.items():
+        if not all(math.isfinite(x) for x in values):
+            raise DesignError(f"{where}.{name}: expected finite numbers, got {', '.join(map(str, values))}")
+    merged = {name: tuple(sorted({*getattr(group, name), *values})) for name, values in axes.items()}
+    return group.model_copy(update={**totals, **merged})
+
+
+def growths(small: Study, large: Study) -> list[Growth] | None:
+    """What makes ``small`` into ``large``, group by group; None when that is no growth, or one that cannot be."""
+    found = []
+    for name, new in large.group.items():
+        old = small.group.get(name)
+        if old is None:
+            return None
+        growth = Growth(
+            new.realizations if new.realizations != old.realizations else None,
+            new.starts if new.starts != old.starts else None,
+            tuple(f for f in new.fmax if f not in old.fmax),
+            tuple(a for a in new.amplitude if a not in old.amplitude),
+        )
+        if growth != Growth():
+            found.append((name, growth))
+    alike = {growth for _, growth in found}
+    if len(alike) == 1 and len(found) == len(large.group):
+        steps = list(alike)
+    else:
+        steps = [
+            Growth(g.realizations, g.starts, g.fmax, g.amplitude, tuple(n for n, own in found if own == g))
+            for g in dict.fromkeys(growth for _, growth in found)
+        ]
+    study = small
+    try:
+        for step in steps:
+            study = grown_study(study, step)
+    except DesignError:
+        return None
+    return steps if study.fingerprint == large.fingerprint else None

@@ -68,6 +68,11 @@ def one_line(error: ValidationError, model: type[BaseModel], where: str = "", wh
     return f"{field}: {words}, got {short(first['input'])}{more}"
 
 
+def shown(name: str) -> str:
+    """A name of a stranger as it is, unless it would not fit in a line or steer a terminal."""
+    return name if name.isprintable() and len(name) <= 60 else short(name)
+
+
 def short(value: object) -> str:
     """``value`` as it is written, cut to 60 characters."""
     try:
@@ -129,7 +134,7 @@ def _place(model: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[tuple[st
         table = tables[0] if tables else None
         if inside is None and not tables:
             continue  # the name of a member of a union
-        out.append(str(part))
+        out.append(shown(str(part)))
         here = inside
     return tuple(out), table
 

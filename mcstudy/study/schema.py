@@ -88,9 +88,9 @@ _LIMITS = {
 
 def _explained(error: Any) -> tuple[list[str], str]:
     """Place of an error of jsonschema, and what was expected and found there."""
-    from mcstudy.study.plain_errors import short
+    from mcstudy.study.plain_errors import short, shown
 
-    place = [k if k.isprintable() and len(k) <= 60 else short(k) for k in map(str, error.absolute_path)]
+    place = [shown(str(k)) for k in error.absolute_path]
     rule, limit, value = error.validator, error.validator_value, error.instance
     if rule == "required":
         return [*place, next(k for k in limit if k not in value)], "missing"

@@ -14,7 +14,7 @@ from typing import Any
 
 from mcstudy.errors import DesignError
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
-from mcstudy.study.plain_errors import short, validated
+from mcstudy.study.plain_errors import short, shown, validated
 from mcstudy.study.untrusted import toml
 
 MAX_BYTES = 1_000_000
@@ -62,7 +62,7 @@ def parse_study(text: str) -> Study:
     known = ("study", *SECTIONS, "group")
     for key, value in raw.items():
         if key not in known:
-            raise DesignError(f"{key}: unknown key, expected one of {', '.join(known)}")
+            raise DesignError(f"{shown(key)}: unknown key, expected one of {', '.join(known)}")
         if not isinstance(value, dict):
             raise DesignError(f"{key}: expected a table [{key}], got {short(value)}")
     if "study" not in raw:
@@ -75,13 +75,14 @@ def parse_study(text: str) -> Study:
         validated(Group.model_fields[key].annotation, value, key)
     groups = {}
     for name, own in raw["group"].items():
+        where = f"group.{shown(name)}"
         if not isinstance(own, dict):
-            raise DesignError(f"group.{name}: expected a table [group.{name}], got {short(own)}")
+            raise DesignError(f"{where}: expected a table [{where}], got {short(own)}")
         for key in SECTIONS:
             if not isinstance(own.get(key, {}), dict):
-                raise DesignError(f"group.{name}.{key}: expected a table, got {short(own[key])}")
+                raise DesignError(f"{where}.{key}: expected a table, got {short(own[key])}")
         groups[name] = merge(shared, own)
-        validated(Group, groups[name], f"group.{name}")
+        validated(Group, groups[name], where)
     study: Study = validated(Study, {"study": raw["study"], "group": groups})
     return study
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from mcstudy.stance.body import one_segment
 from mcstudy.study.design import Group
 from mcstudy.study.own_model import run_model
 from mcstudy.study.plain_errors import short, validated
+from mcstudy.study.study_file import parse_study
 
 GROUP = {"realizations": 2, "starts": 3, "fmax": [8.0], "amplitude": [5.0]}
 PROSE = re.compile(r"[Ii]nput|valid |Extra|permitted|Tuple|[Dd]ictionary|validation|instance of|parse|should")
@@ -88,3 +90,14 @@ def test_what_json_cannot_carry_is_one_line_too() -> None:
         assert short(value)
     with pytest.raises(DesignError, match=r"group\.a: expected numbers, text, lists and tables only"):
         validated(Group, GROUP | {"starts": {1}}, "group.a")
+
+
+@pytest.mark.parametrize("name", ["\n", "\x1b[2J", "long" * 100])
+def test_a_name_that_would_steer_a_terminal_is_written_out(name: str) -> None:
+    quoted = json.dumps(name)
+    head = "[study]\nname = 'a'\nseed = 1\n"
+    for text in (f"{quoted} = 1", f"{head}[group.{quoted}]\nfit = 3", f"{head}[group.a.noise]\n{quoted} = 3"):
+        with pytest.raises(DesignError) as caught:
+            parse_study(text)
+        assert str(caught.value).isprintable()
+        assert len(str(caught.value)) < 300

@@ -13,7 +13,7 @@ from typing import Any
 from mcstudy.errors import DesignError
 from mcstudy.gap.challenge.design import KINDS, MAIN, SECTIONS, Answering, Challenge, ChallengeFile, Series
 from mcstudy.gap.challenge.design_checks import check
-from mcstudy.study.plain_errors import short, validated
+from mcstudy.study.plain_errors import short, shown, validated
 from mcstudy.study.study_file import merge, parse_toml, read_text
 
 
@@ -32,7 +32,7 @@ def resolve(raw: dict[str, Any]) -> ChallengeFile:
     known = ("challenge", "answer", *SECTIONS, "variant")
     for key, value in raw.items():
         if key not in known:
-            raise DesignError(f"{key}: unknown key, expected one of {', '.join(known)}")
+            raise DesignError(f"{shown(key)}: unknown key, expected one of {', '.join(known)}")
         if not isinstance(value, dict):
             raise DesignError(f"{key}: expected a table [{key}], got {short(value)}")
     if "challenge" not in raw:
@@ -44,7 +44,7 @@ def resolve(raw: dict[str, Any]) -> ChallengeFile:
         validated(Series.model_fields[key].annotation, value, key)
     series = {MAIN: _series({"cases": challenge.cases, **shared}, "")}
     for name, own in raw.get("variant", {}).items():
-        where = f"variant.{name}"
+        where = f"variant.{shown(name)}"
         if name == MAIN or not isinstance(own, dict):
             raise DesignError(f"{where}: expected a table [variant.NAME] with another name than {MAIN}")
         for key in SECTIONS:

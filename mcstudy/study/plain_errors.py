@@ -78,7 +78,7 @@ def short(value: object) -> str:
     try:
         text = repr(value)
     except (ValueError, RecursionError):  # a number of thousands of digits, or hundreds of lists in each other
-        return f"a {type(value).__name__} too long to show"
+        return "what is too long to show"
     return text if len(text) <= 60 else text[:57] + "..."
 
 

@@ -182,6 +182,7 @@ def test_wilson_interval_is_the_textbook_one() -> None:
     assert (none.low, none.high) == pytest.approx((0.0, 0.1611), abs=5e-5)
     assert rate([]).n == 0
     assert math.isnan(mean([1.0]).low)
+    assert mean([0.25]).text() == "25.0 %"
 
 
 def test_ideal_detection_of_one_effect_is_the_normal_test() -> None:

@@ -61,6 +61,9 @@ def test_a_mistake_is_told_in_plain_words(model: Any, change: dict[str, Any], me
         ("rate_hz = 0", "rate_hz: expected greater than 0, got 0"),
         ("convention = 'rms'", "convention: expected 'peak' or 'peak_to_peak', got 'rms'"),
         ("body = {order = 'm1'}", "body.order: expected a list, got 'm1'"),
+        (f"rate_hz = {'9' * 4000}", "rate_hz: expected a number, got 999"),
+        (f"rate_hz = 0x{'f' * 5000}", "rate_hz: expected a number, got what is too long to show"),
+        (f"name = {'[' * 200}{']' * 200}", "name: expected a string, got [[["),
     ],
 )
 def test_a_recording_sheet_speaks_the_same_words(tmp_path: Path, sheet: str, message: str) -> None:

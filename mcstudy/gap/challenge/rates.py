@@ -32,13 +32,13 @@ class Figure:
         return replace(self, low=low, high=high)
 
     def text(self, percent: bool = True) -> str:
-        """For people: 93.1 % [90.2, 95.2]."""
+        """For people: 93.1 % [90.2, 95.2]; one case has no interval."""
         if self.n == 0 or math.isnan(self.value):
             return "no cases"
         scale, unit = (100.0, " %") if percent else (1.0, "")
         digits = 1 if percent else 2
         v, lo, hi = (f"{scale * x:.{digits}f}" for x in (self.value, self.low, self.high))
-        return f"{v}{unit} [{lo}, {hi}]"
+        return f"{v}{unit}" if math.isnan(self.low) else f"{v}{unit} [{lo}, {hi}]"
 
 
 NOTHING = Figure(math.nan, math.nan, math.nan, 0)

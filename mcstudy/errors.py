@@ -35,5 +35,9 @@ class RecordingError(InputError):
     """A recording is not usable: gaps, wrong units, a period the stimulus does not have."""
 
 
+class FallsError(InputError):
+    """A simulated body cannot stand, or falls in the simulation; smaller effects or shorter delays may hold it."""
+
+
 class Interrupted(McstudyError):
     """The run was stopped before it was complete; what is stored can be resumed."""

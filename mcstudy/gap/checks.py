@@ -9,7 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.gap.recording import MINIMUM_CYCLES, Recording, Suspicion, Trial
+from mcstudy.gap.columns import LARGEST_NUMBER
+from mcstudy.gap.lines import Lines
+from mcstudy.gap.recording import MINIMUM_CYCLES, MOST_CYCLES, MOST_CYCLES_IN_ALL, RATE_HZ, Recording, Suspicion, Trial
+
+SMALLEST_SWAY = 1e-9
+"""Angles that move less than this (rad) are not measured."""
+
+SMALLEST_STIMULUS = {"N m": 1e-6, "m": 1e-9}
+"""Stimuli that move less than this are none."""
 
 LARGEST_SWAY = 1.0
 """Angles beyond this (rad, 57 deg) are not sway."""
@@ -22,6 +30,11 @@ PERIODIC = 0.05
 
 AMPLITUDE = 0.10
 """Relative difference between a stated amplitude and the waveform's that passes: nominal values are rounded."""
+
+LEAST_NOISE = 1e-5
+"""Least noise of a response relative to it, in the median over lines; 20 bits of a sensor's range leave more."""
+
+LEAST_NOISE_OF_A_LINE = 1e-8
 
 STUCK_S = 2.0
 """An angle that does not change at all for this long (s) comes from a sensor that is stuck."""
@@ -37,10 +50,15 @@ def rate_of(time: np.ndarray, stated: float | None, where: str) -> float:
         raise RecordingError(f"{where}: time: not a number in row {row + 1}")
     if time.size < 10:
         raise RecordingError(f"{where}: time: expected at least 10 samples, got {time.size}")
+    if np.abs(time).max() > LARGEST_NUMBER:
+        raise RecordingError(f"{where}: time: expected at most {LARGEST_NUMBER:g} s, got {np.abs(time).max():g} s")
+    if stated is not None and (fault := RATE_HZ.fault(stated)):
+        raise RecordingError(f"{where}: rate_hz: {fault}")
     steps = np.diff(time)
     if (steps <= 0).any():
         row = int(np.flatnonzero(steps <= 0)[0])
         raise RecordingError(f"{where}: time: does not increase after t = {time[row]:g} s (row {row + 1})")
+    span = float(time[-1] - time[0])
     step = float(np.median(steps))
     wide = np.flatnonzero(steps > 1.5 * step)
     if wide.size:
@@ -51,7 +69,12 @@ def rate_of(time: np.ndarray, stated: float | None, where: str) -> float:
     drift = time - np.linspace(time[0], time[-1], time.size)
     if np.abs(drift).max() > 1.5 * step:
         raise RecordingError(f"{where}: time: not uniform; it strays {np.abs(drift).max():g} s from a constant rate")
-    rate = float((time.size - 1) / (time[-1] - time[0]))
+    if not RATE_HZ.low * span <= time.size - 1 <= RATE_HZ.high * span:
+        raise RecordingError(
+            f"{where}: time: expected a rate from {RATE_HZ.low:g} to {RATE_HZ.high:g} Hz, "
+            f"got {time.size} samples in {span:g} s"
+        )
+    rate = (time.size - 1) / span
     if stated is not None and abs(rate / stated - 1) > 1e-3:
         raise RecordingError(f"{where}: rate_hz: stated {stated:g} Hz, but the time column runs at {rate:.6g} Hz")
     return stated or (round(rate) if abs(rate / round(rate) - 1) < 1e-4 else rate)
@@ -60,10 +83,12 @@ def rate_of(time: np.ndarray, stated: float | None, where: str) -> float:
 def check(recording: Recording) -> tuple[Suspicion, ...]:
     """Raise `RecordingError` on what cannot be analysed; return what is merely odd."""
     suspicions: list[Suspicion] = []
+    if (cycles := sum(recording.cycles)) > MOST_CYCLES_IN_ALL:
+        raise RecordingError(f"{recording.name}: trials: expected at most {MOST_CYCLES_IN_ALL} cycles, got {cycles}")
     for k, trial in enumerate(recording.trials, start=1):
         where = f"{recording.name}: trial {k}"
         for name, values in _channels(trial):
-            _finite(values, recording.rate_hz, f"{where}: {name}")
+            _numbers(values, recording.rate_hz, f"{where}: {name}")
         for name, values in _channels(trial):
             if np.ptp(values) == 0:
                 raise RecordingError(f"{where}: {name}: constant ({values[0]:g}) over the whole trial")
@@ -76,16 +101,37 @@ def check(recording: Recording) -> tuple[Suspicion, ...]:
     return tuple(suspicions)
 
 
+def check_noise(lines: Lines, name: str) -> None:
+    """Raise `RecordingError` for responses without noise, or whose noise is singular: nothing can be weighed by it."""
+    variance = np.einsum("nii->ni", lines.C).real
+    size = np.abs(lines.y)
+    if not (np.isfinite(lines.C).all() and np.isfinite(size).all() and (variance > 0).all() and size.any()):
+        raise RecordingError(f"{name}: theta1, theta2: expected responses with noise of their own, found none")
+    relative = (np.sqrt(variance) / np.maximum(size, 1e-300)).min(axis=1)  # an angle that was not published is zero
+    if np.median(relative) < LEAST_NOISE or relative.min() < LEAST_NOISE_OF_A_LINE:
+        raise RecordingError(
+            f"{name}: theta1, theta2: expected noise of at least {LEAST_NOISE:g} of the responses, by which a gap is "
+            f"weighed ({LEAST_NOISE_OF_A_LINE:g} at any line), got {np.median(relative):.1g} ({relative.min():.1g})"
+        )
+    if (1 - np.abs(lines.C[:, 0, 1]) ** 2 / variance.prod(axis=1) < LEAST_NOISE_OF_A_LINE).any():
+        raise RecordingError(f"{name}: theta1, theta2: one is a multiple of the other; their covariance is singular")
+
+
 def _channels(trial: Trial) -> tuple[tuple[str, np.ndarray], ...]:
     return ("stimulus", trial.stimulus), ("theta1", trial.theta[:, 0]), ("theta2", trial.theta[:, 1])
 
 
-def _finite(values: np.ndarray, rate: float, where: str) -> None:
+def _numbers(values: np.ndarray, rate: float, where: str) -> None:
+    if values.size < 10:
+        raise RecordingError(f"{where}: expected at least 10 samples, got {values.size}")
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         raise RecordingError(
             f"{where}: {bad.size} of {values.size} values are not numbers, the first at t = {bad[0] / rate:g} s"
         )
+    largest = float(np.abs(values).max())
+    if largest > LARGEST_NUMBER:
+        raise RecordingError(f"{where}: expected numbers up to {LARGEST_NUMBER:g}, got {largest:g}")
 
 
 def _ranges(recording: Recording, trial: Trial, where: str) -> None:
@@ -96,10 +142,20 @@ def _ranges(recording: Recording, trial: Trial, where: str) -> None:
                 f"{where}: {name}: sways ±{half:.3g} rad (±{np.rad2deg(half):.3g} deg), which no standing person does; "
                 "are the values in deg but declared rad?"
             )
+        if half < SMALLEST_SWAY:
+            raise RecordingError(
+                f"{where}: {name}: sways ±{half:.3g} rad; expected at least {SMALLEST_SWAY:g} rad; is the unit right?"
+            )
     limit = LARGEST_STIMULUS[recording.stimulus_unit]
     if trial.peak > limit:
         raise RecordingError(
             f"{where}: stimulus: reaches ±{trial.peak:.3g} {recording.stimulus_unit}; expected less than {limit:g} "
+            f"for {recording.stimulus}; is the unit right?"
+        )
+    least = SMALLEST_STIMULUS[recording.stimulus_unit]
+    if trial.peak < least:
+        raise RecordingError(
+            f"{where}: stimulus: reaches ±{trial.peak:.3g} {recording.stimulus_unit}; expected at least {least:g} "
             f"for {recording.stimulus}; is the unit right?"
         )
 
@@ -124,6 +180,11 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
         raise RecordingError(
             f"{where}: period_s: expected at least {MINIMUM_CYCLES} cycles of {recording.period_s:g} s, "
             f"got {cycles:.2f}"
+        )
+    if cycles > MOST_CYCLES:
+        raise RecordingError(
+            f"{where}: period_s: expected at most {MOST_CYCLES} cycles of {recording.period_s:g} s, got {cycles:.0f}; "
+            "leave period_s out, or cut the trial"
         )
     u = trial.stimulus - trial.stimulus.mean()
     size = np.sqrt(np.mean(u**2))

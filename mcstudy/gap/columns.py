@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
-from mcstudy.errors import RecordingError
+from mcstudy.errors import RecordingError, StoreError
+from mcstudy.study.untrusted import real_bytes
 
 LARGEST_FILE = 1 << 30
 """Text files above this many bytes are refused."""
+
+LARGEST_NUMBER = 1e15
+"""Numbers beyond this are of no unit (milliseconds since 1970 are 2e12), and arithmetic on them could overflow."""
+
+NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan)", re.ASCII | re.IGNORECASE)
+"""A number of a text file. Python's own ``float`` also takes 1_000 and the digits of other scripts."""
 
 
 class TextTable:
@@ -19,19 +27,17 @@ class TextTable:
     Raises `RecordingError` with the line of a value that is not a number.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: str | Path) -> None:
+        self.path = path = Path(path)
         try:
-            size = path.stat().st_size
+            lines = real_bytes(path, LARGEST_FILE, follow=True).decode("utf-8-sig").splitlines()
         except OSError as error:
             raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-        if size > LARGEST_FILE:
-            raise RecordingError(f"{path}: {size} bytes; expected less than {LARGEST_FILE}")
-        try:
-            lines = path.read_text(encoding="utf-8-sig").splitlines()
-        except (OSError, UnicodeDecodeError) as error:
+        except StoreError as error:
+            raise RecordingError(str(error)) from error
+        except UnicodeDecodeError as error:
             raise RecordingError(f"{path}: expected a text file: {error}") from error
-        numbered = [(k, line) for k, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
+        numbered = [(k, line) for k, line in enumerate(lines, start=1) if line.strip() and line.lstrip()[0] != "#"]
         if not numbered:
             raise RecordingError(f"{path}: expected rows of numbers, found none")
         delimiter = next((d for d in (",", ";", "\t") if d in numbered[0][1]), None)
@@ -45,8 +51,8 @@ class TextTable:
         if not numbered:
             raise RecordingError(f"{self.path}: expected rows of numbers under the header, found none")
         try:
-            return np.loadtxt([line for _, line in numbered], delimiter=delimiter, ndmin=2)
-        except ValueError:
+            values = np.loadtxt([line for _, line in numbered], delimiter=delimiter, ndmin=2)
+        except ValueError as problem:
             width = len(self.names) or len(numbered[0][1].split(delimiter))
             for k, line in numbered:
                 cells = line.split(delimiter)
@@ -58,7 +64,17 @@ class TextTable:
                         raise RecordingError(
                             f"{self.path}: line {k}, column {label!r}: expected a number, got {cell.strip()!r}"
                         ) from None
-            raise
+            reason = " ".join(str(problem).split())
+            raise RecordingError(f"{self.path}: expected rows of numbers: {reason}") from None
+        large = np.argwhere(np.isfinite(values) & (np.abs(values) > LARGEST_NUMBER))
+        if large.size:
+            row, column = large[0]
+            label = self.names[column] if column < len(self.names) else str(column)
+            raise RecordingError(
+                f"{self.path}: line {numbered[row][0]}, column {label!r}: expected numbers up to {LARGEST_NUMBER:g}, "
+                f"got {values[row, column]:g}"
+            )
+        return values
 
     def column(self, key: str | int) -> np.ndarray:
         """One column by its header name or its number from 0, (rows,)."""
@@ -73,8 +89,4 @@ class TextTable:
 
 
 def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return NUMBER.fullmatch(text.strip()) is not None

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from mcstudy.errors import RecordingError
+from mcstudy.errors import ModelError, RecordingError
 from mcstudy.gap.checks import rate_of
-from mcstudy.gap.recording import Recording, Trial
+from mcstudy.gap.columns import NUMBER
+from mcstudy.gap.recording import Recording, Trial, refuse_size
 from mcstudy.gap.stranger import LARGEST, check_hdf5, check_zarr
 from mcstudy.gap.units import factor
 from mcstudy.stance.body import STIMULI, Body
@@ -86,7 +87,7 @@ def header(dataset: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def write_netcdf(recording: Recording, path: Path) -> None:
+def write_netcdf(recording: Recording, path: str | Path) -> None:
     """Write a NetCDF-4 file; an existing one is replaced."""
     partial = partial_name(path)
     with unfinished(partial, partial.touch):
@@ -94,7 +95,7 @@ def write_netcdf(recording: Recording, path: Path) -> None:
         partial.replace(path)
 
 
-def write_zarr(recording: Recording, path: Path) -> None:
+def write_zarr(recording: Recording, path: str | Path) -> None:
     """Write a Zarr v3 store of fixed-length types; an existing one is replaced."""
     dataset = to_dataset(recording)
     # Strings have no Zarr v3 specification yet: the names of the angles go into an attribute.
@@ -108,8 +109,9 @@ def write_zarr(recording: Recording, path: Path) -> None:
             partial.rename(path)
 
 
-def write_csv(recording: Recording, folder: Path) -> Path:
+def write_csv(recording: Recording, folder: str | Path) -> Path:
     """Write ``recording.toml`` and one CSV per trial into a folder; returns the path of the TOML file."""
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     body = ", ".join(f"{n} = {getattr(recording.body, n)!r}" for n in BODY)
     lines = [
@@ -135,8 +137,9 @@ def write_csv(recording: Recording, folder: Path) -> Path:
     return path
 
 
-def read_dataset(path: Path) -> Recording:
+def read_dataset(path: str | Path) -> Recording:
     """Read a NetCDF file or a Zarr store (by its name's ending); structure and units, `RecordingError` otherwise."""
+    path = Path(path)
     # No indexes: building one would read a coordinate before its size is checked.
     options: dict[str, Any] = {
         "decode_times": False,
@@ -174,29 +177,36 @@ def from_dataset(dataset: xr.Dataset, where: str = "dataset") -> Recording:
     kind = str(_attribute(attrs, "stimulus_kind", where))
     if kind not in STIMULI:
         raise RecordingError(f"{where}: stimulus_kind: expected one of {', '.join(STIMULI)}, got {kind!r}")
+    count, length = stimulus.sizes["trial"], stimulus.sizes["time"]
+    refuse_size(count, 0, where)
+    samples = _per_trial(dataset, "samples", count, float(length), where)
+    for k, n in enumerate(samples, start=1):
+        if not (1 <= n <= length and n == round(n)):
+            raise RecordingError(f"{where}: samples: trial {k} states {n:g} of {length}")
+    refuse_size(count, int(samples.sum()), where)
     u = _values(stimulus, where) * factor(
         str(stimulus.attrs.get("units", "missing")), STIMULI[kind], f"{where}: stimulus"
     )
     y = _values(theta, where) * factor(str(theta.attrs.get("units", "missing")), "rad", f"{where}: theta")
-    samples = _per_trial(dataset, "samples", u.shape[0], float(u.shape[1]), where)
-    stated = _per_trial(dataset, "amplitude", u.shape[0], np.nan, where)
-    trials = []
-    for k in range(u.shape[0]):
-        n = int(samples[k])
-        if not 1 <= n <= u.shape[1]:
-            raise RecordingError(f"{where}: samples: trial {k + 1} states {n} of {u.shape[1]}")
-        trials.append(Trial(u[k, :n], y[k, :n], float(stated[k]) if np.isfinite(stated[k]) else None))
+    stated = _per_trial(dataset, "amplitude", count, np.nan, where)
+    trials = [
+        Trial(u[k, :n], y[k, :n], None if np.isnan(stated[k]) else float(stated[k]))
+        for k, n in enumerate(samples.astype(int))
+    ]
     period = attrs.get("period_s")
-    return Recording(
-        tuple(trials),
-        _rate(dataset, attrs, where),
-        None if period is None else _number(period, "period_s", where),
-        kind,
-        _body(attrs, where),
-        str(attrs.get("convention", "peak")),
-        str(attrs.get("name", Path(where).stem)),
-        str(attrs.get("provenance", "")),
-    )
+    try:
+        return Recording(
+            tuple(trials),
+            _rate(dataset, attrs, where),
+            None if period is None else _number(period, "period_s", where),
+            kind,
+            _body(attrs, where),
+            str(attrs.get("convention", "peak")),
+            str(attrs.get("name", Path(where).stem)),
+            str(attrs.get("provenance", "")),
+        )
+    except RecordingError as error:
+        raise RecordingError(str(error) if str(error).startswith(where) else f"{where}: {error}") from error
 
 
 def _variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], where: str) -> xr.DataArray:
@@ -242,12 +252,11 @@ def _attribute(attrs: dict[Any, Any], name: str, where: str) -> Any:
 
 def _number(value: Any, name: str, where: str) -> float:
     try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
-    if not (np.isfinite(number) and number > 0):
-        raise RecordingError(f"{where}: {name}: expected a positive number, got {value!r}")
-    return number
+        if isinstance(value, str) and not NUMBER.fullmatch(value.strip()):
+            raise ValueError
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise RecordingError(f"{where}: {name}: expected a number, got {value!r}"[:300]) from None
 
 
 def _rate(dataset: xr.Dataset, attrs: dict[Any, Any], where: str) -> float:
@@ -265,9 +274,10 @@ def _body(attrs: dict[Any, Any], where: str) -> Body:
     text = _attribute(attrs, "body", where)
     try:
         given = json.loads(text) if isinstance(text, str) else dict(text)
-        values = {n: float(given[n]) for n in BODY if n in given or n != "g"}
+        named = {n: given[n] for n in BODY if n in given or n != "g"}
     except (KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"{where}: body: expected JSON with {', '.join(BODY)}: {error!r}") from error
-    if any(not (np.isfinite(v) and v > 0) for v in values.values()):
-        raise RecordingError(f"{where}: body: expected positive numbers, got {values}")
-    return Body(**values)
+    try:
+        return Body(**{n: _number(v, f"body.{n}", where) for n, v in named.items()})
+    except ModelError as error:
+        raise RecordingError(f"{where}: {error}") from error

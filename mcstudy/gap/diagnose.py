@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mcstudy.errors import RecordingError
+from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.ambiguity import undetectable
+from mcstudy.gap.checks import check, check_noise
 from mcstudy.gap.close import Belief, Closed, close, floor_rms_deg, sway_rms_deg
 from mcstudy.gap.diagnosis import LEVEL, Diagnosis, Shift
 from mcstudy.gap.explain import Cause, Explanation, explain
@@ -20,7 +21,7 @@ from mcstudy.gap.frf_only import FrfRecording
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.locate import missing_torque, places
 from mcstudy.gap.measure import measure
-from mcstudy.gap.plausible import plausibility, refuse
+from mcstudy.gap.plausible import merged, plausibility, refuse
 from mcstudy.gap.recording import Recording
 from mcstudy.gap.scores import Scores
 from mcstudy.gap.tested import Tested, tested
@@ -29,6 +30,9 @@ from mcstudy.study.streams import stream
 
 FAST_DRAWS = 1000
 BOOTSTRAP = 1000
+
+LEAST_DRAWS = 50
+"""Fewest draws of a bootstrap: with fewer than 31 no p-value could be below `LEVEL`."""
 
 CREDIBLE = 0.95
 
@@ -54,6 +58,8 @@ def diagnose(
 
     Raises `RecordingError` for recordings that cannot be analysed or whose channels are not what they are labelled.
     """
+    if bootstrap < LEAST_DRAWS:
+        raise InputError(f"bootstrap: expected at least {LEAST_DRAWS} draws, got {bootstrap}")
     return _diagnose(pooled(recording), bootstrap, True, seed, model, fmax, discard, accept)
 
 
@@ -89,6 +95,8 @@ def pooled(recording: Recording | FrfRecording | Sequence[Recording]) -> Recordi
     """One recording with all trials; raises `RecordingError` when kind, sampling or body differ."""
     if isinstance(recording, Recording | FrfRecording):
         return recording
+    if not recording:
+        raise RecordingError("recordings: expected at least one")
     first, *rest = recording
     for r in rest:
         for field in ("rate_hz", "period_s", "stimulus", "body", "convention"):
@@ -100,7 +108,7 @@ def pooled(recording: Recording | FrfRecording | Sequence[Recording]) -> Recordi
     return replace(
         first,
         trials=tuple(t for r in recording for t in r.trials),
-        suspicions=tuple(dict.fromkeys(s for r in recording for s in r.suspicions)),
+        suspicions=merged(*(r.suspicions for r in recording)),
     )
 
 
@@ -172,12 +180,17 @@ def _measured(
     recording: Recording | FrfRecording, fmax: float, discard: int, accept: Iterable[str]
 ) -> tuple[Lines, tuple[str, ...]]:
     """The lines of a recording, and what is odd about it; raises `RecordingError` for what is refused."""
-    lines = measure(recording, fmax, discard)
     if isinstance(recording, FrfRecording):
+        lines = measure(recording, fmax, discard)
+        check_noise(lines, recording.name)
         return lines, ("only one angle was published, so the hip is not tested",) if recording.single else ()
-    found = recording.suspicions or plausibility(recording, lines)
+    noted = check(recording)
+    lines = measure(recording, fmax, discard)
+    check_noise(lines, recording.name)
+    # All of them before the decision: what one check noted says nothing about what another would find.
+    found = merged(recording.suspicions, noted, plausibility(recording, lines))
     refuse(found, accept)
-    return lines, tuple(dict.fromkeys(s.message for s in found))
+    return lines, tuple(s.message for s in found)
 
 
 def _other_axes(lines: Lines) -> list[str]:

@@ -9,15 +9,27 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.gap.line_noise import LineNoise
 from mcstudy.gap.lines import Lines
+from mcstudy.gap.recording import LEAST_LINES
+from mcstudy.gap.summary import Summary, shortened
 from mcstudy.stance.body import Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.within import Within
 
 LARGE_DOF = 1e6
 """Degrees of freedom of a covariance that was published instead of estimated here."""
 
+F_HZ = Within(1e-4, 1e3, "Hz")
+"""Frequencies of a published FRF."""
 
-@dataclass(frozen=True)
-class FrfRecording:
+GAIN = Within(0.0, 1e3, "rad per unit of the stimulus")
+"""Gains of a published FRF."""
+
+SD = Within(1e-12, 1e3, "rad per unit of the stimulus")
+"""Standard deviations of a published FRF."""
+
+
+@dataclass(frozen=True, repr=False)
+class FrfRecording(Summary):
     """FRFs of one person or a group, with their covariance.
 
     Attributes
@@ -34,6 +46,18 @@ class FrfRecording:
     name: str = "frf"
     provenance: str = ""
 
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        f = self.lines.f
+        facts = [
+            ("name", shortened(self.name)),
+            ("stimulus", self.stimulus),
+            ("lines", f"{f.size}, {f[0]:.4g} to {f[-1]:.4g} Hz" if f.size else "0"),
+            ("angles", "theta1" if self.single else "theta1, theta2"),
+            ("body", f"m g h = {self.body.mgh:.4g} N m/rad"),
+        ]
+        return facts + ([("provenance", shortened(self.provenance))] if self.provenance else [])
+
     def base_model(self) -> Model:
         """The model without effects for these data."""
         return one_segment(self.body) if self.single else two_segment(self.body, self.stimulus)
@@ -46,15 +70,23 @@ def lines_of(f: np.ndarray, y: np.ndarray, C: np.ndarray, name: str = "frf", amp
     positive definite.
     """
     n = f.size
-    if f.shape != (n,) or y.shape != (n, 2) or C.shape != (n, 2, 2) or n < 4:
-        raise RecordingError(f"{name}: expected at least 4 lines, f (N,), y (N, 2), C (N, 2, 2)")
+    if f.shape != (n,) or y.shape != (n, 2) or C.shape != (n, 2, 2) or n < LEAST_LINES:
+        raise RecordingError(f"{name}: expected at least {LEAST_LINES} lines, f (N,), y (N, 2), C (N, 2, 2)")
     for label, values in (("f", f), ("y", y), ("C", C)):
         if not np.isfinite(values).all():
             raise RecordingError(f"{name}: {label}: a value is not finite")
-    if (f <= 0).any() or (np.diff(f) <= 0).any():
+    variance = np.einsum("nii->ni", C).real
+    sd = np.sqrt(np.maximum(variance, 0.0))
+    for label, allowed, of_lines in (("f", F_HZ, f), ("gain", GAIN, np.abs(y)), ("sd", SD, sd)):
+        for value in (float(of_lines.min()), float(of_lines.max())):
+            if fault := allowed.fault(value):
+                raise RecordingError(f"{name}: {label}: {fault}")
+    if (np.diff(f) <= 0).any():
         raise RecordingError(f"{name}: f: frequencies must be positive and increasing")
-    if (np.linalg.eigvalsh(C)[:, 0] <= 0).any():
-        raise RecordingError(f"{name}: C: the covariance must be positive definite; expected standard deviations > 0")
+    if (np.abs(C[:, 0, 1]) ** 2 >= (1 - 1e-9) * variance.prod(axis=1)).any():
+        raise RecordingError(
+            f"{name}: C: the covariance must be positive definite; expected |c12| below the product of the sd"
+        )
     one = np.ones(n)
     return Lines(
         f=f,
@@ -80,6 +112,8 @@ def lines_of_columns(columns: dict[str, np.ndarray], scale: float, name: str) ->
     def need(key: str) -> np.ndarray:
         if key not in columns:
             raise RecordingError(f"{name}: column {key!r} is missing; found {', '.join(columns)}")
+        if not np.isfinite(columns[key]).all():
+            raise RecordingError(f"{name}: {key}: a value is not finite")
         return columns[key]
 
     single = not {"re2", "gain2"} & set(columns)
@@ -91,7 +125,10 @@ def lines_of_columns(columns: dict[str, np.ndarray], scale: float, name: str) ->
             y[:, k - 1] = scale * (need(f"re{k}") + 1j * need(f"im{k}"))
         else:
             y[:, k - 1] = scale * need(f"gain{k}") * np.exp(1j * np.deg2rad(need(f"phase{k}")))
-        C[:, k - 1, k - 1] = (scale * need(f"sd{k}")) ** 2
+        sd = need(f"sd{k}")
+        if not (sd > 0).all():
+            raise RecordingError(f"{name}: sd{k}: expected positive numbers, got {sd[~(sd > 0)][0]:g}")
+        C[:, k - 1, k - 1] = (scale * sd) ** 2
     if not single and "c12_re" in columns:
         C[:, 0, 1] = scale**2 * (need("c12_re") + 1j * need("c12_im"))
         C[:, 1, 0] = C[:, 0, 1].conj()

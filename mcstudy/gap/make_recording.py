@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import fft
 
-from mcstudy.errors import InputError
+from mcstudy.errors import FallsError, InputError
 from mcstudy.gap import effects as library
 from mcstudy.gap.declare import TrialSetting
-from mcstudy.gap.recording import Recording, Trial
+from mcstudy.gap.recording import AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size
 from mcstudy.stance.body import STIMULI, Body, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
@@ -32,11 +32,14 @@ PLATFORM_HZ = 6.0
 LARGEST_SWAY = 1.0
 """Simulated sway beyond this (rad) has fallen."""
 
+LARGEST_SIZE = 1e6
+"""Sizes of effects beyond this have no unit in which they were meant."""
+
 COMFORTABLE_STEP = 2.5
 """Largest step * |pole| of a filter that is simulated without more steps; the method's limit is 3.3."""
 
 MOST_SUBSTEPS = 1000
-"""Steps per sample up to which a filter is simulated."""
+"""Steps of the simulation per sample; what needs more is too short a lag to be meant."""
 
 Torque = Callable[[Sway, float], np.ndarray]
 """(sway, rate in Hz) -> additional torque (n, 2) by row (hip, ankle) in N m, on the side of the stimulus."""
@@ -68,10 +71,16 @@ class Protocol:
     def __post_init__(self) -> None:
         if self.stimulus not in STIMULI:
             raise InputError(f"stimulus: expected one of {', '.join(STIMULI)}, got {self.stimulus!r}")
-        if not self.amplitudes or min(self.amplitudes) <= 0:
-            raise InputError(f"amplitudes: expected at least one positive number, got {self.amplitudes!r}")
+        if not self.amplitudes:
+            raise InputError("amplitudes: expected at least one number, got none")
+        for amplitude in self.amplitudes:
+            if fault := AMPLITUDE[STIMULI[self.stimulus]].fault(amplitude):
+                raise InputError(f"amplitudes: {fault}")
+        if fault := RATE_HZ.fault(self.waveform.rate_hz):
+            raise InputError(f"rate_hz: {fault}")
         if self.cycles < 1:
             raise InputError(f"cycles: expected at least 1, got {self.cycles}")
+        refuse_size(len(self.amplitudes), len(self.amplitudes) * self.cycles * self.waveform.samples, "protocol")
 
 
 def simulate_recording(
@@ -99,7 +108,7 @@ def simulate_recording(
     torque: a torque that depends on the sway itself (solved by iteration); measure: a distortion of the recorded
         angles. Both are for effects that the library does not hold.
 
-    Raises `InputError` for an effect without a size, an unstable body, or one that falls.
+    Raises `InputError` for an effect without a size, `FallsError` for an unstable body, or one that falls.
     """
     body = body or Body()
     model, theta = body_with_effects(model or two_segment(body, protocol.stimulus), theta, effects, sizes or {})
@@ -114,7 +123,7 @@ def simulate_recording(
         noise = protocol.noise.sample(noise_stream, n, rate)
         sway = _with_torque(model, theta, stimulus, rate, noise, rules, torque)
         if not np.abs(sway.theta).max() < LARGEST_SWAY:
-            raise InputError(f"{name}: the body falls; reduce the size of {', '.join(effects) or 'the stimulus'}")
+            raise FallsError(f"{name}: the body falls; reduce the size of {', '.join(effects) or 'the stimulus'}")
         recorded = sway.theta if measure is None else measure(sway.theta, rate)
         trials.append(Trial(stimulus if stimulus.ndim == 1 else stimulus[:, 0].copy(), recorded, amplitude))
     period_s = protocol.waveform.period_s if protocol.periodic else None
@@ -127,7 +136,7 @@ def simulate_recording(
 def body_with_effects(
     model: Model, theta: np.ndarray, effects: Sequence[str], sizes: Mapping[str, float]
 ) -> tuple[Model, np.ndarray]:
-    """The model with its linear effects, and the parameters of all of it; `InputError` when it cannot stand.
+    """The model with its linear effects, and the parameters of all of it; `FallsError` when it cannot stand.
 
     Sizes of nonlinear effects are left to `mcstudy.gap.effects.rules`. A size may lie outside the bounds of a fit.
     """
@@ -141,11 +150,14 @@ def body_with_effects(
             raise InputError(f"effect {e.name!r}: expected its size {e.size.name} in {e.size.unit or 'no unit'}")
     linear = [e for e in declared if e.kind == "linear"]
     augmented = library.apply(model, *(e.name for e in linear))
+    for name, value in sizes.items():
+        if not abs(value) <= LARGEST_SIZE:
+            raise InputError(f"size {name}: expected a number up to {LARGEST_SIZE:g}, got {value:g}")
     added = [sizes.get(s.name, s.parameter.value) for e in linear for s in e.sizes]
     theta = np.concatenate([np.asarray(theta, dtype=float), added])
     if not float(growth_rate(augmented, theta)) < 0:
         listed = ", ".join(f"{k} = {v:.4g}" for k, v in sizes.items())
-        raise InputError(f"the body cannot stand with {listed or 'these parameters'}: its closed loop is unstable")
+        raise FallsError(f"the body cannot stand with {listed or 'these parameters'}: its closed loop is unstable")
     return augmented, theta
 
 
@@ -161,7 +173,7 @@ def draw_case(
 
     Parameters are uniform within ``spread`` of the nominal values; sizes are from the published ranges times
     ``scale``. After every 20 unstable draws the sizes shrink by a quarter and delays may be up to a quarter shorter
-    (a body with slower muscles stands only with faster nerves). Raises `InputError` after ``attempts``.
+    (a body with slower muscles stands only with faster nerves). Raises `FallsError` after ``attempts``.
     """
     lag = np.array([p.name in model.delays for p in model.parameters])
     for attempt in range(attempts):
@@ -173,10 +185,10 @@ def draw_case(
         sizes = {s.name: s.draw(rng, size) for n in effects for s in library.effect(n).sizes}
         try:
             body_with_effects(model, theta, effects, sizes)
-        except InputError:
+        except FallsError:
             continue
         return theta, sizes
-    raise InputError(f"effects {', '.join(effects)}: no stable body found in {attempts} draws")
+    raise FallsError(f"effects {', '.join(effects)}: no stable body found in {attempts} draws")
 
 
 def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) -> np.ndarray:
@@ -228,12 +240,13 @@ def _with_torque(
 ) -> Sway:
     """One trial; an additional torque that follows from the sway is found by damped fixed-point iteration."""
     # A lag far shorter than a sample is the sensor's or the actuator's, and must not be refused for it.
-    substeps = max(1, math.ceil(realise(model, theta).fastest_pole / (COMFORTABLE_STEP * rate)))
-    if substeps > MOST_SUBSTEPS:
+    steps = realise(model, theta).fastest_pole / (COMFORTABLE_STEP * rate)
+    if not steps <= MOST_SUBSTEPS:
         raise InputError(
-            f"a time constant shorter than {1 / (COMFORTABLE_STEP * rate * MOST_SUBSTEPS):.2g} s cannot be simulated "
-            f"at {rate:g} Hz; leave the effect out"
+            f"a filter is {steps:.2g} times too fast for {rate:g} Hz; expected at most {MOST_SUBSTEPS}: give its lag "
+            "a larger size, or 0"
         )
+    substeps = max(1, math.ceil(steps))
     sway = simulate(model, theta, stimulus, rate, noise=noise, rules=rules, substeps=substeps)
     if torque is None:
         return sway

@@ -18,7 +18,7 @@ from mcstudy.gap.draws import Pooling, pooled
 from mcstudy.gap.leakage import best_orders, difference_coefficients
 from mcstudy.gap.line_noise import LineNoise
 from mcstudy.gap.lines import EvenLines, Lines
-from mcstudy.gap.recording import MINIMUM_CYCLES, Recording
+from mcstudy.gap.recording import LEAST_LINES, MINIMUM_CYCLES, Recording
 from mcstudy.gap.transient import TransientMean
 from mcstudy.spectra.lines import EvenLineCovariance, half_width
 from mcstudy.spectra.periods import coefficients
@@ -28,6 +28,9 @@ NEIGHBOURS = 3
 
 EXCITED = 0.05
 """Share of the strongest neighbour from which a line counts as excited; stimuli may fall as 1/k^2."""
+
+SINGULAR = -1e3
+"""Least logarithm of the determinant of a covariance; that of rounding errors is -150."""
 
 SILENT = 0.02
 """Root-mean-square excitation of the even lines, relative to the odd ones, below which they count as silent."""
@@ -64,6 +67,8 @@ def cycle_coefficients(recording: Recording, fmax: float, discard: int) -> Cycle
         raise RecordingError(
             f"{recording.name}: rate_hz: {recording.rate_hz:g} Hz does not reach lines up to {fmax:g} Hz"
         )
+    if fmax * recording.period_s + 0.5 < LEAST_LINES:
+        raise _too_few_lines(recording.name, fmax)
     top = min(period // 2, int(fmax * recording.period_s) + 60) + 1
     u, y, where = [], [], []
     for t, (trial, cycles) in enumerate(zip(recording.trials, recording.cycles, strict=True)):
@@ -116,8 +121,8 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     period_s = float(recording.period_s or 0.0)
     excited = excited_lines(cycles.stimulus)
     wanted = excited[excited <= fmax * period_s + 0.5]
-    if wanted.size < 4:
-        raise RecordingError(f"{recording.name}: stimulus: fewer than 4 lines below {fmax:g} Hz are excited")
+    if wanted.size < LEAST_LINES:
+        raise _too_few_lines(recording.name, fmax)
     odd = only_odd(cycles.stimulus, excited)
     noise = (_EvenLineNoise if odd else _DifferenceNoise)(recording.name, cycles, wanted)
     cycles, single, dof = _without_leakage(cycles, wanted, noise)
@@ -204,12 +209,18 @@ def _without_leakage(
 ) -> tuple[Cycles, np.ndarray, np.ndarray]:
     """The cycles with one order of difference chosen per line, their noise covariance and its degrees of freedom."""
     candidates = [noise.freed(replace(cycles, theta=theta)) for theta in cycles.theta]
-    cost = [np.linalg.slogdet(noise(c)[0])[1] for c in candidates]
-    path = best_orders(np.array(cost), wanted)
+    cost = np.array([np.linalg.slogdet(noise(c)[0])[1] for c in candidates])
+    # Without any noise a covariance is singular and its cost -inf, from which no sum over lines comes back.
+    cost = np.maximum(cost, SINGULAR)
+    path = best_orders(cost, wanted)
     order = path[np.abs(np.arange(cycles.stimulus.shape[1])[:, None] - wanted).argmin(axis=1)]
     theta = np.array([c.theta for c in candidates])
     cycles = replace(cycles, theta=np.take_along_axis(theta, order[None, None, :, None], axis=0)[0])
     return cycles, *noise(cycles)
+
+
+def _too_few_lines(name: str, fmax: float) -> RecordingError:
+    return RecordingError(f"{name}: stimulus: fewer than {LEAST_LINES} lines below {fmax:g} Hz are excited")
 
 
 def _scaled_means(cycles: Cycles) -> np.ndarray:

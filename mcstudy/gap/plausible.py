@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mcstudy.errors import RecordingError
+from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.recording import Recording, Suspicion
 from mcstudy.stance.feedback import Model
@@ -31,6 +31,9 @@ CERTAIN = 12.0
 """Log odds from which a reading is refused; below, down to `DOUBTFUL`, it is noted."""
 
 DOUBTFUL = 4.0
+
+NOTED = ("stuck", "amplitude")
+"""Codes of what `mcstudy.gap.checks` notes without refusing."""
 
 _DEG = 180 / np.pi
 
@@ -90,26 +93,55 @@ def readings(recording: Recording, lines: Lines) -> dict[str, float]:
 
 
 def plausibility(recording: Recording, lines: Lines) -> tuple[Suspicion, ...]:
-    """The readings that explain the responses better than the labels do, best first."""
-    score = readings(recording, lines)
-    base = score.pop("as_labelled")
-    best = sorted(score, key=lambda n: -score[n])
-    found = []
-    for name in best:
-        odds = score[name] - base
-        if odds < DOUBTFUL:
-            break
-        _, channel, words = READINGS[name]
-        found.append(Suspicion(name, channel, f"{recording.name}: {channel}: looks {words}", odds))
+    """The readings that explain the responses better than the labels do, best first; then those of single trials.
+
+    One mislabelled trial hides among others: its mean with them looks like none of the readings. A trial speaks only
+    when it is beyond doubt, and only of a reading that the whole does not have.
+    """
+    found = _doubts(readings(recording, lines), recording.name, DOUBTFUL)
+    trials = np.unique(lines.trial)
+    for k in trials if trials.size > 1 else ():
+        own = _doubts(readings(recording, lines.subset(lines.trial == k)), f"{recording.name}: trial {k + 1}", CERTAIN)
+        found += [s for s in own[:1] if s.code not in {f.code for f in found}]
     return tuple(found)
 
 
-def refuse(suspicions: Iterable[Suspicion], accept: Iterable[str] = ()) -> None:
-    """Raise `RecordingError` for the strongest suspicion of a mislabelled channel that is beyond doubt.
+def _doubts(score: dict[str, float], where: str, least: float) -> list[Suspicion]:
+    """Readings with log odds of at least ``least`` against the labels, best first."""
+    base = score.pop("as_labelled")
+    found = []
+    for name in sorted(score, key=lambda n: -score[n]):
+        odds = score[name] - base
+        if odds < least:
+            break
+        _, channel, words = READINGS[name]
+        found.append(Suspicion(name, channel, f"{where}: {channel}: looks {words}", odds))
+    return found
 
-    ``accept``: codes that the user has looked at and wants to keep.
+
+def merged(*found: Iterable[Suspicion]) -> tuple[Suspicion, ...]:
+    """All suspicions, each message once with its largest odds, in the order found."""
+    strongest: dict[str, Suspicion] = {}
+    for s in (s for some in found for s in some):
+        if s.message not in strongest or s.odds > strongest[s.message].odds:
+            strongest[s.message] = s
+    return tuple(strongest.values())
+
+
+def refuse(suspicions: Iterable[Suspicion], accept: Iterable[str] = ()) -> None:
+    """Raise `RecordingError` for suspicions of mislabelled channels that are beyond doubt, the strongest first.
+
+    ``accept``: codes that the user has looked at and wants to keep; every suspicion needs its own. Raises `InputError`
+    for a code that there is not.
     """
-    accepted = set(accept)
-    for s in suspicions:
-        if s.code in READINGS and s.code not in accepted and s.odds >= CERTAIN:
-            raise RecordingError(f"{s.message} (odds 10^{s.odds / np.log(10):.0f} to 1); accept {s.code!r} to keep it")
+    accepted = {accept} if isinstance(accept, str) else set(accept)
+    if unknown := accepted - {*READINGS, *NOTED}:
+        raise InputError(
+            f"accept: expected codes among {', '.join((*READINGS, *NOTED))}, got {', '.join(sorted(unknown))}"
+        )
+    left = [s for s in suspicions if s.code in READINGS and s.code not in accepted and s.odds >= CERTAIN]
+    if left:
+        left.sort(key=lambda s: -s.odds)
+        codes = " and ".join(dict.fromkeys(repr(s.code) for s in left))
+        first = left[0]
+        raise RecordingError(f"{first.message} (odds 10^{first.odds / np.log(10):.0f} to 1); accept {codes} to keep it")

@@ -14,6 +14,7 @@ from mcstudy.gap.measure import measure
 from mcstudy.gap.plausible import plausibility, refuse
 from mcstudy.gap.recording import Recording
 from mcstudy.gap.sheet import read_sheet
+from mcstudy.gap.stranger import regular
 
 NETCDF = (".nc", ".nc4", ".h5")
 
@@ -32,7 +33,12 @@ def read_recording(
     """
     path = Path(path)
     recording = _structure(path, None if data is None else Path(data))
-    return recording if isinstance(recording, FrfRecording) else checked(recording, accept)
+    if isinstance(recording, FrfRecording):
+        return recording
+    try:
+        return checked(recording, accept)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
 
 
 def checked(recording: Recording, accept: Iterable[str] = ()) -> Recording:
@@ -46,6 +52,7 @@ def checked(recording: Recording, accept: Iterable[str] = ()) -> Recording:
 def _structure(path: Path, data: Path | None) -> Recording | FrfRecording:
     if not path.exists():
         raise RecordingError(f"{path}: no such file")
+    regular(path)
     if path.suffix == ".csv":
         sheet = path.with_suffix(".toml")
         if not sheet.exists():
@@ -64,6 +71,8 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     Returns the path to read it back from. Raises `RecordingError` for another ending or an unwritable path.
     """
     path = Path(path)
+    if not path.parent.is_dir():
+        raise RecordingError(f"{path}: cannot be written: {path.parent} is no folder")
     try:
         if path.suffix in NETCDF:
             write_netcdf(recording, path)

@@ -8,18 +8,45 @@ columns of ``theta`` are the joint angles (theta1, theta2): lower body in space 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from mcstudy.errors import RecordingError
+from mcstudy.gap.summary import Summary, shortened
 from mcstudy.stance.body import STIMULI, Body, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stimulus import CONVENTIONS
+from mcstudy.stance.within import Within
 
 MINIMUM_CYCLES = 3
 """Fewest periods of a periodic stimulus that can be analysed (one is lost to the transient)."""
+
+LEAST_LINES = 4
+"""Fewest lines that say anything about a body."""
+
+MOST_TRIALS = 1000
+"""Trials of a recording; more are not of one body in one state."""
+
+MOST_SAMPLES = 20_000_000
+"""Samples of a recording over all trials: more than a day at 200 Hz."""
+
+MOST_CYCLES = 1000
+"""Periods in a trial: the noise of so many is known, and the time they take grows with the cube of their number."""
+
+MOST_CYCLES_IN_ALL = 10_000
+"""Periods in a recording."""
+
+RATE_HZ = Within(1.0, 1e5, "Hz")
+"""Sampling rates."""
+
+PERIOD_S = Within(0.1, 1e5, "s")
+"""Periods of a stimulus."""
+
+AMPLITUDE = {"N m": Within(1e-4, 600.0, "N m"), "m": Within(1e-6, 2.0, "m")}
+"""Stated amplitudes of a trial per unit of the stimulus; a peak-to-peak value may be twice a peak."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +67,8 @@ class Suspicion:
     odds: float = math.inf
 
 
-@dataclass(frozen=True)
-class Trial:
+@dataclass(frozen=True, repr=False)
+class Trial(Summary):
     """One uninterrupted record.
 
     Attributes
@@ -64,9 +91,30 @@ class Trial:
         """Half the distance between the extremes of the stimulus: its amplitude read as a peak."""
         return float(np.ptp(self.stimulus) / 2)
 
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        sway = np.ptp(self.theta, axis=0) / 2 if self.samples else np.full(2, np.nan)
+        peak = self.peak if self.samples else np.nan
+        return [
+            ("samples", str(self.samples)),
+            (
+                "stimulus",
+                f"±{peak:.4g}, stated amplitude {'none' if self.amplitude is None else f'{self.amplitude:g}'}",
+            ),
+            ("theta1, theta2", ", ".join(f"±{x:.3g} rad" for x in sway)),
+        ]
 
-@dataclass(frozen=True)
-class Recording:
+
+def refuse_size(trials: int, samples: int, where: str) -> None:
+    """Raise `RecordingError` for more trials or samples than a recording may have."""
+    if trials > MOST_TRIALS:
+        raise RecordingError(f"{where}: trials: expected at most {MOST_TRIALS}, got {trials}")
+    if samples > MOST_SAMPLES:
+        raise RecordingError(f"{where}: trials: expected at most {MOST_SAMPLES} samples in all, got {samples}")
+
+
+@dataclass(frozen=True, repr=False)
+class Recording(Summary):
     """Trials of one person with one kind of stimulus.
 
     Attributes
@@ -84,8 +132,8 @@ class Recording:
     """
 
     trials: tuple[Trial, ...]
-    rate_hz: float
-    period_s: float | None
+    rate_hz: float = field(metadata={"within": RATE_HZ})
+    period_s: float | None = field(metadata={"within": PERIOD_S})
     stimulus: str = "ankle_torque"
     body: Body = field(default_factory=Body)
     convention: str = "peak"
@@ -104,15 +152,33 @@ class Recording:
             raise RecordingError(
                 f"{self.name}: convention: expected one of {', '.join(CONVENTIONS)}, got {self.convention!r}"
             )
-        for label, value in (("rate_hz", self.rate_hz), ("period_s", self.period_s)):
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise RecordingError(f"{self.name}: {label}: expected a positive number, got {value!r}")
+        refuse_size(len(self.trials), sum(t.samples for t in self.trials), self.name)
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if "within" in f.metadata and value is not None and (fault := f.metadata["within"].fault(value)):
+                raise RecordingError(f"{self.name}: {f.name}: {fault}")
         for k, trial in enumerate(self.trials, start=1):
+            if trial.amplitude is not None and (fault := AMPLITUDE[self.stimulus_unit].fault(trial.amplitude)):
+                raise RecordingError(f"{self.name}: trial {k}: amplitude: {fault}")
             if trial.stimulus.ndim != 1 or trial.theta.shape != (trial.samples, 2):
                 raise RecordingError(
                     f"{self.name}: trial {k}: expected a stimulus (n,) and angles (n, 2), "
                     f"got {trial.stimulus.shape} and {trial.theta.shape}"
                 )
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        period = "not periodic" if self.period_s is None else f"period {self.period_s:g} s"
+        noted = "; ".join(s.message for s in self.suspicions)
+        facts = [
+            ("name", shortened(self.name)),
+            ("stimulus", f"{self.stimulus} ({self.stimulus_unit}), {period}, amplitudes stated as {self.convention}"),
+            ("trials", f"{len(self.trials)}, {self.duration_s:g} s in all at {self.rate_hz:g} Hz"),
+            ("amplitudes", f"{spread(self.amplitudes)} {self.stimulus_unit} (peak)"),
+            ("body", f"m g h = {self.body.mgh:.4g} N m/rad"),
+        ]
+        facts += [("provenance", shortened(self.provenance))] if self.provenance else []
+        return facts + ([("odd", shortened(noted, 600))] if noted else [])
 
     @property
     def stimulus_unit(self) -> str:
@@ -166,3 +232,9 @@ class Recording:
     def select(self, trials: tuple[int, ...]) -> Recording:
         """The recording with some of its trials."""
         return replace(self, trials=tuple(self.trials[k] for k in trials))
+
+
+def spread(values: Iterable[float]) -> str:
+    """Values by their range: "3 to 5", or "5" when all are equal to four digits."""
+    texts = [f"{v:.4g}" for v in sorted(values)]
+    return texts[0] if len(set(texts)) == 1 else f"{texts[0]} to {texts[-1]}"

@@ -19,7 +19,7 @@ from mcstudy.gap.between_samples import drive
 from mcstudy.gap.draws import pooled
 from mcstudy.gap.line_noise import LineNoise
 from mcstudy.gap.lines import Lines
-from mcstudy.gap.recording import Recording, Trial
+from mcstudy.gap.recording import LEAST_LINES, Recording, Trial
 from mcstudy.spectra.window import parabolic
 
 SEGMENT_S = (8.0, 40.0)
@@ -54,8 +54,19 @@ def segment_lines(recording: Recording, fmax: float = 8.0, seconds: float | None
 
     Raises `RecordingError` when there are fewer than six segments in all.
     """
+    if fmax > recording.rate_hz / 2:
+        raise RecordingError(
+            f"{recording.name}: rate_hz: {recording.rate_hz:g} Hz does not reach lines up to {fmax:g} Hz"
+        )
     seconds = seconds or segment_seconds(recording)
     n = 2 * round(seconds * recording.rate_hz / 2)
+    bins = np.arange(2, int(fmax * n / recording.rate_hz) + 1, 2)
+    if bins.size < LEAST_LINES:
+        shortest = min(t.samples for t in recording.trials) / recording.rate_hz
+        raise RecordingError(
+            f"{recording.name}: segments of {seconds:.3g} s (the shortest trial has {shortest:.3g} s) hold {bins.size} "
+            f"lines up to {fmax:g} Hz; expected at least {LEAST_LINES}"
+        )
     blocks = _blocks(recording, n)
     transforms = [_transform(trial, n) for _, _, trial in blocks]
     count = np.array([u.shape[0] for u, _ in transforms])
@@ -65,7 +76,6 @@ def segment_lines(recording: Recording, fmax: float = 8.0, seconds: float | None
             f"{recording.name}: duration: {recording.duration_s:.1f} s gives {segments} segments of {seconds:.1f} s; "
             "expected at least 6"
         )
-    bins = np.arange(2, int(fmax * n / recording.rate_hz) + 1, 2)
     u = np.concatenate([u for u, _ in transforms])[:, bins] * drive(recording, bins * recording.rate_hz / n)
     theta = np.concatenate([y for _, y in transforms])[:, bins]
     bins, u, theta = _excited(bins, u, theta)
@@ -78,6 +88,12 @@ def segment_lines(recording: Recording, fmax: float = 8.0, seconds: float | None
     single = np.einsum("sni,snj->nij", residual, residual.conj()) / segments * independent / (independent - 1)
     single, gain = _smooth(single)
     weight = np.array([power[owner == b].sum(axis=0) for b in range(len(blocks))])
+    if not weight.all():
+        t, b, _ = blocks[int(np.argwhere(weight == 0)[0, 0])]
+        raise RecordingError(
+            f"{recording.name}: trial {t + 1}: stimulus: expected one that moves all the time, "
+            f"found none in part {b + 1} of the trial"
+        )
     repeats = np.array(
         [
             np.einsum("sn,snj->nj", u[owner == b].conj(), theta[owner == b]) / weight[b][:, None]

@@ -30,22 +30,22 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from mcstudy.errors import RecordingError, StoreError
+from mcstudy.errors import ModelError, RecordingError, StoreError
 from mcstudy.gap.checks import rate_of
 from mcstudy.gap.columns import TextTable
 from mcstudy.gap.frf_only import FrfRecording, lines_of_columns
-from mcstudy.gap.recording import Recording, Trial
+from mcstudy.gap.recording import Recording, Trial, refuse_size
 from mcstudy.gap.stranger import inside
 from mcstudy.gap.units import factor
-from mcstudy.stance.body import STIMULI, Body
+from mcstudy.stance.body import SEGMENTS, STIMULI, Body
 from mcstudy.study.plain_errors import one_line
 from mcstudy.study.untrusted import real_bytes, toml
 
 LARGEST_SHEET = 1_000_000
 """Bytes of a TOML file."""
 
-SEGMENTS = ("m1", "h1", "I1", "m2", "h2", "I2", "L1")
-"""Names of the segment parameters of `Body.from_segments`."""
+LARGEST_SCALE = 1e9
+"""Factors of a channel are at most this and at least one over this, of either sign."""
 
 
 class _Strict(BaseModel):
@@ -58,7 +58,7 @@ class Channel(_Strict):
     file: str | None = None
     column: int | str | None = None
     unit: str | None = None
-    scale: float = 1.0
+    scale: float = Field(default=1.0, ge=-LARGEST_SCALE, le=LARGEST_SCALE)
 
 
 class TrialSheet(_Strict):
@@ -126,11 +126,12 @@ class Sheet(_Strict):
     frf: FrfSheet | None = None
 
 
-def read_sheet(path: Path, data: Path | None = None) -> Recording | FrfRecording:
+def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | FrfRecording:
     """The recording that a TOML file describes, with its data files in ``data`` (the TOML file's folder when None).
 
     Structure only; `mcstudy.gap.read` adds the checks. Raises `RecordingError` naming the file and the field.
     """
+    path = Path(path)
     try:
         text = toml(real_bytes(path, LARGEST_SHEET, follow=True).decode("utf-8"))
     except OSError as error:
@@ -139,13 +140,17 @@ def read_sheet(path: Path, data: Path | None = None) -> Recording | FrfRecording
         raise RecordingError(str(error)) from error
     except ValueError as error:
         raise RecordingError(f"{path}: expected TOML: {error}") from error
+    if isinstance(text.get("study"), dict) or isinstance(text.get("group"), dict):
+        raise RecordingError(
+            f"{path}: this is a study file (for mcstudy run); expected a recording: a table with trials and body"
+        )
     try:
         sheet = Sheet.model_validate(text)
     except ValidationError as error:
         raise RecordingError(f"{path}: {one_line(error, Sheet)}") from error
     if sheet.stimulus not in STIMULI:
         raise RecordingError(f"{path}: stimulus: expected one of {', '.join(STIMULI)}, got {sheet.stimulus!r}")
-    files = _Files(data or path.parent, str(path))
+    files = _Files(path.parent if data is None else Path(data), str(path))
     body = _body(sheet.body, files, str(path))
     if sheet.frf is not None:
         if sheet.trials:
@@ -175,7 +180,8 @@ class _Files:
 
 def _recording(sheet: Sheet, files: _Files, body: Body, path: Path) -> Recording:
     stimulus_unit = sheet.units.stimulus or STIMULI[sheet.stimulus]
-    trials, rates = [], []
+    refuse_size(len(sheet.trials), 0, str(path))
+    trials, rates, total = [], [], 0
     for k, trial in enumerate(sheet.trials, start=1):
         where = f"{path}: trial {k}"
 
@@ -187,9 +193,16 @@ def _recording(sheet: Sheet, files: _Files, body: Body, path: Path) -> Recording
                 raise RecordingError(f"{where}: {name}: expected a file")
             values = files.table(file).column(name if given.column is None else given.column)
             scale = given.scale * factor(given.unit or unit, target, f"{where}: {name}")
+            if abs(given.scale) < 1 / LARGEST_SCALE:
+                raise RecordingError(
+                    f"{where}: {name}.scale: expected a size from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}, "
+                    f"got {given.scale:g}"
+                )
             return values if scale == 1.0 else values * scale
 
         stimulus = channel("stimulus", trial.stimulus, stimulus_unit, STIMULI[sheet.stimulus])
+        total += stimulus.size
+        refuse_size(len(sheet.trials), total, str(path))
         angles = [channel(n, getattr(trial, n), sheet.units.angle, "rad") for n in ("theta1", "theta2")]
         for name, angle in zip(("theta1", "theta2"), angles, strict=True):
             if angle.size != stimulus.size:
@@ -206,9 +219,12 @@ def _recording(sheet: Sheet, files: _Files, body: Body, path: Path) -> Recording
     for k, own in enumerate(rates, start=1):
         if abs(own / rate - 1) > 1e-3:
             raise RecordingError(f"{path}: trial {k}: time: {own:g} Hz, but the first trials have {rate:g} Hz")
-    return Recording(
-        tuple(trials), rate, sheet.period_s, sheet.stimulus, body, sheet.convention, sheet.name, sheet.provenance
-    )
+    try:
+        return Recording(
+            tuple(trials), rate, sheet.period_s, sheet.stimulus, body, sheet.convention, sheet.name, sheet.provenance
+        )
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
 
 
 def _body(sheet: BodySheet, files: _Files, where: str) -> Body:
@@ -228,10 +244,13 @@ def _body(sheet: BodySheet, files: _Files, where: str) -> Body:
         missing = [n for n in names if n not in given]
         if given and missing:
             raise RecordingError(f"{where}: body: {', '.join(missing)} missing")
-    if values:
-        return Body.from_segments(**values, g=sheet.g)
-    if constants:
-        return Body(**constants, g=sheet.g)
+    try:
+        if values:
+            return Body.from_segments(**values, g=sheet.g)
+        if constants:
+            return Body(**constants, g=sheet.g)
+    except ModelError as error:
+        raise RecordingError(f"{where}: {error}") from error
     if sheet.reference is None:
         raise RecordingError(f'{where}: body: expected J1 ... A2, segments, or reference = "goodworth2018"')
     return Body()

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
+import stat
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import h5py
+from numcodecs import Zstd
 
 from mcstudy.errors import RecordingError, StoreError
-from mcstudy.study.untrusted import LARGEST_METADATA, real_bytes, refuse_links
+from mcstudy.study.untrusted import LARGEST_METADATA, check_chunk, real_bytes, refuse_links, sealed
 
 LARGEST = 1 << 31
 """Bytes a recording may hold in memory; a header that claims more is refused before anything is read."""
@@ -25,9 +29,26 @@ CODECS = ("bytes", "zstd", "crc32c")
 
 FILTERS = ("gzip", "lzf", None)
 
+MOST_CHUNKS = 100_000
+"""Chunk files of an array of a Zarr recording."""
 
-def inside(folder: Path, name: str, where: str) -> Path:
+CHUNK = re.compile(r"(?:c|c/|c\.)?\d*(?:[/.]\d+)*")
+"""Names of chunks inside the folder of an array."""
+
+
+def regular(path: str | Path) -> None:
+    """Raise `RecordingError` for what is neither a regular file nor a folder: opening a pipe would wait for ever."""
+    try:
+        mode = Path(path).stat().st_mode
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise RecordingError(f"{path}: expected a regular file or a Zarr folder, found a pipe, socket or device")
+
+
+def inside(folder: str | Path, name: str, where: str) -> Path:
     """The file ``name`` of ``folder``; `RecordingError` when it lies elsewhere."""
+    folder = Path(folder)
     path = folder / name
     try:
         within = path.resolve().is_relative_to(folder.resolve())
@@ -38,7 +59,7 @@ def inside(folder: Path, name: str, where: str) -> Path:
     return path
 
 
-def check_hdf5(path: Path) -> None:
+def check_hdf5(path: str | Path) -> None:
     """Refuse a NetCDF file that links to other files, or claims too much."""
     with h5py.File(path, "r") as file:
         for name in file:
@@ -58,22 +79,66 @@ def _check_dataset(data: Any, where: str) -> None:
     _check_size(data.shape or (), data.chunks or (), data.dtype.itemsize, where)
 
 
-def check_zarr(path: Path) -> None:
+def check_zarr(path: str | Path) -> None:
     """Refuse a Zarr store with links in it, of another format or other codecs, or that claims too much."""
+    path = Path(path)
     try:
         refuse_links(path)
         for folder in sorted(p for p in path.iterdir() if p.is_dir()):
-            _check_array(json.loads(real_bytes(folder / "zarr.json", LARGEST_METADATA)), f"{path}: {folder.name}")
+            _check_array(folder, json.loads(real_bytes(folder / "zarr.json", LARGEST_METADATA)))
     except StoreError as error:
         raise RecordingError(str(error)) from None
 
 
-def _check_array(document: Any, where: str) -> None:
+def _check_array(folder: Path, document: Any) -> None:
+    where = f"{folder.parent}: {folder.name}"
     shape, codecs = document["shape"], [codec["name"] for codec in document["codecs"]]
     chunks = document["chunk_grid"]["configuration"]["chunk_shape"]
     if not set(codecs) <= set(CODECS):
         raise RecordingError(f"{where}: codecs: expected {', '.join(CODECS)}, found {', '.join(map(str, codecs))}")
-    _check_size(shape, chunks, _item_bytes(document["data_type"], where), where)
+    itemsize = _item_bytes(document["data_type"], where)
+    _check_size(shape, chunks, itemsize, where)
+    # Zarr reads chunks side by side: where one fails, those still on their way would complain behind our one line.
+    for file in _chunk_files(folder, where):
+        _check_decodes(file, codecs, itemsize * math.prod(int(n) for n in chunks))
+
+
+def _chunk_files(folder: Path, where: str) -> Iterator[Path]:
+    count = 0
+    for parent, folders, files in os.walk(folder):
+        folders.sort()
+        for name in (*folders, *sorted(files)):
+            path = Path(parent, name)
+            if path.is_symlink():
+                raise RecordingError(f"{path}: expected a file or a folder, found a link")
+        for name in sorted(files):
+            path = Path(parent, name)
+            if CHUNK.fullmatch(path.relative_to(folder).as_posix()):
+                yield path
+                count += 1
+        if count > MOST_CHUNKS:
+            raise RecordingError(f"{where}: expected at most {MOST_CHUNKS} chunks")
+
+
+def _check_decodes(path: Path, codecs: Sequence[str], size: int) -> None:
+    """Refuse a chunk that is not what its codecs would have made of ``size`` bytes."""
+    try:
+        content = real_bytes(path)
+        check_chunk(path, content)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    for codec in reversed(codecs[1:]):
+        if codec == "crc32c":
+            if not sealed(content):
+                raise RecordingError(f"{path}: checksum does not match (a changed byte or a truncated file)")
+            content = content[:-4]
+        else:
+            try:
+                content = Zstd().decode(content)
+            except (RuntimeError, ValueError) as error:
+                raise RecordingError(f"{path}: cannot be decoded: {error}") from error
+    if len(content) != size:
+        raise RecordingError(f"{path}: expected a chunk of {size} bytes, found {len(content)}")
 
 
 def _item_bytes(kind: Any, where: str) -> int:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
+from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Model, Parameter, Term
+from mcstudy.stance.within import Within, within
 
 DELAY_MARGIN = 0.030
 """Half-width of the delay bounds in s (Goodworth & Peterka 2018, Methods)."""
@@ -15,21 +17,54 @@ TRUTH_PROVENANCE = (
 )
 
 
+DEFINITE = 1e-6
+"""Least determinant of a body's inertia, relative to the product of its diagonal (the paper's body: 0.49)."""
+
+_INERTIA = within(1e-4, 1e4, "kg m^2")
+_MOMENT = within(1e-3, 1e4, "kg m")
+
+SEGMENTS: dict[str, Within] = {
+    "m1": Within(1e-2, 1e3, "kg"),
+    "h1": Within(1e-2, 10.0, "m"),
+    "I1": Within(1e-5, 1e4, "kg m^2"),
+    "m2": Within(1e-2, 1e3, "kg"),
+    "h2": Within(1e-2, 10.0, "m"),
+    "I2": Within(1e-5, 1e4, "kg m^2"),
+    "L1": Within(1e-2, 10.0, "m"),
+}
+"""Parameters of `Body.from_segments` but g, and their ranges."""
+
+
 @dataclass(frozen=True, slots=True)
 class Body:
     """Linearised two-segment body (Goodworth & Peterka 2018, Appendix, after Koozekanani et al. 1980).
 
     J1, J2, C1, C2 in kg m^2 and A1, A2 in kg m; g in m/s^2. The ankle row is the whole-body balance, so in joint
     coordinates the mass matrix is [[J1 + C2, C2], [C1 + J2, J2]] by rows (ankle, hip).
+
+    Raises `ModelError` for a constant outside its range, or inertia of no body: the matrix of the kinetic energy,
+    [[J1 - C1, M12], [M12, J2]] in the angles of the segments in space with M12 the mean of C1 and C2 - J2 (which
+    are equal in a body), must be positive definite.
     """
 
-    J1: float = 51.26
-    J2: float = 7.08
-    C1: float = 11.93
-    C2: float = 19.01
-    A1: float = 50.42
-    A2: float = 14.45
-    g: float = 9.81
+    J1: float = field(default=51.26, metadata=_INERTIA)
+    J2: float = field(default=7.08, metadata=_INERTIA)
+    C1: float = field(default=11.93, metadata=_INERTIA)
+    C2: float = field(default=19.01, metadata=_INERTIA)
+    A1: float = field(default=50.42, metadata=_MOMENT)
+    A2: float = field(default=14.45, metadata=_MOMENT)
+    g: float = field(default=9.81, metadata=within(0.1, 100.0, "m/s^2"))
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            if fault := f.metadata["within"].fault(getattr(self, f.name)):
+                raise ModelError(f"body.{f.name}: {fault}")
+        legs, coupling = self.J1 - self.C1, (self.C1 + self.C2 - self.J2) / 2
+        if not (legs > 0 and legs * self.J2 - coupling**2 > DEFINITE * legs * self.J2):
+            raise ModelError(
+                "body: expected J1, J2, C1, C2 of a body (positive definite inertia), got J1 - C1 = "
+                f"{legs:.6g}, J2 = {self.J2:.6g}, coupling {coupling:.6g} kg m^2"
+            )
 
     @classmethod
     def from_segments(
@@ -46,7 +81,12 @@ class Body:
         """Body from segment masses (kg), CoM heights above the joint (m), inertias about the CoM (kg m^2), leg length.
 
         Derived from the linearised double pendulum: M11 = I1 + m1 h1^2 + m2 L1^2, M12 = m2 L1 h2, M22 = I2 + m2 h2^2.
+        Raises `ModelError` for a value outside its range.
         """
+        given = {"m1": m1, "h1": h1, "I1": I1, "m2": m2, "h2": h2, "I2": I2, "L1": L1}
+        for name, value in given.items():
+            if fault := SEGMENTS[name].fault(value):
+                raise ModelError(f"body.{name}: {fault}")
         m12, m22 = m2 * L1 * h2, I2 + m2 * h2**2
         m11 = I1 + m1 * h1**2 + m2 * L1**2
         return cls(J1=m11 + m12, J2=m22, C1=m12, C2=m12 + m22, A1=m1 * h1 + m2 * L1, A2=m2 * h2, g=g)

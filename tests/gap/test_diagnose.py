@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mcstudy.errors import RecordingError
+from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.ambiguity import Undetectable
 from mcstudy.gap.diagnose import diagnose, diagnose_fast
 from mcstudy.gap.make_recording import Protocol, simulate_recording
-from mcstudy.gap.recording import Recording
+from mcstudy.gap.plausible import refuse
+from mcstudy.gap.read import checked
+from mcstudy.gap.recording import Recording, Suspicion, Trial
 from mcstudy.stance.body import two_segment
+from mcstudy.stance.simulate_spectral import stimulus_sway
 from mcstudy.stance.stimulus import Prts
 from mcstudy.study import schema
 
@@ -86,6 +90,77 @@ def test_exchanged_channels_are_refused(lagging: Recording) -> None:
     exchanged = replace(lagging, trials=tuple(replace(t, theta=t.theta[:, ::-1].copy()) for t in lagging.trials))
     with pytest.raises(RecordingError, match="exchanged"):
         diagnose_fast(exchanged)
+
+
+def exchanged(trial: Trial) -> Trial:
+    return replace(trial, theta=trial.theta[:, ::-1].copy())
+
+
+def test_what_one_check_noted_does_not_hide_what_another_would_find(lagging: Recording) -> None:
+    """A stuck sensor, or an amplitude that fits nothing, and exchanged angles at once."""
+    for noted in (Suspicion("stuck", "theta2", "stuck"), Suspicion("amplitude", "stimulus", "odd", 1.0)):
+        both = replace(lagging, trials=tuple(map(exchanged, lagging.trials)), suspicions=(noted,))
+        for accept in ((), ("stuck", "amplitude")):
+            with pytest.raises(RecordingError, match="exchanged"):
+                diagnose_fast(both, accept=accept)
+    stuck = exchanged(lagging.trials[0])
+    stuck.theta[1000:1400, 1] = stuck.theta[1000, 1]
+    with pytest.raises(RecordingError, match=r"exchanged .* accept 'swapped'") as caught:
+        checked(replace(lagging, trials=(stuck, exchanged(lagging.trials[1]))))
+    codes = re.findall(r"'(\w+)'", str(caught.value))
+    accepted = diagnose_fast(replace(lagging, trials=(stuck, exchanged(lagging.trials[1]))), accept=codes)
+    assert [w for w in accepted.warnings if "does not change at all" in w]
+    assert [w for w in accepted.warnings if "exchanged" in w]
+
+
+def test_one_mislabelled_trial_does_not_hide_among_others(lagging: Recording) -> None:
+    first, second = lagging.trials
+    mixed = replace(lagging, trials=(first, exchanged(second)))
+    with pytest.raises(RecordingError, match=r"trial 2: theta1, theta2: looks exchanged|accept .*'swapped'"):
+        diagnose_fast(mixed)
+    good = [lagging.select((0,)), lagging.select((0,)), lagging.select((1,))]
+    with pytest.raises(RecordingError, match="'swapped'"):
+        diagnose_fast([*good, replace(good[0], trials=(exchanged(first),))])
+
+
+def test_every_suspicion_needs_its_own_code_and_codes_are_known(lagging: Recording) -> None:
+    with pytest.raises(InputError, match=r"accept: expected codes among degrees, .*, got swaped"):
+        diagnose_fast(lagging, accept=["swaped"])
+    doubts = [Suspicion(c, "theta1, theta2", f"looks {c}", 20.0) for c in ("swapped", "sign")]
+    with pytest.raises(RecordingError, match=r"looks swapped .*accept 'swapped' and 'sign' to keep it"):
+        refuse(doubts)
+    with pytest.raises(RecordingError, match=r"looks sign .*accept 'sign' to keep it"):
+        refuse(doubts, ["swapped"])
+    refuse(doubts, ["swapped", "sign"])
+
+
+def test_what_cannot_be_diagnosed_gets_one_line(lagging: Recording) -> None:
+    trial = lagging.trials[0]
+    broken = replace(trial, theta=trial.theta.copy())
+    broken.theta[7, 0] = np.nan
+    period = FAST.waveform.waveform()
+    repeated = np.tile(stimulus_sway(MODEL, MODEL.truth, period, 100.0), (4, 1))
+    still = replace(lagging, trials=(Trial(np.tile(period, 4), repeated, 5.0),))
+    pulse = np.zeros(trial.samples)
+    pulse[3000] = 1.0
+    short = Trial(trial.stimulus[:20], trial.theta[:20])
+    aperiodic = replace(lagging, period_s=None)
+    with_trials = lambda *trials: replace(aperiodic, trials=trials)  # noqa: E731
+    for recording, options, message in (
+        (replace(lagging, trials=(broken,)), {}, "theta1: 1 of .* not numbers"),
+        (still, {}, "expected noise of at least 1e-05 of the responses"),
+        (with_trials(replace(trial, stimulus=pulse, amplitude=None)), {}, "one that moves all the time"),
+        (with_trials(trial, short), {}, "the shortest trial has 0.2 s"),
+        (aperiodic, {"fmax": 60.0}, "100 Hz does not reach lines up to 60 Hz"),
+        (aperiodic, {"fmax": 0.01}, "hold 0 lines up to 0.01 Hz; expected at least 4"),
+        (lagging, {"fmax": float("nan")}, "fmax: expected a positive number of Hz, got nan"),
+        (lagging, {"fmax": 0.01}, "fewer than 4 lines below 0.01 Hz"),
+        ([], {}, "recordings: expected at least one"),
+    ):
+        with pytest.raises(RecordingError, match=message):
+            diagnose_fast(recording, **options)
+    with pytest.raises(InputError, match="bootstrap: expected at least 50 draws, got 0"):
+        diagnose(lagging, bootstrap=0)
 
 
 def test_degrees_declared_as_radians_are_refused(lagging: Recording) -> None:

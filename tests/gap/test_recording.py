@@ -11,10 +11,13 @@ import pytest
 import xarray as xr
 
 from mcstudy.errors import RecordingError
-from mcstudy.gap.dataset import header, to_dataset
+from mcstudy.gap.columns import TextTable
+from mcstudy.gap.dataset import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.gap.plausible import READINGS
 from mcstudy.gap.read import checked, read_recording, write_recording
 from mcstudy.gap.recording import Recording, Trial
+from mcstudy.gap.sheet import read_sheet
+from mcstudy.gap.stranger import check_hdf5, check_zarr, inside, regular
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway
@@ -211,6 +214,16 @@ def sheet(folder: Path, text: str = "", rows: str | None = None) -> Path:
             "theta1: unit: expected one of rad",
         ),
         ("rate_hz = \n", "expected TOML"),
+        ("[study]\nname = 'x'\nseed = 1\n", "this is a study file .*; expected a recording"),
+        ("[group.theory]\nrealizations = 1\n", "this is a study file .*; expected a recording"),
+        (
+            "body = {J1 = 10, J2 = 7.08, C1 = 11.93, C2 = 19.01, A1 = 50, A2 = 14}\n[[trials]]\nfile = 'a.csv'\n",
+            r"a\.toml: body: expected J1, J2, C1, C2 of a body \(positive definite inertia\)",
+        ),
+        (
+            "body = {m1 = -25, h1 = 0.55, I1 = 1, m2 = 52, h2 = 0.3, I2 = 2, L1 = 0.9}\n[[trials]]\nfile = 'a.csv'\n",
+            r"a\.toml: body\.m1: ",
+        ),
     ],
 )
 def test_a_bad_sheet_gets_one_clear_line(tmp_path: Path, text: str, message: str) -> None:
@@ -227,6 +240,9 @@ def test_a_bad_sheet_gets_one_clear_line(tmp_path: Path, text: str, message: str
         ("\n".join(f"{t},1,2,{t}" for t in [*range(20), *range(25, 40)]), "gap of 6 s after t = 19 s"),
         ("\n".join(f"{t},1,2,{t}" for t in [*range(20), 5, *range(25, 40)]), "does not increase after t = 19 s"),
         ("", "expected rows of numbers under the header"),
+        ("0,1,2,1_000\n1,1,2,3\n", "line 2, column 'theta2': expected a number, got '1_000'"),
+        ("0,1,2,٣\n1,1,2,3\n", "line 2, column 'theta2': expected a number, got '٣'"),
+        ("0,1,2,3\n1,1,1e16,3\n", r"line 3, column 'theta1': expected numbers up to 1e\+15, got 1e\+16"),
     ],
 )
 def test_a_bad_table_gets_one_clear_line(tmp_path: Path, rows: str, message: str) -> None:
@@ -254,6 +270,8 @@ def test_files_that_are_not_recordings_are_refused(tmp_path: Path) -> None:
         (lambda d: d.drop_vars("theta"), "theta: missing; found"),
         (lambda d: d.drop_attrs(deep=False), "attribute 'stimulus_kind' is missing"),
         (lambda d: d.assign_attrs(body="{}"), "body: expected JSON with J1"),
+        (lambda d: d.assign_attrs(period_s="1_000"), "period_s: expected a number, got '1_000'"),
+        (lambda d: d.assign(samples=d.samples - 0.5), r"samples: trial 1 states 13115\.5 of 13116"),
         (lambda d: d.assign_attrs(stimulus_kind="tilt"), "stimulus_kind: expected one of"),
         (lambda d: d.assign_attrs(rate_hz=99.0), "rate_hz: stated 99 Hz, but the time column runs at 100"),
         (lambda d: d.assign_coords(angle=["theta2", "theta1"]), "angle: expected theta1, theta2"),
@@ -268,6 +286,34 @@ def test_a_bad_dataset_gets_one_clear_line(
     change(to_dataset(SWAY)).to_netcdf(path, engine="h5netcdf")
     with pytest.raises(RecordingError, match=message):
         read_recording(path)
+
+
+def test_every_function_that_takes_a_path_takes_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.nc", "a.zarr", "a"):
+        assert str(read_recording(str(write_recording(SWAY, name)), data="a" if name == "a" else None)).startswith(
+            "Rec"
+        )
+    write_netcdf(SWAY, "b.nc")
+    write_zarr(SWAY, "b.zarr")
+    check_hdf5("b.nc")
+    check_zarr("b.zarr")
+    regular("b.nc")
+    for name in ("b.nc", "b.zarr"):
+        assert read_dataset(name).cycles == (3,)
+    sheet_path = write_csv(SWAY, "b")
+    assert isinstance(read_sheet(str(sheet_path), "b"), Recording)
+    assert TextTable("b/trial1.csv").names[0] == "time"
+    assert inside("b", "trial1.csv", "b.toml").is_file()
+
+
+def test_a_recording_shows_itself_in_a_few_lines() -> None:
+    odd = replace(checked(changed(stuck_sensor)), provenance="long " * 1000)
+    for shown in (odd, odd.trials[0]):
+        assert len(repr(shown)) < 2000
+        assert shown._repr_html_().count("<tr>") == len(shown.facts())
+    assert "does not change at all" in repr(odd)
+    assert "ankle_torque" in repr(odd)
 
 
 def test_a_header_that_claims_terabytes_is_refused_before_reading(tmp_path: Path) -> None:
@@ -293,6 +339,8 @@ def test_a_published_frf_is_a_recording_too(tmp_path: Path) -> None:
     recording = read_recording(path)
     assert not isinstance(recording, Recording)
     assert recording.single
+    assert len(repr(recording)) < 2000
+    assert "4, 0.1 to 1 Hz" in recording._repr_html_()
     assert recording.base_model().name == "one_segment"
     np.testing.assert_allclose(np.abs(recording.lines.y[:, 0]), np.deg2rad([1, 0.5, 0.2, 0.1]))
     np.testing.assert_allclose(recording.lines.noise.C[:, 0, 0].real, np.deg2rad(0.01) ** 2)

@@ -5,6 +5,10 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import socket
+import subprocess
+import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +19,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mcstudy.errors import InputError, RecordingError
+from mcstudy.gap import recording as limits
+from mcstudy.gap.dataset import ANGLES, read_dataset, to_dataset
 from mcstudy.gap.read import read_recording, write_recording
 from mcstudy.gap.recording import Recording, Trial
 from mcstudy.study.untrusted import ZSTD_MAGIC
@@ -174,6 +180,116 @@ def test_a_zarr_v2_store_is_refused(copy: Path) -> None:
     (copy / "a.zarr").mkdir()
     (copy / "a.zarr" / ".zgroup").write_text('{"zarr_format": 2}')
     refused(copy / "a.zarr")
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def standard_input(path: Path) -> None:
+    path.symlink_to("/dev/stdin")
+
+
+def listening_socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as s:
+        here = Path.cwd()
+        os.chdir(path.parent)  # the name of a socket may have no more than about a hundred characters
+        try:
+            s.bind(path.name)
+        finally:
+            os.chdir(here)
+
+
+def folder(path: Path) -> None:
+    path.mkdir()
+
+
+@pytest.mark.parametrize("make", [pipe, device, standard_input, listening_socket, folder])
+@pytest.mark.parametrize(
+    ("replaced", "read"),
+    [
+        ("a.nc", "a.nc"),
+        ("a.h5", "a.h5"),
+        ("a/recording.toml", "a/recording.toml"),
+        ("a/trial1.csv", "a/recording.toml"),
+        ("a/recording.toml", "a/recording.csv"),
+        ("a.zarr", "a.zarr"),
+        ("a.zarr/stimulus/zarr.json", "a.zarr"),
+        ("a.zarr/stimulus/c/0/0", "a.zarr"),
+    ],
+)
+def test_what_is_no_regular_file_is_refused_and_never_waited_for(
+    copy: Path, replaced: str, read: str, make: Callable[[Path], None]
+) -> None:
+    path = copy / replaced
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+    make(path)
+    (copy / "a" / "recording.csv").touch()
+    reading = threading.Thread(target=reads_or_refuses, args=[copy / read], daemon=True)
+    reading.start()
+    reading.join(60)
+    assert not reading.is_alive(), "reading waits for a writer"
+    refused(copy / read)
+
+
+def many_chunks(path: Path) -> list[Path]:
+    """A store of several hundred chunks; returns those of the stimulus."""
+    rng = np.random.default_rng(0)
+    trials = tuple(Trial(rng.standard_normal(2000), rng.standard_normal((2000, 2)), 5.0) for _ in range(4))
+    dataset = to_dataset(Recording(trials, 10.0, 50.0)).drop_vars("angle").assign_attrs(angles=list(ANGLES))
+    encoding = {"stimulus": {"chunks": (1, 40)}, "theta": {"chunks": (1, 40, 2)}}
+    dataset.to_zarr(path, mode="w", zarr_format=3, consolidated=False, encoding=encoding)
+    return sorted(p for p in (path / "stimulus" / "c").rglob("*") if p.is_file())
+
+
+def linked(chunk: Path) -> None:
+    chunk.unlink()
+    chunk.symlink_to("/dev/zero")
+
+
+def cut(chunk: Path) -> None:
+    chunk.write_bytes(chunk.read_bytes()[:-9])
+
+
+@pytest.mark.parametrize(("damage", "word"), [(linked, "link"), (cut, "decoded")])
+def test_a_damaged_store_of_many_chunks_gets_one_line_and_no_noise_behind_it(
+    tmp_path: Path, damage: Callable[[Path], None], word: str
+) -> None:
+    for chunk in many_chunks(tmp_path / "many.zarr")[::3]:
+        damage(chunk)
+    command = [sys.executable, "-m", "mcstudy", "gap", "diagnose", "--fast", str(tmp_path / "many.zarr")]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert ran.returncode == 2
+    assert len(ran.stderr.splitlines()) == 1, ran.stderr[:2000]
+    assert word in ran.stderr
+
+
+def test_a_store_of_many_honest_chunks_is_read(tmp_path: Path) -> None:
+    many_chunks(tmp_path / "many.zarr")
+    assert len(read_dataset(tmp_path / "many.zarr").trials) == 4
+
+
+def test_a_recording_of_endless_trials_is_refused_before_they_are_read(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sheet = copy / "a" / "recording.toml"
+    head = sheet.read_text().split("\n[[trials]]")[0]
+    sheet.write_text(head + '\n[[trials]]\nfile = "trial1.csv"\n' * 20_000)
+    refused(sheet, "trials: expected at most 1000, got 20000")
+    sheet.write_text(head + '\n[[trials]]\nfile = "trial1.csv"\n' * 3)
+    monkeypatch.setattr(limits, "MOST_SAMPLES", 100)
+    refused(sheet, "trials: expected at most 100 samples in all, got 128")
+    refused(copy / "a.nc", "samples in all, got 128")
+    refused(copy / "a.zarr", "samples in all, got 128")
+    monkeypatch.setattr(limits, "MOST_TRIALS", 1)
+    refused(copy / "a.nc", "trials: expected at most 1, got 2")
 
 
 changes = st.lists(

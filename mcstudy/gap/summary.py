@@ -1,0 +1,29 @@
+"""What a record shows of itself at a prompt and in a notebook: a few facts in place of its arrays."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from html import escape
+
+
+class Summary(ABC):
+    """A short ``repr`` and a notebook table from `facts`; for dataclasses that are declared with ``repr=False``."""
+
+    @abstractmethod
+    def facts(self) -> list[tuple[str, str]]:
+        """(what, value) in the order to be shown; few and short."""
+
+    def __repr__(self) -> str:
+        facts = self.facts()
+        width = max(len(name) for name, _ in facts)
+        return "\n".join([type(self).__name__, *(f"  {name:{width}}  {value}" for name, value in facts)])
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><th scope='row'>{escape(n)}</th><td>{escape(v)}</td></tr>" for n, v in self.facts())
+        return f"<table><caption>{escape(type(self).__name__)}</caption><tbody>{rows}</tbody></table>"
+
+
+def shortened(text: str, most: int = 200) -> str:
+    """A text on one line, cut when it is long."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else line[: most - 1] + "…"

@@ -6,6 +6,9 @@ import argparse
 
 from mcstudy.exits import Exit
 
+SMALLER = 20
+"""How often sizes that were drawn are made smaller by a quarter for a body that falls."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -15,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME[=SIZE]",
-        help="an effect of `mcstudy gap effects`, at SIZE or drawn from its published range; may be repeated",
+        help="an effect of `mcstudy gap effects`, at SIZE or drawn from its published range (made smaller until the "
+        "body stands); may be repeated",
     )
     parser.add_argument("--stimulus", default="ankle_torque", help="ankle_torque, hip_torque or platform_translation")
     parser.add_argument(
@@ -36,7 +40,7 @@ def main(args: argparse.Namespace) -> Exit:
     """Simulate and write; returns the exit code."""
     import numpy as np
 
-    from mcstudy.errors import InputError
+    from mcstudy.errors import FallsError, InputError
     from mcstudy.gap.effects import effect
     from mcstudy.gap.make_recording import Protocol, draw_case, simulate_recording
     from mcstudy.gap.read import write_recording
@@ -77,31 +81,47 @@ def main(args: argparse.Namespace) -> Exit:
     for name, value in values.items():
         (DELAY if name in model.delays else GAIN).require(value, f"--parameter {name}")
     theta = np.array([values.get(p.name, p.value) for p in model.parameters])
-    names, sizes = [], {}
-    drawing, running = np.random.default_rng(args.seed).spawn(2)
+    bounds = zip(model.names, theta, model.parameters, strict=True)
+    nominal = model.with_bounds({n: (min(v, p.lower), max(v, p.upper)) for n, v, p in bounds})
+    nominal = nominal.with_values(dict(zip(model.names, map(float, theta), strict=True)))
+    names = [word.split("=")[0] for word in args.effect]
+    given = {}
     for word in args.effect:
-        name = word.split("=")[0]
-        names.append(name)
         if "=" in word:
+            name, value = _pair(word, "--effect")
             size = effect(name).size
-            sizes[size.name] = size.believable(_pair(word, "--effect")[1], f"--effect {name}")
-        else:
-            nominal = model.with_bounds(
-                {
-                    n: (min(v, p.lower), max(v, p.upper))
-                    for n, v, p in zip(model.names, theta, model.parameters, strict=True)
-                }
-            ).with_values(dict(zip(model.names, map(float, theta), strict=True)))
-            sizes |= draw_case(nominal, [name], drawing, spread=0.0, attempts=20)[1]
-    what = ", ".join(f"{k} = {v:.5g}" for k, v in sizes.items()) or "no effect"
-    recording = simulate_recording(
-        protocol,
-        theta,
-        running,
-        effects=names,
-        sizes=sizes,
-        provenance=f"simulated by mcstudy: {what}; seed {args.seed}",
-    )
+            given[size.name] = size.believable(value, f"--effect {name}")
+    drawn = [word for word in args.effect if "=" not in word]
+    for smaller in range(SMALLER):
+        # From the beginning every time, so that what is drawn is the same and only smaller.
+        drawing, running = np.random.default_rng(args.seed).spawn(2)
+        sizes = dict(given)
+        try:
+            for name in drawn:
+                sizes |= draw_case(nominal, [name], drawing, 0.75**smaller, spread=0.0, attempts=20)[1]
+            what = ", ".join(f"{k} = {v:.5g}" for k, v in sizes.items()) or "no effect"
+            recording = simulate_recording(
+                protocol,
+                theta,
+                running,
+                effects=names,
+                sizes=sizes,
+                provenance=f"simulated by mcstudy: {what}; seed {args.seed}",
+            )
+            break
+        except FallsError:
+            if not drawn:
+                raise
+    else:
+        raise FallsError(
+            f"--effect {', '.join(drawn)}: this body falls with every size that was tried; state one "
+            f"(--effect {drawn[0]}=SIZE), or shorter delays (such as --parameter Td1=0.06 --parameter Td2=0.07)"
+        )
+    if smaller:
+        what += (
+            f" (drawn from {0.75**smaller:.2g} of the published range, as this body falls with more; "
+            "shorter delays, such as --parameter Td1=0.06 --parameter Td2=0.07, may hold it)"
+        )
     path = write_recording(recording, args.output)
     print(f"{path}: {len(recording.trials)} trials of {recording.duration_s / len(recording.trials):.0f} s; {what}")
     return Exit.DONE

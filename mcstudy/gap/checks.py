@@ -103,9 +103,9 @@ def check(recording: Recording) -> tuple[Suspicion, ...]:
 
 def check_noise(lines: Lines, name: str) -> None:
     """Raise `RecordingError` for responses without noise, or whose noise is singular: nothing can be weighed by it."""
-    variance = np.einsum("nii->ni", lines.C).real
+    variance, C = lines.noise.variance, lines.noise.C
     size = np.abs(lines.y)
-    if not (np.isfinite(lines.C).all() and np.isfinite(size).all() and (variance > 0).all() and size.any()):
+    if not (np.isfinite(C).all() and np.isfinite(size).all() and (variance > 0).all() and size.any()):
         raise RecordingError(f"{name}: theta1, theta2: expected responses with noise of their own, found none")
     relative = (np.sqrt(variance) / np.maximum(size, 1e-300)).min(axis=1)  # an angle that was not published is zero
     if np.median(relative) < LEAST_NOISE or relative.min() < LEAST_NOISE_OF_A_LINE:
@@ -113,7 +113,7 @@ def check_noise(lines: Lines, name: str) -> None:
             f"{name}: theta1, theta2: expected noise of at least {LEAST_NOISE:g} of the responses, by which a gap is "
             f"weighed ({LEAST_NOISE_OF_A_LINE:g} at any line), got {np.median(relative):.1g} ({relative.min():.1g})"
         )
-    if (1 - np.abs(lines.C[:, 0, 1]) ** 2 / variance.prod(axis=1) < LEAST_NOISE_OF_A_LINE).any():
+    if (1 - np.abs(C[:, 0, 1]) ** 2 / variance.prod(axis=1) < LEAST_NOISE_OF_A_LINE).any():
         raise RecordingError(f"{name}: theta1, theta2: one is a multiple of the other; their covariance is singular")
 
 

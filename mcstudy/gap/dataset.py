@@ -89,6 +89,7 @@ def header(dataset: xr.Dataset) -> dict[str, Any]:
 
 def write_netcdf(recording: Recording, path: str | Path) -> None:
     """Write a NetCDF-4 file; an existing one is replaced."""
+    path = Path(path)
     partial = partial_name(path)
     with unfinished(partial, partial.touch):
         to_dataset(recording).to_netcdf(partial, engine="h5netcdf")
@@ -97,7 +98,7 @@ def write_netcdf(recording: Recording, path: str | Path) -> None:
 
 def write_zarr(recording: Recording, path: str | Path) -> None:
     """Write a Zarr v3 store of fixed-length types; an existing one is replaced."""
-    dataset = to_dataset(recording)
+    path, dataset = Path(path), to_dataset(recording)
     # Strings have no Zarr v3 specification yet: the names of the angles go into an attribute.
     dataset = dataset.drop_vars("angle").assign_attrs(angles=list(ANGLES))
     partial = partial_name(path)

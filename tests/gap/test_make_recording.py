@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcstudy.cli import BAD_INPUT, main, simulate
+from mcstudy.cli import main, simulate
 from mcstudy.errors import InputError
+from mcstudy.exits import Exit
 from mcstudy.gap import effects
 from mcstudy.gap.make_recording import Protocol, body_with_effects, draw_case, simulate_recording
 from mcstudy.gap.measure import measure
@@ -179,7 +180,11 @@ NONSENSE = [
     ["--parameter", "K11=1e308"],
     ["--parameter", "Td1=1e308"],
     ["--parameter", "Td1=-1"],
-    *(["--effect", f"{e.name}={size}"] for e in effects.LIBRARY for size in ("1e-300", "1e300", "1e308", "nan", "inf")),
+    *(
+        ["--effect", f"{e.name}={size}"]
+        for e in effects.LIBRARY.values()
+        for size in ("1e-300", "1e300", "1e308", "nan", "inf")
+    ),
 ]
 
 
@@ -188,7 +193,7 @@ def test_a_number_no_body_has_is_refused_in_one_line(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "rec.nc"
-    assert main(["simulate", "-o", str(out), *words]) == BAD_INPUT
+    assert main(["simulate", "-o", str(out), *words]) == Exit.BAD_INPUT
     said = capsys.readouterr().err
     assert said.startswith(f"mcstudy: {words[0]}")
     assert "expected" in said
@@ -197,7 +202,50 @@ def test_a_number_no_body_has_is_refused_in_one_line(
 
 
 def test_a_time_constant_far_below_a_sample_is_refused() -> None:
-    with pytest.raises(InputError, match="a time constant shorter than 2e-06 s cannot be simulated at 200 Hz"):
+    with pytest.raises(InputError, match="times too fast for 200 Hz; expected at most 1000"):
         simulate_recording(
             still(), MODEL.truth, np.random.default_rng(1), effects=["stimulus_lag"], sizes={"tau_stim": 1e-9}
         )
+
+
+def simulated(out: Path, *words: str) -> int:
+    parser = argparse.ArgumentParser()
+    simulate.add_arguments(parser)
+    return simulate.main(parser.parse_args(["-o", str(out), "--cycles", "3", "--rate", "50", *words]))
+
+
+@pytest.mark.parametrize("name", ["activation_dynamics", "torque_saturation"])
+def test_a_drawn_size_is_made_smaller_until_the_body_stands_and_the_command_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """The nominal body stands with a fifth of the published activation dynamics; one with short delays with more."""
+    assert simulated(tmp_path / "rec.nc", "--effect", name) == 0
+    assert "of the published range, as this body falls with more" in capsys.readouterr().out
+    assert isinstance(read_recording(tmp_path / "rec.nc"), Recording)
+
+
+def test_a_drawn_size_that_stands_is_within_its_published_range(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert simulated(tmp_path / "rec.nc", "--effect", "stimulus_lag") == 0
+    said = capsys.readouterr().out
+    low, high = effects.effect("stimulus_lag").size.published
+    assert low <= float(said.split("tau_stim = ")[1]) <= high
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--parameter", "K11=300", "--effect", "stimulus_lag"], "falls with every size that was tried"),
+        (["--effect", "activation_dynamics=0.03"], "cannot stand with Tact"),
+    ],
+)
+def test_the_command_refuses_an_absurd_number_in_one_line(tmp_path: Path, words: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        simulated(tmp_path / "rec.nc", *words)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_recording_is_not_written_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"absent/rec\.nc: cannot be written: .*absent is no folder"):
+        simulated(tmp_path / "absent" / "rec.nc")

@@ -20,12 +20,12 @@ import xarray as xr
 from mcstudy.analysis import accuracy
 from mcstudy.analysis.selection import best
 from mcstudy.errors import InputError
+from mcstudy.stance.ranges import Range
 from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.design import Group, Study
 from mcstudy.study.extend import Growth, extend, grown_study
 from mcstudy.study.results import open_results
 from mcstudy.study.run import Outcome, run_study
-from mcstudy.study.sections import Range
 from mcstudy.study.store import Cube
 
 FACTOR = 4

@@ -46,10 +46,10 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.gap.read import write_recording
     from mcstudy.stance.body import STIMULI, two_segment
     from mcstudy.stance.noise import SensorNoise
+    from mcstudy.stance.ranges import Range
     from mcstudy.stance.stimulus import Prts
     from mcstudy.study.checks import DELAY, MAX_SAMPLES
     from mcstudy.study.group import AMPLITUDE, GAIN, RATE
-    from mcstudy.study.sections import Range
 
     for amplitude in args.amplitude:
         AMPLITUDE.require(amplitude, "--amplitude")

@@ -13,7 +13,7 @@ import numpy as np
 
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model, Parameter
-from mcstudy.study.sections import Range
+from mcstudy.stance.ranges import Range
 
 Place = Literal["ankle", "hip", "stimulus", "sensor", "body"]
 PLACES: tuple[Place, ...] = ("ankle", "hip", "stimulus", "sensor", "body")

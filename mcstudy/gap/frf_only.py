@@ -13,18 +13,18 @@ from mcstudy.gap.recording import LEAST_LINES
 from mcstudy.gap.summary import Summary, shortened
 from mcstudy.stance.body import Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.within import Within
+from mcstudy.stance.ranges import Range
 
 LARGE_DOF = 1e6
 """Degrees of freedom of a covariance that was published instead of estimated here."""
 
-F_HZ = Within(1e-4, 1e3, "Hz")
+F_HZ = Range(1e-4, 1e3, "Hz")
 """Frequencies of a published FRF."""
 
-GAIN = Within(0.0, 1e3, "rad per unit of the stimulus")
+GAIN = Range(0.0, 1e3, "rad per unit of the stimulus")
 """Gains of a published FRF."""
 
-SD = Within(1e-12, 1e3, "rad per unit of the stimulus")
+SD = Range(1e-12, 1e3, "rad per unit of the stimulus")
 """Standard deviations of a published FRF."""
 
 

@@ -18,8 +18,8 @@ from mcstudy.errors import RecordingError
 from mcstudy.gap.summary import Summary, shortened
 from mcstudy.stance.body import STIMULI, Body, two_segment
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.ranges import Range
 from mcstudy.stance.stimulus import CONVENTIONS
-from mcstudy.stance.within import Within
 
 MINIMUM_CYCLES = 3
 """Fewest periods of a periodic stimulus that can be analysed (one is lost to the transient)."""
@@ -39,13 +39,13 @@ MOST_CYCLES = 1000
 MOST_CYCLES_IN_ALL = 10_000
 """Periods in a recording."""
 
-RATE_HZ = Within(1.0, 1e5, "Hz")
+RATE_HZ = Range(1.0, 1e5, "Hz")
 """Sampling rates."""
 
-PERIOD_S = Within(0.1, 1e5, "s")
+PERIOD_S = Range(0.1, 1e5, "s")
 """Periods of a stimulus."""
 
-AMPLITUDE = {"N m": Within(1e-4, 600.0, "N m"), "m": Within(1e-6, 2.0, "m")}
+AMPLITUDE = {"N m": Range(1e-4, 600.0, "N m"), "m": Range(1e-6, 2.0, "m")}
 """Stated amplitudes of a trial per unit of the stimulus; a peak-to-peak value may be twice a peak."""
 
 

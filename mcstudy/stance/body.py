@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, fields
 
 from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Model, Parameter, Term
-from mcstudy.stance.within import Within, within
+from mcstudy.stance.ranges import Range, within
 
 DELAY_MARGIN = 0.030
 """Half-width of the delay bounds in s (Goodworth & Peterka 2018, Methods)."""
@@ -23,14 +23,14 @@ DEFINITE = 1e-6
 _INERTIA = within(1e-4, 1e4, "kg m^2")
 _MOMENT = within(1e-3, 1e4, "kg m")
 
-SEGMENTS: dict[str, Within] = {
-    "m1": Within(1e-2, 1e3, "kg"),
-    "h1": Within(1e-2, 10.0, "m"),
-    "I1": Within(1e-5, 1e4, "kg m^2"),
-    "m2": Within(1e-2, 1e3, "kg"),
-    "h2": Within(1e-2, 10.0, "m"),
-    "I2": Within(1e-5, 1e4, "kg m^2"),
-    "L1": Within(1e-2, 10.0, "m"),
+SEGMENTS: dict[str, Range] = {
+    "m1": Range(1e-2, 1e3, "kg"),
+    "h1": Range(1e-2, 10.0, "m"),
+    "I1": Range(1e-5, 1e4, "kg m^2"),
+    "m2": Range(1e-2, 1e3, "kg"),
+    "h2": Range(1e-2, 10.0, "m"),
+    "I2": Range(1e-5, 1e4, "kg m^2"),
+    "L1": Range(1e-2, 10.0, "m"),
 }
 """Parameters of `Body.from_segments` but g, and their ranges."""
 

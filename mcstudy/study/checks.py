@@ -7,12 +7,12 @@ import numpy as np
 from mcstudy.errors import DesignError, InputError
 from mcstudy.spectra.bands import PERIOD_S
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.ranges import Range
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.study.group import GAIN, GAIN_BOUND, Group
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.measure import HIGHEST_HZ, frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model
-from mcstudy.study.sections import Range
 from mcstudy.study.untrusted import LARGEST_CHUNK
 
 MAX_SAMPLES = 4_000_000

@@ -11,7 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from mcstudy.study.sections import Name, Range, Section
+from mcstudy.stance.ranges import Range
+from mcstudy.study.sections import Name, Section
 
 AMPLITUDE = Range(1e-6, 1e6)
 """N m or m."""

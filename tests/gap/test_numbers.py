@@ -89,7 +89,7 @@ def content(recording: Recording | FrfRecording) -> str:
     arrays = (
         [a for t in recording.trials for a in (t.stimulus, t.theta)]
         if isinstance(recording, Recording)
-        else [recording.lines.f, recording.lines.y, recording.lines.C]
+        else [recording.lines.f, recording.lines.y, recording.lines.noise.C]
     )
     rest = [getattr(recording, n, None) for n in ("rate_hz", "period_s", "stimulus", "body")]
     return sha256(repr(rest).encode() + b"".join(a.tobytes() for a in arrays)).hexdigest()

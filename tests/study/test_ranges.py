@@ -15,9 +15,9 @@ from pydantic import BaseModel
 from mcstudy.analysis.tables import show
 from mcstudy.errors import InputError
 from mcstudy.stance.body import Body, two_segment
+from mcstudy.stance.ranges import Range
 from mcstudy.study.design import Group, Study, StudySection
 from mcstudy.study.plan import plan
-from mcstudy.study.sections import Range
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.tasks import fill

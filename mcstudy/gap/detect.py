@@ -9,7 +9,7 @@ the model refitted to every draw.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -64,13 +64,13 @@ class Detection:
     chi2: float
     expected_chi2: float
     fit_p_value: float
-    z: np.ndarray
+    z: np.ndarray = field(repr=False)
     z_limit: float
-    bands: tuple[Band, ...]
+    bands: tuple[Band, ...] = field(repr=False)
     refits: bool
     draws: int
-    null_chi2: np.ndarray
-    rough: Rough
+    null_chi2: np.ndarray = field(repr=False)
+    rough: Rough = field(repr=False)
 
 
 def _complex(r: np.ndarray) -> np.ndarray:

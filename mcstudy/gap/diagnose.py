@@ -14,7 +14,7 @@ from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.ambiguity import undetectable
 from mcstudy.gap.checks import check, check_noise
 from mcstudy.gap.close import Belief, Closed, close, floor_rms_deg, sway_rms_deg
-from mcstudy.gap.diagnosis import LEVEL, Diagnosis, Shift
+from mcstudy.gap.diagnosis import LEVEL, Diagnosis, Shift, sources
 from mcstudy.gap.explain import Cause, Explanation, explain
 from mcstudy.gap.fitting import Data, Fitted
 from mcstudy.gap.frf_only import FrfRecording
@@ -243,9 +243,12 @@ def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict
 def _shifts(base: Fitted, leading: Cause | None) -> tuple[Shift, ...]:
     se = np.sqrt(np.diag(base.covariance))
     added_se = None if leading is None else np.sqrt(np.diag(leading.fitted.covariance))
+    origin = sources(base)
+    added_origin = None if leading is None else sources(leading.fitted)
     out = []
     for k, p in enumerate(base.model.parameters):
         added = None if leading is None else float(leading.fitted.theta[k])
         error = None if added_se is None else float(added_se[k])
-        out.append(Shift(p.name, p.unit, float(base.theta[k]), float(se[k]), added, error))
+        origins = origin[k], None if added_origin is None else added_origin[k]
+        out.append(Shift(p.name, p.unit, float(base.theta[k]), float(se[k]), added, error, *origins))
     return tuple(out)

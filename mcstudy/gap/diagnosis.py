@@ -13,15 +13,43 @@ from mcstudy.gap.close import Closed
 from mcstudy.gap.contrasts import Contrast
 from mcstudy.gap.detect import Detection
 from mcstudy.gap.explain import Cause
+from mcstudy.gap.fitting import Fitted
+from mcstudy.gap.summary import Summary, shortened
 from mcstudy.study import schema
 
 LEVEL = 0.05
 """Probability of a false alarm."""
 
 
+MOSTLY_PRIOR = 0.7
+"""Standard deviation of a parameter, relative to that of its prior, from which the data said less than the prior."""
+
+SOURCES = {"data": "", "prior": "mostly prior", "bound": "at bound"}
+"""Where the value of a parameter comes from, and how a table says it."""
+
+SOURCES_EXPLAINED = (
+    f"mostly prior: the standard error is at least {MOSTLY_PRIOR:g} of that of the prior, so the value is the prior's "
+    "more than the data's; at bound: the fit ends on a bound, so the standard error says little."
+)
+
+
+def sources(fitted: Fitted) -> tuple[str, ...]:
+    """Per parameter of a fit, a key of `SOURCES`."""
+    model, prior = fitted.model, fitted.prior
+    share = np.sqrt(np.diag(fitted.covariance)) / prior.scale
+    near = 1e-6 * (model.upper - model.lower)
+    on_bound = (fitted.theta <= model.lower + near) | (fitted.theta >= model.upper - near)
+    return tuple(
+        "bound" if bound else "prior" if s >= MOSTLY_PRIOR else "data" for bound, s in zip(on_bound, share, strict=True)
+    )
+
+
 @dataclass(frozen=True)
 class Shift:
-    """A base parameter with and without the leading cause: estimates and standard errors in ``unit``."""
+    """A base parameter with and without the leading cause: estimates and standard errors in ``unit``.
+
+    ``without_from``, ``added_from``: where the values come from, keys of `SOURCES`.
+    """
 
     name: str
     unit: str
@@ -29,10 +57,20 @@ class Shift:
     without_se: float
     added: float | None
     added_se: float | None
+    without_from: str = "data"
+    added_from: str | None = None
+
+    @property
+    def source(self) -> str:
+        """In words: of the fit with the leading cause, of the other where they differ or there is none."""
+        own = SOURCES[self.without_from]
+        if self.added_from is None or self.added_from == self.without_from:
+            return own
+        return f"{own or 'data'}; with the cause {SOURCES[self.added_from] or 'data'}"
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Summary):
     """What one recording says about the gap between its body and the model.
 
     Attributes
@@ -71,6 +109,31 @@ class Diagnosis:
     torque: np.ndarray = field(repr=False)
     warnings: tuple[str, ...]
     method: dict[str, Any]
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        from mcstudy.gap.verdict import p_words, words
+
+        found = "a gap beyond noise" if self.detected else "no gap beyond noise"
+        causes = [(c.probability, words(" and ".join(c.effects))) for c in self.causes]
+        causes += [
+            (self.unknown_probability, "a cause outside the library"),
+            (self.none_probability, "nothing missing"),
+        ]
+        leading = sorted(causes, reverse=True)[:4]
+        place = max(self.place, key=lambda k: self.place[k])
+        facts = [
+            ("name", shortened(self.name)),
+            ("verdict", f"{found} ({p_words(self.p_value, self.p_least)})"),
+            ("causes", "; ".join(f"{name} {100 * p:.0f} %" for p, name in leading)),
+            ("place", f"{place} {100 * self.place[place]:.0f} %"),
+        ]
+        if self.closed is not None:
+            c = self.closed
+            facts.append(("closed", f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}] of the gap"))
+        if self.warnings:
+            facts.append(("notes", shortened("; ".join(self.warnings), 600)))
+        return [*facts, ("more", "verdict(), to_dict()")]
 
     def verdict(self) -> str:
         """One paragraph in plain words."""
@@ -171,6 +234,8 @@ class Diagnosis:
                         "without_se": s.without_se,
                         "added": s.added,
                         "added_se": s.added_se,
+                        "without_from": s.without_from,
+                        "added_from": s.added_from,
                     }
                     for s in self.shifts
                 ],

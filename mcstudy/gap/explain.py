@@ -8,7 +8,7 @@ that this recording cannot tell apart (`mcstudy.gap.signatures`) are one group w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import logsumexp
@@ -21,6 +21,7 @@ from mcstudy.gap.fitting import Data, Fitted, whiten
 from mcstudy.gap.rough import Rough
 from mcstudy.gap.scores import Scores
 from mcstudy.gap.signatures import Signature
+from mcstudy.gap.summary import Summary
 from mcstudy.stance.response import frf
 
 NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.52, 0.03, 0.11, 0.04
@@ -49,11 +50,11 @@ class Cause:
     alternatives: tuple[tuple[str, ...], ...]
     probability: float
     sizes: tuple[SizeEstimate, ...]
-    fitted: Fitted
+    fitted: Fitted = field(repr=False)
 
 
-@dataclass(frozen=True)
-class Explanation:
+@dataclass(frozen=True, repr=False)
+class Explanation(Summary):
     """The posterior: named ``causes`` by falling probability, and the probabilities of ``none`` and ``unknown``.
 
     ``unknown_places``: share of the unknown by place, "" for what cannot be placed. ``hypotheses``: every refitted
@@ -65,6 +66,12 @@ class Explanation:
     unknown: float
     unknown_places: dict[str, float]
     hypotheses: tuple[tuple[Hypothesis, float], ...]
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        leading = [(" and ".join(c.effects), c.probability) for c in self.causes[:3]]
+        entries = [*leading, ("outside the library", self.unknown), ("nothing missing", self.none)]
+        return [(name, f"{100 * p:.0f} %") for name, p in entries]
 
 
 def explain(

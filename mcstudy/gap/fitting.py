@@ -11,7 +11,7 @@ nobody and keep the statistics regular.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -115,12 +115,12 @@ class Fitted:
     information: (P, P) J^T J of the whitened data at the estimate.
     """
 
-    model: Model
-    prior: Prior
+    model: Model = field(repr=False)
+    prior: Prior = field(repr=False)
     theta: np.ndarray
     chi2: float
     penalty: float
-    information: np.ndarray
+    information: np.ndarray = field(repr=False)
 
     @property
     def covariance(self) -> np.ndarray:

@@ -13,10 +13,11 @@ import numpy as np
 from scipy import stats
 
 from mcstudy.gap.line_noise import LineNoise
+from mcstudy.gap.summary import Summary
 
 
-@dataclass(frozen=True)
-class EvenLines:
+@dataclass(frozen=True, repr=False)
+class EvenLines(Summary):
     """Lines the stimulus does not excite, M of them: nothing but noise, unless the body has an even nonlinearity.
 
     Attributes
@@ -30,6 +31,10 @@ class EvenLines:
     variance: np.ndarray
     level: np.ndarray
     repeats: int
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        return [("lines", _span(self.f)), ("repeats", str(self.repeats))]
 
     def excess(self, low: float = 0.0, high: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
         """Sum of |mean|^2 / level over sum of variance / level in a band, per angle (2,), and its p-value (2,).
@@ -47,8 +52,8 @@ class EvenLines:
         return ratio, stats.f.sf(ratio, 2 * m, 2 * m * (self.repeats - 1))
 
 
-@dataclass(frozen=True)
-class Lines:
+@dataclass(frozen=True, repr=False)
+class Lines(Summary):
     """FRFs of a recording at N lines, from R independent repeats.
 
     Attributes
@@ -80,6 +85,20 @@ class Lines:
 
     def __len__(self) -> int:
         return int(self.f.size)
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        variance = np.einsum("nii->ni", self.C).real
+        noise = np.sqrt(variance) / np.maximum(np.abs(self.y), 1e-300)
+        facts = [
+            ("lines", _span(self.f)),
+            ("repeats", f"{self.repeats.shape[0]} of {np.unique(self.trial).size} trials"),
+        ]
+        if len(self):
+            facts.append(
+                ("standard error / gain", ", ".join(f"{x:.2g}" for x in np.median(noise, axis=0)) + " (median)")
+            )
+        return [*facts, ("even lines", "none" if self.even is None else _span(self.even.f))]
 
     def subset(self, repeats: np.ndarray) -> Lines:
         """The mean over some of the repeats only (indices or mask), same estimate of the noise."""
@@ -130,3 +149,7 @@ class Lines:
             else:
                 groups.append([int(r)])
         return [(float(self.amplitude[g].mean()), self.subset(np.array(sorted(g)))) for g in groups]
+
+
+def _span(f: np.ndarray) -> str:
+    return f"{f.size}, {f[0]:.4g} to {f[-1]:.4g} Hz" if f.size else "0"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mcstudy.analysis.cells import number, table, with_error
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import SOURCES_EXPLAINED, Diagnosis
 from mcstudy.gap.verdict import named, words
 
 SHOWN = 0.01
@@ -64,10 +64,14 @@ def _parameters(d: Diagnosis) -> str:
             with_error(s.without, s.without_se),
             "-" if s.added is None else with_error(s.added, s.added_se),
             s.unit,
+            s.source,
         ]
         for s in d.shifts
     ]
-    return table(["parameter", "base model", "with the leading cause", "unit"], rows)
+    if not any(s.source for s in d.shifts):
+        return table(["parameter", "base model", "with the leading cause", "unit"], [row[:-1] for row in rows])
+    shown = table(["parameter", "base model", "with the leading cause", "unit", "value from"], rows)
+    return f"{shown}\n{SOURCES_EXPLAINED}"
 
 
 def _undetectable(d: Diagnosis) -> str:

@@ -15,6 +15,7 @@ from mcstudy.gap.fitting import Data, Fitted, Fitter, opened
 from mcstudy.gap.lines import Lines
 from mcstudy.gap.scores import Scores
 from mcstudy.gap.signatures import Signature, ambiguity_groups, signatures, usable
+from mcstudy.gap.summary import Summary
 from mcstudy.stance.feedback import Model
 from mcstudy.study.streams import stream
 
@@ -27,8 +28,8 @@ is off on average: by up to a tenth at some lines when the noise has another col
 stay below 5 % for every kind of data in ``pipelines/gap_challenge_robust.toml``; without it they are 4 to 7 %."""
 
 
-@dataclass(frozen=True)
-class Tested:
+@dataclass(frozen=True, repr=False)
+class Tested(Summary):
     """A recording's lines under the base model, tested.
 
     Attributes
@@ -47,6 +48,16 @@ class Tested:
     scores: Scores
     detection: Detection
     contrasts: list[Contrast]
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        d = self.detection
+        return [
+            ("p-value of any gap", f"{self.p_value:.2g}"),
+            ("squared residual", f"{d.chi2:.0f}, noise alone expects {d.expected_chi2:.0f}"),
+            ("lines", str(self.data.f.size)),
+            ("effects", f"{len(self.effects)} tried, in {len(self.groups)} groups that can be told apart"),
+        ]
 
     @property
     def p_value(self) -> float:

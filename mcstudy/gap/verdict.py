@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import SOURCES_EXPLAINED, Diagnosis
 from mcstudy.gap.explain import Cause
 
 
@@ -141,13 +141,13 @@ def html(d: Diagnosis) -> str:
     shifts = "".join(
         f"<tr><td>{s.name}</td><td>{s.without:.4g} ± {s.without_se:.2g}</td><td>"
         + ("" if s.added is None else f"{s.added:.4g} ± {s.added_se:.2g}")
-        + f"</td><td>{escape(s.unit)}</td></tr>"
+        + f"</td><td>{escape(s.unit)}</td><td>{escape(s.source)}</td></tr>"
         for s in d.shifts
     )
     return (
         f"<h3>{escape(d.name)}</h3><p>{escape(d.verdict())}</p>"
         "<table><thead><tr><th>cause</th><th>probability</th><th>size</th></tr></thead>"
         f"<tbody>{rows}</tbody></table>"
-        "<table><thead><tr><th>parameter</th><th>base model</th><th>with the leading "
-        f"cause</th><th>unit</th></tr></thead><tbody>{shifts}</tbody></table>"
+        "<table><thead><tr><th>parameter</th><th>base model</th><th>with the leading cause</th><th>unit</th>"
+        f"<th>value from</th></tr></thead><tbody>{shifts}</tbody></table><p>{escape(SOURCES_EXPLAINED)}</p>"
     )

@@ -11,11 +11,14 @@ import pytest
 
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.ambiguity import Undetectable
-from mcstudy.gap.diagnose import diagnose, diagnose_fast
+from mcstudy.gap.diagnose import detect_fast, diagnose, diagnose_fast
+from mcstudy.gap.diagnosis import MOSTLY_PRIOR, SOURCES, SOURCES_EXPLAINED, Shift, sources
 from mcstudy.gap.make_recording import Protocol, simulate_recording
+from mcstudy.gap.measure import measure
 from mcstudy.gap.plausible import refuse
 from mcstudy.gap.read import checked
 from mcstudy.gap.recording import Recording, Suspicion, Trial
+from mcstudy.gap.tables import text
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.simulate_spectral import stimulus_sway
 from mcstudy.stance.stimulus import Prts
@@ -46,9 +49,9 @@ def test_json_conforms_to_its_schema_and_says_what_the_object_says(lagging: Reco
     assert plain["closed"]["fraction"] > 0.8
     assert plain["sway_rms_deg"]["after"] < plain["sway_rms_deg"]["before"]
     assert [p["name"] for p in plain["parameters"]] == list(MODEL.names)
-    text = out.verdict()
-    assert text.startswith("A gap beyond noise")
-    assert "sensor lag theta1" in text
+    said = out.verdict()
+    assert said.startswith("A gap beyond noise")
+    assert "sensor lag theta1" in said
     assert "<table>" in out._repr_html_()
 
 
@@ -90,6 +93,43 @@ def test_exchanged_channels_are_refused(lagging: Recording) -> None:
     exchanged = replace(lagging, trials=tuple(replace(t, theta=t.theta[:, ::-1].copy()) for t in lagging.trials))
     with pytest.raises(RecordingError, match="exchanged"):
         diagnose_fast(exchanged)
+
+
+def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recording) -> None:
+    out = diagnose_fast(lagging, seed=3)
+    lines = measure(lagging)
+    assert lines.even is not None
+    parts = (out, out.detection, out.causes[0], out.causes[0].fitted, lines, lines.even, detect_fast(lagging), lagging)
+    for shown in parts:
+        assert len(repr(shown)) < 2000, type(shown)
+    for shown in (out, lines, lines.even, lagging, lagging.trials[0]):
+        assert "</table>" in shown._repr_html_()
+    shown_text = repr(out)
+    assert "lagging" in shown_text
+    assert "a gap beyond noise (p <" in shown_text
+    assert re.search(r"sensor lag theta1 \d+ %", shown_text)
+
+
+def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging: Recording) -> None:
+    """At 1.2 Hz the data say little about delays and the passive ankle; the prior's values must not pass as theirs."""
+    out = diagnose_fast(lagging, fmax=1.2)
+    base = detect_fast(lagging, fmax=1.2).base
+    share = np.sqrt(np.diag(base.covariance)) / base.prior.scale
+    by_name = {s.name: s for s in out.shifts}
+    expected = {n: "prior" if x >= MOSTLY_PRIOR else "data" for n, x in zip(base.model.names, share, strict=True)}
+    assert {n: s.without_from for n, s in by_name.items()} == expected
+    assert by_name["Kpas1"].without_from == "prior"
+    assert by_name["K11"].added_from is None  # no gap at 1.2 Hz, so no leading cause
+    assert {s.added_from for s in diagnose_fast(lagging, seed=3).shifts} <= set(SOURCES)
+    assert re.search(r"Kpas1 .* N m/rad +mostly prior", text(out))
+    assert SOURCES_EXPLAINED in text(out)
+    assert "mostly prior" in out._repr_html_()
+    plain = out.to_dict()
+    schema.validate("diagnosis", plain, "diagnosis")
+    assert plain["parameters"][8]["without_from"] == "prior"
+    tight = base.model.with_bounds({"K11": (base.theta[0], 5000.0)})
+    assert sources(replace(base, model=tight))[0] == "bound"
+    assert Shift("K", "s", 1.0, 1.0, 1.0, 1.0, "data", "bound").source == "data; with the cause at bound"
 
 
 def exchanged(trial: Trial) -> Trial:

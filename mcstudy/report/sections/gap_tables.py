@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import SOURCES_EXPLAINED, Diagnosis
 from mcstudy.gap.verdict import named, words
 from mcstudy.report.context import short
 from mcstudy.report.html import Table, escape, table
@@ -17,6 +17,7 @@ def numbers(d: Diagnosis) -> str:
     groups = "; ".join(", ".join(words(n) for n in g) for g in d.groups if len(g) > 1)
     return (
         "".join(table(t) for t in tables if t.rows)
+        + f"<p>{escape(SOURCES_EXPLAINED[0].upper() + SOURCES_EXPLAINED[1:])}</p>"
         + (f"<p>Effects this recording cannot tell apart: {escape(groups)}.</p>" if groups else "")
         + (f"<h3>Data quality warnings</h3><ul>{warnings}</ul>" if warnings else "")
     )
@@ -45,10 +46,11 @@ def _parameters(d: Diagnosis) -> Table:
             "" if s.added is None or s.added_se is None else f"{s.added:.4g} ± {s.added_se:.2g}",
             "" if s.added is None else f"{s.added - s.without:+.3g}",
             s.unit,
+            s.source,
         ]
         for s in d.shifts
     ]
-    header = ["parameter", "base model ± SE", "with the leading cause ± SE", "change", "unit"]
+    header = ["parameter", "base model ± SE", "with the leading cause ± SE", "change", "unit", "value from"]
     return Table("Parameters without and with the leading cause", header, rows)
 
 

@@ -88,7 +88,7 @@ class Lines(Summary):
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
-        variance = np.einsum("nii->ni", self.C).real
+        variance = np.einsum("nii->ni", self.noise.C).real
         noise = np.sqrt(variance) / np.maximum(np.abs(self.y), 1e-300)
         facts = [
             ("lines", _span(self.f)),

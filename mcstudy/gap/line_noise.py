@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mcstudy.gap.draws import NullDraws, Pooling
+from mcstudy.gap.summary import Summary
 
 
-@dataclass(frozen=True, eq=False)
-class LineNoise:
+@dataclass(frozen=True, eq=False, repr=False)
+class LineNoise(Summary):
     """Covariance of the errors of FRFs at N lines, and how well it is known.
 
     Attributes
@@ -23,6 +24,11 @@ class LineNoise:
     C: np.ndarray
     dof: np.ndarray
     pooling: Pooling | None = None
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        known = "known" if self.pooling is None else f"{self.dof.min():.3g} to {self.dof.max():.3g} degrees of freedom"
+        return [("lines", str(self.dof.size)), ("covariance", known)]
 
     @property
     def variance(self) -> np.ndarray:

@@ -88,8 +88,7 @@ class Lines(Summary):
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
-        variance = np.einsum("nii->ni", self.noise.C).real
-        noise = np.sqrt(variance) / np.maximum(np.abs(self.y), 1e-300)
+        noise = np.sqrt(self.noise.variance) / np.maximum(np.abs(self.y), 1e-300)
         facts = [
             ("lines", _span(self.f)),
             ("repeats", f"{self.repeats.shape[0]} of {np.unique(self.trial).size} trials"),

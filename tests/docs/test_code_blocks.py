@@ -3,7 +3,7 @@
 - ``bash`` blocks run in a shell, ``python`` blocks of a page share one namespace; both start where a clone's root is.
 - The study files they name are cut down to a few realizations and starts, so that a page takes seconds.
 - A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
-- A block is left out only below a visible line ``*Not run by the tests: REASON.*``.
+- A block is left out only below a comment ``<!-- Not run by the tests: REASON. -->``: it is for us, not for readers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 PLACES = ("README.md", "results_schema/README.md", "pipelines/**/*.md", "mcstudy/**/*.md", "benchmarks/**/*.md")
 PAGES = sorted({page.relative_to(ROOT).as_posix() for place in PLACES for page in ROOT.glob(place)})
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-NOT_RUN = re.compile(r"^\*Not run by the tests: \S.{5,}\.\*$")
+NOT_RUN = re.compile(r"^<!-- Not run by the tests: \S.{5,}\. -->$")
 PROSE = ("", "text")
 """Blocks that hold no code: what a program printed, a formula."""
 SECONDS = 900

@@ -49,7 +49,8 @@ def _paper(paper: dict[str, Any]) -> str:
         ours = with_error(row["value"], row["mcse"]) + (f" {row['unit']}" if row["unit"] not in ("1", "starts") else "")
         body.append([row["label"], row["paper_text"], ours, number(row["floor"], 2), mark])
     lines = [
-        f"Comparison with the paper ({paper['reference']}); ± is one Monte Carlo standard error (MCSE)",
+        f"Comparison with the paper ({paper['reference']})",
+        "± is one Monte Carlo standard error (MCSE)",
         "",
         table(["", "paper", "ours ± MCSE", "floor", "within 3 MCSE"], body),
         "",

@@ -123,7 +123,7 @@ def test_names_of_cases_do_not_tell_their_kind() -> None:
         ({"noise": {"level": 1e300}}, "noise.level: expected at most 1000000, got 1e\\+300"),
         ({"noise": {"psd": [1e300, 1.0]}}, "noise.psd.0: expected at most 1000"),
         ({"noise": {"corner_hz": 1e-300}}, "noise.corner_hz: expected at least 0.001"),
-        ({"sizes": {"strata": []}}, "sizes.strata: expected at least 1 item"),
+        ({"sizes": {"strata": []}}, "sizes.strata: expected a list with at least 1 item"),
         (
             {"sizes": {"strata": [{"share": 1.0, "low": 1.0, "high": 1e300}]}},
             "sizes.strata.0.high: expected at most 1000",

@@ -60,10 +60,10 @@ def test_what_is_named_as_a_cause_is_not_also_said_to_be_invisible(lagging: Reco
     out = diagnose_fast(lagging)
     leading = out.causes[0].effects[0]
     missed = (Undetectable(leading, "delta 1.0", None, "s", None), Undetectable("dead_zone", "why", None, "rad", None))
-    last = replace(out, undetectable=missed).verdict().split("Not excluded")[1]
+    last = replace(out, undetectable=missed).verdict().split("neither confirm nor rule out")[1]
     assert "dead zone" in last
     assert leading.replace("_", " ") not in last
-    nothing = replace(out, undetectable=missed, detected=False, closed=None).verdict().split("Not excluded")[1]
+    nothing = replace(out, undetectable=missed, detected=False, closed=None).verdict().split("neither confirm nor rule out")[1]
     assert leading.replace("_", " ") in nothing
 
 

@@ -60,8 +60,7 @@ def run_model(
     axes = {"realizations": realizations, "starts": starts, "fmax": fmax, "amplitude": amplitude}
     group: Group = validated(Group, {**axes, **sections}, whole="settings")
     check(group, model)
-    if not allow_unstable:
-        refuse_unstable_model(model)
+    refuse_unstable_model(model, group.simulator, allow_unstable)
     experiment = Experiment(group, seed, model)
     # Only for its layout: nothing of a store touches the disk before it is written to.
     store = GroupStore(Path(), model.name, experiment, group.realizations, "")

@@ -34,15 +34,22 @@ def warnings_of(study: Study) -> list[str]:
 
 
 def refuse_unstable(study: Study, allow: bool = False) -> None:
-    """Raise `DesignError`, one line with group and growth rate, for the first group that falls, unless ``allow``."""
-    for name, group in study.group.items() if not allow else ():
-        refuse_unstable_model(build_model(group), f"group.{name}.")
+    """Raise `DesignError`, one line with group and growth rate, for the first group that falls.
+
+    ``allow``: unless it is computed in the frequency domain, where a response exists that nobody could measure. In time
+    it grows out of all numbers.
+    """
+    for name, group in study.group.items():
+        refuse_unstable_model(build_model(group), group.simulator, allow, f"group.{name}.")
 
 
-def refuse_unstable_model(model: Model, where: str = "") -> None:
+def refuse_unstable_model(model: Model, simulator: str, allow: bool, where: str = "") -> None:
     """The same for one model, the truth of which stands at ``where``."""
-    if what := instability(model):
-        raise DesignError(
-            f"{where}model.truth: expected a stable closed loop, got an unstable one, {what} "
-            "(--allow-unstable, in Python allow_unstable=True, accepts it)"
+    in_time = simulator == "time_domain"
+    if (not allow or in_time) and (what := instability(model)):
+        remedy = (
+            "a body that falls cannot be simulated in time; simulator 'spectral' can"
+            if in_time
+            else "--allow-unstable, in Python allow_unstable=True, accepts it"
         )
+        raise DesignError(f"{where}model.truth: expected a stable closed loop, got an unstable one, {what} ({remedy})")

@@ -44,6 +44,13 @@ from mcstudy.study.untrusted import real_bytes, toml
 LARGEST_SHEET = 1_000_000
 """Bytes of a TOML file."""
 
+OTHER_FILES = {
+    "study": "study file (for mcstudy run)",
+    "group": "study file (for mcstudy run)",
+    "challenge": "challenge file (for mcstudy gap challenge)",
+}
+"""What else is written in TOML here, by a section that only it has."""
+
 LARGEST_SCALE = 1e9
 """Factors of a channel are at most this and at least one over this, of either sign."""
 
@@ -140,10 +147,9 @@ def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | 
         raise RecordingError(str(error)) from error
     except ValueError as error:
         raise RecordingError(f"{path}: expected TOML: {error}") from error
-    if isinstance(text.get("study"), dict) or isinstance(text.get("group"), dict):
-        raise RecordingError(
-            f"{path}: this is a study file (for mcstudy run); expected a recording: a table with trials and body"
-        )
+    for section, kind in OTHER_FILES.items():
+        if isinstance(text.get(section), dict):
+            raise RecordingError(f"{path}: this is a {kind}; expected a recording: a file with trials and a body")
     try:
         sheet = Sheet.model_validate(text)
     except ValidationError as error:

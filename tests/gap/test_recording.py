@@ -215,6 +215,7 @@ def sheet(folder: Path, text: str = "", rows: str | None = None) -> Path:
         ),
         ("rate_hz = \n", "expected TOML"),
         ("[study]\nname = 'x'\nseed = 1\n", "this is a study file .*; expected a recording"),
+        ("[challenge]\nname = 'x'\nseed = 1\n", "this is a challenge file .*; expected a recording"),
         ("[group.theory]\nrealizations = 1\n", "this is a study file .*; expected a recording"),
         (
             "body = {J1 = 10, J2 = 7.08, C1 = 11.93, C2 = 19.01, A1 = 50, A2 = 14}\n[[trials]]\nfile = 'a.csv'\n",

@@ -60,19 +60,20 @@ def main(args: argparse.Namespace) -> Exit:
     if args.stimulus not in STIMULI:
         raise InputError(f"--stimulus: expected one of {', '.join(STIMULI)}, got {args.stimulus!r}")
     psd = SensorNoise().psd_deg2_hz
+    waveform = Prts(rate_hz=args.rate, amplitude=args.amplitude[0], convention=args.convention)
+    if waveform.samples * args.cycles > MAX_SAMPLES:
+        raise InputError(
+            f"--cycles: expected a record of at most {MAX_SAMPLES} samples, got {args.cycles} cycles of "
+            f"{waveform.samples}"
+        )
     protocol = Protocol(
         stimulus=args.stimulus,
-        waveform=Prts(rate_hz=args.rate, amplitude=args.amplitude[0], convention=args.convention),
+        waveform=waveform,
         amplitudes=tuple(args.amplitude),
         cycles=args.cycles,
         periodic=not args.aperiodic,
         noise=SensorNoise((psd[0] * args.noise**2, psd[1] * args.noise**2)),
     )
-    if protocol.waveform.samples * args.cycles > MAX_SAMPLES:
-        raise InputError(
-            f"--cycles: expected a record of at most {MAX_SAMPLES} samples, got {args.cycles} cycles of "
-            f"{protocol.waveform.samples}"
-        )
     model = two_segment(stimulus=args.stimulus)
     values = dict(_pair(p, "--parameter") for p in args.parameter)
     unknown = set(values) - set(model.names)

@@ -191,7 +191,7 @@ def test_a_body_that_falls_is_refused_in_one_line(falling: Path, capsys: pytest.
 def test_a_body_that_falls_is_never_simulated_in_time(falling: Path, capsys: pytest.CaptureFixture[str]) -> None:
     falling.write_text(falling.read_text().replace("[group.weak]", '[group.weak]\nsimulator = "time_domain"'))
     for verb in ("plan", "run"):
-        assert main([verb, str(falling), "--allow-unstable"]) == BAD_INPUT
+        assert main([verb, str(falling), "--allow-unstable"]) == Exit.BAD_INPUT
         captured = capsys.readouterr()
         assert "a body that falls cannot be simulated in time; simulator 'spectral' can" in captured.err
         assert captured.err.count("\n") == 1

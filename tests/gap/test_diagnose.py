@@ -63,7 +63,8 @@ def test_what_is_named_as_a_cause_is_not_also_said_to_be_invisible(lagging: Reco
     last = replace(out, undetectable=missed).verdict().split("neither confirm nor rule out")[1]
     assert "dead zone" in last
     assert leading.replace("_", " ") not in last
-    nothing = replace(out, undetectable=missed, detected=False, closed=None).verdict().split("neither confirm nor rule out")[1]
+    without = replace(out, undetectable=missed, detected=False, closed=None)
+    nothing = without.verdict().split("neither confirm nor rule out")[1]
     assert leading.replace("_", " ") in nothing
 
 

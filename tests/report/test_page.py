@@ -119,7 +119,7 @@ def test_what_does_not_apply_is_left_out_with_a_reason(other_page: Path) -> None
     text = other_page.read_text(encoding="utf-8")
     assert "fig3a" not in Reader(text).figures
     assert "Fig. 3A Without noise, a low cost means correct controllers: the study has no group without noise" in text
-    assert "nothing to set beside it" in text
+    assert "there is nothing to compare" in text
 
 
 @pytest.mark.parametrize("study_page", ["paper_page", "other_page"])

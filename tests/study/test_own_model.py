@@ -108,7 +108,7 @@ def test_what_is_declared_must_be_a_model(sway: xr.Dataset) -> None:
         ({"noise": {"psdd": (1.0, 1.0)}}, "noise.psdd: "),
         ({"stimulus": {"discard": 6}}, "stimulus.discard: "),
         ({"fmax": (0.04,)}, "fmax: expected at least 3 frequencies for 12 parameters"),
-        ({"noise": {"psd": {1.0, 2.0}}}, "Group: expected numbers"),
+        ({"noise": {"psd": {1.0, 2.0}}}, "settings: expected numbers"),
         ({"amplitude": (1e308,)}, "amplitude.0: expected a number from 1e-06 to 1e+06, got 1e+308"),
     ],
 )

@@ -12,11 +12,12 @@ import pytest
 from scipy import stats
 
 from mcstudy.errors import StoreError
+from mcstudy.exits import Exit
 from mcstudy.gap.challenge.ceiling import FLOOR, Classifier, log_evidence, size_grid
 from mcstudy.gap.challenge.design import Stratum
 from mcstudy.gap.challenge.judge import judge
 from mcstudy.gap.challenge.rates import mean, rate
-from mcstudy.gap.challenge.score import MISSED, exit_code, score
+from mcstudy.gap.challenge.score import exit_code, score
 from mcstudy.gap.challenge.table import text
 from mcstudy.gap.challenge.targets import TARGETS
 from mcstudy.study import schema
@@ -122,7 +123,7 @@ def test_a_guesser_misses_them_beyond_doubt(key: dict[str, Any]) -> None:
         "unknown flagged at delta ≥ 10",
         "confidently wrong name for an outsider",
     }
-    assert exit_code(result) == MISSED
+    assert exit_code(result) == Exit.MISSED
     assert result["proper"]["log_loss"]["all"]["value"] > 2.0
 
 

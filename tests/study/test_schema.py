@@ -11,9 +11,10 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from mcstudy.analysis import tables
-from mcstudy.cli import BAD_INPUT, main
 from mcstudy.cli import gap as gap_verb
+from mcstudy.cli import main
 from mcstudy.errors import StoreError
+from mcstudy.exits import Exit
 from mcstudy.gap.challenge import files
 from mcstudy.study import schema, store
 from mcstudy.study.study_file import parse_study
@@ -51,7 +52,7 @@ def test_a_diagnosis_that_does_not_conform_is_neither_written_nor_printed(
     monkeypatch.setattr(gap_verb, "_diagnosed", lambda _: (Unsound(), None))
     monkeypatch.setattr("mcstudy.gap.tables.text", lambda _: "")
     for more in (["-o", str(tmp_path / "out")], ["--json"]):
-        assert main(["gap", "diagnose", "a.nc", *more]) == BAD_INPUT
+        assert main(["gap", "diagnose", "a.nc", *more]) == Exit.BAD_INPUT
         said = capsys.readouterr()
         assert said.out == ""
         assert "(diagnosis 1.0.0)" in said.err
@@ -68,7 +69,7 @@ def test_a_cube_that_does_not_conform_is_not_made(tmp_path: Path, monkeypatch: p
 
 def test_tables_that_do_not_conform_are_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "StudyView", lambda tree: tree)
-    monkeypatch.setattr(tables, "summary", lambda _: {"schema": schema.identifier("show")})
+    monkeypatch.setattr(tables, "summary", lambda *_: {"schema": schema.identifier("show")})
     with pytest.raises(StoreError, match=r"show: .*: missing \(show 1\.0\.0\)"):
         tables.report_of(None)  # type: ignore[arg-type]
 

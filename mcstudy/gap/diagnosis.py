@@ -118,7 +118,7 @@ class Diagnosis(Summary):
         causes = [(c.probability, words(" and ".join(c.effects))) for c in self.causes]
         causes += [
             (self.unknown_probability, "a cause outside the library"),
-            (self.none_probability, "nothing missing"),
+            (self.none_probability, "no missing effect"),
         ]
         leading = sorted(causes, reverse=True)[:4]
         place = max(self.place, key=lambda k: self.place[k])

@@ -70,7 +70,7 @@ class Explanation(Summary):
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
         leading = [(" and ".join(c.effects), c.probability) for c in self.causes[:3]]
-        entries = [*leading, ("outside the library", self.unknown), ("nothing missing", self.none)]
+        entries = [*leading, ("outside the library", self.unknown), ("no missing effect", self.none)]
         return [(name, f"{100 * p:.0f} %") for name, p in entries]
 
 

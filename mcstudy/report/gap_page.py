@@ -65,17 +65,17 @@ def _introduction(data: GapData) -> str:
     d = data.diagnosis
     leading = data.leading
     if leading is None:
-        after = "No gap was detected, so nothing was added: figures show the model before only."
+        after = "No gap was detected, so nothing was added: figures show the base model only."
     elif data.added is None:
         after = (
             f"The leading cause, {' and '.join(words(e) for e in leading.effects)}, shows between amplitudes or over "
-            "time and not in the mean response, so figures show the model before only."
+            "time and not in the mean response, so figures show the base model only."
         )
     else:
-        after = f"Model after: the model before with {' and '.join(words(e) for e in leading.effects)}, refitted."
+        after = f"With the cause: the base model with {' and '.join(words(e) for e in leading.effects)}, refitted."
     return (
         f'<p class="truth"><strong>Verdict.</strong> {escape(d.verdict())}</p>'
-        f"<p>Model before: {escape(data.model.name.replace('_', ' '))}, fitted to this recording. {escape(after)}</p>"
+        f"<p>Base model: {escape(data.model.name.replace('_', ' '))}, fitted to this recording. {escape(after)}</p>"
     )
 
 

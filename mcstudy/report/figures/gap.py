@@ -56,7 +56,7 @@ def response_phase(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axe
 
 
 def misfit_gain(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
-    """Measured gain less that of the model before, in percent of it, with 95 % of the noise; and the model after."""
+    """Measured gain minus that of the base model, in percent of it, with a 95 % band; and the model with the cause."""
     ax = axes(ax)
     a = data.averages
     _measured(ax, a.f, 100 * (np.abs(a.ratio[:, angle]) - 1), 100 * REAL * a.sd[:, angle])
@@ -64,12 +64,12 @@ def misfit_gain(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
     _models(ax, _curve(data), np.zeros(CURVE_POINTS), None if moved is None else 100 * (np.abs(moved) - 1))
     _clipped(ax, 100 * (np.abs(np.stack([a.ratio[:, angle], a.after[:, angle]])) - 1), 8.0)
     frequency_axis(ax, data.lines.f)
-    ax.set_ylabel("gain over the model before (%)")
+    ax.set_ylabel("difference of gain (%)")
     return _titled(ax, data, angle)
 
 
 def misfit_phase(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
-    """Measured phase less that of the model before, degrees; see `misfit_gain`."""
+    """Measured phase minus that of the base model, degrees; see `misfit_gain`."""
     ax = axes(ax)
     a = data.averages
     _measured(
@@ -79,19 +79,19 @@ def misfit_phase(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
     _models(ax, _curve(data), np.zeros(CURVE_POINTS), None if moved is None else np.angle(moved, deg=True))
     _clipped(ax, np.angle(np.stack([a.ratio[:, angle], a.after[:, angle]]), deg=True), 5.0)
     frequency_axis(ax, data.lines.f)
-    ax.set_ylabel("phase less the model before (°)")
+    ax.set_ylabel("difference of phase (°)")
     return _titled(ax, data, angle)
 
 
 def z_map(data: GapData, ax: Axes | None = None) -> Axes:
-    """Standardised residuals by angle and frequency, before and after.
+    """Standardised residuals by angle and frequency, of the base model and with the cause.
 
     A cell's shade is the root-mean-square |z| of its lines; a cross marks cells with a line beyond the 95 % limit of
     the largest |z| on the whole map.
     """
     ax = axes(ax, (4.3, 2.9))
     f, rows = data.lines.f, []
-    for label, z in (("before", data.z_before), ("after", data.z_after)):
+    for label, z in (("base", data.z_before), ("with cause", data.z_after)):
         rows += [] if z is None else [(f"{n} {label}", z[:, k]) for k, n in enumerate(data.angles)]
     edges = np.geomspace(f[0] * 0.97, f[-1] * 1.03, 3 * 12 + 1)
     cell = np.digitize(f, edges) - 1
@@ -127,12 +127,12 @@ def z_map(data: GapData, ax: Axes | None = None) -> Axes:
 
 
 def z_lines(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
-    """|z| of every line of one angle before and after, with the limit that noise passes once in 20 recordings."""
+    """|z| of every line of one angle, base model and with the cause; noise passes the limit in 1 of 20 recordings."""
     ax = axes(ax)
     f = data.lines.f
-    ax.plot(f, data.z_before[:, angle], "o", color=BEFORE, markersize=3.2, label="before")
+    ax.plot(f, data.z_before[:, angle], "o", color=BEFORE, markersize=3.2, label="base model")
     if data.z_after is not None:
-        ax.plot(f, data.z_after[:, angle], "+", color=AFTER, markersize=4.5, label="after")
+        ax.plot(f, data.z_after[:, angle], "+", color=AFTER, markersize=4.5, label="with the cause")
     ax.axhline(data.diagnosis.detection.z_limit, color=MEASURED, linewidth=1.0, linestyle=DASHES[1], label="limit")
     frequency_axis(ax, f)
     ax.set_ylim(0, 1.15 * max(data.diagnosis.detection.z_limit, float(data.z_before.max())))
@@ -143,7 +143,7 @@ def z_lines(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
 
 
 def _moved(data: GapData, angle: int) -> np.ndarray | None:
-    """The model after over the model before, (`CURVE_POINTS`,) complex."""
+    """The model with the cause over the base model, (`CURVE_POINTS`,) complex."""
     f = _curve(data)
     return None if (h := data.after(f)) is None else h[:, angle] / data.before(f)[:, angle]
 
@@ -159,9 +159,9 @@ def _measured(ax: Axes, f: np.ndarray, value: np.ndarray, noise: np.ndarray, low
 
 
 def _models(ax: Axes, f: np.ndarray, before: np.ndarray, after: np.ndarray | None) -> None:
-    ax.plot(f, before, color=BEFORE, linestyle=DASHES[1], label="model before")
+    ax.plot(f, before, color=BEFORE, linestyle=DASHES[1], label="base model")
     if after is not None:
-        ax.plot(f, after, color=AFTER, label="model after")
+        ax.plot(f, after, color=AFTER, label="with the cause")
 
 
 def _clipped(ax: Axes, values: np.ndarray, least: float) -> None:

@@ -18,17 +18,17 @@ POINTS = 600
 
 
 def place_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Probability of every place, and what is given to none."""
+    """Probability of every location, and what is given to none."""
     values = {**diagnosis.place, "no location": diagnosis.place_abstained}
-    return _bars(axes(ax), list(values), list(values.values()), "place")
+    return _bars(axes(ax), list(values), list(values.values()), "location")
 
 
 def cause_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Probability of the leading causes, of a cause outside the library, and of nothing missing."""
+    """Probability of the leading causes, of a cause outside the library, and of no missing effect."""
     shown = [c for c in diagnosis.causes[:MOST_CAUSES] if c.probability > 0.005]
     names = [" + ".join(words(e) + _others(c.alternatives[k]) for k, e in enumerate(c.effects)) for c in shown]
     rest = max(0.0, 1 - sum(c.probability for c in shown) - diagnosis.unknown_probability - diagnosis.none_probability)
-    names += ["other causes", "outside the library", "nothing missing"]
+    names += ["other causes", "outside the library", "no missing effect"]
     values = [c.probability for c in shown] + [rest, diagnosis.unknown_probability, diagnosis.none_probability]
     return _bars(axes(ax), names, values, "cause")
 
@@ -55,8 +55,12 @@ def closed_bar(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
+NAMES = {"before": "base model", "after": "with the cause", "floor": "noise floor"}
+"""Of the errors of a diagnosis' ``sway_rms_deg``."""
+
+
 def sway_error_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Root-mean-square error of predicted sway before and after, and where only noise is left."""
+    """Root-mean-square error of predicted sway, base model and with the cause, and where only noise is left."""
     ax = axes(ax, (4.3, 1.9))
     held = [(k, v) for k in ("before", "after", "floor") if (v := diagnosis.sway_rms_deg[k]) is not None]
     colours = {"before": BEFORE, "after": AFTER, "floor": COLOURS["muted"]}
@@ -64,7 +68,7 @@ def sway_error_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
         ax.barh(y, value, 0.7, color=colours[name], alpha=0.75)
         ax.annotate(f"{value:.3g}°", (value, y), (4, 0), textcoords="offset points", va="center")
     ax.set_xlim(0, 1.2 * max(v for _, v in held))
-    ax.set_yticks(range(len(held)), [{"floor": "noise floor"}.get(k, k) for k, _ in held])
+    ax.set_yticks(range(len(held)), [NAMES[k] for k, _ in held])
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("RMS error of sway (°)")
@@ -77,15 +81,15 @@ def sway_trace(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Ax
     every = slice(None, None, -(-traces.t.size // POINTS))
     t = traces.t[every]
     ax.plot(t, traces.measured[every, angle], color=MEASURED, linewidth=1.0, label="measured")
-    ax.plot(t, traces.before[every, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="before")
+    ax.plot(t, traces.before[every, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
     if traces.after is not None:
-        ax.plot(t, traces.after[every, angle], color=AFTER, linewidth=1.1, label="after")
+        ax.plot(t, traces.after[every, angle], color=AFTER, linewidth=1.1, label="with the cause")
     ax.set_ylabel(f"θ{angle + 1} (°)")
     return _in_time(ax)
 
 
 def sway_left(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axes:
-    """Measured less predicted sway of one angle before and after, with the 95 % noise of the measured mean."""
+    """Measured minus predicted sway of one angle, of both models, with the 95 % noise of the measured mean."""
     ax = axes(ax, (4.3, 2.8))
     every = slice(None, None, -(-traces.t.size // POINTS))
     t = traces.t[every]
@@ -93,9 +97,9 @@ def sway_left(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axe
         limit = 1.96 * traces.error[angle]
         ax.axhspan(-limit, limit, color=MEASURED, alpha=0.14, linewidth=0, label="95 % noise")
     left = traces.measured - traces.before
-    ax.plot(t, left[every, angle], color=BEFORE, linewidth=1.0, label="before")
+    ax.plot(t, left[every, angle], color=BEFORE, linewidth=1.0, label="base model")
     if traces.after is not None:
-        ax.plot(t, (traces.measured - traces.after)[every, angle], color=AFTER, linewidth=1.0, label="after")
+        ax.plot(t, (traces.measured - traces.after)[every, angle], color=AFTER, linewidth=1.0, label="with the cause")
     ax.set_ylabel(f"measured less predicted θ{angle + 1} (°)")
     return _in_time(ax)
 

@@ -8,7 +8,7 @@ hold the same sections again (``[group.NAME.fit]``) to override single keys. Eve
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -59,12 +59,7 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
 def parse_study(text: str) -> Study:
     """The resolved study of a study file's text; the one-line `DesignError` starts with the field."""
     raw = parse_toml(text, "study file")
-    known = ("study", *SECTIONS, "group")
-    for key, value in raw.items():
-        if key not in known:
-            raise DesignError(f"{shown(key)}: unknown key, expected one of {', '.join(known)}")
-        if not isinstance(value, dict):
-            raise DesignError(f"{key}: expected a table [{key}], got {short(value)}")
+    check_tables(raw, ("study", *SECTIONS, "group"))
     if "study" not in raw:
         raise DesignError("study: missing, expected a table [study] with name and seed")
     if not raw.get("group"):
@@ -85,6 +80,15 @@ def parse_study(text: str) -> Study:
         validated(Group, groups[name], where)
     study: Study = validated(Study, {"study": raw["study"], "group": groups})
     return study
+
+
+def check_tables(raw: Mapping[str, Any], known: Collection[str]) -> None:
+    """Raise `DesignError` unless everything at a file's top level is a table with one of the ``known`` names."""
+    for key, value in raw.items():
+        if key not in known:
+            raise DesignError(f"{shown(key)}: unknown key, expected one of {', '.join(known)}")
+        if not isinstance(value, dict):
+            raise DesignError(f"{key}: expected a table [{key}], got {short(value)}")
 
 
 def merge(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:

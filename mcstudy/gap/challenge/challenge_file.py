@@ -14,7 +14,7 @@ from mcstudy.errors import DesignError
 from mcstudy.gap.challenge.design import KINDS, MAIN, SECTIONS, Answering, Challenge, ChallengeFile, Series
 from mcstudy.gap.challenge.design_checks import check
 from mcstudy.study.plain_errors import short, shown, validated
-from mcstudy.study.study_file import merge, parse_toml, read_text
+from mcstudy.study.study_file import check_tables, merge, parse_toml, read_text
 
 
 def read_challenge(path: str | Path) -> ChallengeFile:
@@ -29,12 +29,7 @@ def read_challenge(path: str | Path) -> ChallengeFile:
 
 def resolve(raw: dict[str, Any]) -> ChallengeFile:
     """The challenge of a parsed file; the one-line `DesignError` starts with the field."""
-    known = ("challenge", "answer", *SECTIONS, "variant")
-    for key, value in raw.items():
-        if key not in known:
-            raise DesignError(f"{shown(key)}: unknown key, expected one of {', '.join(known)}")
-        if not isinstance(value, dict):
-            raise DesignError(f"{key}: expected a table [{key}], got {short(value)}")
+    check_tables(raw, ("challenge", "answer", *SECTIONS, "variant"))
     if "challenge" not in raw:
         raise DesignError("challenge: missing, expected a table [challenge] with name, seed and cases")
     challenge = validated(Challenge, raw["challenge"], "challenge")

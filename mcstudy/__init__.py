@@ -1,4 +1,9 @@
-"""Monte Carlo studies of identifiability, and diagnosis of the gap between model and body."""
+"""Monte Carlo studies of identifiability, and diagnosis of the gap between model and body.
+
+Studies: `Study` (or `read_study`), `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
+Recordings: `read_recording`, `simulate`, `write_recording`; `diagnose` says what a model lacks; `effects` are what it
+may lack, by name.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +11,85 @@ TYPE_CHECKING = False  # importing `typing` for it would take longer than all el
 if TYPE_CHECKING:
     from typing import Any
 
-    from mcstudy.study.results import open_results
+    from mcstudy.analysis.results import open_results
+    from mcstudy.api.recordings import diagnose
+    from mcstudy.api.studies import run, summary
+    from mcstudy.effect_library.declare import Effect
+    from mcstudy.effect_library.library import LIBRARY as effects
+    from mcstudy.effect_library.simulated import simulate
+    from mcstudy.errors import InputError, Interrupted
+    from mcstudy.own_model import run_model
+    from mcstudy.recordings.frf import FrfRecording
+    from mcstudy.recordings.io import read_recording, write_recording
+    from mcstudy.recordings.recording import Recording, Trial
+    from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
+    from mcstudy.stance.body import Body
+    from mcstudy.study.design import Study
+    from mcstudy.study.study_file import read_study
 
     __version__: str
 
-__all__ = ["__version__", "open_results"]
+_FROM = {
+    "Body": "stance.body",
+    "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
+    "Effect": "effect_library.declare",
+    "FrfRecording": "recordings.frf",
+    "InputError": "errors",
+    "Interrupted": "errors",
+    "Recording": "recordings.recording",
+    "Study": "study.design",
+    "Trial": "recordings.recording",
+    "diagnose": "api.recordings",
+    "effects": "effect_library.library:LIBRARY",
+    "open_results": "analysis.results",
+    "read_recording": "recordings.io",
+    "read_study": "study.study_file",
+    "run": "api.studies",
+    "run_model": "own_model",
+    "simulate": "effect_library.simulated",
+    "summary": "api.studies",
+    "write_recording": "recordings.io",
+}
+"""Where each name comes from, imported when it is asked for: help must not wait for xarray, Dask and numba."""
+
+__all__ = [
+    "Body",
+    "Diagnosis",
+    "Effect",
+    "FrfRecording",
+    "InputError",
+    "Interrupted",
+    "Recording",
+    "Study",
+    "Trial",
+    "__version__",
+    "diagnose",
+    "effects",
+    "open_results",
+    "read_recording",
+    "read_study",
+    "run",
+    "run_model",
+    "simulate",
+    "summary",
+    "write_recording",
+]
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__doc__"]
 
 
 def __getattr__(name: str) -> Any:
-    # Imported when asked for: the command line's help must not wait for xarray, Dask and numba.
-    if name == "open_results":
-        from mcstudy.study.results import open_results
-
-        return open_results
     if name == "__version__":
         from importlib.metadata import version
 
         return version("mcstudy")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _FROM:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
+    module, _, attribute = _FROM[name].partition(":")
+    value = getattr(importlib.import_module(f"mcstudy.{module}"), attribute or name)
+    globals()[name] = value
+    return value

@@ -1,7 +1,7 @@
-"""Every error this package raises on purpose, in one place.
+"""All exceptions that this package raises deliberately.
 
-Errors that a user caused (``InputError`` and its children) carry a one-line message that names the file, the
-field and what was expected; the command line prints that line and exits with status 2.
+Errors caused by user input (``InputError`` and its subclasses) have a one-line message that names the file, the field
+and the expected value; the command line prints that line and exits with code 2.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ class McstudyError(Exception):
 
 
 class InputError(McstudyError):
-    """Something the user gave (a file, a field, an argument) is not usable; the message is one line."""
+    """Invalid user input (a file, a field, an argument); the message is one line."""
 
 
 class ModelError(InputError):
@@ -24,20 +24,20 @@ class DesignError(InputError):
 
 
 class StoreError(InputError):
-    """A results store cannot be opened, or is not what the study needs."""
+    """A results cube or another file cannot be opened, or does not fit the study."""
 
 
 class StudyChangedError(StoreError):
-    """The store on disk belongs to a different study file."""
+    """The cube on disk was made with a different study file."""
 
 
 class RecordingError(InputError):
-    """A recording is not usable: gaps, wrong units, a period the stimulus does not have."""
+    """A recording is not usable: gaps, wrong units, or a wrong period of the stimulus."""
 
 
 class FallsError(InputError):
-    """A simulated body cannot stand, or falls in the simulation; smaller effects or shorter delays may hold it."""
+    """A simulated body is unstable or falls in the simulation; smaller effects or shorter delays may stabilize it."""
 
 
 class Interrupted(McstudyError):
-    """The run was stopped before it was complete; what is stored can be resumed."""
+    """The run was stopped before it was complete; it can be resumed."""

@@ -1,4 +1,4 @@
-"""Exit codes of the command, each said once: ``--help`` and the README's line are made of these."""
+"""Exit codes of the command, each defined once; ``--help`` and the README print these sentences."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ from enum import IntEnum
 
 
 class Exit(IntEnum):
-    """How a command ended; every verb returns one of these."""
+    """Exit codes; every verb returns one of these."""
 
     sentence: str
 
     def __new__(cls, value: int, sentence: str) -> Exit:
-        """A code and what it says."""
+        """An exit code and its meaning."""
         member = int.__new__(cls, value)
         member._value_ = value
         member.sentence = sentence
         return member
 
     DONE = 0, "done"
-    BAD_INPUT = 2, "bad input (one line: file, field, what was expected)"
+    BAD_INPUT = 2, "bad input (one line names file, field and expected value)"
     INTERRUPTED = 3, "interrupted, the same command resumes"
     FITS_FAILED = 4, "some fits failed (listed)"
-    MISSED = 5, "a target of the challenge is missed beyond doubt (gap challenge with --check)"
-    DIFFERS = 6, "damage, or a difference from what is stored (verify, replay)"
-    NOT_REACHED = 7, "the budget is spent before the target is reached (run --until-mcse)"
-    STOPPED = 130, "stopped, with nothing to resume"
+    MISSED = 5, "a target of the challenge is missed at the 99.9 % level (gap challenge with --check)"
+    DIFFERS = 6, "stored results are damaged or not reproduced (verify, replay)"
+    NOT_REACHED = 7, "the budget was spent before the target was reached (run --until-mcse)"
+    STOPPED = 130, "stopped, nothing to resume"
 
 
 def exit_codes() -> str:

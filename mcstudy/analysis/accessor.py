@@ -1,4 +1,4 @@
-"""``dataset.mc``: the analysis as methods of a cube, for people in a notebook.
+"""``dataset.mc``: the analysis as methods of a cube, for use in a notebook.
 
     tree = mcstudy.open_results("cube.zarr")
     tree["accuracy"].mc.bias()              # value, mcse, n, left_out
@@ -6,7 +6,7 @@
 
 Every method works on a cube (it takes the best start first) and on cells (`best` or a derivative of it); those that
 need all starts say so. Cubes larger than memory are reduced chunk by chunk. A result of moderate size (`MOST_BYTES`)
-is numbers; a larger one, and every one of ``dataset.mc.lazy``, stays lazy where the cube is.
+is computed at once; a larger one, and every result of ``dataset.mc.lazy``, stays lazy if the cube is lazy.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-import mcstudy.accessors  # noqa: F401 - registers it
+import mcstudy.analysis.accessors  # noqa: F401 - registers it
 from mcstudy.analysis import (
     accuracy,
     basins,
@@ -44,7 +44,7 @@ MOST_BYTES = 64 * 2**20
 """Largest result that is computed at once: tables, and the best fits of some hundred thousand cells."""
 
 _OF_A_GROUP = ("estimate", "cost", "status", "truth", "initial")
-"""What a group of a cube holds, and nothing else holds all or most of."""
+"""Variables by which a group of a cube is recognized."""
 
 T = TypeVar("T", xr.Dataset, xr.DataArray)
 
@@ -59,7 +59,7 @@ class MonteCarlo:
         names = [n for n in dir(type(self)) if not n.startswith("_")]
         width = max(map(len, names)) + 2
         lines = [f"  {n:{width}}{(getdoc(getattr(type(self), n)) or '').splitlines()[0]}" for n in names]
-        return "\n".join([f"{(getdoc(MonteCarlo) or '').splitlines()[0]} help(dataset.mc.bias) says more.", *lines])
+        return "\n".join([f"{(getdoc(MonteCarlo) or '').splitlines()[0]} See help(dataset.mc.bias).", *lines])
 
     @cached_property
     def _data(self) -> xr.Dataset:
@@ -180,7 +180,7 @@ class MonteCarlo:
         return self._result(sensitivities.sensitivity(self.model, truth, f))
 
     def efficiency(self, covariance: xr.DataArray | None = None) -> xr.Dataset:
-        """Cramér-Rao variance over the variance found; NaN where many fits are on bounds and it does not apply.
+        """Cramér-Rao variance over observed variance; NaN where many fits are on bounds, because it does not apply.
 
         ``covariance`` (amplitude, frequency, angle, angle_2) of the FRF errors; `context.covariance_of` by default. Of
         combined stiffnesses too. See `mcstudy.analysis.efficiency.efficiency`.
@@ -204,7 +204,7 @@ class MonteCarlo:
         return self._result(minimum_curve.average_curve(minimum_curve.minimum_curve(self._cube, drawn)))
 
     def asymptote(self, tolerance: float = 0.01) -> xr.Dataset:
-        """Where Fig. 3B flattens. Needs all starts."""
+        """Number of starts at which Fig. 3B flattens. Needs all starts."""
         return self._result(minimum_curve.asymptote(minimum_curve.minimum_curve(self._cube), tolerance))
 
     def basins(self, most: int = 10) -> xr.Dataset:
@@ -240,7 +240,7 @@ class MonteCarlo:
         return self._result(by_starts.by_starts(self._cube, statistic, counts))
 
     def hit_rate_by_start(self) -> xr.Dataset:
-        """Share of starts that arrive, for loops that stand at the start and loops that fall. Needs all starts.
+        """Fraction of successful starts, for stable and unstable loops at the start. Needs all starts.
 
         Reads all starts at once; see `mcstudy.analysis.stable_starts.hit_rate_by_start`.
         """

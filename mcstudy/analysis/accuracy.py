@@ -1,4 +1,4 @@
-"""How good the estimates are: bias, spread, bound hits and stability of the best fits, each with its Monte Carlo error.
+"""Accuracy of the estimates: bias, spread, fits on bounds and stability of the best fits, with Monte Carlo errors.
 
 All functions take *cells* (`mcstudy.analysis.selection.best` of a cube, possibly `combined` or restricted with
 `only`) and return a Dataset ``value``, ``mcse``, ``n``, ``left_out`` with dims (amplitude, fmax, parameter) unless
@@ -46,8 +46,8 @@ def rmse(cells: xr.Dataset) -> xr.Dataset:
 def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
     """The paper's bias, ``100 |mean estimate - truth| / |truth|``, with ``floor``.
 
-    An absolute value cannot average out: with no true bias at all its expectation is ``floor`` =
-    sqrt(2/pi) SD / sqrt(n) (in percent of the truth; the folded normal), not zero. Compare every value with its floor.
+    An absolute value does not average to zero: for an unbiased estimator its expectation is ``floor`` =
+    sqrt(2/pi) SD / sqrt(n) (in percent of the truth; the folded normal). Compare every value with its floor.
     """
     out = jackknife(cells["estimate"], cells["truth"], absolute_bias_of).assign(floor=floor_percent(cells))
     return labelled(out, cells, "absolute bias, in percent of the truth", PERCENT)
@@ -56,9 +56,9 @@ def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
 def mean_absolute_bias_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
     """The paper's bias averaged over the dims ``over`` (parameters, and amplitudes if wanted), with its ``floor``.
 
-    ``floor`` is what the average would be expected to show if every parameter were unbiased. The standard error
-    takes the correlation of parameters and amplitudes within a realization into account; where the true biases are
-    far below their errors it overstates (an absolute value varies less than what is inside it).
+    ``floor`` is the expectation of the average if every parameter is unbiased. The standard error accounts for the
+    correlation of parameters and amplitudes within a realization. It is too large where the true biases are far below
+    their errors, because an absolute value varies less than its argument.
     """
     out = jackknife(cells["estimate"], cells["truth"], lambda m: absolute_bias_of(m).mean(list(over)))
     out = out.assign(floor=floor_percent(cells).mean(list(over)))
@@ -106,7 +106,7 @@ def cv_of(m: Moments) -> xr.DataArray:
 
 
 def floor_percent(cells: xr.Dataset) -> xr.DataArray:
-    """Expectation of the absolute bias, in percent of the truth, when there is none: sqrt(2/pi) SD / sqrt(n)."""
+    """Expected absolute bias of an unbiased estimator, in percent of the truth: sqrt(2/pi) SD / sqrt(n)."""
     m = moments(cells["estimate"], cells["truth"])
     return np.sqrt(2 / np.pi) * relative_sd_of(m) / np.sqrt(m.n.where(m.n > 0))
 
@@ -114,8 +114,8 @@ def floor_percent(cells: xr.Dataset) -> xr.DataArray:
 def at_bound(cells: xr.Dataset) -> xr.Dataset:
     """Fraction of best fits in which a parameter ended on a bound, by ``side`` (lower, upper), with Wilson interval.
 
-    Bounds centred on the truth hide bias: what the data do not determine scatters between them and averages to the
-    truth. A large fraction here says that the bias of that parameter means little.
+    Bounds centred on the truth hide bias: a parameter that the data do not determine scatters between its bounds and
+    averages to the truth. If this fraction is large, the bias of that parameter has little meaning.
     """
     sides = xr.DataArray([-1, 1], dims="side", coords={"side": ["lower", "upper"]})
     out = fraction(cells["at_bound"] == sides, cells["estimate"].notnull())

@@ -1,9 +1,9 @@
-"""The local minima of a whole study: basins of all realizations gathered into clusters, and how often each is reached.
+"""The local minima of a whole study: clusters of the basins of all realizations, and how often each is reached.
 
-The noise moves every minimum, so basins of different realizations are never equal; two belong to one cluster when no
-parameter differs by more than `TOLERANCE` of the distance between its bounds, which has no scale. The densest place
-(the leader whose neighbourhood was reached by most starts) becomes the first cluster and takes its neighbourhood, then
-the densest of what is left. Derived; there is no such figure in the paper.
+The noise shifts every minimum, so basins of different realizations are never equal. Two belong to the same cluster if
+no parameter differs by more than `TOLERANCE` of the distance between its bounds. The basin whose neighbourhood was
+reached by most starts becomes the leader of the first cluster, which takes its neighbourhood; this is repeated with the
+remaining basins. Derived; the paper has no such figure.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ TOLERANCE = 0.5
 """Largest difference of a parameter from its cluster's leader, as a fraction of its bounds' distance."""
 
 MOST_BASINS = 4000
-"""Basins gathered in one atlas: distances between all pairs are held at once."""
+"""Largest number of basins in one atlas; the distances between all pairs are in memory at once."""
 
 
 def atlas(basins: xr.Dataset, lower: xr.DataArray, upper: xr.DataArray, tolerance: float = TOLERANCE) -> xr.Dataset:
@@ -86,7 +86,7 @@ def atlas(basins: xr.Dataset, lower: xr.DataArray, upper: xr.DataArray, toleranc
 
 
 def _clusters(place: np.ndarray, reach: np.ndarray, tolerance: float) -> np.ndarray:
-    """Cluster of every basin (B,), from places (B, P) between the bounds and probabilities (B,)."""
+    """Cluster of every basin (B,), from positions (B, P) between the bounds and probabilities (B,)."""
     near = np.ones((len(place), len(place)), dtype=bool)
     for column in place.T:  # one parameter at a time: no (B, B, P) array
         near &= np.abs(column[:, None] - column[None, :]) <= tolerance

@@ -1,7 +1,7 @@
-"""The local minima of a cell: which there are, how often a random start ends in each, and whether they stand.
+"""The local minima of a cell: their number, how often a random start ends in each, and whether they are stable.
 
-Two converged fits belong to one basin when their costs agree to `COST_TOLERANCE` (relative) and no parameter differs
-by more than `WIDTH_TOLERANCE` of the distance between its bounds: neither depends on units or on the size of the cost.
+Two converged fits belong to the same basin if their costs agree to `COST_TOLERANCE` (relative) and no parameter differs
+by more than `WIDTH_TOLERANCE` of the distance between its bounds. Neither depends on units or on the size of the cost.
 """
 
 from __future__ import annotations
@@ -10,37 +10,16 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.convergence import COST_FLOOR
-from mcstudy.analysis.labels import ONE, label, labelled, units_of
+from mcstudy.analysis.labels import ONE, labelled, units_of
 from mcstudy.analysis.montecarlo import wilson
 from mcstudy.analysis.selection import usable
-from mcstudy.fit.status import Status
+from mcstudy.fitting.status import Status
 
 COST_TOLERANCE = 1e-3
 """Relative difference of cost within a basin."""
 
 WIDTH_TOLERANCE = 0.02
 """Largest difference of a parameter within a basin, as a fraction of its bounds' distance."""
-
-
-def labels(
-    cube: xr.Dataset, cost_tolerance: float = COST_TOLERANCE, width_tolerance: float = WIDTH_TOLERANCE
-) -> xr.DataArray:
-    """Basin of every start, int32 with the dims of ``status``: 0 the lowest, in order of cost; -1 not a minimum.
-
-    The lowest fit not yet labelled leads a basin and takes all fits near it, until none is left; so the result does
-    not depend on the order of the starts. Fits that stopped at the iteration limit are not minima.
-    """
-    out = xr.apply_ufunc(
-        _labels,
-        *_minima(cube),
-        input_core_dims=[["start"], ["start", "parameter"]],
-        output_core_dims=[["start"]],
-        kwargs={"cost_tolerance": cost_tolerance, "width_tolerance": width_tolerance},
-        vectorize=True,
-        dask="parallelized",
-        output_dtypes=[np.int32],
-    )
-    return label(out.transpose(*cube["status"].dims), "local minimum reached, by rank of its cost")
 
 
 def _minima(cube: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray]:
@@ -56,6 +35,11 @@ def _minima(cube: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray]:
 
 
 def _labels(cost: np.ndarray, z: np.ndarray, cost_tolerance: float, width_tolerance: float) -> np.ndarray:
+    """Basin of every start, (S,) int32: 0 the lowest, in order of cost; -1 not a minimum.
+
+    The lowest fit not yet labelled leads a basin and takes all fits near it, until none is left; so the result does
+    not depend on the order of the starts. Fits that stopped at the iteration limit are not minima.
+    """
     out = np.full(cost.size, -1, dtype=np.int32)
     # ties of cost are broken by the parameters, so that permuted starts give the same leaders
     order = np.lexsort((*z.T[::-1], cost))
@@ -89,7 +73,7 @@ def basins(
     growth = cube["growth_rate"]
     if growth.chunks is not None:
         growth = growth.chunk({"start": -1})
-    # one pass over each chunk: built from several reductions, dask would hold all chunks until the last is done
+    # one pass over each chunk: with several reductions, dask would keep all chunks in memory until the last is done
     table, lead, found = xr.apply_ufunc(
         _basins_of_pool,
         cost,

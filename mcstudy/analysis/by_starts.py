@@ -1,7 +1,7 @@
-"""Accuracy of the best of the first x starts: what more starts buy.
+"""Accuracy of the best of the first x starts.
 
-Where bias and spread still move with x the optimiser causes part of them; where they have settled, what is left is the
-estimator's own. Starts are independent draws, so the first x of them are x draws.
+Where bias and spread still change with x, the optimiser causes part of them; where they are constant, they are
+properties of the estimator. Starts are independent random draws, so the first x of them are a random sample.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from mcstudy.analysis.labels import ONE
 from mcstudy.analysis.selection import best
 
 COUNTS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500)
-"""Numbers of starts looked at, as far as the cube has them."""
+"""Numbers of starts that are evaluated, up to the number in the cube."""
 
 
 def by_starts(
@@ -31,11 +31,6 @@ def by_starts(
     parts = [statistic(best(cube[needed].isel(start=slice(0, x)))) for x in drawn]
     out = xr.concat(parts, dim="drawn", coords="minimal", compat="override")
     return out.assign_coords(drawn=("drawn", drawn, {"long_name": "number of starts", "units": ONE}))
-
-
-def mean_absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
-    """|bias| in percent of the truth averaged over parameters, dims (amplitude, fmax)."""
-    return accuracy.mean_absolute_bias_percent(cells)
 
 
 def mean_cv(cells: xr.Dataset) -> xr.Dataset:

@@ -1,13 +1,13 @@
-"""What a changed setting does: groups of one study, or of two, compared realization by realization.
+"""Effect of a changed setting: groups of one study, or of two, compared realization by realization.
 
-Groups of one seed share their random numbers: realization r is the same noise in each, so that differences between
-groups are far better known than either group alone. All numbers here are such differences, *group minus reference*,
-averaged over the amplitudes (and parameters) both have, with the jackknife error over their common realizations; a
-realization that one of the two could not use is left out of both. Groups of different seeds are independent: each has
-its own realizations, and the errors add as variances do.
+Groups with the same seed share their random numbers: realization r has the same noise in each, so a difference between
+groups is known much more precisely than either group's value. All numbers here are differences *group minus reference*,
+averaged over the common amplitudes (and parameters), with the jackknife error over the common realizations. A
+realization that one of the two could not use is left out of both. Groups with different seeds are independent: each has
+its own realizations, and their variances add.
 
-In a study the reference is the group in the paper's setting, or else its first. A difference that the paper also makes
-a claim about (`mcstudy.analysis.published.VARIANTS`) is put beside the claim.
+Within a study the reference is the group with the paper's settings, or else the first group. If the paper makes a claim
+about a difference (`mcstudy.analysis.paper.published.VARIANTS`), the difference is compared with the claim.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ import xarray as xr
 from mcstudy.analysis import accuracy
 from mcstudy.analysis.labels import PERCENT, labelled
 from mcstudy.analysis.montecarlo import Moments, Statistic, jackknife
-from mcstudy.analysis.published import VARIANTS, Expectation, Variant
+from mcstudy.analysis.paper.published import VARIANTS, Expectation, Variant
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.errors import InputError
 
 LIMIT = 3.0
-"""Standard errors beyond which a difference has a sign."""
+"""Smallest difference that counts as different from zero, in standard errors."""
 
 LEAST = 3
-"""Common realizations below which a difference has no error."""
+"""Smallest number of common realizations for a standard error of a difference."""
 
 GROUP, MEASURE = "group", "measure"
 
 
 @dataclass(frozen=True)
 class Measure:
-    """One thing that is compared: a key, the head of its column, and its meaning; all are in percent."""
+    """One compared quantity: its key, the header of its column, and its meaning; all are in percent."""
 
     key: str
     head: str
@@ -51,7 +51,7 @@ MEASURES: dict[str, Measure] = {
         Measure("rmse", "RMSE", "mean root mean squared error of the parameters, % of the truth"),
         Measure("unstable", "unstable", "best fits that are unstable, %"),
         Measure("on_bound", "on bound", "estimates that lie on a bound, %"),
-        Measure("hits", "hits", "starts that reach the lowest cost of their cell, %"),
+        Measure("hits", "success", "starts that reach the lowest cost of their cell, %"),
         Measure("frf_error", "FRF error", "mean distance of the mean FRF from the closed form, % of its magnitude"),
         Measure("frf_spread", "FRF spread", "mean SD of the FRF, % of its magnitude"),
     )
@@ -60,7 +60,7 @@ MEASURES: dict[str, Measure] = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """One statement of a claim beside the difference it is about.
+    """One statement of a claim, and the corresponding difference.
 
     ``verdict``: agrees or contradicts when the difference is more than `LIMIT` standard errors from zero, else
     undecided.
@@ -87,10 +87,10 @@ class Comparison:
     Attributes
     ----------
     reference, group: names. differences: settings in which they differ, as ``field = value`` of the group.
-    amplitudes: those averaged over. realizations: common ones, or the fewer of the two where they are independent.
-    paired: whether realizations are the same noise in both.
+    amplitudes: those averaged over. realizations: number of common ones; the smaller number if independent.
+    paired: whether equal realizations have the same noise in both.
     result: Dataset ``value``, ``mcse``, ``n`` with dims (measure, fmax); NaN where a measure does not exist.
-    verdicts: what the paper claims about this change.
+    verdicts: comparison with the paper's claims about this change.
     """
 
     reference: str
@@ -103,7 +103,7 @@ class Comparison:
     verdicts: list[Verdict]
 
     def dataset(self) -> xr.Dataset:
-        """The differences with their names, and what was compared among the attributes."""
+        """The differences with their names; the attributes describe the comparison."""
         meanings = xr.DataArray([m.meaning for m in MEASURES.values()], dims=MEASURE)
         out = self.result.sel({MEASURE: list(MEASURES)}).assign_coords(
             meaning=meanings.assign_attrs(long_name="what the difference is of")
@@ -118,7 +118,7 @@ class Comparison:
 
 
 def comparisons(study: StudyView) -> list[Comparison]:
-    """Every group that differs from the study's reference in a setting, where both have noise and common cells."""
+    """Comparisons of all groups that differ in a setting from the study's reference and share cells with it."""
     noisy = [g for g in study.groups.values() if g.noisy]
     if len(noisy) < 2:
         return []
@@ -128,14 +128,14 @@ def comparisons(study: StudyView) -> list[Comparison]:
 
 
 def compare(reference: GroupView, other: GroupView) -> Comparison | None:
-    """One comparison within a study; None for groups of the same setting, or when `refusal` has a reason."""
+    """One comparison within a study; None for groups with the same settings, or when `refusal` gives a reason."""
     if not other.differences_from(reference.group) or refusal(reference, other, paired=True):
         return None
     return _compared(reference, other, paired=True)
 
 
 def difference(reference: GroupView, other: GroupView) -> Comparison:
-    """One comparison of groups of any cubes, also of the same setting: paired where `same_streams`, else independent.
+    """Compare two groups of any cubes, also with the same settings: paired if `same_streams`, else independent.
 
     Raises `InputError` for groups that cannot be compared.
     """
@@ -147,7 +147,7 @@ def difference(reference: GroupView, other: GroupView) -> Comparison:
 
 
 def same_streams(reference: GroupView, other: GroupView) -> bool:
-    """Whether equal realizations of both drew the same random numbers: streams are keyed by seed and realization."""
+    """Whether equal realizations of both have the same random numbers; streams are keyed by seed and realization."""
     seeds = [view.cube.attrs.get("seed") for view in (reference, other)]
     return seeds[0] is not None and seeds[0] == seeds[1] and len(_common(reference, other, "realization")) > 0
 
@@ -206,14 +206,14 @@ def _fewest(reference: GroupView, other: GroupView) -> int:
 
 
 def _side_by_side(data: list[xr.Dataset], paired: bool) -> xr.Dataset:
-    """Both at the axes they share; paired, at common realizations, else at all of both, NaN where one has none."""
+    """Both groups on their common axes; if paired, with common realizations, else with all of both (NaN if absent)."""
     if paired:
         return xr.concat(xr.align(*data, join="inner"), dim=GROUP)
     return xr.concat(xr.align(*data, join="inner", exclude="realization"), dim=GROUP, join="outer")
 
 
 def _relative(view: GroupView) -> xr.Dataset:
-    """Best fits with estimates in units of the truth, and what is counted in percent; no coordinates but the axes."""
+    """Best fits with estimates in units of the truth, and counts in percent; the axes are the only coordinates."""
     cells = view.cells
     out = xr.Dataset({"estimate": cells["estimate"] / cells["truth"].where(cells["truth"] != 0)})
     out["unstable"] = xr.where(cells["growth_rate"] > 0, 100.0, 0.0).where(cells["growth_rate"].notnull())
@@ -261,7 +261,7 @@ def _shares(cells: xr.Dataset, paired: bool) -> xr.Dataset:
 
 
 def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset, paired: bool) -> xr.Dataset | None:
-    """FRFs at the frequencies up to each Fmax that both have; None for cubes that hold none."""
+    """FRFs at the common frequencies up to each Fmax; None for cubes without FRFs."""
     if "frf" not in reference.cube or "frf" not in other.cube:
         return None
     data = [view.cube[["frf", "true_frf"]].reset_coords(drop=True) for view in (reference, other)]
@@ -289,8 +289,8 @@ def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset, paired: bool
 def comparisons_with(study: StudyView, reference: StudyView, name: str) -> tuple[list[Comparison], dict[str, str]]:
     """Every group of a study minus the group of the same name of another study, called ``name``.
 
-    Two studies of one group each are compared whatever these are called. Returns the comparisons, and by group why
-    there is none; raises `InputError`, one of these reasons, when no group can be compared.
+    Two studies with one group each are compared whatever the names of their groups. Returns the comparisons, and the
+    reason for each group without one; raises `InputError` with one of these reasons when no group can be compared.
     """
     pairs = {g: (view, reference.groups[g]) for g, view in study.groups.items() if g in reference.groups}
     if len(study.groups) == len(reference.groups) == 1:

@@ -1,4 +1,4 @@
-"""What a group of a cube says about itself: its design and its model, rebuilt from the attributes."""
+"""The design and the model of a group of a cube, rebuilt from its attributes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DESIGN = "design"
 """Attribute of a group that holds its resolved design."""
 
 DECLARED = "declared_model"
-"""Attribute of `mcstudy.study.own_model.run_model`'s datasets that holds their model."""
+"""Attribute of `mcstudy.own_model.run_model`'s datasets that holds their model."""
 
 
 def group_of(data: xr.Dataset) -> Group:
@@ -37,9 +37,9 @@ def group_of(data: xr.Dataset) -> Group:
 
 
 def model_of(data: xr.Dataset) -> Model:
-    """Model of the group, with the truth and bounds it was fitted with: that of the design, or one declared in Python.
+    """Model of the group with its truth and bounds: that of the design, or one declared in Python.
 
-    Raises `StoreError` when what is declared is no model or has other parameters than the data.
+    Raises `StoreError` when the declared model is invalid or has other parameters than the data.
     """
     model = fitted_model(data)
     if list(model.names) != [str(n) for n in data["parameter"].values]:
@@ -48,7 +48,7 @@ def model_of(data: xr.Dataset) -> Model:
 
 
 def fitted_model(data: xr.Dataset) -> Model:
-    """The same, whatever parameters the data have: `mcstudy.analysis.selection.combined` cells have sums of them."""
+    """The same for data with any parameters; cells of `mcstudy.analysis.selection.combined` have sums of parameters."""
     return build_model(group_of(data)) if DECLARED not in data.attrs else _declared(structured(data.attrs, DECLARED))
 
 
@@ -66,15 +66,15 @@ def points_of(data: xr.Dataset) -> Bands:
 
 
 def provenance_of(data: xr.Dataset) -> str:
-    """Where the true values come from; to be shown wherever they are."""
+    """Origin of the true values; it must be shown wherever they are shown."""
     return str(data.attrs.get("truth_provenance") or model_of(data).provenance)
 
 
 def covariance_of(data: xr.Dataset) -> xr.DataArray:
-    """Covariance of the FRF errors at every point, dims (amplitude, frequency, angle, angle_2), as well as it is known.
+    """Best available covariance of the FRF errors at every point, dims (amplitude, frequency, angle, angle_2).
 
-    Single lines freed of the leakage ramp have the covariance that theory says; band means and leaking lines have the
-    mean of the stored estimates. ``source`` among the attributes says which. Raises `InputError` without noise.
+    For single lines without the leakage ramp it is the theoretical covariance; for band means and lines with leakage it
+    is the mean of the stored estimates. The attribute ``source`` says which. Raises `InputError` without noise.
     """
     group = group_of(data)
     if group.simulator == "none" or group.spectra.points != "odd_lines" or group.spectra.ramp != "remove":

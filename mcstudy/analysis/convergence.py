@@ -1,7 +1,7 @@
-"""How many starts a fit needs: exact, per realization. (The paper's own curve: `mcstudy.analysis.minimum_curve`.)
+"""Number of starts that a fit needs: exact, per realization. (The paper's own curve: `mcstudy.analysis.minimum_curve`.)
 
-A *pool* is the set of fits of one cell. A fit *hits* when its cost is within `HIT_TOLERANCE` of the pool's minimum;
-the pool's minimum stands for the global one, so a minimum that no start of the pool reached goes unnoticed.
+A *pool* is the set of fits of one cell. A fit is a success (*hit*) if its cost is within `HIT_TOLERANCE` of the pool's
+minimum. The pool's minimum represents the global one, so a minimum that no start of the pool reached is not noticed.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from scipy.special import gammaln
 from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import quantiles, wilson
 from mcstudy.analysis.selection import usable
-from mcstudy.fit.status import Status
+from mcstudy.fitting.status import Status
 
 HIT_TOLERANCE = 1e-3
-"""Relative excess of cost that still counts as the same minimum (a difference no recording could tell)."""
+"""Relative excess of cost that still counts as the same minimum (too small to matter for any recording)."""
 
 COST_FLOOR = 1e-12
 """Excess of cost that counts as none: without noise the minimum is rounding, and no ratio to it means anything.
@@ -32,7 +32,7 @@ _EQUAL = 1 + 1e-9  # a probability that equals its limit up to rounding has reac
 def hits(cube: xr.Dataset, tolerance: float = HIT_TOLERANCE, floor: float = COST_FLOOR) -> xr.Dataset:
     """Per pool: ``hits`` among ``starts`` attempted, the pool's ``minimum``; dims (amplitude, fmax, realization).
 
-    A failed fit is a start spent without a hit; a pending one has not been spent.
+    A failed fit counts as a start without success; a pending one does not count.
     """
     cost = cube["cost"].where(usable(cube))
     minimum = cost.min("start")
@@ -58,17 +58,8 @@ def miss_probability(hits: np.ndarray, starts: np.ndarray, drawn: np.ndarray) ->
     return np.where(possible, np.exp(log), 0.0)
 
 
-def success_curve(pool: xr.Dataset, drawn: np.ndarray) -> xr.DataArray:
-    """Probability that the best of ``drawn`` starts is a hit, per pool (`hits`), dims (..., drawn)."""
-    s = xr.DataArray(np.asarray(drawn), dims="drawn", coords={"drawn": np.asarray(drawn)})
-    missed = xr.apply_ufunc(
-        miss_probability, pool["hits"], pool["starts"], s, dask="parallelized", output_dtypes=[float]
-    )
-    return (1.0 - missed).where(pool["hits"] > 0)
-
-
 def fewest_starts(hits: np.ndarray, starts: np.ndarray, confidence: float) -> np.ndarray:
-    """Fewest starts, drawn from the pool without replacement, that hold a hit with this confidence; NaN at no hit."""
+    """Fewest starts, drawn from the pool without replacement, with a success at this confidence; NaN if none."""
     out = np.full(np.shape(hits), np.nan)
     pairs, inverse = np.unique(np.stack([np.ravel(hits), np.ravel(starts)]), axis=1, return_inverse=True)
     needed = np.full(pairs.shape[1], np.nan)
@@ -81,7 +72,7 @@ def fewest_starts(hits: np.ndarray, starts: np.ndarray, confidence: float) -> np
 
 
 def fewest_independent_starts(p: np.ndarray, confidence: float) -> np.ndarray:
-    """The same for endless starts that hit with probability ``p``: ln(1 - confidence) / ln(1 - p), rounded up."""
+    """The same for an infinite pool with success probability ``p``: ln(1 - confidence) / ln(1 - p), rounded up."""
     p = np.asarray(p, dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):
         exact = np.log1p(-confidence) / np.log1p(-p)

@@ -1,11 +1,11 @@
-"""How close the estimates come to the best that any unbiased estimator could do.
+"""Efficiency of the estimates relative to the best possible unbiased estimator.
 
 The FRF errors at the points of a group are circular complex Gaussian with covariance C; with J the exact Jacobian of
 the FRFs at the truth, the information is 2 Re(J^H C^-1 J) and its inverse, the Cramér-Rao bound, limits the covariance
 of unbiased estimates. Weighted least squares with other weights (the paper's cost) has the *linearised* covariance
 A^-1 B A^-1 with A = Re(J^H W^H W J), B = Re(J^H W^H W C W^H W J) / 2 (the sandwich). Both hold to first order in the
-noise and with no bound active. Where fits end on bounds, the estimates of *all* parameters may scatter less than that,
-since a bound that stops one parameter informs on those it goes together with. Derived.
+noise and with no active bound. Where fits end on bounds, the estimates of *all* parameters may scatter less than that,
+because a bound on one parameter also restricts the parameters that are correlated with it. Derived.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mcstudy.analysis.labels import ONE, labelled, units_of
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import inside_bounds, sums_of
 from mcstudy.errors import InputError
-from mcstudy.fit.problem import paper_cost
+from mcstudy.fitting.problem import paper_cost
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
@@ -26,8 +26,8 @@ from mcstudy.stance.response import frf, frf_jacobian
 from mcstudy.stance.simulate_spectral import sway_psd
 
 HELD = 1e-3
-"""Standard deviations of the noise that the whole distance between its bounds must move the responses, or else a
-parameter is held by them."""
+"""Smallest change of the responses between the bounds of a parameter, in standard deviations of the noise; with a
+smaller change the bounds, not the data, determine (hold) the parameter."""
 
 INSIDE = 0.9
 """Fraction of best fits that must be off every bound for the Cramér-Rao bound to apply."""
@@ -75,7 +75,8 @@ def overlap_of(bands: Bands) -> np.ndarray:
 def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
     """Cramér-Rao bound on the covariance of unbiased estimates, (P, P), for FRF errors ``joint`` (2N, 2N).
 
-    NaN in the rows and columns of parameters that their bounds hold (`held`); the others are bounded with those known.
+    NaN in the rows and columns of parameters that their bounds fix (`fixed_by_bounds`); the others are bounded with
+    those known.
     Raises `InputError` where the points do not determine the parameters.
     """
     _, J = frf_jacobian(model, theta, f)
@@ -91,10 +92,10 @@ def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray
     return _among_all(inverse @ inverse.T, free, theta.size)
 
 
-def held(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Which parameters (P,) are held by their bounds: going from one to the other changes less than noise can show.
+def fixed_by_bounds(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
+    """Which parameters (P,) are held by their bounds: the change from one bound to the other is smaller than the noise.
 
-    Their estimates say where the bounds are, so no bound on their variance means anything.
+    Their estimates reflect the bounds, so the Cramér-Rao bound on their variance has no meaning.
     """
     _, J = frf_jacobian(model, theta, f)
     return _held(np.sqrt(2) * _whitener(joint) @ (J.reshape(-1, theta.size) * (model.upper - model.lower)))
@@ -124,12 +125,14 @@ def _whitener(joint: np.ndarray) -> np.ndarray:
     return np.asarray((vector[:, keep] / np.sqrt(value[keep])).conj().T / size)
 
 
-def linearised(model: Model, theta: np.ndarray, f: np.ndarray, weight: np.ndarray, joint: np.ndarray) -> np.ndarray:
+def linearised_covariance(
+    model: Model, theta: np.ndarray, f: np.ndarray, weight: np.ndarray, joint: np.ndarray
+) -> np.ndarray:
     """First-order covariance (P, P) of least squares with weights ``weight`` (N, 2, 2) for FRF errors ``joint``.
 
     NaN for parameters that their bounds hold; see `cramer_rao`.
     """
-    free = np.flatnonzero(~held(model, theta, f, joint))
+    free = np.flatnonzero(~fixed_by_bounds(model, theta, f, joint))
     _, J = frf_jacobian(model, theta, f)
     if not free.size:
         return _among_all(np.empty((0, 0)), free, theta.size)
@@ -173,10 +176,10 @@ def bounds_on_sd(
         for b, n in enumerate(cells["n_frequencies"].values):
             try:
                 joint = joint_covariance(C[:n], None if overlap is None else overlap[:n, :n])
-                alone = held(model, truth, f[:n], joint)
+                alone = fixed_by_bounds(model, truth, f[:n], joint)
                 fixed[a, b] = [alone[m].any() for m in members]
                 bound[a, b] = _sd_of_sums(cramer_rao(model, truth, f[:n], joint), members)
-                paper[a, b] = _sd_of_sums(linearised(model, truth, f[:n], weight[:n], joint), members)
+                paper[a, b] = _sd_of_sums(linearised_covariance(model, truth, f[:n], weight[:n], joint), members)
             except InputError as error:
                 why_not[a, b] = str(error)
             except np.linalg.LinAlgError:
@@ -225,9 +228,9 @@ def _sd_of_sums(covariance: np.ndarray, members: list[list[int]]) -> np.ndarray:
 
 
 def bound_applies(cells: xr.Dataset) -> xr.DataArray:
-    """Where at least `INSIDE` of the best fits are off *every* bound, dims (amplitude, fmax).
+    """Where at least `INSIDE` of the best fits are on *no* bound, dims (amplitude, fmax).
 
-    Elsewhere the Cramér-Rao bound says nothing about any parameter, also not about one that is itself off its bounds.
+    Elsewhere the Cramér-Rao bound applies to no parameter, not even to one that is inside its own bounds.
     """
     known = cells["cost"].notnull() if "cost" in cells else cells["estimate"].notnull().all("parameter")
     free = inside_bounds(cells) & known
@@ -236,7 +239,7 @@ def bound_applies(cells: xr.Dataset) -> xr.DataArray:
 
 
 def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
-    """Cramér-Rao variance over the variance found, per (amplitude, fmax, parameter): 1 is perfect.
+    """Cramér-Rao variance divided by the observed variance, per (amplitude, fmax, parameter); 1 is the optimum.
 
     Parameters
     ----------
@@ -244,15 +247,15 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
 
     Returns
     -------
-    Dataset ``value`` and ``mcse`` (of the variance found; the bound's own error is far smaller), both NaN where
-    ``applies`` (amplitude, fmax) is false: more than one fit in ten is on *some* bound there, and no parameter's spread
-    can be compared with a bound that knows of no bounds (`bound_applies`). ``ratio`` and ``ratio_mcse`` are the same
-    numbers whether it applies or not. Also ``n``, ``left_out``, ``cramer_rao_sd``, ``paper_cost_sd``, ``held``,
-    ``why_not`` (see `bounds_on_sd`), and for cells that are not combined ``at_bound``, the fraction of fits with the
-    parameter itself on a bound.
+    Dataset ``value`` and ``mcse`` (of the observed variance; the error of the bound is far smaller). Both are NaN where
+    ``applies`` (amplitude, fmax) is false: there, more than one fit in ten is on *some* bound, and the Cramér-Rao
+    bound, which assumes no bounds, cannot be compared with any spread (`bound_applies`). ``ratio`` and ``ratio_mcse``
+    are the same numbers without this restriction. Also ``n``, ``left_out``, ``cramer_rao_sd``, ``paper_cost_sd``,
+    ``held``, ``why_not`` (see `bounds_on_sd`), and for cells that are not combined ``at_bound``, the fraction of fits
+    with the parameter itself on a bound.
     """
     out = statistic_of(cells, lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2)
-    applies, name = bound_applies(cells), "efficiency (Cramér-Rao variance over variance found)"
+    applies, name = bound_applies(cells), "efficiency (Cramér-Rao variance over observed variance)"
     found = out.assign(
         value=out["value"].where(applies),
         mcse=out["mcse"].where(applies),
@@ -266,7 +269,7 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
     )
     if "at_bound" in cells:
         found["at_bound"] = at_bound(cells)["value"].sum("side", skipna=False)
-    anywhere = "Cramér-Rao variance over variance found, also where the bound does not apply"
+    anywhere = "Cramér-Rao variance over observed variance, also where the bound does not apply"
     sd = {k: (bounds[k].attrs["long_name"], bounds[k].attrs["units"]) for k in ("cramer_rao", "paper_cost")}
     return labelled(
         found,

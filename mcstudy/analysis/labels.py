@@ -1,8 +1,8 @@
-"""What the numbers of a result are: a name and a unit of its own on every variable, for tables, plots and files.
+"""Names and units of the variables of results, for tables, plots and files.
 
-Arithmetic carries the attributes of what it started from (an SD would be named as the estimates are), so whatever makes
-a result names all of it here. What kinds of numbers go with every statistic, and the axes that results have and cubes
-do not, are named in one table each.
+Arithmetic keeps the attributes of its input (an SD would be named like the estimates), so every function that makes a
+result names all its variables with this module. One table names the numbers that accompany a statistic, another the
+axes that results have and cubes do not.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ONE = "1"
 PERCENT = "%"
 
 EACH_ITS_OWN = "unit of the parameter"
-"""Unit of a variable whose parameters differ in theirs; the coordinate `PARAMETER_UNIT` holds each."""
+"""Unit of a variable whose parameters have different units; the coordinate `PARAMETER_UNIT` holds them."""
 
 Label = tuple[str, str]
 """Name and unit."""
@@ -30,9 +30,9 @@ _BESIDE: dict[str, str] = {
     "mcse": "Monte Carlo standard error of the {}",
     "lower": "lower end of the 95 % interval of the {}",
     "upper": "upper end of the 95 % interval of the {}",
-    "floor": "{} to be expected without any bias",
+    "floor": "{} expected from chance alone, without any bias",
 }
-"""What goes beside a value, in its unit."""
+"""Numbers that accompany a value, in its unit."""
 
 _COUNTS: dict[str, str] = {"n": "realizations used", "left_out": "realizations left out"}
 
@@ -49,10 +49,10 @@ _AXES: dict[str, str] = {
     "range": "frequency range",
     "side": "side of the bound",
 }
-"""Axes that results have and cubes do not, or that results make anew."""
+"""Axes that results have and cubes do not, or that results redefine."""
 
 _PROVENANCE = ("fingerprint", "seed", "model", "truth_provenance")
-"""Attributes of a group that its statistics keep: whose numbers they are."""
+"""Attributes of a group that its statistics keep, to identify their origin."""
 
 
 def label(x: xr.DataArray, name: str, units: str = ONE) -> xr.DataArray:
@@ -69,8 +69,8 @@ def labelled(
 
     Parameters
     ----------
-    result: what was calculated. source: the cube or cells it is about, for the attributes `_PROVENANCE`.
-    name, units: of ``value``; what usually goes beside a value is named after it.
+    result: the computed statistic. source: its cube or cells, for the attributes `_PROVENANCE`.
+    name, units: of ``value``; the numbers that accompany a value are named after it.
     others: name and unit of the other variables, by variable.
 
     Raises `KeyError` for a variable that nothing names.
@@ -95,7 +95,7 @@ def relabelled(data: xr.Dataset, **names: str) -> xr.Dataset:
 
 
 def units_of(data: xr.Dataset) -> str:
-    """Unit of the parameters: one that all of them have, or else that each has its own."""
+    """Unit of the parameters if all have the same, else `EACH_ITS_OWN`."""
     units = set(map(str, data[PARAMETER_UNIT].values.ravel())) if PARAMETER_UNIT in data else set()
     return units.pop() if len(units) == 1 else EACH_ITS_OWN
 

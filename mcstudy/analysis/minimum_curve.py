@@ -1,12 +1,11 @@
-"""The paper's Fig. 3B: the lowest cost to be expected of x starts, from order statistics instead of resampling.
+"""The paper's Fig. 3B: the expected lowest cost of x starts, from order statistics instead of resampling.
 
 The paper drew x costs at random from a pool of 500 fits, 500 times, and plotted mean and SD of their minimum,
-averaged over 20 realizations. The limit of endless draws is a weighted sum of the sorted pool.
+averaged over 20 realizations. The limit of infinitely many draws is a weighted sum of the sorted pool.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -21,9 +20,6 @@ from mcstudy.analysis.selection import usable
 ROUNDING = 12**-0.5
 """Standard error of a whole number that nothing else moves."""
 
-Weights = Callable[[int, tuple[int, ...]], np.ndarray]
-"""(pool size n, draws x) -> (x, n) probabilities that the minimum of x draws is the i-th smallest of the pool."""
-
 
 @lru_cache(maxsize=32)
 def weights_without_replacement(n: int, drawn: tuple[int, ...]) -> np.ndarray:
@@ -36,26 +32,15 @@ def weights_without_replacement(n: int, drawn: tuple[int, ...]) -> np.ndarray:
     return np.where(possible, np.exp(log_rest - log_all), 0.0)
 
 
-@lru_cache(maxsize=32)
-def weights_with_replacement(n: int, drawn: tuple[int, ...]) -> np.ndarray:
-    """((n-i+1)^x - (n-i)^x) / n^x, shape (len(drawn), n), written so that small weights keep their digits."""
-    x, above = np.array(drawn)[:, None], n - np.arange(1, n + 1)[None, :]
-    with np.errstate(divide="ignore"):
-        ratio = np.log(above / (above + 1.0))
-    return np.exp(x * np.log((above + 1.0) / n)) * -np.expm1(x * ratio)
+def minimum_curve(cube: xr.Dataset, drawn: np.ndarray | None = None) -> xr.Dataset:
+    """Mean and SD of the lowest cost among ``drawn`` usable fits of each pool, drawn without replacement.
 
-
-def minimum_curve(
-    cube: xr.Dataset, drawn: np.ndarray | None = None, weights: Weights = weights_without_replacement
-) -> xr.Dataset:
-    """Mean and SD of the lowest cost among ``drawn`` usable fits of each pool.
+    The paper does not say whether it put them back, which matters as x nears the pool's size.
 
     Parameters
     ----------
     cube: with dims (amplitude, fmax, realization, start).
     drawn: numbers of starts x; 1 to 500 (or to the size of the pool) by default.
-    weights: `weights_without_replacement` or `weights_with_replacement`. The paper does not say which it used; they
-        differ as x nears the pool's size.
 
     Returns
     -------
@@ -70,7 +55,7 @@ def minimum_curve(
         cost,
         input_core_dims=[["start"]],
         output_core_dims=[["drawn"], ["drawn"]],
-        kwargs={"drawn": tuple(int(x) for x in drawn), "weights": weights},
+        kwargs={"drawn": tuple(int(x) for x in drawn)},
         vectorize=True,
         dask="parallelized",
         output_dtypes=[float, float],
@@ -86,11 +71,11 @@ def minimum_curve(
     )
 
 
-def _curve_of_pool(cost: np.ndarray, drawn: tuple[int, ...], weights: Weights) -> tuple[np.ndarray, np.ndarray]:
+def _curve_of_pool(cost: np.ndarray, drawn: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     cost = np.sort(cost[np.isfinite(cost)])
     if cost.size == 0:
         return np.full(len(drawn), np.nan), np.full(len(drawn), np.nan)
-    w = weights(cost.size, drawn)
+    w = weights_without_replacement(cost.size, drawn)
     mean = w @ cost
     return mean, np.sqrt((w * (cost - mean[:, None]) ** 2).sum(1))
 
@@ -116,12 +101,6 @@ def average_curve(curve: xr.Dataset) -> xr.Dataset:
     )
 
 
-def descent_left(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
-    """Part of the descent from one start to the pools' minima that is still to be made; has no scale. (B, x), (B,)."""
-    drop = mean[:, :1] - minimum[:, None]
-    return (mean - minimum[:, None]) / np.where(drop > 0, drop, 1.0)
-
-
 def excess(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
     """Relative excess over the pools' minima; none below `COST_FLOOR` (without noise it is rounding)."""
     over = np.maximum(mean - minimum[:, None] - COST_FLOOR, 0.0)
@@ -131,17 +110,16 @@ def excess(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
 def asymptote(
     curve: xr.Dataset,
     tolerance: float = 0.01,
-    left: Callable[[np.ndarray, np.ndarray], np.ndarray] = excess,
     resamples: int = 400,
     confidence: float = 0.95,
 ) -> xr.Dataset:
-    """Where the averaged curve has flattened: the first x at which ``left`` is no more than ``tolerance``.
+    """Number of starts at which the averaged curve has flattened: the first x with its `excess` at most ``tolerance``.
+
+    That is as one reads the paper's logarithmic axis.
 
     Parameters
     ----------
     curve: from `minimum_curve`.
-    left: `excess` (within a fraction of the mean pool minimum, as one reads the paper's logarithmic axis) or
-        `descent_left` (all but a fraction of the way down; a single rare, very poor fit decides it).
     resamples: of a bootstrap over realizations, from a fixed stream.
 
     Returns
@@ -162,7 +140,6 @@ def asymptote(
         kwargs={
             "drawn": curve["drawn"].values.astype(float),
             "tolerance": tolerance,
-            "left": left,
             "resamples": resamples,
             "confidence": confidence,
         },
@@ -181,7 +158,6 @@ def _asymptote_of_pools(
     minimum: np.ndarray,
     drawn: np.ndarray,
     tolerance: float,
-    left: Callable[[np.ndarray, np.ndarray], np.ndarray],
     resamples: int,
     confidence: float,
 ) -> tuple[float, float, float, float]:
@@ -193,10 +169,10 @@ def _asymptote_of_pools(
     rng = np.random.Generator(np.random.Philox(key=20180114))
     resampled = rng.multinomial(n, np.full(n, 1 / n), size=resamples) / n
     weights = np.vstack([np.full((1, n), 1 / n), resampled])
-    there = left(weights @ mean, weights @ minimum) <= tolerance
+    there = excess(weights @ mean, weights @ minimum) <= tolerance
     first = np.where(there.any(1), drawn[np.argmax(there, axis=1)], np.nan)
     found = first[1:][np.isfinite(first[1:])]
-    # one pool tells nothing about others; a bootstrap that often fails to arrive tells nothing about its spread
+    # one pool does not show the variation between pools; if the bootstrap often has no solution, its spread is unknown
     if n < 2 or found.size < 0.9 * resamples:
         return float(first[0]), np.nan, np.nan, np.nan
     tail = (1 - confidence) / 2

@@ -1,4 +1,4 @@
-"""Monte Carlo standard errors: how far a number of this study would move if the noise were drawn again.
+"""Monte Carlo standard errors: the standard deviation of a result over repetitions of the study with new noise.
 
 The sampling unit is the *realization*: one draw of the sensor noise serves every amplitude, every Fmax and every
 parameter (common random numbers), so whatever is averaged over those is correlated. One engine respects that for
@@ -15,8 +15,9 @@ to first order).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -28,12 +29,12 @@ REALIZATION = "realization"
 
 @dataclass(frozen=True)
 class Moments:
-    """Per-cell moments of an estimate over realizations, each with the dims of the estimate less the realizations.
+    """Per-cell moments of an estimate over realizations; their dims are those of the estimate without realizations.
 
     Attributes
     ----------
     mean: sample mean. sd: sample standard deviation (divisor n - 1). mse: mean squared distance from the truth.
-    truth: what was to be estimated, broadcastable.
+    truth: the true value, broadcastable.
     n: number of realizations in each cell.
     """
 
@@ -53,24 +54,44 @@ def moments(x: xr.DataArray, truth: xr.DataArray) -> Moments:
     return _moments(x, truth)[0]
 
 
-def _moments(x: xr.DataArray, truth: xr.DataArray) -> tuple[Moments, xr.DataArray, xr.DataArray]:
+def _moments(x: xr.DataArray, truth: xr.DataArray) -> tuple[Moments, xr.Variable, xr.Variable]:
     """Moments, and the deviations from the mean and squared errors they are made of (zero where left out)."""
-    n = x.notnull().sum(REALIZATION)
-    mean = x.fillna(0.0).sum(REALIZATION) / n.where(n > 0)
-    deviation, error2 = (x - mean).fillna(0.0), ((x - truth) ** 2).fillna(0.0)
+    x, truth = xr.align(x, truth, join="inner", copy=False)
+    v, t = x.variable, truth.variable
+    n = v.notnull().sum(REALIZATION)
+    mean = v.fillna(0.0).sum(REALIZATION) / n.where(n > 0)
+    deviation, error2 = (v - mean).fillna(0.0), ((v - t) ** 2).fillna(0.0)
     sd = ((deviation**2).sum(REALIZATION) / (n - 1).where(n > 1)) ** 0.5
-    return Moments(mean, sd, error2.sum(REALIZATION) / n.where(n > 0), truth, n), deviation, error2
+    mse = error2.sum(REALIZATION) / n.where(n > 0)
+    own, both = _coordinates(x, mean.dims), _coordinates(x, mse.dims, truth)
+    mean, sd, n, mse = (xr.DataArray(m, c) for m, c in ((mean, own), (sd, own), (n, own), (mse, both)))
+    return Moments(mean, sd, mse, truth, n), deviation, error2
+
+
+def _coordinates(x: xr.DataArray, dims: tuple[Hashable, ...], other: xr.DataArray | None = None) -> xr.Coordinates:
+    """The coordinates of ``x``, and of ``other``, that numbers with these dims made of them have.
+
+    The arithmetic itself is on variables, which have no coordinates: to compare and copy those in every step takes
+    several times as long as the numbers do.
+    """
+    every = x.coords if other is None else x.coords.merge(other.coords).coords
+    held = every.to_dataset()
+    return held.drop_vars([name for name, c in held.variables.items() if not set(c.dims) <= set(dims)]).coords
 
 
 def _with_deleted(x: xr.DataArray, truth: xr.DataArray) -> tuple[Moments, Moments]:
     """Moments of each cell, and the same with each realization deleted in turn (those keep the realization dim)."""
     full, deviation, error2 = _moments(x, truth)
-    n1 = full.n - x.notnull()
+    x, truth = xr.align(x, truth, join="inner", copy=False)
+    n, mean = full.n.variable, full.mean.variable
+    every = _coordinates(x, x.dims, truth)
+    n1 = n - x.variable.notnull()
     some, several = n1.where(n1 > 0), (n1 - 1).where(n1 > 1)
     # deleting i moves the mean, so the sum of squares about the new mean drops by y_i^2 n / (n - 1)
-    ss1 = ((deviation**2).sum(REALIZATION) - deviation**2 * full.n / some).clip(min=0.0)
+    ss1 = ((deviation**2).sum(REALIZATION) - deviation**2 * n / some).clip(min=0.0)
     mse1 = (error2.sum(REALIZATION) - error2) / some
-    return full, Moments(full.mean - deviation / some, (ss1 / several) ** 0.5, mse1, truth, n1)
+    mean1, sd1, mse1, n1 = (xr.DataArray(m, every) for m in (mean - deviation / some, (ss1 / several) ** 0.5, mse1, n1))
+    return full, Moments(mean1, sd1, mse1, truth, n1)
 
 
 def jackknife(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic) -> xr.Dataset:
@@ -85,18 +106,23 @@ def jackknife(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic) -> xr.
     Returns
     -------
     Dataset ``value``, ``mcse``, ``n``, ``left_out``. Where cells that enter one value used different numbers of
-    realizations, ``n`` is the smallest. ``mcse`` is NaN when fewer than three realizations are there to tell.
+    realizations, ``n`` is the smallest. ``mcse`` is NaN for fewer than three realizations.
     """
     full, deleted = _with_deleted(x, truth)
     value, replicate = statistic(full), statistic(deleted)
     pooled = [d for d in x.dims if d not in (*value.dims, REALIZATION)]
-    used = x.notnull()
-    joined = used.any(pooled) if pooled else used
+    used = x.variable.notnull()
+    used = used.any(pooled) if pooled else used
+    at = xr.DataArray(used, _coordinates(x, used.dims))
+    replicate, at = xr.align(replicate, at, join="inner", copy=False)
+    r, joined = replicate.variable, at.variable
     g = joined.sum(REALIZATION)
-    centre = replicate.where(joined, 0.0).sum(REALIZATION) / g.where(g > 0)
-    squares = ((replicate - centre) ** 2).where(joined, 0.0).sum(REALIZATION, skipna=False)
+    centre = r.where(joined, 0.0).sum(REALIZATION) / g.where(g > 0)
+    squares = ((r - centre) ** 2).where(joined, 0.0).sum(REALIZATION, skipna=False)
     mcse = np.sqrt(squares * (g - 1) / g.where(g > 1))
-    n = full.n.min(pooled) if pooled else full.n
+    mcse = xr.DataArray(mcse, _coordinates(replicate, mcse.dims, at))
+    least = full.n.variable.min(pooled) if pooled else full.n.variable
+    n = xr.DataArray(least, _coordinates(x, least.dims))
     return xr.Dataset({"value": value, "mcse": mcse, "n": n, "left_out": x.sizes[REALIZATION] - n})
 
 
@@ -105,20 +131,28 @@ def normal_quantile(confidence: float) -> float:
     return float(ndtri(0.5 + confidence / 2))
 
 
+def score_interval(m: Any, n: Any, phi: float = 1.0, confidence: float = 0.95) -> tuple[Any, Any]:
+    """Centre and half width of the score interval of a mean ``m`` of ``n`` values from 0 to 1 (numbers or arrays).
+
+    It ends at the roots mu of n (m - mu)^2 = z^2 phi mu (1 - mu), with z `normal_quantile`: Wilson's interval of a
+    fraction when ``phi`` is 1, a narrower one when the values vary less than those of 0 and 1 only.
+    """
+    a = normal_quantile(confidence) ** 2 * phi / n
+    return (m + a / 2) / (1 + a), np.sqrt(a * (m * (1 - m) + a / 4)) / (1 + a)
+
+
 def wilson(successes: xr.DataArray, trials: xr.DataArray, confidence: float = 0.95) -> xr.Dataset:
     """Fraction with its Wilson interval: Dataset ``value``, ``mcse``, ``lower``, ``upper``, ``n``.
 
     ``mcse`` is half the width of the interval in normal quantiles, so that it does not vanish at 0 of n or n of n.
     """
-    z = normal_quantile(confidence)
     n = trials.where(trials > 0)
     p = successes / n
-    centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
-    half = z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    centre, half = score_interval(p, n, confidence=confidence)
     return xr.Dataset(
         {
             "value": p,
-            "mcse": half / z,
+            "mcse": half / normal_quantile(confidence),
             "lower": (centre - half).clip(min=0.0),
             "upper": (centre + half).clip(max=1.0),
             "n": trials,

@@ -1,4 +1,4 @@
-"""J_NC: how well a fit recovers the four neural controllers themselves, not only the sway they make.
+"""J_NC: error of the four neural controllers of a fit (not only of the sway that they produce).
 
 J_NC = 1/(4 n) sum over frequencies and controllers of |true - fit|^2 / |true|^2 (Goodworth & Peterka 2018, Methods),
 computed in closed form from the stored estimates.
@@ -26,7 +26,7 @@ def j_nc(fits: xr.Dataset, model: Model) -> xr.DataArray:
 
     Returns
     -------
-    DataArray with the dims of ``estimate`` less ``parameter``; NaN where there is no estimate. Lazy where fits are.
+    DataArray with the dims of ``estimate`` without ``parameter``; NaN where there is no estimate. Lazy if fits are.
     """
     counts = xr.DataArray(np.array([fits.sizes["frequency"]]), dims="_n")
     return label(_errors(fits, model, counts).isel(_n=0), "error of the neural controllers, J_NC").rename("j_nc")

@@ -1,4 +1,4 @@
-"""What a reader of a group's numbers must know first: a body that falls, and numbers that there are not, by name."""
+"""Notes that must be read before a group's numbers: an unstable body, and missing numbers."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from mcstudy.analysis.view import GroupView
 from mcstudy.study.unstable import warning
 
 LEAST = 3
-"""Realizations below which nothing is known of a Monte Carlo error."""
+"""Smallest number of realizations for a Monte Carlo error."""
 
 
 def notes(view: GroupView) -> list[str]:
-    """One sentence each; conditions of which the same is to be said are listed together."""
+    """One sentence per note; conditions with the same note are listed together."""
     found: dict[str, list[str]] = {}
     for why, cell in _of_cells(view):
         found.setdefault(why, []).append(cell)
@@ -22,7 +22,7 @@ def notes(view: GroupView) -> list[str]:
 
 
 def _of_cells(view: GroupView) -> Iterator[tuple[str, str]]:
-    """What is missing, and at which amplitude and Fmax."""
+    """Missing numbers, each with its amplitude and Fmax."""
     used = view.cells["cost"].notnull()
     on_bound = ~inside_bounds(view.cells) & used
     for fmax in view.group.fmax:

@@ -1,6 +1,6 @@
-"""Which fits count: the best start of every cell, and an account of every fit that was not used.
+"""Selection of fits: the best start of every cell, and counts of the fits that were not used.
 
-A *cell* is one (amplitude, fmax, realization); its starts are as many attempts at one problem. A *cube* is a
+A *cell* is one (amplitude, fmax, realization); its starts are repeated attempts at the same problem. A *cube* is a
 Dataset with the dim ``start``; `best` reduces it to *cells*, on which all accuracy statistics work.
 """
 
@@ -13,7 +13,7 @@ import xarray as xr
 
 from mcstudy.analysis.labels import ONE, label, labelled, relabelled
 from mcstudy.errors import InputError
-from mcstudy.fit.status import USABLE, Status
+from mcstudy.fitting.status import USABLE, Status
 from mcstudy.study.readable import PARAMETER_UNIT
 
 COMBINED: dict[str, tuple[str, ...]] = {
@@ -47,7 +47,7 @@ _ACCOUNT = {
 
 
 def usable(cube: xr.Dataset) -> xr.DataArray:
-    """Which fits mean something: the solver ran and returned a finite cost. Dims of ``status``."""
+    """Which fits are usable: the solver ran and returned a finite cost. Dims of ``status``."""
     return cube["status"].isin(USABLE) & np.isfinite(cube["cost"])
 
 

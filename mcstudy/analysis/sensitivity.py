@@ -9,7 +9,7 @@ import xarray as xr
 
 from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.errors import InputError
-from mcstudy.fit.problem import paper_cost
+from mcstudy.fitting.problem import paper_cost
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 

@@ -1,8 +1,8 @@
-"""Does it matter whether a fit starts from a stable loop?
+"""Success of fits that start from a stable or an unstable loop.
 
-An FRF is infinite where a characteristic root crosses the imaginary axis, so a fit that follows the cost downhill
-cannot easily carry a root from one side to the other: the number of unstable roots of the start tends to stay (derived;
-confirmed by the counts this module makes). A measured body is stable, hence a stable start shares its side.
+An FRF is infinite when a characteristic root crosses the imaginary axis, so a fit that decreases the cost can hardly
+move a root from one side to the other. The number of unstable roots therefore usually stays that of the start (derived;
+confirmed by the counts of this module). A measured body is stable, so a stable start is on the correct side.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LOOPS = ("stable", "unstable")
 
 
 def stable_starts(cube: xr.Dataset, model: Model) -> xr.DataArray:
-    """Whether the loop at each fit's start is stable, bool, dims of ``status``; False where there is no start."""
+    """Whether the loop is stable at each fit's start, bool, dims of ``status``; False where there is no start."""
     initial = cube["initial"].transpose(*cube["status"].dims, "parameter")
     values = initial.values.reshape(-1, initial.sizes["parameter"])
     # Streams give all amplitudes and Fmax of a realization the same starts: each is looked at once.
@@ -36,18 +36,18 @@ def stable_starts(cube: xr.Dataset, model: Model) -> xr.DataArray:
 def hit_rate_by_start(
     cube: xr.Dataset, model: Model, tolerance: float = HIT_TOLERANCE, floor: float = COST_FLOOR
 ) -> xr.Dataset:
-    """Share of starts that reach the pool's minimum, for starts from a stable and from an unstable loop.
+    """Fraction of starts that reach the pool's minimum, for starts with a stable and with an unstable loop.
 
     Parameters
     ----------
     cube: a group with all its starts.
-    model: what was fitted (``dataset.mc.model``, or the one given to `mcstudy.study.own_model.run_model`).
+    model: what was fitted (``dataset.mc.model``, or the one given to `mcstudy.own_model.run_model`).
     tolerance, floor: what counts as the minimum; see `mcstudy.analysis.convergence`.
 
     Returns
     -------
-    Dataset with dims (amplitude, fmax, loop): ``value``, the mean over realizations of the share within each; ``mcse``
-    over realizations; ``worst`` realization's share; ``starts``, how many there were. NaN where there were none.
+    Dataset with dims (amplitude, fmax, loop): ``value``, mean over realizations of the fraction within each; ``mcse``
+    over realizations; ``worst``, smallest fraction of a realization; ``starts``, number of starts. NaN without starts.
     """
     cost = cube["cost"].where(usable(cube))
     hit = cost <= cost.min("start") * (1 + tolerance) + floor

@@ -1,10 +1,9 @@
-"""A whole study as the tables see it: its groups, their best fits read once, and which group answers what."""
+"""A whole study as the tables use it: its groups, their best fits (read once), and the group for each question."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -14,6 +13,7 @@ from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.efficiency import bounds_on_sd, overlap_of
 from mcstudy.analysis.selection import best, combined
 from mcstudy.errors import InputError
+from mcstudy.files.sections import leaves
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import SECTIONS, Group
 from mcstudy.study.models import with_model_values
@@ -81,13 +81,13 @@ class GroupView:
 
     @cached_property
     def instability(self) -> str:
-        """In words, how fast the true body falls; empty for one that stands."""
+        """Growth rate of an unstable true body as text; empty for a stable one."""
         return instability(self.model)
 
     @property
     def noisy(self) -> bool:
         """Whether realizations differ by noise (else they are pools of starts for the same data)."""
-        return self.group.simulator != "none" and any(self.group.noise.psd)
+        return self.group.noisy
 
     @cached_property
     def needed(self) -> xr.Dataset:
@@ -103,7 +103,7 @@ class GroupView:
     def differences_from(self, other: Group) -> list[str]:
         """Settings in which the group differs from ``other``, ``field = value`` of this group."""
         theirs, ours = (
-            dict(_flat("", {s: getattr(g, s).model_dump(mode="json") for s in SECTIONS})) for g in (other, self.group)
+            dict(leaves({s: getattr(g, s).model_dump(mode="json") for s in SECTIONS})) for g in (other, self.group)
         )
         return [f"{field} = {value}" for field, value in ours.items() if field in theirs and theirs[field] != value]
 
@@ -126,7 +126,7 @@ class GroupView:
         return chosen.assign_coords(fmax=list(fmax), amplitude=list(amplitude))
 
     def comparable(self, fmax: Iterable[float], amplitude: Iterable[float]) -> bool:
-        """Whether the paper's numbers at these Fmax and amplitudes speak about this group."""
+        """Whether the paper's numbers at these Fmax and amplitudes apply to this group."""
         return (
             self.group.model.kind == "two_segment"
             and self.group.stimulus.kind == "ankle_torque"
@@ -136,16 +136,8 @@ class GroupView:
         )
 
 
-def _flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict) and value:
-        for key, inner in value.items():
-            yield from _flat(f"{path}.{key}" if path else key, inner)
-    else:
-        yield path, value
-
-
 class StudyView:
-    """All groups of a cube that have something in them."""
+    """All non-empty groups of a cube."""
 
     def __init__(self, tree: xr.DataTree) -> None:
         self.attributes = dict(tree.attrs)

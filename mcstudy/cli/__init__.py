@@ -1,11 +1,11 @@
-"""The command line: one module a verb, imported only when the verb is used, so that help is immediate."""
+"""The command line: one module per verb, imported only when the verb is used, so that help appears at once."""
 
 from __future__ import annotations
 
 import os
 import sys
 
-TYPE_CHECKING = False  # as in `mcstudy`: nothing is imported before signals are heard
+TYPE_CHECKING = False  # as in `mcstudy`: nothing is imported before signals are caught
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
@@ -15,15 +15,16 @@ if TYPE_CHECKING:
 
 VERBS = {
     "run": "run a study file into a results cube, or resume it",
-    "plan": "what a study will cost and how precise it will be, before running it",
-    "status": "how far a results cube is",
-    "extend": "grow a results cube; only the new cells are run",
-    "replay": "run one stored fit again, iteration by iteration, and compare it with what is stored",
-    "verify": "check every chunk of a results cube, and recompute a sample",
+    "plan": "predict run time, size and precision of a study before running it",
+    "status": "show the progress of a results cube",
+    "extend": "add realizations, starts, Fmax values or amplitudes to a results cube; only new cells are run",
+    "replay": "repeat one stored fit, print every iteration, and compare the result with the stored one",
+    "verify": "check every chunk of a results cube and recompute a sample of fits",
     "show": "print the tables of a results cube",
-    "report": "write a results cube as one page with figures",
-    "simulate": "write a recording of a simulated body, with any effects",
-    "gap": "where a model fails on a recording, which effect is missing, how far adding it closes the gap",
+    "report": "write one HTML page with tables and figures of a results cube",
+    "simulate": "simulate a recording of a standing body, optionally with effects that the model lacks",
+    "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
+    "warm": "compile the kernels ahead of the first run",
 }
 """Verbs and their one-line help; verb ``x`` lives in ``mcstudy.cli.x`` (``add_arguments(parser)``, ``main(args)``)."""
 
@@ -34,8 +35,8 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 def main(arguments: Sequence[str] | None = None) -> Exit:
     """Entry point; returns the exit code.
 
-    Without ``arguments`` it is the command itself: those of the process count, and its signals end it. With them it is
-    a function like any other, which leaves the process alone.
+    Without ``arguments`` it acts as the command: it reads the arguments of the process and handles its signals. With
+    ``arguments`` it is an ordinary function and does not touch the process.
     """
     if arguments is not None:
         return _main(list(arguments), None)
@@ -84,8 +85,8 @@ def _epilog() -> str:
 
 
 def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
-    # One thread for linear algebra, set before numpy is imported: parallel work is by fits, and sums that are split
-    # differently on another machine would give other last digits.
+    # One thread for linear algebra, set before numpy is imported. Fits run in parallel instead. Sums that are split
+    # differently on another machine would differ in the last digits.
     for variable in ONE_THREAD:
         os.environ.setdefault(variable, "1")
     import argparse
@@ -111,18 +112,18 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
         message, code = stopped([verb, *words])
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        message, code = stopped([verb, *words], " (what it prints has no reader)")
+        message, code = stopped([verb, *words], " (nothing reads its output)")
         if code is not Exit.INTERRUPTED and (stop is None or not stop.asked):
             return Exit.DONE  # the reader (head, less) has seen enough
     except Exception as error:
         if stop is None or not stop.asked:
             raise
-        # What libraries raise when they are stopped in the middle, or print to a terminal that is gone.
+        # Libraries raise this when they are stopped halfway, or when they print to a terminal that is gone.
         message, code = stopped([verb, *words], f" ({type(error).__name__}: {_one_line(error)})")
     with contextlib.suppress(OSError):
         sys.stdout.flush()
     if stop is not None:
-        stop.leave(message, code)  # threads that are still computing have nothing to add
+        stop.leave(message, code)  # do not wait for threads that are still computing
     with contextlib.suppress(BrokenPipeError):
         print(f"mcstudy: {message}", file=sys.stderr, flush=True)
     return code

@@ -1,4 +1,4 @@
-"""``mcstudy extend``: grow a results cube; only the new cells are run."""
+"""``mcstudy extend``: add realizations, starts, Fmax values or amplitudes to a results cube; only new cells are run."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from mcstudy.exits import Exit
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
-    parser.add_argument("--realizations", type=int, help="realizations there are to be in all")
-    parser.add_argument("--starts", type=int, help="starts a fit problem is to have in all")
+    parser.add_argument("--realizations", type=int, help="new total number of realizations")
+    parser.add_argument("--starts", type=int, help="new total number of starts per fit")
     parser.add_argument("--fmax", type=float, nargs="+", default=[], metavar="HZ", help="Fmax values to add")
     parser.add_argument("--amplitude", type=float, nargs="+", default=[], help="stimulus amplitudes to add")
-    parser.add_argument("--group", action="append", default=[], help="group that grows; may be repeated; default all")
+    parser.add_argument("--group", action="append", default=[], help="group to extend; may be repeated; default all")
     add_cluster_arguments(parser)
 
 
 def main(args: argparse.Namespace) -> Exit:
-    """Grow and run; returns the exit code."""
+    """Extend the study and run the new cells; returns the exit code."""
     from mcstudy.study.extend import Growth, extend
 
     growth = Growth(args.realizations, args.starts, tuple(args.fmax), tuple(args.amplitude), tuple(args.group))

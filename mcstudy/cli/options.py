@@ -1,4 +1,4 @@
-"""Arguments that every verb which runs fits takes, and what such a verb prints at its end."""
+"""Arguments shared by all verbs that run fits, and the summary that these verbs print at the end."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
-    from mcstudy.study.cluster import ClusterOptions
+    from mcstudy.scheduler.cluster import ClusterOptions
     from mcstudy.study.design import Study
     from mcstudy.study.submission import Outcome
 
 
 def add_scheduler_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where to run."""
-    parser.add_argument("--workers", type=positive, help="threads of the local scheduler; default one a core")
+    """Arguments that choose where to run."""
+    parser.add_argument("--workers", type=positive, help="threads of the local scheduler; default one per core")
     parser.add_argument(
-        "--scheduler", metavar="ADDR", help="running Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT"
+        "--scheduler", metavar="ADDR", help="use a running Dask scheduler: tls://HOST:PORT or tcp://HOST:PORT"
     )
     parser.add_argument("--tls-ca", type=Path, metavar="PEM", help="certificate authority of a tls:// scheduler")
     parser.add_argument("--tls-cert", type=Path, metavar="PEM", help="client certificate for a tls:// scheduler")
@@ -26,39 +26,39 @@ def add_scheduler_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--insecure",
         action="store_true",
-        help="accept a tcp:// scheduler on another machine",
+        help="accept an unencrypted tcp:// scheduler on another machine",
     )
     parser.add_argument("--dashboard", action="store_true", help="serve Dask's dashboard on 127.0.0.1:8787")
 
 
 def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where to run, how large a block is and how long it may take."""
+    """Arguments that choose where to run, how large a block is and how long it may take."""
     add_scheduler_arguments(parser)
-    parser.add_argument("--block", type=positive, help="chunks a task; default about half a second of work")
+    parser.add_argument("--block", type=positive, help="chunks per task; default about half a second of work")
     parser.add_argument(
         "--block-timeout",
         type=seconds,
         metavar="SECONDS",
-        help="longest time a block may run before its worker is restarted; default no limit",
+        help="time limit per task (block), after which its worker is restarted; default no limit",
     )
 
 
 def add_unstable_argument(parser: argparse.ArgumentParser) -> None:
-    """Whether a body may fall."""
+    """Argument that allows unstable bodies."""
     parser.add_argument(
         "--allow-unstable",
         action="store_true",
-        help="accept true parameters whose closed loop is unstable (a body that falls)",
+        help="accept true parameters with an unstable closed loop (the body falls)",
     )
 
 
 def stable_study(args: argparse.Namespace) -> Study:
-    """The study of the file ``args.study``; raises `DesignError` with one line for what is not one, or falls."""
+    """The study in the file ``args.study``; raises `DesignError` (one line) if it is invalid or its body unstable."""
     from mcstudy.errors import DesignError
     from mcstudy.study.study_file import read_study
 
     study = read_study(args.study)
-    from mcstudy.study.unstable import refuse_unstable  # numba is slow to import; a bad file is told at once
+    from mcstudy.study.unstable import refuse_unstable  # numba is slow to import; report a bad file first
 
     try:
         refuse_unstable(study, args.allow_unstable)
@@ -69,7 +69,7 @@ def stable_study(args: argparse.Namespace) -> Study:
 
 def cluster_options(args: argparse.Namespace) -> ClusterOptions:
     """What `add_scheduler_arguments` or `add_cluster_arguments` declared."""
-    from mcstudy.study.cluster import ClusterOptions
+    from mcstudy.scheduler.cluster import ClusterOptions
 
     return ClusterOptions(
         workers=args.workers,
@@ -86,7 +86,7 @@ def cluster_options(args: argparse.Namespace) -> ClusterOptions:
 def tell(outcome: Outcome, out: Path) -> Exit:
     """Print what a run did; returns the exit code."""
     rate = f", {outcome.fits / outcome.seconds:.0f} fits/s" if outcome.seconds > 0 and outcome.fits else ""
-    print(f"{out}: {outcome.fits} fits in {outcome.seconds:.1f} s{rate}; {outcome.skipped} were there already")
+    print(f"{out}: {outcome.fits} fits in {outcome.seconds:.1f} s{rate}; {outcome.skipped} already done")
     for line in outcome.failed_blocks:
         print(f"failed block: {line}")
     if not (outcome.failed_blocks or outcome.failed_fits):

@@ -1,4 +1,4 @@
-"""``mcstudy replay``: run one stored fit again, iteration by iteration, and compare it with what is stored."""
+"""``mcstudy replay``: repeat one stored fit, print every iteration, and compare the result with the stored one."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from mcstudy.exits import Exit
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
-    parser.add_argument("--group", help="group of the cell; not needed when there is only one")
-    parser.add_argument("--realization", type=int, required=True)
-    parser.add_argument("--start", type=int, required=True)
-    parser.add_argument("--fmax", type=float, required=True, metavar="HZ")
-    parser.add_argument("--amplitude", type=float, required=True)
+    parser.add_argument("--group", help="group of the fit; not needed when the cube has only one")
+    parser.add_argument("--realization", type=int, required=True, metavar="INDEX", help="realization, from 0")
+    parser.add_argument("--start", type=int, required=True, metavar="INDEX", help="start, from 0")
+    parser.add_argument("--fmax", type=float, required=True, metavar="HZ", help="highest frequency of the fit")
+    parser.add_argument("--amplitude", type=float, required=True, help="stimulus amplitude of the fit")
 
 
 def main(args: argparse.Namespace) -> Exit:
-    """Print the path of the fit; `Exit.DIFFERS` unless it ends where it is stored to have ended."""
+    """Print the path of the fit; returns `Exit.DIFFERS` unless it ends at the stored result."""
     import numpy as np
 
     from mcstudy.study.replay import replay
@@ -32,10 +32,10 @@ def main(args: argparse.Namespace) -> Exit:
         values = " ".join(f"{x:.10g}" for x in point.theta)
         step = np.abs(point.step / width).max()
         print(f"{point.iteration:>9}  {point.cost:>22.16g}  {step:>8.1e}  {values}")
-    print("step: largest change of a parameter, in widths of its bounds; 0 is a step that was tried and not taken")
+    print("step: largest change of a parameter, divided by the width of its bounds; 0: the step was rejected")
     print(f"ended: {r.status.text}")
     if r.differ:
-        print(f"{args.out}: differs from what is stored ({', '.join(r.differ)}); stored: {r.stored_status.text}")
+        print(f"{args.out}: differs from the stored fit ({', '.join(r.differ)}); stored: {r.stored_status.text}")
         return Exit.DIFFERS
-    print(f"{args.out}: equal to what is stored, bit for bit")
+    print(f"{args.out}: equal to the stored fit, bit for bit")
     return Exit.DONE

@@ -1,9 +1,8 @@
-"""``mcstudy report``: a results cube as one self-contained page."""
+"""``mcstudy report``: write a results cube as one self-contained page."""
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=[],
         metavar="FILE",
-        help="alternatives to show on the page: cubes, or files of pipelines/examples/{two_stimuli,population}.py",
+        help="alternatives to show too: cubes, or files from pipelines/examples/{two_stimuli,population}.py",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE", help="the page to write (.html)")
 
@@ -31,23 +30,13 @@ def main(args: argparse.Namespace) -> Exit:
     require_matplotlib()
     from mcstudy.report.page import page
 
-    return write_page(args.output, lambda: page(args.out, args.beside))
+    return write_and_tell(args.output, lambda: page(args.out, args.beside))
 
 
-def write_page(file: Path, text: Callable[[], str]) -> Exit:
-    """Write what ``text`` returns; the file is begun first: nobody should wait for a page that cannot be kept."""
-    from mcstudy.errors import InputError
-    from mcstudy.study.durable import replacing
+def write_and_tell(file: Path, text: Callable[[], str]) -> Exit:
+    """Write a page, and print how large it is."""
+    from mcstudy.report.document import write_page
 
-    place = file.resolve()  # a link stays one
-    with contextlib.ExitStack() as stack:
-        try:
-            if place.exists():
-                place.open("ab").close()
-            opened = stack.enter_context(replacing(place))
-        except OSError as error:
-            raise InputError(f"{file}: expected a file that can be written, got {error.strerror}") from None
-        content = text().encode()
-        opened.write(content)
-    print(f"{file}: {len(content) / 1e6:.2f} MB")
+    written = write_page(file, text)
+    print(f"{file}: {written.stat().st_size / 1e6:.2f} MB")
     return Exit.DONE

@@ -20,14 +20,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quarantine",
         action="store_true",
-        help="move what is in OUT and no part of it to OUT.aside; nothing is deleted",
+        help="move files in OUT that do not belong to the cube to OUT.aside; nothing is deleted",
     )
     parser.add_argument(
         "--until-mcse",
         metavar="STATISTIC=PERCENT%",
-        help="grow the study until the largest Monte Carlo error of bias (or mean_bias) is this, e.g. bias=1%%",
+        help="add realizations or starts until the largest Monte Carlo standard error of STATISTIC (bias or mean_bias) "
+        "is below PERCENT, e.g. bias=1%%; needs --budget-fits",
     )
-    parser.add_argument("--budget-fits", type=int, metavar="N", help="most fits --until-mcse may come to in all")
+    parser.add_argument("--budget-fits", type=int, metavar="N", help="upper limit on the total number of fits")
     add_unstable_argument(parser)
     add_cluster_arguments(parser)
 
@@ -35,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> Exit:
     """Run; returns the exit code."""
     study = stable_study(args)
-    # Dask is slow to import, and a bad study file should be told at once.
+    # Dask is slow to import; report a bad study file first.
     from mcstudy.study.run import default_out, run_study
 
     out = args.out or default_out(study)
@@ -48,10 +49,10 @@ def main(args: argparse.Namespace) -> Exit:
 
 
 def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
-    """Run and grow; returns the exit code."""
+    """Run, and extend until the target is reached; returns the exit code."""
     import sys
 
-    from mcstudy.analysis.until import parse_target, run_until
+    from mcstudy.adaptive import parse_target, run_until
     from mcstudy.errors import InputError
 
     if args.until_mcse is None or args.budget_fits is None:
@@ -59,7 +60,7 @@ def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
     target = parse_target(args.until_mcse)
 
     def say(line: str) -> None:
-        print(f"grows: {line}", file=sys.stderr, flush=True)
+        print(f"extending: {line}", file=sys.stderr, flush=True)
 
     until = run_until(
         study,
@@ -74,6 +75,6 @@ def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
     )
     code = tell(until.outcome, out)
     for line in until.steps:
-        print(f"grown: {line}")
+        print(f"extended: {line}")
     print(until.statement)
     return code if code != Exit.DONE or until.reached else Exit.NOT_REACHED

@@ -11,13 +11,15 @@ from mcstudy.exits import Exit
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
-    parser.add_argument("--compare", type=Path, metavar="OTHER", help="another cube: OUT minus OTHER, group by group")
-    parser.add_argument("--json", action="store_true", help="machine-readable, as results_schema describes")
+    parser.add_argument(
+        "--compare", type=Path, metavar="OTHER", help="another cube; prints OUT minus OTHER, group by group"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Print; returns the exit code."""
-    from mcstudy.analysis.tables import show
+    from mcstudy.analysis.show.tables import show
 
     report = show(args.out, args.compare)
     print(report.json() if args.json else report.text())

@@ -1,131 +1,89 @@
-"""``mcstudy simulate``: a recording of a simulated body, with any effects of the library."""
+"""``mcstudy simulate``: simulate a recording of a standing body, optionally with effects of the library."""
 
 from __future__ import annotations
 
 import argparse
+import re
+from pathlib import Path
 
 from mcstudy.exits import Exit
-
-SMALLER = 20
-"""How often sizes that were drawn are made smaller by a quarter for a body that falls."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("-o", "--output", required=True, help="rec.nc, rec.zarr, or a name without ending for CSV")
+    parser.add_argument(
+        "-o", "--output", required=True, help="file to write: rec.nc, rec.zarr, or a name without extension for CSV"
+    )
     parser.add_argument(
         "--effect",
         action="append",
         default=[],
         metavar="NAME[=SIZE]",
-        help="an effect of `mcstudy gap effects`, at SIZE or drawn from its published range (made smaller until the "
-        "body stands); may be repeated",
+        help="an effect listed by `mcstudy gap effects`, of size SIZE or drawn from its published range (and reduced "
+        "until the body is stable); may be repeated",
     )
-    parser.add_argument("--stimulus", default="ankle_torque", help="ankle_torque, hip_torque or platform_translation")
     parser.add_argument(
-        "--amplitude", type=float, nargs="+", default=[5.0, 5.0], help="per trial, N m or m (default: two of 5 N m)"
+        "--stimulus",
+        default="ankle_torque",
+        help="ankle_torque (default), hip_torque or platform_translation",
     )
-    parser.add_argument("--convention", default="peak", help="peak or peak_to_peak")
-    parser.add_argument("--cycles", type=int, default=6, help="stimulus periods per trial")
-    parser.add_argument("--rate", type=float, default=200.0, help="sampling rate, Hz")
-    parser.add_argument("--aperiodic", action="store_true", help="a random stimulus that never repeats")
-    parser.add_argument("--noise", type=float, default=1.0, help="sensor noise relative to the paper's (amplitude)")
     parser.add_argument(
-        "--parameter", action="append", default=[], metavar="NAME=VALUE", help="another value than the nominal one"
+        "--amplitude",
+        type=float,
+        nargs="+",
+        default=[5.0, 5.0],
+        help="stimulus amplitude of each trial, N m or m (default: two trials of 5 N m)",
     )
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--convention", default="peak", help="amplitudes are peak (default) or peak_to_peak values")
+    parser.add_argument("--cycles", type=int, default=6, help="stimulus periods per trial (default 6)")
+    parser.add_argument("--rate", type=float, default=200.0, help="sampling rate, Hz (default 200)")
+    parser.add_argument("--aperiodic", action="store_true", help="use a random stimulus that never repeats")
+    parser.add_argument(
+        "--noise", type=float, default=1.0, help="amplitude of the sensor noise relative to the paper's (default 1)"
+    )
+    parser.add_argument(
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="value of a model parameter instead of the nominal one; may be repeated",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Simulate and write; returns the exit code."""
-    import numpy as np
+    from mcstudy.effect_library.simulated import simulate
+    from mcstudy.errors import InputError
+    from mcstudy.recordings.io import write_recording
 
-    from mcstudy.errors import FallsError, InputError
-    from mcstudy.gap.effects import effect
-    from mcstudy.gap.make_recording import Protocol, draw_case, simulate_recording
-    from mcstudy.gap.read import write_recording
-    from mcstudy.stance.body import STIMULI, two_segment
-    from mcstudy.stance.noise import SensorNoise
-    from mcstudy.stance.ranges import Range
-    from mcstudy.stance.stimulus import Prts
-    from mcstudy.study.checks import DELAY, MAX_SAMPLES
-    from mcstudy.study.group import AMPLITUDE, GAIN, RATE
-
-    for amplitude in args.amplitude:
-        AMPLITUDE.require(amplitude, "--amplitude")
-    RATE.require(args.rate, "--rate")
-    Range(1e-6, 1e6, or_zero=True).require(args.noise, "--noise")
-    Range(1, 100_000).require(args.cycles, "--cycles")
-    Range(0, 2**63 - 1).require(args.seed, "--seed")
-    if args.stimulus not in STIMULI:
-        raise InputError(f"--stimulus: expected one of {', '.join(STIMULI)}, got {args.stimulus!r}")
-    psd = SensorNoise().psd_deg2_hz
-    waveform = Prts(rate_hz=args.rate, amplitude=args.amplitude[0], convention=args.convention)
-    if waveform.samples * args.cycles > MAX_SAMPLES:
-        raise InputError(
-            f"--cycles: expected a record of at most {MAX_SAMPLES} samples, got {args.cycles} cycles of "
-            f"{waveform.samples}"
+    sizes = {w.split("=")[0]: _pair(w, "--effect")[1] if "=" in w else None for w in args.effect}
+    if len(sizes) < len(args.effect):
+        raise InputError(f"--effect: expected each effect once, got {' '.join(args.effect)}")
+    try:
+        recording = simulate(
+            sizes,
+            stimulus=args.stimulus,
+            amplitude=args.amplitude,
+            convention=args.convention,
+            cycles=args.cycles,
+            rate_hz=args.rate,
+            periodic=not args.aperiodic,
+            noise=args.noise,
+            parameters=dict(_pair(p, "--parameter") for p in args.parameter),
+            seed=args.seed,
+            name=Path(args.output).stem,
         )
-    protocol = Protocol(
-        stimulus=args.stimulus,
-        waveform=waveform,
-        amplitudes=tuple(args.amplitude),
-        cycles=args.cycles,
-        periodic=not args.aperiodic,
-        noise=SensorNoise((psd[0] * args.noise**2, psd[1] * args.noise**2)),
-    )
-    model = two_segment(stimulus=args.stimulus)
-    values = dict(_pair(p, "--parameter") for p in args.parameter)
-    unknown = set(values) - set(model.names)
-    if unknown:
-        raise InputError(f"--parameter: unknown {', '.join(sorted(unknown))}; the model has {', '.join(model.names)}")
-    for name, value in values.items():
-        (DELAY if name in model.delays else GAIN).require(value, f"--parameter {name}")
-    theta = np.array([values.get(p.name, p.value) for p in model.parameters])
-    bounds = zip(model.names, theta, model.parameters, strict=True)
-    nominal = model.with_bounds({n: (min(v, p.lower), max(v, p.upper)) for n, v, p in bounds})
-    nominal = nominal.with_values(dict(zip(model.names, map(float, theta), strict=True)))
-    names = [word.split("=")[0] for word in args.effect]
-    given = {}
-    for word in args.effect:
-        if "=" in word:
-            name, value = _pair(word, "--effect")
-            size = effect(name).size
-            given[size.name] = size.believable(value, f"--effect {name}")
-    drawn = [word for word in args.effect if "=" not in word]
-    for smaller in range(SMALLER):
-        # From the beginning every time, so that what is drawn is the same and only smaller.
-        drawing, running = np.random.default_rng(args.seed).spawn(2)
-        sizes = dict(given)
-        try:
-            for name in drawn:
-                sizes |= draw_case(nominal, [name], drawing, 0.75**smaller, spread=0.0, attempts=20)[1]
-            what = ", ".join(f"{k} = {v:.5g}" for k, v in sizes.items()) or "no effect"
-            recording = simulate_recording(
-                protocol,
-                theta,
-                running,
-                effects=names,
-                sizes=sizes,
-                provenance=f"simulated by mcstudy: {what}; seed {args.seed}",
-            )
-            break
-        except FallsError:
-            if not drawn:
-                raise
-    else:
-        raise FallsError(
-            f"--effect {', '.join(drawn)}: this body falls with every size that was tried; state one "
-            f"(--effect {drawn[0]}=SIZE), or shorter delays (such as --parameter Td1=0.06 --parameter Td2=0.07)"
-        )
-    if smaller:
-        what += (
-            f" (drawn from {0.75**smaller:.2g} of the published range, as this body falls with more; "
-            "shorter delays, such as --parameter Td1=0.06 --parameter Td2=0.07, may hold it)"
-        )
+    except InputError as error:
+        raise type(error)(_OPTION.sub(r"--\1", str(error), count=1)) from None
     path = write_recording(recording, args.output)
+    what = recording.provenance.removeprefix("simulated by mcstudy: ").rpartition("; seed")[0]
     print(f"{path}: {len(recording.trials)} trials of {recording.duration_s / len(recording.trials):.0f} s; {what}")
     return Exit.DONE
+
+
+_OPTION = re.compile(r"^(amplitude|noise|cycles|seed|stimulus|parameter|effect|rate)(?:_hz)?(?=[: ])")
+"""The argument that a message starts with, which is an option here."""
 
 
 def _pair(word: str, option: str) -> tuple[str, float]:

@@ -1,4 +1,4 @@
-"""``mcstudy status``: how far a results cube is, once or as it grows."""
+"""``mcstudy status``: show the progress of a results cube, once or continuously."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ if TYPE_CHECKING:
     from mcstudy.study.store import Cube
 
 WINDOW_S = 30.0
-"""Seconds over which the speed of a run that is watched is taken."""
+"""Seconds over which the speed of a watched run is averaged."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--json", action="store_true", help="machine-readable")
-    how.add_argument("--watch", action="store_true", help="follow a run from another shell until it is complete")
-    parser.add_argument("--every", type=seconds, default=2.0, metavar="SECONDS", help="how often --watch looks")
+    how.add_argument("--json", action="store_true", help="print JSON")
+    how.add_argument("--watch", action="store_true", help="follow a run from another terminal until it is complete")
+    parser.add_argument(
+        "--every", type=seconds, default=2.0, metavar="SECONDS", help="update interval of --watch (default 2)"
+    )
 
 
 def main(args: argparse.Namespace) -> Exit:
@@ -36,11 +38,10 @@ def main(args: argparse.Namespace) -> Exit:
 def _once(cube: Cube, as_json: bool) -> Exit:
     import json
 
-    from mcstudy.fit.status import Status
-    from mcstudy.study.failures import counts, failed_fits
+    from mcstudy.fitting.status import Status
+    from mcstudy.study.failures import account
 
-    by_group = {name: counts(store) for name, store in cube.groups.items()}
-    failed = list(failed_fits(cube))
+    by_group, failed = account(cube)
     if as_json:
         groups = {name: {s.name.lower(): c[s] for s in Status} for name, c in by_group.items()}
         print(json.dumps({"study": cube.study.study.name, "fingerprint": cube.study.fingerprint, "groups": groups}))
@@ -55,7 +56,7 @@ def _once(cube: Cube, as_json: bool) -> Exit:
     for line in failed:
         print(f"failed fit: {line}")
     if any(c[Status.PENDING] for c in by_group.values()):
-        print("not complete: run the study file again to resume")
+        print("not complete: repeat the run command to resume")
     return Exit.FITS_FAILED if failed else Exit.DONE
 
 
@@ -64,9 +65,9 @@ def _watch(cube: Cube, every: float) -> Exit:
     import time
     from collections import deque
 
-    from mcstudy.study.display import Display
-    from mcstudy.study.progress import fits_line
-    from mcstudy.study.stopping import stop_requests
+    from mcstudy.scheduler.display import Display
+    from mcstudy.scheduler.progress import counts_line
+    from mcstudy.scheduler.stopping import stop_requests
     from mcstudy.study.watch import Watch
 
     watch, display = Watch(cube), Display(sys.stdout)
@@ -80,12 +81,12 @@ def _watch(cube: Cube, every: float) -> Exit:
                 seen.popleft()
             rate = (done - seen[0][1]) / (now - seen[0][0]) if seen else 0.0
             seen.append((now, done))
-            line = f"{watch.chunks_done}/{watch.chunks} chunks  {fits_line(done, total, watch.failed, rate)}"
+            line = f"{watch.chunks_done}/{watch.chunks} chunks  {counts_line(done, total, watch.failed, rate)}"
             lines = [f"{cube.path}: study {cube.study.study.name}", line, *watch.headlines()]
             if watch.unreadable:
-                lines.append(f"{watch.unreadable} chunks are damaged or incomplete: mcstudy verify names them")
+                lines.append(f"{watch.unreadable} chunks are damaged or incomplete; list them with mcstudy verify")
             display.show(lines)
             if done >= total:
                 return Exit.FITS_FAILED if watch.failed else Exit.DONE
             stop.wait(every)
-    return Exit.DONE  # only the watching ends
+    return Exit.DONE  # the run itself goes on

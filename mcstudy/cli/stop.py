@@ -1,12 +1,13 @@
-"""Ctrl-C, SIGTERM and SIGHUP from the first line of the command to its last.
+"""Handling of Ctrl-C, SIGTERM and SIGHUP during the whole run of a command.
 
-A signal must end the command wherever it is: in an import or a callback that would swallow an exception, in a compiler
-that returns to Python after a minute. So the signals raise nothing. The system's handler writes them into a pipe, a
-thread of ours reads it: work that can stop in an orderly way is asked to (`mcstudy.study.stopping`), and when it has
-not done so in `GRACE_S`, when there is none, or when a second signal comes, the thread ends the process. That loses
-nothing, since what is stored is whole or absent; files that are being written are removed.
+A signal must end the command wherever it is: in an import or a callback that would swallow an exception, or in a
+compiler that returns to Python only after a minute. Therefore signals raise no exception. The system's handler writes
+them into a pipe, and a thread of ours reads the pipe. It asks work that can stop in an orderly way to do so
+(`mcstudy.scheduler.stopping`). It ends the process when that takes longer than `GRACE_S`, when there is no such work,
+or when a second signal arrives. Nothing is lost: a stored chunk is either complete or absent, and unfinished files are
+removed.
 
-`catch` imports nothing that is slow, so that it comes first.
+`catch` imports no slow module, so that it can run first.
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ if TYPE_CHECKING:
     from typing import NoReturn
 
     from mcstudy.exits import Exit
-    from mcstudy.study.stopping import StopRequest
+    from mcstudy.scheduler.stopping import StopRequest
 
 RESUMES = "run the same command again to resume"
-"""How a message of what can be resumed ends; the command itself is printed behind it."""
+"""End of a message about work that can be resumed; the command itself is printed after it."""
 
 RESUMABLE = (("run",), ("extend",), *(("gap", "challenge", verb) for verb in ("make", "answer", "run")))
-"""Verbs that go on from where they were stopped."""
+"""Verbs that continue from where they were stopped."""
 
 GRACE_S = 1.6
-"""From the signal to the end of work that does not stop by itself; with all that comes after it, under 2 s."""
+"""Seconds after a signal until work that does not stop by itself is ended; the whole exit takes less than 2 s."""
 
 WRITE_S = 0.1
-"""How long the last line waits for a reader."""
+"""Seconds that the last line waits until the terminal accepts it."""
 
 
 class Stop:
@@ -51,13 +52,14 @@ class Stop:
         return self._asked
 
     def watch(self, words: Sequence[str]) -> None:
-        """Act on signals, those since `catch` included; ``words`` are those of the command."""
-        # Whatever the thread needs is imported here: later another thread may hold an import for long.
+        """Act on signals, including those since `catch`; ``words`` are the command-line arguments."""
+        # Everything the thread needs is imported here: later another thread may hold the import lock for long.
         import shlex  # noqa: F401
         import threading
 
         from mcstudy.exits import Exit  # noqa: F401
-        from mcstudy.study import stopping, unfinished  # noqa: F401
+        from mcstudy.files import unfinished  # noqa: F401
+        from mcstudy.scheduler import stopping
 
         self._words = tuple(words)
         stopping.own_signals()
@@ -65,10 +67,10 @@ class Stop:
         threading.Thread(target=self._listen, name="mcstudy-signals", daemon=True).start()
 
     def leave(self, message: str, code: Exit) -> NoReturn:
-        """End the process with one line, whatever its threads do: what they would write is whole or absent."""
-        from mcstudy.study.unfinished import remove_unfinished
+        """Print one line and end the process, whatever its threads do: their files are complete or absent."""
+        from mcstudy.files.unfinished import remove_unfinished
 
-        self._last.acquire()  # and never released: there is one last line
+        self._last.acquire()  # never released: only one last line is printed
         remove_unfinished()
         line = f"mcstudy: {message}\n".encode()
         try:
@@ -79,7 +81,7 @@ class Stop:
         os._exit(code)
 
     def _listen(self) -> None:
-        from mcstudy.study import stopping
+        from mcstudy.scheduler import stopping
 
         self._wait()
         self._asked = True
@@ -90,7 +92,7 @@ class Stop:
 
     def _wait(self, seconds: float | None = None) -> bool:
         """Wait for one of the signals; whether it came."""
-        from mcstudy.study.stopping import SIGNALS
+        from mcstudy.scheduler.stopping import SIGNALS
 
         end = None if seconds is None else time.monotonic() + seconds
         while select.select([self._pipe], [], [], None if end is None else max(0.0, end - time.monotonic()))[0]:
@@ -99,7 +101,7 @@ class Stop:
         return False
 
     def _last_words(self, asked: list[StopRequest]) -> None:
-        """End the process with what work that did not stop says about itself, if it does."""
+        """End the process with the message of the work that did not stop, if it has one."""
         from mcstudy.exits import Exit
 
         for request in asked:
@@ -108,7 +110,7 @@ class Stop:
 
 
 def catch() -> Stop:
-    """Take the signals, before anything else: none is lost from here on. One that is ignored stays so."""
+    """Catch the signals from here on, before anything else is done. A signal that is ignored stays ignored."""
     pipe, written = os.pipe()
     os.set_blocking(written, False)
     for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -119,14 +121,14 @@ def catch() -> Stop:
 
 
 def with_command(message: str, words: Sequence[str]) -> str:
-    """``message``, and the command behind it when it says that the command resumes."""
+    """``message``, followed by the command when it says that the command resumes."""
     import shlex
 
     return f"{message}: {shlex.join(['mcstudy', *words])}" if message.endswith(RESUMES) else message
 
 
 def stopped(words: Sequence[str], how: str = "") -> tuple[str, Exit]:
-    """What a command says that was stopped, and its exit code."""
+    """Message and exit code of a command that was stopped."""
     from mcstudy.exits import Exit
 
     if any(tuple(words[: len(verb)]) == verb for verb in RESUMABLE):
@@ -135,4 +137,4 @@ def stopped(words: Sequence[str], how: str = "") -> tuple[str, Exit]:
 
 
 def _nothing(*_: object) -> None:
-    """What a signal does to the main thread."""
+    """Signal handler of the main thread: does nothing."""

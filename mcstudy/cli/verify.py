@@ -1,4 +1,4 @@
-"""``mcstudy verify``: check every chunk of a results cube, and recompute a sample."""
+"""``mcstudy verify``: check every chunk of a results cube and recompute a sample of fits."""
 
 from __future__ import annotations
 
@@ -11,23 +11,25 @@ from mcstudy.exits import Exit
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
-    parser.add_argument("--cells", type=int, default=20, help="cells to recompute bit for bit; default 20")
-    parser.add_argument("--seed", type=int, default=0, help="chooses the cells; default 0")
+    parser.add_argument(
+        "--cells", type=int, default=20, help="number of fits to recompute and compare bit for bit; default 20"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="random seed for the choice of these fits; default 0")
 
 
 def main(args: argparse.Namespace) -> Exit:
-    """Check; returns `Exit.DIFFERS` when anything is wrong."""
-    from mcstudy.study.durable import tree_digest
+    """Check a cube; returns `Exit.DIFFERS` when anything is damaged or differs."""
+    from mcstudy.files.durable import tree_digest
     from mcstudy.study.verify import verify
 
-    verdict = verify(args.out, args.cells, args.seed)
-    for note in verdict.notes:
+    findings = verify(args.out, args.cells, args.seed)
+    for note in findings.notes:
         print(f"note: {note}")
-    for line in verdict.damage:
+    for line in findings.damage:
         print(f"damage: {line}")
     print(
-        f"{args.out}: {len(verdict.damage)} damaged; {verdict.chunks} chunks read, "
-        f"{verdict.recomputed} fits recomputed, {verdict.pending} not run yet"
+        f"{args.out}: {len(findings.damage)} damaged; {findings.chunks} chunks read, "
+        f"{findings.recomputed} fits recomputed, {findings.pending} not run yet"
     )
     print(f"sha256 of the tree: {tree_digest(args.out)}")
-    return Exit.DIFFERS if verdict.damage else Exit.DONE
+    return Exit.DIFFERS if findings.damage else Exit.DONE

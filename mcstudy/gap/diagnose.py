@@ -1,6 +1,6 @@
-"""The whole diagnosis of a recording: where the model fails, which effect is missing, how far the gap shrinks.
+"""Diagnosis of a recording: where the model fails, which effect is missing, and how much of the gap it closes.
 
-`diagnose` refits the model to every draw of the null; `diagnose_fast` draws through the linearised fit.
+`diagnose` refits the model to every null sample; `diagnose_fast` uses the linearised fit instead.
 """
 
 from __future__ import annotations
@@ -10,35 +10,34 @@ from dataclasses import replace
 
 import numpy as np
 
-from mcstudy.errors import InputError, RecordingError
-from mcstudy.gap.ambiguity import undetectable
-from mcstudy.gap.checks import check, check_noise
-from mcstudy.gap.close import Belief, Closed, close, floor_rms_deg, sway_rms_deg
-from mcstudy.gap.diagnosis import LEVEL, Diagnosis, Shift, sources
-from mcstudy.gap.explain import Cause, Explanation, explain
-from mcstudy.gap.fitting import Data, Fitted
-from mcstudy.gap.frf_only import FrfRecording
-from mcstudy.gap.lines import Lines
-from mcstudy.gap.locate import missing_torque, places
-from mcstudy.gap.measure import measure
-from mcstudy.gap.plausible import merged, plausibility, refuse
-from mcstudy.gap.recording import Recording
-from mcstudy.gap.scores import Scores
-from mcstudy.gap.tested import Tested, tested
+from mcstudy.errors import InputError
+from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.gap.candidates.scores import Scores
+from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.gap.diagnosis import LEVEL, Diagnosis
+from mcstudy.gap.questions.any_gap import GapTest, gap_test
+from mcstudy.gap.questions.closure import Belief, Closure, close, floor_rms_deg, sway_rms_deg
+from mcstudy.gap.questions.location import locations, missing_torque
+from mcstudy.gap.questions.parameters import shifts
+from mcstudy.gap.questions.posterior import Cause, Explanation, explain
+from mcstudy.gap.questions.power import undetectable
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.recording import Recording
+from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
-from mcstudy.study.streams import stream
+from mcstudy.streams import stream
 
 FAST_DRAWS = 1000
 BOOTSTRAP = 1000
 
 LEAST_DRAWS = 50
-"""Fewest draws of a bootstrap: with fewer than 31 no p-value could be below `LEVEL`."""
+"""Fewest bootstrap samples: with fewer than 31 no p-value could be below `LEVEL`."""
 
 CREDIBLE = 0.95
 
 
 def diagnose(
-    recording: Recording | FrfRecording | Sequence[Recording],
+    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
     *,
     bootstrap: int = BOOTSTRAP,
     seed: int = 0,
@@ -47,24 +46,26 @@ def diagnose(
     discard: int = 1,
     accept: Iterable[str] = (),
 ) -> Diagnosis:
-    """Diagnosis with a parametric bootstrap: the base model is refitted to every one of ``bootstrap`` draws.
+    """Diagnosis with a parametric bootstrap: the base model is refitted to each of ``bootstrap`` null samples.
 
     Parameters
     ----------
-    recording: one, or several of the same person, stimulus and sampling, which are pooled.
-    seed: of every random number. model: base model; the two-segment one of the recording's body when None.
-    fmax: highest line, Hz. discard: transient cycles left out of every trial.
-    accept: codes of suspicions about mislabelled channels that the user wants to keep.
+    recording: one recording, or several of the same person, stimulus and sampling rate, which are pooled.
+    bootstrap: number of null samples. seed: seed of all random numbers.
+    model: base model; by default the two-segment model of the recording's body.
+    fmax: highest frequency, Hz. discard: transient cycles left out at the start of every trial.
+    accept: codes of suspicions about mislabelled channels. For these the labels are kept.
 
-    Raises `RecordingError` for recordings that cannot be analysed or whose channels are not what they are labelled.
+    Raises `RecordingError` for a recording that cannot be analysed or whose channels are mislabelled, `InputError` for
+    too small a ``bootstrap``.
     """
     if bootstrap < LEAST_DRAWS:
-        raise InputError(f"bootstrap: expected at least {LEAST_DRAWS} draws, got {bootstrap}")
-    return _diagnose(pooled(recording), bootstrap, True, seed, model, fmax, discard, accept)
+        raise InputError(f"bootstrap: expected at least {LEAST_DRAWS} null samples, got {bootstrap}")
+    return _diagnose(recording, bootstrap, True, seed, model, fmax, discard, accept)
 
 
 def diagnose_fast(
-    recording: Recording | FrfRecording | Sequence[Recording],
+    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
     *,
     seed: int = 0,
     model: Model | None = None,
@@ -72,48 +73,26 @@ def diagnose_fast(
     discard: int = 1,
     accept: Iterable[str] = (),
 ) -> Diagnosis:
-    """Diagnosis with asymptotic nulls: draws of noise and its covariance through the linearised fit. See `diagnose`."""
-    return _diagnose(pooled(recording), FAST_DRAWS, False, seed, model, fmax, discard, accept)
+    """Diagnosis with asymptotic null distributions: simulated noise through the linearised fit. See `diagnose`."""
+    return _diagnose(recording, FAST_DRAWS, False, seed, model, fmax, discard, accept)
 
 
 def detect_fast(
-    recording: Recording | FrfRecording | Sequence[Recording],
+    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
     *,
     seed: int = 0,
     model: Model | None = None,
     fmax: float = 8.0,
     discard: int = 1,
     accept: Iterable[str] = (),
-) -> Tested:
-    """Only whether there is a gap, exactly as `diagnose_fast` decides it, in half the time. See `diagnose`."""
-    whole = pooled(recording)
-    lines, _ = _measured(whole, fmax, discard, accept)
-    return tested(lines, model or whole.base_model(), FAST_DRAWS, False, seed)
-
-
-def pooled(recording: Recording | FrfRecording | Sequence[Recording]) -> Recording | FrfRecording:
-    """One recording with all trials; raises `RecordingError` when kind, sampling or body differ."""
-    if isinstance(recording, Recording | FrfRecording):
-        return recording
-    if not recording:
-        raise RecordingError("recordings: expected at least one")
-    first, *rest = recording
-    for r in rest:
-        for field in ("rate_hz", "period_s", "stimulus", "body", "convention"):
-            if getattr(r, field) != getattr(first, field):
-                raise RecordingError(
-                    f"{r.name}: {field}: expected {getattr(first, field)!r} as in {first.name}, "
-                    f"got {getattr(r, field)!r}; diagnose them apart"
-                )
-    return replace(
-        first,
-        trials=tuple(t for r in recording for t in r.trials),
-        suspicions=merged(*(r.suspicions for r in recording)),
-    )
+) -> GapTest:
+    """Only the test for a gap, identical to that of `diagnose_fast`, in half the time. See `diagnose`."""
+    one, lines = checked_lines(recording, fmax, discard, accept)
+    return gap_test(lines, model or one.base_model(), FAST_DRAWS, False, seed)
 
 
 def _diagnose(
-    recording: Recording | FrfRecording,
+    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
     draws: int,
     refits: bool,
     seed: int,
@@ -122,12 +101,15 @@ def _diagnose(
     discard: int,
     accept: Iterable[str],
 ) -> Diagnosis:
-    lines, warnings = _measured(recording, fmax, discard, accept)
-    outcome = diagnose_lines(
-        lines, model or recording.base_model(), draws=draws, refits=refits, seed=seed, name=recording.name
-    )
+    one, lines = checked_lines(recording, fmax, discard, accept)
+    outcome = diagnose_lines(lines, model or one.base_model(), draws=draws, refits=refits, seed=seed, name=one.name)
+    if isinstance(one, Recording):
+        warnings = tuple(s.message for s in one.suspicions)
+    else:
+        warnings = ("only one angle was published, so the hip is not tested",) if one.single else ()
     return replace(
         outcome,
+        recording=one,
         warnings=(*warnings, *outcome.warnings),
         method={**outcome.method, "fmax": fmax, "discard": discard},
     )
@@ -136,13 +118,15 @@ def _diagnose(
 def diagnose_lines(
     lines: Lines, nominal: Model, *, draws: int, refits: bool, seed: int = 0, name: str = "lines"
 ) -> Diagnosis:
-    """Diagnosis of measured lines under a base model whose values are the order of magnitude of a person's."""
-    t = tested(lines, nominal, draws, refits, seed)
+    """Diagnosis of measured lines. ``nominal``: base model with values of the order of magnitude of a person's."""
+    t = gap_test(lines, nominal, draws, refits, seed)
     base, data, detection, compared = t.base, t.data, t.detection, t.contrasts
-    explanation = explain(base, t.minima, data, t.effects, t.signatures, t.groups, t.scores, detection.rough, compared)
+    explanation = explain(
+        base, t.minima, data, t.effects, t.signatures, t.groups, t.scores, detection.unstructured, compared
+    )
     detected = t.p_value < LEVEL
     leading = explanation.causes[0] if detected and explanation.causes else None
-    place, abstained = places(explanation)
+    place, abstained = locations(explanation)
     trials = int(np.unique(lines.trial).size)
     belief = Belief(explanation.hypotheses, explanation.unknown, detection.null_chi2)
     return Diagnosis(
@@ -161,7 +145,7 @@ def diagnose_lines(
         undetectable=undetectable(t.signatures, compared, trials),
         detection=detection,
         contrasts=tuple(compared),
-        shifts=_shifts(base, leading),
+        shifts=shifts(base, None if leading is None else leading.fitted),
         groups=tuple(t.groups),
         f=lines.f,
         torque=missing_torque(base, data),
@@ -173,38 +157,26 @@ def diagnose_lines(
             "trials": trials,
             "repeats": int(lines.repeats.shape[0]),
         },
+        lines=lines,
+        base=base,
     )
 
 
-def _measured(
-    recording: Recording | FrfRecording, fmax: float, discard: int, accept: Iterable[str]
-) -> tuple[Lines, tuple[str, ...]]:
-    """The lines of a recording, and what is odd about it; raises `RecordingError` for what is refused."""
-    if isinstance(recording, FrfRecording):
-        lines = measure(recording, fmax, discard)
-        check_noise(lines, recording.name)
-        return lines, ("only one angle was published, so the hip is not tested",) if recording.single else ()
-    noted = check(recording)
-    lines = measure(recording, fmax, discard)
-    check_noise(lines, recording.name)
-    # All of them before the decision: what one check noted says nothing about what another would find.
-    found = merged(recording.suspicions, noted, plausibility(recording, lines))
-    refuse(found, accept)
-    return lines, tuple(s.message for s in found)
-
-
 def _other_axes(lines: Lines) -> list[str]:
-    """Even lines: an even nonlinearity excites what the stimulus does not."""
+    """Warning about power at even lines, which the stimulus does not excite but an even nonlinearity does."""
     if lines.even is None:
         return []
     ratio, p = lines.even.excess(0.02, 2.0)
     if not np.isfinite(p).all() or p.min() > 1e-3:
         return []
-    return [f"even lines hold {ratio[int(p.argmin())]:.2g} times their noise (p = {p.min():.1g}): an even nonlinearity"]
+    return [
+        f"power at even lines is {ratio[int(p.argmin())]:.2g} times the noise level (p = {p.min():.1g}), "
+        "which indicates an even nonlinearity"
+    ]
 
 
 def credible_set(explanation: Explanation) -> tuple[int | str, ...]:
-    """Smallest set of causes (by index), "unknown" and "none" with at least `CREDIBLE` of the posterior."""
+    """Smallest set of causes (by index), "unknown" and "none" whose posterior probability is at least `CREDIBLE`."""
     entries: list[tuple[float, int | str]] = [(c.probability, k) for k, c in enumerate(explanation.causes)]
     entries += [(explanation.unknown, "unknown"), (explanation.none, "none")]
     out: list[int | str] = []
@@ -219,7 +191,7 @@ def credible_set(explanation: Explanation) -> tuple[int | str, ...]:
 
 def _closed(
     base: Fitted, leading: Cause, data: Data, lines: Lines, scores: Scores, belief: Belief, seed: int
-) -> Closed:
+) -> Closure:
     space = np.concatenate(
         [
             *(s.vector[:, None] for s in scores.library),
@@ -238,17 +210,3 @@ def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict
         "after": None if leading is None else sway_rms_deg(leading.fitted, data, lines),
         "floor": floor_rms_deg(base if leading is None else leading.fitted, data, lines),
     }
-
-
-def _shifts(base: Fitted, leading: Cause | None) -> tuple[Shift, ...]:
-    se = np.sqrt(np.diag(base.covariance))
-    added_se = None if leading is None else np.sqrt(np.diag(leading.fitted.covariance))
-    origin = sources(base)
-    added_origin = None if leading is None else sources(leading.fitted)
-    out = []
-    for k, p in enumerate(base.model.parameters):
-        added = None if leading is None else float(leading.fitted.theta[k])
-        error = None if added_se is None else float(added_se[k])
-        origins = origin[k], None if added_origin is None else added_origin[k]
-        out.append(Shift(p.name, p.unit, float(base.theta[k]), float(se[k]), added, error, *origins))
-    return tuple(out)

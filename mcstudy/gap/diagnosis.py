@@ -1,91 +1,55 @@
-"""The outcome of a diagnosis: a frozen object, its JSON form and its paragraph in plain words."""
+"""The outcome of a diagnosis: a frozen object, its JSON form and its summary as text."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from html import escape
+from typing import Any, ClassVar
 
 import numpy as np
 
-from mcstudy.gap.ambiguity import Undetectable
-from mcstudy.gap.close import Closed
-from mcstudy.gap.contrasts import Contrast
-from mcstudy.gap.detect import Detection
-from mcstudy.gap.explain import Cause
-from mcstudy.gap.fitting import Fitted
-from mcstudy.gap.summary import Summary, shortened
-from mcstudy.study import schema
+from mcstudy.files import schema
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.gap import tables, verdict
+from mcstudy.gap.questions.closure import Closure
+from mcstudy.gap.questions.contrasts import Contrast
+from mcstudy.gap.questions.detection import Detection
+from mcstudy.gap.questions.parameters import Shift
+from mcstudy.gap.questions.posterior import Cause
+from mcstudy.gap.questions.power import Undetectable
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.recording import Recording
+from mcstudy.short_repr import Summary, shortened
+from mcstudy.spectra.lines import Lines
 
 LEVEL = 0.05
-"""Probability of a false alarm."""
-
-
-MOSTLY_PRIOR = 0.7
-"""Standard deviation of a parameter, relative to that of its prior, from which the data said less than the prior."""
-
-SOURCES = {"data": "", "prior": "mostly prior", "bound": "at bound"}
-"""Where the value of a parameter comes from, and how a table says it."""
-
-SOURCES_EXPLAINED = (
-    f"mostly prior: the standard error is at least {MOSTLY_PRIOR:g} of that of the prior, so the value is the prior's "
-    "more than the data's; at bound: the fit ends on a bound, so the standard error says little."
-)
-
-
-def sources(fitted: Fitted) -> tuple[str, ...]:
-    """Per parameter of a fit, a key of `SOURCES`."""
-    model, prior = fitted.model, fitted.prior
-    share = np.sqrt(np.diag(fitted.covariance)) / prior.scale
-    near = 1e-6 * (model.upper - model.lower)
-    on_bound = (fitted.theta <= model.lower + near) | (fitted.theta >= model.upper - near)
-    return tuple(
-        "bound" if bound else "prior" if s >= MOSTLY_PRIOR else "data" for bound, s in zip(on_bound, share, strict=True)
-    )
-
-
-@dataclass(frozen=True)
-class Shift:
-    """A base parameter with and without the leading cause: estimates and standard errors in ``unit``.
-
-    ``without_from``, ``added_from``: where the values come from, keys of `SOURCES`.
-    """
-
-    name: str
-    unit: str
-    without: float
-    without_se: float
-    added: float | None
-    added_se: float | None
-    without_from: str = "data"
-    added_from: str | None = None
-
-    @property
-    def source(self) -> str:
-        """In words: of the fit with the leading cause, of the other where they differ or there is none."""
-        own = SOURCES[self.without_from]
-        if self.added_from is None or self.added_from == self.without_from:
-            return own
-        return f"{own or 'data'}; with the cause {SOURCES[self.added_from] or 'data'}"
+"""Significance level of the test for a gap."""
 
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Summary):
-    """What one recording says about the gap between its body and the model.
+    """Diagnosis of the gap between the body in one recording and the model.
 
     Attributes
     ----------
-    name: of the recording. detected: whether there is a gap at the 5 % level; p_value: of that test; p_least: the least
-        it could be with these draws.
-    place: probability of ankle, hip, stimulus, sensor, body; place_abstained: what is given to none of them.
-    causes: named causes by falling probability, each an ambiguity group; none_probability, unknown_probability: that
-        nothing is missing, that the cause is not in the library.
-    credible_set: the smallest set of causes, "unknown" and "none" that holds 95 %, as indices into ``causes`` or words.
-    closed: share of the gap that the leading cause closes (None without a gap). sway_rms_deg: error of predicted sway
-        before, after and at the noise floor, deg. undetectable: what these data cannot speak about.
-    detection: tests, residual map and bands. contrasts: amplitude and time. shifts: parameters. groups: effects that
-        this recording cannot tell apart. f: lines, Hz. torque: (N, 2) missing torque by row (hip, ankle), a picture.
-    warnings: what is odd about the recording. method: how the null was found.
+    name: of the recording. detected: whether there is a gap at the 5 % level; p_value: of that test; p_least: smallest
+        p-value that is possible with this number of null samples.
+    place: probability of each location (ankle, hip, stimulus, sensor, body); place_abstained: probability that is
+        assigned to none of them.
+    causes: named causes by decreasing probability, each an ambiguity group; none_probability: probability that no
+        effect is missing; unknown_probability: probability of a cause outside the library.
+    credible_set: the smallest set of causes, "unknown" and "none" with a probability of 95 %, as indices into
+        ``causes`` or words.
+    closed: share of the gap that the leading cause closes (None without a gap). sway_rms_deg: RMS error of predicted
+        sway before and after adding the cause, and its noise floor, deg. undetectable: effects below the detection
+        limit.
+    detection: tests, residual map and bands. contrasts: comparisons between amplitudes and over time. shifts: parameter
+        estimates. groups: effects that this recording cannot distinguish. f: lines, Hz. torque: (N, 2) complex, torque
+        per stimulus by row (hip, ankle) that would close the gap; for illustration only.
+    warnings: data quality warnings. method: settings of the null distribution.
+    lines: the measured lines. base: the fit of the model without effects. recording: the diagnosed recording (several
+        are pooled), None for lines alone.
     """
 
     name: str
@@ -98,22 +62,27 @@ class Diagnosis(Summary):
     none_probability: float
     unknown_probability: float
     credible_set: tuple[int | str, ...]
-    closed: Closed | None
+    closed: Closure | None
     sway_rms_deg: dict[str, float | None]
     undetectable: tuple[Undetectable, ...]
     detection: Detection
     contrasts: tuple[Contrast, ...]
     shifts: tuple[Shift, ...]
     groups: tuple[tuple[str, ...], ...]
-    f: np.ndarray = field(repr=False)
-    torque: np.ndarray = field(repr=False)
+    f: np.ndarray
+    torque: np.ndarray
     warnings: tuple[str, ...]
     method: dict[str, Any]
+    lines: Lines
+    base: Fitted
+    recording: Recording | FrfRecording | None = None
+
+    more: ClassVar[str] = "verdict(), to_dict()"
+    """Further methods, named in the representation at a prompt."""
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
-        from mcstudy.gap.verdict import p_words, words
-
+        words = verdict.words
         found = "a gap beyond noise" if self.detected else "no gap beyond noise"
         causes = [(c.probability, words(" and ".join(c.effects))) for c in self.causes]
         causes += [
@@ -124,130 +93,82 @@ class Diagnosis(Summary):
         place = max(self.place, key=lambda k: self.place[k])
         facts = [
             ("name", shortened(self.name)),
-            ("verdict", f"{found} ({p_words(self.p_value, self.p_least)})"),
+            ("verdict", f"{found} ({verdict.p_words(self.p_value, self.p_least)})"),
             ("causes", "; ".join(f"{name} {100 * p:.0f} %" for p, name in leading)),
-            ("place", f"{place} {100 * self.place[place]:.0f} %"),
+            ("location", f"{place} {100 * self.place[place]:.0f} %"),
         ]
         if self.closed is not None:
             c = self.closed
             facts.append(("closed", f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}] of the gap"))
         if self.warnings:
             facts.append(("notes", shortened("; ".join(self.warnings), 600)))
-        return [*facts, ("more", "verdict(), to_dict()")]
+        return [*facts, ("more", self.more)]
 
     def verdict(self) -> str:
-        """One paragraph in plain words."""
-        from mcstudy.gap.verdict import verdict
-
-        return verdict(self)
+        """Summary of the diagnosis in one paragraph."""
+        return verdict.verdict(self)
 
     def _repr_html_(self) -> str:
-        from mcstudy.gap.verdict import html
-
-        return html(self)
+        return f"<h3>{escape(self.name)}</h3><p>{escape(self.verdict())}</p>{tables.html(self)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON data, valid under ``results_schema/1.0.0/diagnosis.json``."""
-        d = self.detection
+        d, closed = self.detection, self.closed
         return _plain(
             {
                 "schema": schema.identifier("diagnosis"),
                 "name": self.name,
                 "verdict": self.verdict(),
-                "detected": self.detected,
-                "p_value": self.p_value,
-                "place": self.place,
-                "place_abstained": self.place_abstained,
+                **_of(self, "detected p_value place place_abstained"),
                 "causes": [
                     {
-                        "effects": list(c.effects),
-                        "alternatives": [list(a) for a in c.alternatives],
-                        "probability": c.probability,
-                        "size": {
-                            s.name: {"estimate": s.estimate, "se": s.se, "low": s.low, "high": s.high, "unit": s.unit}
-                            for s in c.sizes
-                        },
+                        **_of(c, "effects alternatives probability"),
+                        "size": {s.name: _of(s, "estimate se low high unit") for s in c.sizes},
                     }
                     for c in self.causes
                     if c.probability > 1e-4 or c is self.causes[0]
                 ],
-                "none_probability": self.none_probability,
-                "unknown_probability": self.unknown_probability,
+                **_of(self, "none_probability unknown_probability"),
                 "credible_set": [
-                    {"cause": k} if isinstance(k, str) else {"cause": "named", "effects": list(self.causes[k].effects)}
+                    {"cause": k} if isinstance(k, str) else {"cause": "named", "effects": self.causes[k].effects}
                     for k in self.credible_set
                 ],
-                "closed": None
-                if self.closed is None
-                else {
-                    "fraction": self.closed.fraction,
-                    "low": self.closed.low,
-                    "high": self.closed.high,
-                    "at_noise_floor": self.closed.at_noise_floor,
-                    "energy_before": self.closed.before,
-                    "energy_after": self.closed.after,
-                    "trials_needed": self.closed.trials_needed,
+                "closed": closed
+                and {
+                    **_of(closed, "fraction low high at_noise_floor"),
+                    "energy_before": closed.before,
+                    "energy_after": closed.after,
+                    "trials_needed": closed.trials_needed,
                 },
                 "sway_rms_deg": self.sway_rms_deg,
-                "undetectable": [
-                    {
-                        "effect": u.effect,
-                        "reason": u.reason,
-                        "size_needed": u.size_needed,
-                        "unit": u.unit,
-                        "trials_needed": u.trials_needed,
-                    }
-                    for u in self.undetectable
-                ],
+                "undetectable": [_of(u, "effect reason size_needed unit trials_needed") for u in self.undetectable],
                 "fit": {
                     "chi2": d.chi2,
                     "expected": d.expected_chi2,
                     "p_value": d.fit_p_value,
                     "lines": len(self.f),
                 },
-                "bands": [
-                    {
-                        "angle": b.angle,
-                        "low_hz": b.low_hz,
-                        "high_hz": b.high_hz,
-                        "level": b.level,
-                        "limit": b.limit,
-                        "beyond": b.beyond,
-                    }
-                    for b in d.bands
-                ],
+                "bands": [_of(b, "angle low_hz high_hz level limit beyond") for b in d.bands],
                 "z_map": {"f": self.f, "theta1": np.abs(d.z[:, 0]), "theta2": np.abs(d.z[:, 1]), "limit": d.z_limit},
                 "contrasts": [
-                    {
-                        "kind": c.kind,
-                        "between": list(c.between),
-                        "p_value": c.p_value,
-                        "changes": [{"effect": k.effect, "gain": k.gain, "se": k.se, "z": k.z} for k in c.changes],
-                    }
+                    {**_of(c, "kind between p_value"), "changes": [_of(k, "effect gain se z") for k in c.changes]}
                     for c in self.contrasts
                 ],
                 "parameters": [
-                    {
-                        "name": s.name,
-                        "unit": s.unit,
-                        "without": s.without,
-                        "without_se": s.without_se,
-                        "added": s.added,
-                        "added_se": s.added_se,
-                        "without_from": s.without_from,
-                        "added_from": s.added_from,
-                    }
-                    for s in self.shifts
+                    _of(s, "name unit without without_se added added_se without_from added_from") for s in self.shifts
                 ],
-                "groups": [list(g) for g in self.groups],
-                "warnings": list(self.warnings),
-                "method": self.method,
+                **_of(self, "groups warnings method"),
             }
         )
 
 
+def _of(record: object, names: str) -> dict[str, Any]:
+    """Some attributes of a record, under their names."""
+    return {name: getattr(record, name) for name in names.split()}
+
+
 def _plain(x: Any) -> Any:
-    """Builtin types only; numbers that are not finite become null."""
+    """Convert to builtin types; numbers that are not finite become None."""
     if isinstance(x, dict):
         return {str(k): _plain(v) for k, v in x.items()}
     if isinstance(x, list | tuple):

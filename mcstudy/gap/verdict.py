@@ -1,20 +1,23 @@
-"""A diagnosis in words and as a page fragment."""
+"""The outcome of a diagnosis as text."""
 
 from __future__ import annotations
 
-from html import escape
+from typing import TYPE_CHECKING
 
-from mcstudy.gap.diagnosis import SOURCES_EXPLAINED, Diagnosis
-from mcstudy.gap.explain import Cause
+from mcstudy.gap.questions.posterior import Cause
+from mcstudy.gap.questions.power import Undetectable
+
+if TYPE_CHECKING:
+    from mcstudy.gap.diagnosis import Diagnosis
 
 
 def words(name: str) -> str:
-    """An effect's name for people."""
+    """The name of an effect for display, with spaces."""
     return name.replace("_", " ")
 
 
 def named(cause: Cause) -> str:
-    """Names of a cause's effects with what they cannot be told from."""
+    """Names of the effects of a cause, each with the effects that the recording cannot distinguish from it."""
     parts = []
     for effect, group in zip(cause.effects, cause.alternatives, strict=True):
         others = [words(n) for n in group if n != effect]
@@ -23,7 +26,7 @@ def named(cause: Cause) -> str:
 
 
 def where(d: Diagnosis) -> str:
-    """Bands of the residual map beyond their limit, in words."""
+    """The bands of the residual map that exceed their limit, as text."""
     by_angle: dict[str, list[tuple[float, float]]] = {}
     for b in d.detection.bands:
         if b.beyond:
@@ -41,12 +44,12 @@ def where(d: Diagnosis) -> str:
 
 
 def p_words(p: float, least: float) -> str:
-    """A p-value as text, not smaller than the draws can say."""
+    """A p-value as text; ``least`` is the smallest one that this number of null samples can give."""
     return f"p < {least:.2g}" if p <= 1.01 * least else f"p = {p:.2g}"
 
 
 def verdict(d: Diagnosis) -> str:
-    """One paragraph: whether, where, which, how far, and what cannot be excluded."""
+    """One paragraph: whether there is a gap, where, its cause, how much it closes, and what cannot be ruled out."""
     p = p_words(d.p_value, d.p_least)
     parts = []
     if not d.detected:
@@ -78,8 +81,7 @@ def verdict(d: Diagnosis) -> str:
             largest = max(contrast.changes, key=lambda k: k.log_factor)
             what = "with amplitude" if contrast.kind == "amplitude" else "over the recording"
             parts.append(f"The active gains change {what} by {100 * largest.gain:+.0f} % (± {100 * largest.se:.0f}).")
-    said = _said(d) if d.detected else set()
-    missed = [words(u.effect) for u in d.undetectable if u.effect not in said]
+    missed = [words(u.effect) for u in undetected(d)]
     if missed:
         parts.append(f"These data can neither confirm nor rule out: {', '.join(missed)}.")
     parts += [f"Note: {w}." for w in d.warnings]
@@ -87,12 +89,18 @@ def verdict(d: Diagnosis) -> str:
 
 
 def _unnamed(d: Diagnosis) -> bool:
-    """Whether a cause outside the library is more probable than any in it."""
+    """Whether a cause outside the library is more probable than every named cause."""
     return d.unknown_probability > d.causes[0].probability
 
 
+def undetected(d: Diagnosis) -> list[Undetectable]:
+    """Effects below the detection limit, except those named as causes, which these data do show."""
+    said = _said(d) if d.detected else set()
+    return [u for u in d.undetectable if u.effect not in said]
+
+
 def _said(d: Diagnosis) -> set[str]:
-    """Effects that the sentences on causes name."""
+    """Effects that the sentences about causes name."""
     causes = [d.causes[0]]
     if not _unnamed(d):
         causes += [d.causes[k] for k in d.credible_set if isinstance(k, int)]
@@ -103,7 +111,8 @@ def _cause(d: Diagnosis) -> list[str]:
     first = d.causes[0]
     if _unnamed(d):
         out = [
-            f"No effect of the library explains it: the cause is something else ({100 * d.unknown_probability:.0f} %)."
+            f"No effect of the library explains the gap; a cause outside it is more probable "
+            f"({100 * d.unknown_probability:.0f} %)."
         ]
         if first.probability > 0.05:
             out.append(f"The nearest named cause is {named(first)} ({100 * first.probability:.0f} %).")
@@ -126,28 +135,3 @@ def _cause(d: Diagnosis) -> list[str]:
     else:
         out.append("Location: uncertain.")
     return out
-
-
-def html(d: Diagnosis) -> str:
-    """The verdict and the tables."""
-    rows = "".join(
-        f"<tr><td>{escape(named(c))}</td><td>{c.probability:.3f}</td><td>"
-        + escape("; ".join(f"{s.name} = {s.estimate:.3g} ± {s.se:.2g} {s.unit}" for s in c.sizes))
-        + "</td></tr>"
-        for c in d.causes[:8]
-    )
-    rows += f"<tr><td>outside the library</td><td>{d.unknown_probability:.3f}</td><td></td></tr>"
-    rows += f"<tr><td>no missing effect</td><td>{d.none_probability:.3f}</td><td></td></tr>"
-    shifts = "".join(
-        f"<tr><td>{s.name}</td><td>{s.without:.4g} ± {s.without_se:.2g}</td><td>"
-        + ("" if s.added is None else f"{s.added:.4g} ± {s.added_se:.2g}")
-        + f"</td><td>{escape(s.unit)}</td><td>{escape(s.source)}</td></tr>"
-        for s in d.shifts
-    )
-    return (
-        f"<h3>{escape(d.name)}</h3><p>{escape(d.verdict())}</p>"
-        "<table><thead><tr><th>cause</th><th>probability</th><th>size</th></tr></thead>"
-        f"<tbody>{rows}</tbody></table>"
-        "<table><thead><tr><th>parameter</th><th>base model</th><th>with the leading cause</th><th>unit</th>"
-        f"<th>value from</th></tr></thead><tbody>{shifts}</tbody></table><p>{escape(SOURCES_EXPLAINED)}</p>"
-    )

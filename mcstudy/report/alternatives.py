@@ -1,4 +1,4 @@
-"""Results of alternatives to the paper's method, as files that a report shows beside a study.
+"""Results of alternatives to the paper's method, as files that the report of a study can show.
 
 The examples that make them are ``pipelines/examples/two_stimuli.py`` and ``population.py``; the file follows
 ``results_schema/1.0.0/alternative.json``.
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import StoreError
-from mcstudy.gap.challenge.files import read_json, write_json
-from mcstudy.study import schema
+from mcstudy.files import schema
+from mcstudy.files.json_files import read_json, write_json
 
 SCHEMA = "alternative"
 
@@ -26,7 +26,7 @@ class TwoStimuliResult:
 
     Attributes
     ----------
-    command: what made it. settings: what was chosen. f: (N,) Hz.
+    command: the command that made it. settings: its settings. f: (N,) Hz.
     estimators: name -> (stimuli in an experiment, controller -> "off", "chance", "single" (N,) in percent).
     """
 
@@ -67,7 +67,7 @@ def read_alternative(path: Path) -> TwoStimuliResult | PopulationResult:
             for k, v in values.items():
                 if v.shape != f.shape:
                     raise StoreError(
-                        f"{path}: {e['name']}: {name}: {k}: expected {f.size} numbers, one a frequency, got {v.size}"
+                        f"{path}: {e['name']}: {name}: {k}: expected {f.size} numbers, one per frequency, got {v.size}"
                     )
         estimators[e["name"]] = int(e["stimuli"]), controllers
     return TwoStimuliResult(command, settings, f, estimators)

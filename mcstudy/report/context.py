@@ -1,4 +1,4 @@
-"""What the page is made of: the study read once, and which of its groups answers which question."""
+"""The data of the page: the study, read once, and the group for each question."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis.cells import number, with_error
-from mcstudy.analysis.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ, STARTS
-from mcstudy.analysis.summary import summary
+from mcstudy.analysis.paper.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ, STARTS
+from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.view import GroupView, StudyView
+from mcstudy.text_tables import number, with_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,8 @@ class Context:
 
     @cached_property
     def data(self) -> dict[str, Any]:
-        """`mcstudy.analysis.summary.summary`: what ``mcstudy show OUT --json`` prints."""
-        return summary(self.study)
+        """`mcstudy.analysis.show.summary.show_data`: what ``mcstudy show OUT --json`` prints."""
+        return show_data(self.study)
 
     @property
     def name(self) -> str:
@@ -52,7 +52,7 @@ class Context:
 
     @cached_property
     def held(self) -> list[GroupView]:
-        """Groups of which something is done."""
+        """Groups with at least one finished fit."""
         return [g for g in self.study.groups.values() if bool(g.cells["cost"].notnull().any())]
 
     def _if_held(self, view: GroupView | None) -> GroupView | None:
@@ -102,7 +102,7 @@ def _settings(view: GroupView) -> str:
 
 
 def conditions(view: GroupView, ends_only: bool = False) -> list[tuple[float, float]]:
-    """(amplitude, Fmax) of which something is done, by Fmax; or only the smallest and the largest amplitude of each."""
+    """(amplitude, Fmax) with finished fits, by Fmax; or only the smallest and the largest amplitude of each."""
     done = view.cells["cost"].notnull().any("realization")
     out = []
     for f in view.cube["fmax"].values.tolist():
@@ -114,7 +114,7 @@ def conditions(view: GroupView, ends_only: bool = False) -> list[tuple[float, fl
 
 
 def largest_amplitude(view: GroupView) -> float:
-    """The largest amplitude of which something is done."""
+    """The largest amplitude with finished fits."""
     return max(a for a, _ in conditions(view))
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Callable, Sequence
 from importlib.resources import files
+from pathlib import Path
 
+from mcstudy.errors import InputError
+from mcstudy.files.durable import replacing
 from mcstudy.report.html import escape
 from mcstudy.report.style import COLOURS, DARK
 
@@ -33,6 +37,24 @@ def document(title: str, introduction: str, parts: Sequence[tuple[str, str, str]
         f'<nav aria-label="Contents"><ul>{contents}</ul></nav><main id="main" tabindex="-1">{body}</main>'
         f"<footer><p>{escape(footer)}</p></footer></body></html>\n"
     )
+
+
+def write_page(path: str | Path, text: Callable[[], str]) -> Path:
+    """Write the page that ``text`` makes; the file is begun first: nobody should wait for a page that cannot be kept.
+
+    Raises `InputError` for a file that cannot be written.
+    """
+    file = Path(path)
+    place = file.resolve()  # a link stays one
+    with contextlib.ExitStack() as stack:
+        try:
+            if place.exists():
+                place.open("ab").close()
+            opened = stack.enter_context(replacing(place))
+        except OSError as error:
+            raise InputError(f"{file}: expected a writable file, got {error.strerror}") from None
+        opened.write(text().encode())
+    return file
 
 
 def _style() -> str:

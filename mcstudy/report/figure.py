@@ -29,7 +29,7 @@ class Figure:
     key: id on the page. number: the paper's number, e.g. ``"Fig. 3A"``, or empty. title: what it is about.
     text: what it shows and how to read it. panels: the drawings. tables: the numbers behind them.
     published: keys of the paper's results that belong here. python: the call that draws it.
-    small: whether panels are small (many beside each other). legend: (palette name, label) shared by all panels.
+    small: whether panels are small (many in a row). legend: (palette name, label) shared by all panels.
     """
 
     key: str

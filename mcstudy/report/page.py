@@ -1,4 +1,4 @@
-"""The page: one HTML file with everything in it, that a browser without a network shows and prints."""
+"""The page of a study: one self-contained HTML file that needs no network."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 
 import xarray as xr
 
-from mcstudy.analysis.published import METHODS, VARIANTS
+from mcstudy.analysis.paper.published import METHODS, VARIANTS
+from mcstudy.analysis.results import open_results
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult, read_alternative
 from mcstudy.report.context import Context
 from mcstudy.report.document import document
@@ -20,20 +21,19 @@ from mcstudy.report.sections.compare import comparison_html
 from mcstudy.report.sections.estimates import efficiency_figure, estimates, paper_estimate_figures
 from mcstudy.report.sections.search import further_search_figures, paper_search_figures
 from mcstudy.report.sections.signals import signal_figures
-from mcstudy.report.words import beside, groups, headline, introduction
+from mcstudy.report.words import beside, group_overviews, headline, introduction
 from mcstudy.study.readable import structured
-from mcstudy.study.results import open_results
 
 
 def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
     """The page of the cube at ``path``, complete or not.
 
-    ``beside``: alternatives to show on it, each another cube or a file of `mcstudy.report.alternatives`.
+    ``beside``: alternatives to show too, each a cube or a file of `mcstudy.report.alternatives`.
 
-    Raises `StoreError` when one of them is neither.
+    Raises `StoreError` for a file that is neither.
     """
     alternatives = [_Beside.open(file) for file in beside]
-    return page_of(open_results(path), alternatives)
+    return page_of(open_results(path, lazy=None), alternatives)
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class _Beside:
 
     @classmethod
     def open(cls, file: Path) -> _Beside:
-        return cls(Context(open_results(file)) if file.is_dir() else read_alternative(file))
+        return cls(Context(open_results(file, lazy=None)) if file.is_dir() else read_alternative(file))
 
     def figure(self, key: str) -> tuple[Figure | Missing, str]:
         """Its figure, and the command that made it."""
@@ -69,7 +69,7 @@ def page_of(tree: xr.DataTree, beside: Sequence[_Beside] = ()) -> str:
         ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
         ("alternatives", "Alternatives the paper discusses", _alternatives(context, beside)),
-        ("groups", "All groups in numbers", _traced(groups(context))),
+        ("groups", "All groups in numbers", _traced(group_overviews(context))),
         ("study", "How this was made", _provenance(context)),
     ]
     return document(
@@ -96,8 +96,8 @@ def _alternatives(context: Context, beside: Sequence[_Beside]) -> str:
         ""
         if beside
         else (
-            "<p>Identification from two stimuli and fits to a population's mean come here with "
-            "<code>mcstudy report OUT --beside FILE</code>; <code>pipelines/examples</code> makes the files.</p>"
+            "<p>To show identification from two stimuli and fits to a population's mean here, use <code>mcstudy report "
+            "OUT --beside FILE</code>; the scripts in <code>pipelines/examples</code> make the files.</p>"
         )
     )
     return own + "".join(shown) + more
@@ -144,9 +144,9 @@ def _provenance(context: Context) -> str:
         [
             f"mcstudy run {context.name}.toml -o OUT    # every fit",
             "mcstudy verify OUT    # checks what is stored and recomputes a sample",
-            "mcstudy show OUT --json    # the paper beside ours, and every group in numbers",
+            "mcstudy show OUT --json    # comparison with the paper, and all numbers of every group",
             "mcstudy report OUT -o page.html    # this page",
-            "python    # any figure of it",
+            "python    # any single figure",
             ">>> import mcstudy",
             ">>> from mcstudy.report import figures",
             '>>> tree = mcstudy.open_results("OUT")',

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis.tables import report_of
+from mcstudy.analysis.show.tables import report_of
 from mcstudy.report.context import Context
 from mcstudy.report.html import escape
-from mcstudy.report.words import groups, headline, introduction
-from mcstudy.study.results import open_results
+from mcstudy.report.words import group_overviews, headline, introduction
 
 _STYLE = (
     ".mcstudy table{border-collapse:collapse;margin:.5em 0}.mcstudy caption{text-align:left;font-weight:600}"
@@ -20,22 +19,22 @@ _STYLE = (
 
 
 class StudySummary:
-    """Tables of an open study; shows itself in a notebook, and as text elsewhere."""
+    """Tables of an open study, compared with ``reference`` if there is one: in a notebook, and as text elsewhere."""
 
-    def __init__(self, tree: xr.DataTree) -> None:
+    def __init__(self, tree: xr.DataTree, reference: xr.DataTree | None = None) -> None:
         self.context = Context(tree)
+        self._reference = reference
 
     def __repr__(self) -> str:
-        return report_of(self.context.tree).text()
+        return report_of(self.context.tree, self._reference).text()
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers as plain JSON data, valid under ``results_schema/1.0.0/show.json``."""
+        return report_of(self.context.tree, self._reference).data
 
     def _repr_html_(self) -> str:
         c = self.context
         return (
             f'<div class="mcstudy"><style>{_STYLE}</style><h2>{escape(c.name)}</h2>{introduction(c)}'
-            f"{headline(c)}{groups(c)}</div>"
+            f"{headline(c)}{group_overviews(c)}</div>"
         )
-
-
-def summary(study: xr.DataTree | str | Path) -> StudySummary:
-    """Summary of a study: what `mcstudy.open_results` returned, or the path of a cube."""
-    return StudySummary(study if isinstance(study, xr.DataTree) else open_results(study))

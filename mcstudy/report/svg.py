@@ -1,4 +1,4 @@
-"""From a matplotlib figure to SVG that lives inside a page: themed, small, labelled, the same bytes every time."""
+"""Convert a matplotlib figure to inline SVG of a page: themed, small, labelled, reproducible to the byte."""
 
 from __future__ import annotations
 
@@ -32,10 +32,16 @@ def draw(
     title, description: what a screen reader says.
     size: width and height in inches; text is sized so that 4.3 inches fit a telephone.
     """
-    with matplotlib.rc_context({**matplotlib.rcParamsDefault, "backend": matplotlib.rcParams["backend"], **SETTINGS}):
+    own = {"backend": matplotlib.rcParams["backend"], **SETTINGS, "figure.constrained_layout.use": False}
+    with matplotlib.rc_context({**matplotlib.rcParamsDefault, **own}):
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasSVG(figure)
         drawing(figure.add_subplot())
+        # What is laid out already is drawn once: `savefig` draws a figure that has a layout engine twice.
+        layout = figure.get_layout_engine()
+        assert layout is not None
+        layout.execute(figure)
+        figure.set_layout_engine(None)
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     return inline(buffer.getvalue(), key, title, description)

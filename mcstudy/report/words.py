@@ -1,4 +1,4 @@
-"""Words and tables of the page: what the study is, the comparison with the paper, all groups in numbers."""
+"""Texts and tables of the page: description of the study, comparison with the paper, all groups in numbers."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
-from mcstudy.analysis.cells import number, with_error
-from mcstudy.analysis.text import incomplete
+from mcstudy.analysis.show.text import incomplete
 from mcstudy.report.context import Context, short, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label
 from mcstudy.study.unstable import warning
+from mcstudy.text_tables import number, with_error
 
 MARK = {True: "yes", False: "no", None: "–"}
 CLASS = {True: "yes", False: "no", None: "none"}
 
 
 def introduction(context: Context) -> str:
-    """What the study is about, where its true values come from, how its amplitudes are read."""
+    """Description of the study, origin of its true values, meaning of its amplitudes."""
     description = _study_field(context, "description")
     truths = dict.fromkeys(view.provenance for view in context.study.groups.values())
     conventions = dict.fromkeys(v.group.stimulus.convention.replace("_", " ") for v in context.study.groups.values())
@@ -50,9 +50,9 @@ def _headline(context: Context) -> str:
     rows = list(context.published.values())
     if not rows:
         return (
-            "<p>No number of the paper is about a group like those of this study (two segments, a torque at the "
-            "ankle, the paper's cost, its Fmax and amplitudes), so there is nothing to compare. Its own "
-            "numbers: <code>mcstudy show OUT</code>.</p>"
+            "<p>The paper has no numbers for the groups of this study, so there is nothing to compare. A comparison "
+            "needs a group with two segments, a torque at the ankle, and the paper's cost, Fmax and amplitudes. "
+            "<code>mcstudy show OUT</code> prints the numbers of this study.</p>"
         )
     agree = sum(r["agrees"] is True for r in rows)
     judged = sum(r["agrees"] is not None for r in rows)
@@ -68,8 +68,8 @@ def _headline(context: Context) -> str:
         f'<tr role="row">{head}</tr></thead><tbody role="rowgroup">{body}</tbody></table>'
         "<p>Floor: mean |bias| expected from chance alone, for unbiased estimates from this many realizations. Paper "
         "“&gt; 0” is a ranking of parameters; ours is the margin by which it holds (negative: it does not hold). "
-        "Numbers without noise agree when they are no larger than the paper's. – means that the paper gives no "
-        "number. All of them: <code>mcstudy show OUT</code>.</p>"
+        "Numbers without noise agree if they are no larger than the paper's. – means that the paper gives no "
+        "number. <code>mcstudy show OUT</code> prints this table.</p>"
     )
 
 
@@ -122,7 +122,7 @@ def _agreement(agrees: bool | None) -> str:
     return {True: "agrees", False: "differs", None: "no number to compare"}[agrees]
 
 
-def groups(context: Context) -> str:
+def group_overviews(context: Context) -> str:
     """Every group: its size, what became of its fits, and the quality of its best fits by condition."""
     parts = []
     for name, view in context.study.groups.items():

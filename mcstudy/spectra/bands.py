@@ -1,26 +1,25 @@
-"""Frequency points of an FRF: which harmonics are averaged into which point.
+"""Frequency points of an FRF: the harmonics that are averaged into each point.
 
 The paper prints 28 frequencies (Goodworth & Peterka 2018, Methods). With a 43.72 s cycle they are harmonics
 1 3 5 8 10 12 14 16 18 19 21 23 24 28 35 44 56 71 88 107 133 165 201 235 259 280 310 350; only odd harmonics are
 excited, so the even numbers must be means over neighbouring odd lines.
 
 Fixed by the paper: the numbers themselves; that 19, 21, 23 (0.435-0.526 Hz) are not averaged; "adjacent" points.
-Our choice: the members. Every point is the mean of *consecutive* odd lines centred on its number. 1, 3, 5 stand
-alone; 8 to 18 and 24 are the two lines next to them (so neighbouring points share a line); from 28 on the sets tile
-the odd lines without gap or overlap, each starting where the one before ends - given the centres and a first set
-25 < {27, 29} there is exactly one such tiling, and its widths grow as the paper says, "approximately equally spaced on
+Our choice: the members. Every point is the mean of *consecutive* odd lines centred on its number. 1, 3, 5 are single
+lines; 8 to 18 and 24 are the mean of the two adjacent lines (so neighbouring points share a line); from 28 on the sets
+cover the odd lines without gap or overlap. Given the centres and a first set 25 < {27, 29}, there is exactly one such
+tiling, and its widths grow as the paper says, "approximately equally spaced on
 a logarithmic scale": 2 5 4 8 7 10 9 17 15 21 13 11 10 20 20 lines. The last set reaches harmonic 369 (8.44 Hz).
 
-The paper says no more about the widths than that they tend to grow with frequency, so narrower ones are as good a
-reading above 0.6 Hz: `narrower` makes them.
+About the widths the paper says only that they tend to grow with frequency, so narrower ones agree with it equally well
+above 0.6 Hz; `narrower` makes them.
 
-Three printed values do not round from these numbers: 0.275 Hz (12 gives 0.2745, the mean of its two lines after each
+Three printed values are not these numbers rounded: 0.275 Hz (12 gives 0.2745, the mean of its two lines after each
 was rounded), 1.00 Hz (44 gives 1.006) and 8.00 Hz (350 gives 8.005). We keep the numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,12 +29,6 @@ from mcstudy.errors import InputError
 
 PERIOD_S = 43.72
 """Duration of the paper's stimulus cycle, s."""
-
-PUBLISHED_HZ = (
-    0.023, 0.069, 0.114, 0.183, 0.229, 0.275, 0.320, 0.366, 0.412, 0.435, 0.480, 0.526, 0.549, 0.640,
-    0.801, 1.00, 1.28, 1.62, 2.01, 2.45, 3.04, 3.77, 4.60, 5.38, 5.92, 6.40, 7.09, 8.00,
-)  # fmt: skip
-"""The 28 frequencies as printed (Goodworth & Peterka 2018, Methods), Hz."""
 
 _CENTRE_AND_COUNT = (
     (1, 1), (3, 1), (5, 1), (8, 2), (10, 2), (12, 2), (14, 2), (16, 2), (18, 2), (19, 1), (21, 1), (23, 1), (24, 2),
@@ -79,7 +72,7 @@ class Bands:
 
     @cached_property
     def lines(self) -> np.ndarray:
-        """Every harmonic that is a member of some point, ascending, (L,) int."""
+        """All harmonics that are members of a point, ascending, (L,) int."""
         return np.unique(np.concatenate(self.members))
 
     @cached_property
@@ -109,7 +102,7 @@ class Bands:
     def average_covariance(self, covariance: np.ndarray) -> np.ndarray:
         """Covariance of each point's mean, (L, 2, 2) -> (N, 2, 2), for errors independent from line to line.
 
-        Points that share lines are correlated with each other; that correlation is not in this array.
+        Points that share lines are correlated; this array does not include that correlation.
         """
         position, start, count = self._gather
         return np.add.reduceat(covariance[position], start, axis=0) / (count**2)[:, None, None]
@@ -123,7 +116,7 @@ class Bands:
         return self._keep(self.harmonic <= fmax * self.period_s + 0.5, f"bands fmax: {fmax:g} Hz")
 
     def without(self, f: float) -> Bands:
-        """All points but the one nearest to ``f`` (Hz)."""
+        """All points except the one nearest to ``f`` (Hz)."""
         keep = np.ones(len(self), dtype=bool)
         keep[int(np.argmin(np.abs(self.f - f)))] = False
         return self._keep(keep, f"bands without {f:g} Hz")
@@ -161,27 +154,17 @@ def narrower(bands: Bands, width: float) -> Bands:
     return Bands(tuple(members), bands.period_s)
 
 
-def of_sets(sets: Sequence[Sequence[int]], period_s: float = PERIOD_S) -> Bands:
-    """Bands from lists of harmonic numbers."""
-    return Bands(tuple(np.array(sorted(s), dtype=np.int64) for s in sets), period_s)
-
-
 def published(period_s: float = PERIOD_S) -> Bands:
     """The paper's 28 points."""
     return Bands(tuple(consecutive(c, n) for c, n in _CENTRE_AND_COUNT), period_s)
 
 
 def averaged(period_s: float = PERIOD_S) -> Bands:
-    """The 28 points without the exception: 19, 21, 23 are each averaged with their two neighbouring lines."""
+    """The 28 points without the exception: 19, 21 and 23 are averaged with their two neighbouring lines each."""
     return Bands(
         tuple(consecutive(c, 3 if c in EXCEPTION else n) for c, n in _CENTRE_AND_COUNT),
         period_s,
     )
-
-
-def without_8hz(period_s: float = PERIOD_S) -> Bands:
-    """The paper's points but the last."""
-    return published(period_s).without(8.0)
 
 
 def odd_lines(f_max: float = 8.0, period_s: float = PERIOD_S) -> Bands:

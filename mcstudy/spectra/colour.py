@@ -1,13 +1,14 @@
-"""Noise at the lowest lines when its colour is not known: its slope, estimated and levelled.
+"""Noise of unknown colour at the lowest lines: estimation and removal of its spectral slope.
 
-Line 1 has no even line below it, so its noise is continued from above. Under a presumed pink fall that is off by a
-factor of three when the noise is brown or white. Here the exponent s of what is left of a power law k^-s well below
-line `BEND` is estimated from the even lines of every angle by gamma likelihood, with a normal prior around none. The
-power law fades out around `BEND` as (1 + (BEND / k)^2)^(s/2): a sharp end would leave the average over neighbouring
-lines 6 % too small there under brown noise. An angle that falls faster than another does so because the body responds
-less, which an autoregression follows, so the flattest angle tells the colour of all. It costs degrees of freedom, most
-at line 1; the fewer, the more records tell the colour. Differences between cycles do, although their level need not be
-that of the mean's noise, so every kind of record has a level of its own. Derived.
+Line 1 has no even line below it, so its noise level is extrapolated from above. If pink noise is assumed but the noise
+is brown or white, the result is wrong by a factor of three. This module therefore estimates the exponent s of a
+residual power law k^-s well below line `BEND` from the even lines of every angle, by gamma likelihood with a normal
+prior centred on zero. The power law fades out around `BEND` as (1 + (BEND / k)^2)^(s/2); with a sharp end the average
+over neighbouring lines would be 6 % too small there for brown noise. If the spectrum of one angle is steeper, the
+reason is the response of the body, which the autoregression models; so the flattest angle determines the exponent of
+all. The estimate costs degrees of freedom, most at line 1; more records reduce this cost. Differences between cycles
+are such records. Their noise level may differ from that of the mean, so every kind of record has its own level.
+Derived.
 """
 
 from __future__ import annotations
@@ -17,26 +18,26 @@ from collections.abc import Sequence
 import numpy as np
 
 BEND = 24
-"""Harmonic around which noise of another colour at the lowest lines passes into that above."""
+"""Harmonic around which the power law at the lowest lines fades out."""
 
 SPREAD = 1.0
-"""Prior standard deviation of the exponent: white and brown are one away from pink."""
+"""Prior standard deviation of the exponent; white and brown noise differ from pink noise by one."""
 
 STEPS = 8
-"""Steps of Fisher scoring, which converges in four or five."""
+"""Steps of Fisher scoring, which converges in four or five steps."""
 
 
 class Colour:
-    """Levelling of the lowest noise lines.
+    """Removal of the spectral slope at the lowest noise lines.
 
     Parameters
     ----------
-    even: harmonics that hold only noise, ascending, (E,). lines: harmonics whose noise is wanted, (L,). records: (G,)
-    how many records the powers of every kind will be means of.
+    even: harmonics that hold only noise, ascending, (E,). lines: harmonics at which the noise is wanted, (L,).
+    records: (G,) number of records averaged in the powers of each kind.
 
     Attributes
     ----------
-    used: how many even lines, the lowest, tell the colour.
+    used: number of even lines, from the lowest, that determine the exponent.
     """
 
     def __init__(self, even: np.ndarray, lines: np.ndarray, records: Sequence[int]) -> None:
@@ -48,7 +49,7 @@ class Colour:
         self._centre = float(x.mean())
 
     def exponent(self, power: np.ndarray) -> np.ndarray:
-        """s (A, ...), the same for all A angles, such that none falls less than k^-s well below `BEND`.
+        """s (A, ...), the smallest of the exponents of all A angles, well below `BEND`.
 
         ``power``: mean squared lines (G, A, ..., E) of every kind of record.
         """
@@ -63,17 +64,17 @@ class Colour:
         return np.broadcast_to(s.min(axis=0), s.shape)
 
     def levelled(self, s: np.ndarray) -> np.ndarray:
-        """Factors (..., E) that level the amplitudes of even lines of exponent ``s`` (...)."""
+        """Factors (..., E) that flatten the amplitudes of even lines with exponent ``s`` (...)."""
         return np.exp(0.5 * np.asarray(s)[..., None] * self._even)
 
     def restored(self, s: np.ndarray) -> np.ndarray:
-        """Factors (..., L) that undo it at the wanted lines."""
+        """Factors (..., L) that restore the slope at the wanted lines."""
         return np.exp(-0.5 * np.asarray(s)[..., None] * self._lines)
 
     def dof(self, dof: np.ndarray) -> np.ndarray:
         """Degrees of freedom (L,) of the noise at the wanted lines, from those (L,) of a known colour.
 
-        The log of the noise at a line moves by the exponent's error times its distance from where the level is known.
+        The error of the log noise at a line is the error of the exponent times the log distance to the lines used.
         """
         distance = np.minimum(self._lines - self._centre, 0.0)
         return np.asarray(1.0 / (1.0 / dof + distance**2 / self._curvature))

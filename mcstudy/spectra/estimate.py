@@ -2,8 +2,8 @@
 
 - `SpectralExperiment` is the paper's "sim" FRF (Goodworth & Peterka 2018, Methods): ideal response plus the spectrum of
   noise-evoked sway, over the ideal stimulus spectrum, averaged over the lines of each point. One noise realization
-  serves every stimulus amplitude, since the noise does not depend on it.
-- `frf_from_recording` estimates the same thing from measured sway.
+  is used for all stimulus amplitudes, because the noise does not depend on the amplitude.
+- `frf_from_recording` estimates the same quantity from measured sway.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.spectra import periods
 from mcstudy.spectra.bands import Bands
-from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.even_lines import EvenLineCovariance
 from mcstudy.spectra.loop_covariance import LoopCovariance
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
@@ -25,7 +25,7 @@ from mcstudy.stance.stimulus import Prts
 
 
 @dataclass(frozen=True)
-class LineNoise:
+class SpectrumNoise:
     """Noise on the mean spectrum of one realization, at the lines of the bands.
 
     Attributes
@@ -59,7 +59,7 @@ class FrfEstimate:
 
 
 def frf_from_noise(
-    response: np.ndarray, noise: LineNoise, stimulus: np.ndarray, bands: Bands
+    response: np.ndarray, noise: SpectrumNoise, stimulus: np.ndarray, bands: Bands
 ) -> tuple[np.ndarray, np.ndarray]:
     """Band means of H + N/U and their covariance: (N, 2) and (N, 2, 2).
 
@@ -75,12 +75,12 @@ def frf_from_noise(
 
 
 class SpectralExperiment:
-    """The paper's experiment on one subject, in the frequency domain; build once, draw many realizations.
+    """The paper's experiment on one subject, in the frequency domain; one object generates many realizations.
 
     Parameters
     ----------
     model, theta: the subject and its true parameters, (P,).
-    prts: the stimulus; its own amplitude is not used, every call names one.
+    prts: the stimulus; its amplitude is not used, because every call states one.
     noise: sensor noise.
     bands: frequency points, on harmonics of the stimulus' period.
     cycles, discard: recorded cycles, and how many are dropped at the start.
@@ -116,14 +116,14 @@ class SpectralExperiment:
         self.dof = bands.average(self._covariance.dof[:, None])[:, 0]
         """Equivalent independent complex lines behind each point's covariance, (N,)."""
 
-    def realization(self, rng: np.random.Generator) -> LineNoise:
-        """One draw of the noise; shared by all amplitudes."""
+    def realization(self, rng: np.random.Generator) -> SpectrumNoise:
+        """One realization of the noise, used for all amplitudes."""
         coefficients = self.spectrum(self._sway.sample(rng), self.period, self.discard)
         even = coefficients[self._loop_covariance.even]
-        return LineNoise(coefficients[self.bands.lines], self._covariance(coefficients), even)
+        return SpectrumNoise(coefficients[self.bands.lines], self._covariance(coefficients), even)
 
-    def through_loop(self, noise: LineNoise, theta: np.ndarray) -> LineNoise:
-        """The same noise, its covariance estimated again through a loop with parameters ``theta`` (a first fit), (P,).
+    def through_loop(self, noise: SpectrumNoise, theta: np.ndarray) -> SpectrumNoise:
+        """The same noise with its covariance re-estimated through a loop with parameters ``theta`` (a first fit), (P,).
 
         See `mcstudy.spectra.loop_covariance`.
         """
@@ -136,10 +136,10 @@ class SpectralExperiment:
         return replace(noise, covariance=covariance)
 
     def noise_free(self) -> np.ndarray:
-        """Band means of the ideal FRF, (N, 2): differs from `true_frf` by the averaging alone."""
+        """Band means of the ideal FRF, (N, 2): differs from `true_frf` only by the averaging."""
         return self.bands.average(self._response)
 
-    def frf(self, noise: LineNoise, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
+    def frf(self, noise: SpectrumNoise, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
         """The "sim" FRF (N, 2) and its covariance (N, 2, 2) at a stimulus amplitude (in the stimulus' convention)."""
         return frf_from_noise(self._response, noise, amplitude * self._unit_stimulus, self.bands)
 
@@ -191,7 +191,7 @@ def frf_from_recording(
         raise RecordingError(f"recording stimulus: no power at {where:.3f} Hz, a line of a {bands.period_s:g} s period")
     estimator = EvenLineCovariance(bands.lines, drive.size - 1)
     silence = np.zeros((u.size, sway.shape[-1]))
-    noise = LineNoise(silence, estimator(sway), silence[:0])
+    noise = SpectrumNoise(silence, estimator(sway), silence[:0])
     data, covariance = frf_from_noise(sway.mean(axis=0)[bands.lines] / u[:, None], noise, u, bands)
     dof = bands.average(estimator.dof[:, None])[:, 0] * len(trials)
     return FrfEstimate(bands.f, data, covariance, dof)

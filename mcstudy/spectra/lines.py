@@ -1,160 +1,154 @@
-"""The noise covariance of a mean spectrum at its odd lines, from the even lines around them.
+"""FRFs at frequency lines with their covariance: the input of all statistics of the diagnosis.
 
-The stimulus excites only odd harmonics, so the even lines of the mean spectrum hold noise and nothing else (for a
-linear subject; even-order nonlinearity would show here too). They have the variance of the *mean*, whereas the scatter
-between five cycles misstates it (by 2 at 1 Hz, by 4 above 4 Hz), because consecutive cycles are not independent.
-
-The 2 x 2 covariance at an odd line is a local average of outer products over neighbouring even lines - after
-prewhitening. Sway spectra fall by 80 dB from 0.02 to 8 Hz, have a resonance ten lines wide and two angles that are
-coherent to 0.999, so a plain average over more than a few lines smears one spectrum over another and inflates the
-small eigenvalue of the covariance several times. Averaging is therefore done on lines whitened in two steps, both
-undone exactly at the odd line (prewhitening and recolouring; the combination is derived here):
-
-1. each line times the square root of its number: levels the pink fall at the lowest lines, where the neighbours lie to
-   one side only and a slope would be a bias;
-2. a vector autoregression fitted to the even lines by least squares (Yule-Walker), which follows resonances and the
-   phase between the angles.
-
-The window is parabolic with a half-width of 10 + k/5 lines, at most 30, at line k: narrow at low lines where the
-spectrum still bends after whitening, wide where it is smooth. ``dof`` states its equivalent number of independent
-complex lines (twice as many real degrees of freedom): 4.6 at the first line, 26 from 4 Hz up.
-
-Found with the stand-in truth, lines drawn from its sway density: mean estimate over true covariance is 0.87-1.12 in
-every direction at every line, although the two directions differ by 30 dB; a plain average over +-10 lines is off by
-factors of 0.2 to 5. Weighting a fit by the estimate costs 7 % in standard deviation against the true covariance, the
-plain average 22 %. Step 1 presumes sway-like noise: were it white at the lowest lines, line 1 alone would come out
-four times too large, and were it brown, three times too small: ``any_colour`` finds the slope and levels it in step 1
-(`mcstudy.spectra.colour`).
+`Lines` is the common form of all recordings: a periodic one gives its excited lines (`mcstudy.spectra.periodic`), any
+other the lines of overlapping segments (`mcstudy.spectra.segments`), a published FRF itself (`mcstudy.recordings.frf`).
+`mcstudy.spectra.measure.measure` chooses.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
+from scipy.special import fdtrc
 
-from mcstudy.errors import InputError
-from mcstudy.spectra.colour import Colour
-from mcstudy.spectra.window import parabolic
-
-MAX_ORDER = 10
-"""Largest order of the vector autoregression; fewer even lines than 6 per order reduce it."""
+from mcstudy.short_repr import Summary
+from mcstudy.spectra.line_noise import LineNoise
 
 
-def half_width(line: np.ndarray) -> np.ndarray:
-    """Half-width of the averaging window at harmonic ``line``, in harmonics."""
-    return np.minimum(10.0 + line / 5.0, 30.0)
-
-
-class EvenLineCovariance:
-    """Estimator of the noise covariance at given odd lines, with everything that depends on line numbers done once.
-
-    Parameters
-    ----------
-    lines: odd harmonics at which the covariance is wanted, (L,) int.
-    n_harmonics: highest harmonic available (coefficients 0 ... n_harmonics are passed in).
-    any_colour: None for sway-like noise; otherwise, for noise of any colour, how many trials will be given and how many
-        further records to tell the colour from.
+@dataclass(frozen=True, repr=False)
+class EvenLines(Summary):
+    """M lines that the stimulus does not excite: only noise, unless the body has an even nonlinearity.
 
     Attributes
     ----------
-    even: the even harmonics used, (E,) int.
-    dof: equivalent number of independent complex lines averaged at each line of one trial, (L,).
-
-    Raises `InputError` when a line is even, below 1 or not available, or when fewer than four even lines are.
+    f: (M,) Hz. mean: (M, 2) Fourier coefficients of the mean over repeats, rad. variance: (M, 2) of that mean,
+    rad^2, from the scatter of the repeats. level: (M, 2) the same from the smoothed spectrum. repeats: their number.
     """
 
-    def __init__(self, lines: np.ndarray, n_harmonics: int, any_colour: tuple[int, int] | None = None) -> None:
-        self.lines = np.asarray(lines, dtype=np.int64)
-        if self.lines.size == 0 or (self.lines % 2 == 0).any() or self.lines.min() < 1:
-            raise InputError("noise covariance: expected odd harmonics from 1 up")
-        if self.lines.max() > n_harmonics:
-            raise InputError(f"noise covariance: harmonic {self.lines.max()} is above the highest, {n_harmonics}")
-        # A tenth more than the window needs: at the edge of its band a real autoregression is forced flat and in phase.
-        top = int(1.1 * self.lines.max() + half_width(self.lines.max()))
-        self.even = np.arange(2, min(top, n_harmonics) + 1, 2)
-        if self.even.size < 4:
-            raise InputError(f"noise covariance: expected at least four even harmonics, got {self.even.size}")
-        self._window = parabolic(self.lines, self.even, half_width(self.lines) + 1.0)
-        self.dof = 1.0 / (self._window**2).sum(axis=1)
-        self._colour = None
-        if any_colour is not None:
-            trials = any_colour[0]
-            self._colour = Colour(self.even, self.lines, any_colour)
-            self.dof = self._colour.dof(self.dof * trials) / trials
-        self.order = min(MAX_ORDER, self.even.size // 6)
-        self._level_even, self._level_lines = np.sqrt(self.even), np.sqrt(self.lines)
-        self._shift_even, self._shift_lines = self._shift(self.even), self._shift(self.lines)
+    f: np.ndarray
+    mean: np.ndarray
+    variance: np.ndarray
+    level: np.ndarray
+    repeats: int
 
-    def __call__(self, coefficients: np.ndarray, records: np.ndarray | None = None) -> np.ndarray:
-        """Covariance E[n n^H] of the noise on the mean of the trials, (L, A, A) complex Hermitian.
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        return [("lines", _span(self.f)), ("repeats", str(self.repeats))]
 
-        ``coefficients``: Fourier coefficients of the mean period at harmonics 0, 1, ..., of A angles in one trial,
-        (K, A), or in T trials of equal length, (T, K, A); trials are pooled, and their mean has 1/T of their
-        covariance and T times the degrees of freedom. ``records`` (D, K, A): further records whose noise has the same
-        colour, though perhaps another level.
+    def excess(self, low: float = 0.0, high: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+        """Sum of |mean|^2 / level over sum of variance / level in a band, per angle (2,), and its p-value (2,).
+
+        About 1 for noise alone; F-distributed with (2 M, 2 M (repeats - 1)) degrees of freedom
+        for independent Gaussian repeats. nan without a line in the band or with a single repeat.
         """
-        trials = coefficients[None] if coefficients.ndim == 2 else coefficients
-        n_angles = trials.shape[-1]
-        x, restored = trials[:, self.even] * self._level_even[:, None], np.ones((self.lines.size, n_angles))
-        if self._colour is not None:
-            exponent = self._exponent(self._colour, trials, records)
-            x, restored = x * self._colour.levelled(exponent).T, self._colour.restored(exponent).T
-        x, scale, regression = self._regressed(x)
-        white = x - np.einsum("ep,pab,teb->tea", self._shift_even, regression, x)
-        products = np.einsum("tea,teb->eab", white, white.conj()) / len(trials)
-        # einsum, not @: a product this small costs more to hand to BLAS threads than to do, and keeps its bits whatever
-        # their number.
-        local = np.einsum("le,ek->lk", self._window, products.reshape(self.even.size, -1).view(np.float64))
-        local = local.view(np.complex128).reshape(-1, n_angles, n_angles)
-        colour = np.linalg.inv(np.eye(n_angles) - np.einsum("lp,pab->lab", self._shift_lines, regression))
-        colour = (restored * scale / self._level_lines[:, None])[:, :, None] * colour
-        covariance = colour @ local @ colour.conj().swapaxes(-1, -2) / len(trials)
-        return (covariance + covariance.conj().swapaxes(-1, -2)) / 2
+        inside = (self.f >= low) & (self.f <= high)
+        m = int(inside.sum())
+        if m == 0 or self.repeats < 2:
+            return np.full(2, np.nan), np.full(2, np.nan)
+        level = self.level[inside]
+        power = (np.abs(self.mean[inside]) ** 2 / level).sum(axis=0)
+        ratio = power / (self.variance[inside] / level).sum(axis=0)
+        return ratio, fdtrc(2 * m, 2 * m * (self.repeats - 1), ratio)
 
-    def _exponent(self, colour: Colour, trials: np.ndarray, records: np.ndarray | None) -> np.ndarray:
-        """Exponent (A,) of the noise at the lowest lines beyond what step 1 presumes."""
-        kinds = [trials] if records is None else [trials, records]
-        power = [(np.abs(x[:, self.even]) ** 2).mean(axis=0).T * self.even for x in kinds]
-        return colour.exponent(np.array(power))
 
-    def whitening(self, trials: np.ndarray, harmonics: np.ndarray) -> np.ndarray:
-        """Matrices (H, A, A) that whiten coefficients at any ``harmonics`` (H,) up to the highest even line used.
+@dataclass(frozen=True, repr=False)
+class Lines(Summary):
+    """FRFs of a recording at N lines, from R independent repeats.
 
-        ``trials``: (T, K, A), whose even lines give the autoregression.
-        """
-        _, scale, regression = self._regressed(trials[:, self.even] * self._level_even[:, None])
-        white = np.eye(scale.size) - np.einsum("hp,pab->hab", self._shift(harmonics), regression)
-        return np.asarray(white * np.sqrt(harmonics)[:, None, None] / scale)
+    Attributes
+    ----------
+    f: (N,) Hz.
+    y: (N, 2) complex, mean FRF in rad per unit of the stimulus: sum over repeats of ``weight`` * ``repeats``.
+    noise: of ``y``: covariance and its uncertainty, null samples.
+    repeats: (R, N, 2) complex FRFs whose errors are independent of each other (cycles, or blocks of segments).
+    weight: (R, N) share of each repeat in the mean, columns sum to 1; repeat r has covariance noise.C / weight[r].
+    trial, cycle: (R,) which trial and which cycle (or block) a repeat is.
+    amplitude: (R,) peak amplitude of the repeat's trial, unit of the stimulus.
+    power: (N,) mean squared Fourier coefficient of the stimulus per repeat, unit^2: the sway at line n has mean
+        square 2 power |y|^2 per angle (for segments: the power of the band that belongs to the line).
+    even: the lines that are not excited, or None.
+    harmonic: (N,) harmonic number of each line, None when not periodic.
+    """
 
-    def _shift(self, harmonics: np.ndarray) -> np.ndarray:
-        """Powers (H, order) of the shift by one lag; the analysed band counts as the whole Nyquist band."""
-        angle = -np.pi / (self.even[-1] + 1)
-        return np.exp(1j * angle * np.outer(harmonics, np.arange(1, self.order + 1)))
+    f: np.ndarray
+    y: np.ndarray
+    noise: LineNoise
+    repeats: np.ndarray
+    weight: np.ndarray
+    trial: np.ndarray
+    cycle: np.ndarray
+    amplitude: np.ndarray
+    power: np.ndarray
+    even: EvenLines | None = None
+    harmonic: np.ndarray | None = None
 
-    def _regressed(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Step 2: levelled even lines (T, E, A) with their scale (A,) taken out, the scale, and the regression."""
-        # Only for the numbers: channels differ by orders of magnitude, and a channel may be identically zero.
-        scale = np.sqrt(np.mean(np.abs(x) ** 2, axis=(0, 1)))
-        scale = np.where(scale > 0, scale, 1.0)
-        x = x / scale
-        return x, scale, self._autoregression(x)
+    def __len__(self) -> int:
+        return int(self.f.size)
 
-    def _autoregression(self, x: np.ndarray) -> np.ndarray:
-        """Coefficients (order, A, A) of x ~ sum_j R_j z^j x over the even lines of all trials (T, E, A).
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        noise = np.sqrt(self.noise.variance) / np.maximum(np.abs(self.y), 1e-300)
+        facts = [
+            ("lines", _span(self.f)),
+            ("repeats", f"{self.repeats.shape[0]} of {np.unique(self.trial).size} trials"),
+        ]
+        if len(self):
+            facts.append(
+                ("standard error / gain", ", ".join(f"{x:.2g}" for x in np.median(noise, axis=0)) + " (median)")
+            )
+        return [*facts, ("even lines", "none" if self.even is None else _span(self.even.f))]
 
-        Yule-Walker: with the autocovariances S_d = Re sum z^d x x^H, the equations are sum_j R_j S_(j-i) = S_(-i).
-        """
-        n, p = x.shape[-1], self.order
-        if p == 0:
-            return np.zeros((0, n, n))
-        products = np.einsum("tea,teb->eab", x, x.conj())
-        lags = np.concatenate([np.ones((self.even.size, 1)), self._shift_even], axis=1)
-        forward = np.einsum("ed,eab->dab", lags, products).real
-        gram = np.empty((p, n, p, n))
-        for j in range(p):
-            for i in range(p):
-                gram[j, :, i] = forward[j - i] if j >= i else forward[i - j].T
-        target = forward[1:].transpose(1, 2, 0)  # S_(-i) = S_i^T; rows of the solution are columns of R^T
-        solution = np.linalg.lstsq(
-            gram.reshape(p * n, p * n).T, target.transpose(2, 0, 1).reshape(p * n, n), rcond=None
-        )[0]
-        return solution.reshape(p, n, n).transpose(0, 2, 1)
+    def subset(self, repeats: np.ndarray) -> Lines:
+        """The mean over some of the repeats only (indices or mask), same estimate of the noise."""
+        weight = self.weight[repeats]
+        total = weight.sum(axis=0)
+        return replace(
+            self,
+            y=np.einsum("rn,rnj->nj", weight / total, self.repeats[repeats]),
+            noise=self.noise.times(1 / total),
+            repeats=self.repeats[repeats],
+            weight=weight / total,
+            trial=self.trial[repeats],
+            cycle=self.cycle[repeats],
+            amplitude=self.amplitude[repeats],
+        )
+
+    def below(self, fmax: float) -> Lines:
+        """The lines up to ``fmax`` (Hz)."""
+        keep = self.f <= fmax
+        return replace(
+            self,
+            f=self.f[keep],
+            y=self.y[keep],
+            noise=self.noise.at(keep),
+            repeats=self.repeats[:, keep],
+            weight=self.weight[:, keep],
+            power=self.power[keep],
+            harmonic=None if self.harmonic is None else self.harmonic[keep],
+        )
+
+    def halves(self) -> tuple[Lines, Lines] | None:
+        """First and last cycles of the trials (a middle one in neither), or None when no trial has two repeats."""
+        first, last = np.zeros(self.trial.size, dtype=bool), np.zeros(self.trial.size, dtype=bool)
+        for t in np.unique(self.trial):
+            own = np.flatnonzero(self.trial == t)
+            n = own.size // 2
+            own = own[np.argsort(self.cycle[own], kind="stable")]
+            first[own[:n]] = True
+            last[own[own.size - n :]] = True
+        return (self.subset(first), self.subset(last)) if first.any() else None
+
+    def by_amplitude(self, tolerance: float = 0.1) -> list[tuple[float, Lines]]:
+        """(amplitude, lines) for every distinct amplitude, ascending; amplitudes within ``tolerance`` are one."""
+        groups: list[list[int]] = []
+        for r in np.argsort(self.amplitude, kind="stable"):
+            if groups and self.amplitude[r] <= self.amplitude[groups[-1][0]] * (1 + tolerance):
+                groups[-1].append(int(r))
+            else:
+                groups.append([int(r)])
+        return [(float(self.amplitude[g].mean()), self.subset(np.array(sorted(g)))) for g in groups]
+
+
+def _span(f: np.ndarray) -> str:
+    return f"{f.size}, {f[0]:.4g} to {f[-1]:.4g} Hz" if f.size else "0"

@@ -1,11 +1,11 @@
-"""The noise covariance at odd lines from even lines, seen through a fitted loop.
+"""The noise covariance at odd lines from even lines, using the noise response of a fitted loop.
 
-Sway noise is sensor noise (smooth over frequency, uncorrelated between angles or not) coloured by the loop, and the
-loop makes the sharp part of its spectrum: the resonance, and the coherence of the two angles. Given a first fit of the
-loop, even lines are divided by the loop's response to sensor noise, levelled by the likeliest of a few curves
-k^-a (1 + (k/c)^2)^-b (Whittle likelihood, per angle), averaged there over windows so wide that the average itself
-hardly scatters, and levelled and coloured back at the odd line. Response and curve only have to make the spectrum flat;
-an imperfect fit costs precision, not validity.
+Sway noise is sensor noise (smooth over frequency, uncorrelated between angles or not) coloured by the loop. The
+loop causes the sharp features of its spectrum: the resonance and the coherence of the two angles. Given a first fit of
+the loop, even lines are divided by the response of the loop to sensor noise and flattened with the most likely of a few
+curves k^-a (1 + (k/c)^2)^-b (Whittle likelihood, per angle). They are averaged over windows so wide that the average
+has little scatter, and both steps are reversed at the odd line. Response and curve only have to make the spectrum flat;
+an imperfect fit reduces precision but not validity.
 
 Found with the stand-in truth at 5 N m on raw odd lines up to 8 Hz, 2,000 realizations: the standard deviations of
 maximum likelihood weighted by this estimate are at most 1.011 +- 0.016 of the Cramer-Rao bound (0.990 with the true
@@ -16,14 +16,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.even_lines import EvenLineCovariance
 from mcstudy.spectra.window import parabolic
 
 SLOPES = (0.0, 1.0, 2.0)
-"""Powers of frequency by which a levelling curve may fall at low lines."""
+"""Exponents with which a flattening curve may decrease at low lines."""
 
 STEEPER = (0.0, 2.0, 4.0)
-"""Powers of frequency by which it may fall more steeply above its corner."""
+"""Additional exponents with which it may decrease above its corner."""
 
 CORNERS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Harmonics at which the corner may lie."""
@@ -69,7 +69,7 @@ class LoopCovariance:
         return (covariance + covariance.conj().swapaxes(-1, -2)) / 2
 
     def _levels(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Likeliest amplitude curve of whitened even lines (E, A): at the even lines (E, A), at the odd ones (L, A)."""
+        """Most likely amplitude curve of whitened even lines (E, A), at even lines (E, A) and at odd lines (L, A)."""
         power = np.abs(white) ** 2
         scale = np.einsum("me,ea->ma", 1 / self._curve_even, power) / self.even.size
         unlikely = self.even.size * np.log(np.maximum(scale, 1e-300)) + np.log(self._curve_even).sum(axis=1)[:, None]

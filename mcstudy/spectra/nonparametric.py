@@ -1,15 +1,15 @@
-"""Neural controllers without a model of them: closed-loop identification from sway and corrective torques.
+"""Nonparametric neural controllers: closed-loop identification from sway and corrective torques.
 
-The alternative that Goodworth & Peterka 2018 (Discussion) argue with: Boonstra et al. 2013 and Engelhart et al. 2015
+The alternative that Goodworth & Peterka 2018 discuss: Boonstra et al. 2013 and Engelhart et al. 2015
 apply two independent stimuli to different segments and relate total corrective torque to sway. The torques come from
 inverse dynamics, T = body(s) theta - b(s) u, and by the model's own definition T = -NC theta + noise (derived from
 `mcstudy.stance.feedback`; body and NC are the parts of A(s) without and with gains).
 
 - `indirect`: cross-spectra with the stimuli, NC = -S_Tu S_thetau^-1. Feedback noise is uncorrelated with the stimuli
   and averages out. Needs two independent stimuli: with one, S_thetau has rank one and there is no inverse.
-- `one_angle`: what one stimulus offers, each torque over one angle, as if that angle alone had caused it.
+- `one_angle`: with one stimulus, the ratio of each torque to one angle, as if that angle alone had caused it.
 - `direct`: NC = -S_Ttheta S_thetatheta^-1. Solvable with one stimulus because noise moves the angles too, but in a
-  closed loop that noise is also in the torque, so the estimate is biased, towards minus the body's own dynamics where
+  closed loop that noise is also in the torque, so the estimate is biased towards minus the dynamics of the body where
   noise dominates.
 
 Arrays: spectra of R trials at L lines, (R, L, 2), angles in rad as (theta1, theta2), torques in N m as (hip, ankle);

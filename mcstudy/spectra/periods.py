@@ -1,16 +1,16 @@
-"""From a record of whole periods to Fourier coefficients, and the one place that fixes their convention.
+"""Fourier coefficients of a record of whole periods; this module defines their convention.
 
 Fourier coefficient k of a period of P samples is (1/P) * sum x[n] exp(-2 pi i k n / P), in units of the signal.
 
-Sway is not periodic: the noise-evoked part of it starts and ends a cycle at different values, and the rectangular DFT
-of that step leaks ~ 1/k into every line. At 4 to 8 Hz, where true sway is tiny, the leak is most of the spectrum, and
-the same number at all neighbouring lines. Subtracting the single straight ramp that joins the two ends removes it
-(derived): it turns the DFT into that of the *increments* of the signal, whose spectrum is flat enough not to leak. With
-the stand-in truth, noise variance over its true density in the mean of five cycles is, for the lower body, 2.8 at 4 Hz
-and 47 at 8 Hz raw (five times that in a single cycle), and 1.0 without the ramp.
+Sway is not periodic: its noise-evoked part has different values at the start and the end of a cycle. In the DFT this
+step leaks into every line as 1/k. At 4 to 8 Hz, where true sway is tiny, leakage dominates the spectrum and has the
+same value at all neighbouring lines. Subtracting the straight ramp that joins the two ends removes it (derived): the
+DFT becomes that of the *increments* of the signal, whose spectrum is flat enough to have little leakage. With the
+stand-in truth, noise variance over its true density in the mean of five cycles is, for the lower body, 2.8 at 4 Hz and
+47 at 8 Hz raw (five times that in a single cycle), and 1.0 without the ramp.
 
-- `raw`: the plain DFT of the mean cycle; what the paper did.
-- `ramp_removed`: the better estimator, used in every statistical test.
+- `raw`: the plain DFT of the mean cycle, as in the paper.
+- `ramp_removed`: the better estimator, used in all statistical tests.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def coefficients(cycle: np.ndarray) -> np.ndarray:
 
 
 def raw(x: np.ndarray, period: int, discard: int) -> np.ndarray:
-    """Fourier coefficients of the mean period, the DFT as it comes; see `Spectrum`."""
+    """Fourier coefficients of the mean period, plain DFT; see `Spectrum`."""
     return coefficients(mean_period(x, period, discard))
 
 
@@ -63,7 +63,7 @@ def ramp_removed(x: np.ndarray, period: int, discard: int) -> np.ndarray:
     of a periodic signal has coefficients (1 - w) times its own, w = exp(-2 pi i k / period), so the DFT of the
     increments is divided by that. The mean (k = 0) is the raw one.
 
-    Needs one sample more than the analysed cycles hold: the one before them when a cycle was discarded, else the one
+    Needs one sample more than the analysed cycles: the one before them if a cycle was discarded, otherwise the one
     after. Raises `RecordingError` when the record has neither.
     """
     x = np.asarray(x)

@@ -1,8 +1,8 @@
 """An experiment with simultaneous torques on ankle and hip: trials, and Monte Carlo estimates of the controllers.
 
-The hip torque is the ankle torque's sequence played backwards: another sequence with the same spectrum. It changes sign
-from trial to trial, so that the two are orthogonal over any pair of trials at every single line, and no averaging over
-frequency is needed (design derived; the classical alternative is to average cross-spectra over lines). With a hip
+The hip torque is the sequence of the ankle torque reversed in time, which has the same amplitude spectrum. Its sign
+alternates between trials, so that the two are orthogonal over any pair of trials at every line, and no averaging over
+frequency is needed (design derived; the usual alternative is to average cross-spectra over lines). With a hip
 amplitude of zero it is the one-stimulus experiment of the same length.
 """
 
@@ -37,7 +37,7 @@ class Spectra:
 
 
 class TwoStimuli:
-    """Trials with an ankle and a hip torque on the two-segment model; build once, draw many realizations.
+    """Trials with an ankle and a hip torque on the two-segment model; one object generates many realizations.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class TwoStimuli:
     bands: frequency points.
     noise: sensor noise, independent in every trial.
     trials: even number of trials.
-    cycles, discard: recorded cycles of a trial, and how many are dropped.
+    cycles, discard: recorded cycles of a trial, and number of them discarded at the start.
     body: inertia and gravity; the paper's by default.
 
     Raises `InputError` when trials are odd or the bands do not fit the stimulus.
@@ -66,7 +66,7 @@ class TwoStimuli:
         if trials < 2 or trials % 2:
             raise InputError(f"trials: expected an even number (the hip torque alternates in sign), got {trials}")
         if discard < 1 or cycles <= discard:
-            raise InputError(f"cycles: expected at least one dropped of more, got {discard} of {cycles}")
+            raise InputError(f"cycles: expected at least one discarded cycle and one more, got {discard} of {cycles}")
         check_period(bands, ankle.period_s)
         self.bands, self.discard, self.period = bands, discard, ankle.samples
         self.model = two_segment(body)
@@ -84,7 +84,7 @@ class TwoStimuli:
         return self._spectra(self._evoked)
 
     def realization(self, rng: np.random.Generator) -> Spectra:
-        """One draw: the ramp of each trial's record is removed, since inverse dynamics multiplies its leak by s^2."""
+        """One realization. The ramp of each record is removed, because inverse dynamics amplifies leakage by s^2."""
         records = (self._noise.sample(rng) for _ in self._evoked)
         noise = [periods.ramp_removed(x, self.period, self.discard)[self.bands.lines] for x in records]
         return self._spectra(self._evoked + np.stack(noise))

@@ -1,33 +1,76 @@
-"""The decorator of every compiled function that is kept on disk: a change of any source it is compiled from is seen.
+"""Decorator for compiled functions that are cached on disk; it detects changes in all source files they depend on.
 
-Numba keeps compiled code beside the source, since compiling the kernels takes most of a minute. What it keeps is
-stamped with the file that holds the function alone, so that a function compiled from two files (`inline` or called)
-would go on running the old code of the other one. Here the stamp is over the file and every file of the same package
-that it imports, and those import in turn.
+Numba caches compiled code next to the source, because compiling the kernels takes most of a minute. By default it
+checks only the file that contains the function, so a function that calls or inlines code of another file would continue
+to use the old code of that file. Here the check covers the file and, recursively, all files of the same package that it
+imports.
+
+An installed wheel brings compiled code with it (`mcstudy.stance.shipped`). It is looked for after numba's own, which
+was made for this very processor.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import pickle
 import re
 import sys
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from numba import njit
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+from numba.core.serialize import dumps
+
+from mcstudy.stance import shipped
 
 FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.MULTILINE)
 IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n]*)", re.MULTILINE)
 
+SLOW = frozenset({"rightmost", "evaluate", "levenberg_marquardt", "penalised_fits"})
+"""Functions that take several seconds to compile: whoever waits for one of them is told."""
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Compile without the interpreter's lock and with NumPy's division by zero; keep the result on disk."""
-    dispatcher: Any = njit(nogil=True, error_model="numpy")(function)
-    dispatcher._cache = _Cache(function)  # what `cache=True` does, with another stamp
+NOTICE = "compiling the fit kernels, once for this installation: about 40 s ..."
+
+KEPT: list[Any] = []
+"""Every function of `compiled`."""
+
+
+def compiled(function: Callable[..., Any], *, allocates: bool = True) -> Any:
+    """Compile without the interpreter's lock and with NumPy's division by zero; keep the result on disk.
+
+    ``allocates``: False for a function that makes no arrays. It then does not count references to those it is handed,
+    which costs the kernel, with its twenty arrays, some percent.
+    """
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": allocates}
+    dispatcher: Any = njit(**options)(function)
+    dispatcher._cache = _Cache(function)  # as with `cache=True`, but with another check
+    KEPT.append(dispatcher)
     return dispatcher
+
+
+def ship(folder: Path, package: str = "mcstudy") -> None:
+    """Write what this process has compiled of a package to a new folder, as `mcstudy.stance.shipped` reads it."""
+    codes, codegen = [], None
+    for dispatcher in KEPT:
+        if dispatcher.py_func.__module__.partition(".")[0] != package:
+            continue
+        for arguments, result in dispatcher.overloads.items():
+            codegen, own = result.codegen, dispatcher._cache
+            codes.append((own.function, own.stamp, arguments, dumps(own.impl.reduce(result))))
+    shipped.write(folder, codes, codegen)
+
+
+@cache
+def _notice() -> None:
+    """Say once that compiling takes its time."""
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError, ValueError):  # closed: nobody to tell
+            print(NOTICE, file=sys.stderr, flush=True)
 
 
 def sources(module: str) -> dict[str, str]:
@@ -77,8 +120,19 @@ def _is_module(package: str, name: str) -> bool:
     return hasattr(loaded, "__path__") and find_spec(f"{package}.{name}") is not None
 
 
+class _ReadOnly(InTreeCacheLocator):
+    """Beside the source, where no folder can be written to: nothing is kept, and that is no reason to stop."""
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _ReadOnly | None:
+        """For any function of a file."""
+        return cls(py_func, py_file) if Path(py_file).exists() else None
+
+
 class _Impl(CompileResultCacheImpl):
     """Numba's, wherever it keeps the code of a function, with the stamp of this module."""
+
+    _locator_classes = [*CompileResultCacheImpl._locator_classes, _ReadOnly]  # noqa: RUF012  # as in numba
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -87,4 +141,35 @@ class _Impl(CompileResultCacheImpl):
 
 
 class _Cache(FunctionCache):
+    """Numba's, then what came with the package, then a line that says why the caller waits."""
+
     _impl_class = _Impl
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        own: Any = self
+        self.function, self.impl, self.stamp = function, own._impl, stamp(function.__module__)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Code for a signature; None: to be compiled."""
+        found = super().load_overload(sig, target_context)
+        if found is None:
+            found = self._shipped(sig, target_context)
+        if found is None and self.function.__name__ in SLOW:
+            _notice()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled, where there is room for it."""
+        with contextlib.suppress(OSError):
+            super().save_overload(sig, data)
+
+    def _shipped(self, sig: Any, target_context: Any) -> Any:
+        # Whatever is wrong with a file that came with the package, compiling is the remedy: there is nothing to tell.
+        with contextlib.suppress(Exception):
+            code = shipped.find(self.function, self.stamp, sig, target_context.codegen())
+            if code is not None:
+                result = self.impl.rebuild(target_context, pickle.loads(code))
+                if tuple(result.signature.args) == tuple(sig):
+                    return result
+        return None

@@ -48,7 +48,7 @@ class Parameter:
     unit: unit as it is written to the cube, e.g. ``"N m/rad"``.
     value: nominal ("true") value in that unit.
     lower, upper: bounds of the fit and of the uniform starts, in that unit.
-    meaning: one line for people.
+    meaning: description in one line.
     """
 
     name: str
@@ -326,3 +326,11 @@ class Table:
             n_parameters=len(model.parameters),
             n_filters=len(model.filters),
         )
+
+    def gain(self, theta: np.ndarray, e: int) -> np.ndarray:
+        """Coefficient of term ``e`` times its gains at parameters ``theta`` (..., P), (...)."""
+        gain = np.full(theta.shape[:-1], self.weight[e, 0])
+        for p in self.entry[e, 3:]:
+            if p >= 0:
+                gain = gain * theta[..., p]
+        return gain

@@ -11,7 +11,7 @@ from mcstudy.errors import InputError
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """What a number may be. In an annotation of a pydantic field it is checked there.
+    """Allowed range of a number. In the annotation of a pydantic field, pydantic checks it.
 
     Attributes
     ----------
@@ -61,3 +61,19 @@ class Range:
 def within(low: float, high: float, unit: str) -> Mapping[str, Range]:
     """Metadata of a dataclass field that declare its range."""
     return {"within": Range(low, high, unit)}
+
+
+GAIN = Range(1e-9, 1e9, or_zero=True, signed=True)
+"""True values of gains, N m/rad or N m s/rad; a person has up to some 1e3."""
+
+DELAY = Range(1e-9, 10.0, "s", or_zero=True)
+"""Delays and their bounds; a person has some 0.1 s."""
+
+AMPLITUDE = Range(1e-6, 1e6)
+"""N m or m."""
+
+RATE = Range(1e-3, 1e6, "Hz")
+"""Sampling rates of what is simulated."""
+
+MAX_SAMPLES = 4_000_000
+"""Longest record that is simulated: preparing one takes about half a kilobyte per sample."""

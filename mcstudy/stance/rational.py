@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.errors import ModelError
-from mcstudy.stance.feedback import Model, Table
+from mcstudy.stance.feedback import Model
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def rational_rows(
     chosen = [int(e) for e in np.flatnonzero(np.ones(len(table.entry), dtype=bool) if entries is None else entries)]
     filters = _filter_polynomials(model, theta)
     delay, group = _delays(model, theta, chosen)
-    gains = {e: _gain(table, theta, e) for e in chosen}
+    gains = {e: table.gain(theta, e) for e in chosen}
     chain = {e: Counter(int(k) for k in table.group_filters[table.entry[e, 2]] if k >= 0) for e in chosen}
     common: list[Counter[int]] = [Counter(), Counter()]
     integrates = [False, False]
@@ -149,14 +149,6 @@ def _filter_polynomials(model: Model, theta: np.ndarray) -> list[tuple[np.ndarra
             sides.append(polynomial)
         filters.append((sides[0], sides[1]))
     return filters
-
-
-def _gain(table: Table, theta: np.ndarray, e: int) -> np.ndarray:
-    gain = np.full(theta.shape[:-1], table.weight[e, 0])
-    for p in table.entry[e, 3:]:
-        if p >= 0:
-            gain = gain * theta[..., p]
-    return gain
 
 
 def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -47,14 +47,6 @@ def _group_values(table: Table, theta: np.ndarray, s: np.ndarray, filters: np.nd
     return out
 
 
-def _gain(table: Table, theta: np.ndarray, e: int) -> np.ndarray:
-    gain = np.full(theta.shape[:-1], table.weight[e, 0])
-    for p in table.entry[e, 3:]:
-        if p >= 0:
-            gain = gain * theta[..., p]
-    return gain
-
-
 def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A(s) of shape (..., N, 2, 2) and b(s) of shape (..., N, 2) at complex ``s`` of shape (N,)."""
     table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
@@ -62,7 +54,7 @@ def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, 
     A = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
     b = np.zeros((*theta.shape[:-1], s.size, 2), dtype=complex)
     for e, (row, order, group, _, _) in enumerate(table.entry):
-        value = _gain(table, theta, e)[..., None] * s**order * groups[..., group, :]
+        value = table.gain(theta, e)[..., None] * s**order * groups[..., group, :]
         for column in (0, 1):
             A[..., row, column] += table.weight[e, 1 + column] * value
         b[..., row] -= table.weight[e, 3] * value
@@ -144,7 +136,7 @@ def active(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
     N = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
     for e, (row, order, group, _, _) in enumerate(table.entry):
         if table.noisy[e]:
-            value = _gain(table, theta, e)[..., None] * s**order * groups[..., group, :]
+            value = table.gain(theta, e)[..., None] * s**order * groups[..., group, :]
             for column in (0, 1):
                 N[..., row, column] += table.weight[e, 1 + column] * value
     return N
@@ -161,7 +153,7 @@ def neural_controllers(model: Model, theta: np.ndarray, f: np.ndarray) -> np.nda
     NC = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
     for e, (row, order, group, g1, _) in enumerate(table.entry):
         if g1 >= 0 and table.weight[e, 3] == 0:
-            value = _gain(table, theta, e)[..., None] * s**order * groups[..., group, :]
+            value = table.gain(theta, e)[..., None] * s**order * groups[..., group, :]
             for column in (0, 1):
                 NC[..., row, column] += table.weight[e, 1 + column] * value
     return NC

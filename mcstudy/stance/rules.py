@@ -1,4 +1,4 @@
-"""Nonlinear and time-varying rules of the time-domain simulator: what no term table can say.
+"""Nonlinear and time-varying rules of the time-domain simulator, which a term table cannot express.
 
 Each field at its default leaves the loop linear. The rules act on signals and torques of the model's own table; no
 equation is written here. Derived.

@@ -46,18 +46,6 @@ class NoiseSway:
         return record(self.coefficients(rng), self.n_samples)
 
 
-def noise_sway(
-    model: Model,
-    theta: np.ndarray,
-    noise: SensorNoise,
-    rng: np.random.Generator,
-    n_samples: int,
-    rate_hz: float,
-) -> np.ndarray:
-    """One random record of sway evoked by sensor noise, rad, (n_samples, 2). See `NoiseSway` for many."""
-    return NoiseSway(model, theta, noise, n_samples, rate_hz).sample(rng)
-
-
 def sway_psd(model: Model, theta: np.ndarray, noise: SensorNoise, f: np.ndarray) -> np.ndarray:
     """One-sided cross-spectral density of noise-evoked sway at ``f`` > 0 (Hz, (N,)), rad^2/Hz, (N, 2, 2) Hermitian.
 

@@ -1,7 +1,7 @@
-"""What runs on a worker: one block, announced when it starts, with the environment it ran in.
+"""One block on a worker: it announces its start and returns its result with the environment of the worker.
 
-A block waits on a worker behind others, so only the worker can say when its time began, and only counting these
-announcements tells the block that kills workers from those that waited behind it.
+A block may wait on a worker behind others, so only the worker knows when it started. Counting these announcements also
+separates a block that kills workers from the blocks that waited behind it.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import Any
 from distributed import get_worker
 
 from mcstudy.study.environment import environment
-from mcstudy.study.tasks import Report, Task, run_task
+from mcstudy.study.tasks import Task, TaskReport, run_task
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What a block raised, as text: an exception that cannot be pickled would be lost on its way, and waited for.
+    """The exception of a block, as text: an exception that cannot be pickled would be lost on its way.
 
-    ``disk``: why the store could not be written, if that is what it was.
+    ``disk``: why the store could not be written, if that was the reason.
     """
 
     reason: str
@@ -28,9 +28,9 @@ class Failure:
 
 @dataclass(frozen=True)
 class Attempt:
-    """How a block ended, and the environment of the worker."""
+    """Result of a block, and the environment of the worker."""
 
-    ended: Report | Failure
+    ended: TaskReport | Failure
     environment: dict[str, Any]
 
 
@@ -43,7 +43,7 @@ def attempt(task: Task, key: str) -> Attempt:
     """Announce ``key`` and run the task."""
     worker = get_worker()
     worker.log_event(topic(task.run), {"key": key, "worker": worker.address})
-    ended: Report | Failure
+    ended: TaskReport | Failure
     try:
         ended = run_task(task)
     except Exception as error:  # whatever a block raises is an outcome of that block

@@ -1,43 +1,37 @@
-"""What only the physics can tell is wrong with a group of a study file."""
+"""Checks of a group of a study file that need the physics of the model."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mcstudy.errors import DesignError, InputError
+from mcstudy.files.untrusted import LARGEST_CHUNK
 from mcstudy.spectra.bands import PERIOD_S
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.ranges import Range
+from mcstudy.stance.ranges import DELAY, GAIN, MAX_SAMPLES
 from mcstudy.stance.response import frf_jacobian
-from mcstudy.study.group import GAIN, GAIN_BOUND, Group
+from mcstudy.study.group import GAIN_BOUND, Group
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.measure import HIGHEST_HZ, frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model
-from mcstudy.study.untrusted import LARGEST_CHUNK
-
-MAX_SAMPLES = 4_000_000
-"""Longest record a study may ask for: preparing one takes about half a kilobyte a sample."""
 
 MAX_FREQUENCIES = 4000
-"""Most frequency points: a cycle of the longest sequence at 20 ms a state has 1600 odd lines up to 8 Hz."""
-
-DELAY = Range(1e-9, 10.0, "s", or_zero=True)
-"""Delays and their bounds; a person has some 0.1 s."""
+"""Largest number of frequency points; a cycle of the longest sequence at 20 ms per state has 1600 odd lines to 8 Hz."""
 
 NARROWEST = 1e-12
 """Smallest distance between the bounds of a parameter, in its unit."""
 
 SMALLEST_RESPONSE = 1e-15
-"""Smallest response of an angle, rad per unit of stimulus, and the inverse of the largest; a person has some 1e-3."""
+"""Smallest response of an angle, rad per unit of stimulus, and inverse of the largest; humans have about 1e-3."""
 
 MAX_CHUNKS = 1_000_000
-"""Most chunks of a group: with the largest ones that are chosen freely, 5e9 fits."""
+"""Largest number of chunks of a group; with the largest default chunks this is 5e9 fits."""
 
 
-def check(group: Group, model: Model | None = None) -> None:
-    """Raise `DesignError` for the first thing that is wrong; its message starts with the field within the group.
+def check_group(group: Group, model: Model | None = None) -> None:
+    """Raise `DesignError` for the first mistake; its message starts with the field within the group.
 
-    ``model``: fitted instead of the one the group describes.
+    ``model``: used instead of the model that the group describes.
     """
     model = build_model(group) if model is None else model
     _check_parameters(model)
@@ -66,7 +60,7 @@ def _check_parameters(model: Model) -> None:
 
 
 def _check_response(group: Group, model: Model) -> None:
-    """A body without inertia, one that no stimulus moves, or one whose response overflows has nothing to fit."""
+    """Refuse a body without inertia, without response to the stimulus, or with a response that overflows."""
     try:
         with np.errstate(all="ignore"):
             response, slope = frf_jacobian(model, model.truth, kept_points(group).f)
@@ -75,15 +69,15 @@ def _check_response(group: Group, model: Model) -> None:
     size = np.abs(response[..., : model.n_angles]) if response.ndim else np.abs(response)
     if not (np.isfinite(slope).all() and (size > SMALLEST_RESPONSE).all() and (size < 1 / SMALLEST_RESPONSE).all()):
         raise DesignError(
-            f"model: expected a body that the stimulus moves by {SMALLEST_RESPONSE:g} to {1 / SMALLEST_RESPONSE:g} "
-            f"rad/({model.stimulus_unit}) at every frequency, got one that it does not"
+            f"model: expected a response of {SMALLEST_RESPONSE:g} to {1 / SMALLEST_RESPONSE:g} "
+            f"rad/({model.stimulus_unit}) at every frequency, got a smaller or larger one"
         )
 
 
 def _check_stimulus(group: Group) -> None:
     s = group.stimulus
     if s.state_s * s.rate_hz > MAX_SAMPLES:
-        raise DesignError(f"stimulus.state_s: expected at most {MAX_SAMPLES} samples a state, got {s.state_s} s")
+        raise DesignError(f"stimulus.state_s: expected at most {MAX_SAMPLES} samples per state, got {s.state_s} s")
     try:
         prts = stimulus(group, group.amplitude[0])
     except InputError as error:
@@ -103,14 +97,16 @@ def _check_stimulus(group: Group) -> None:
     if s.rate_hz < 4 * HIGHEST_HZ:
         raise DesignError(f"stimulus.rate_hz: expected at least {4 * HIGHEST_HZ} Hz, got {s.rate_hz}")
     if group.spectra.ramp == "remove" and s.discard == 0:
-        raise DesignError("spectra.ramp: expected 'keep' when stimulus.discard = 0 (the ramp needs a sample before)")
+        raise DesignError(
+            "spectra.ramp: expected 'keep' when stimulus.discard = 0 (removing the ramp needs the preceding sample)"
+        )
     if group.spectra.points != "odd_lines" and abs(prts.period_s - PERIOD_S) > 1e-9:
         raise DesignError(
             f"spectra.points: expected 'odd_lines' for a period other than {PERIOD_S} s, got {group.spectra.points!r}"
         )
     if group.spectra.points == "odd_lines" and group.spectra.width != 1:
         raise DesignError(
-            f"spectra.width: expected 1 for points 'odd_lines' (one line each), got {group.spectra.width}"
+            f"spectra.width: expected 1 for points 'odd_lines' (one line per point), got {group.spectra.width}"
         )
 
 
@@ -122,7 +118,7 @@ def _check_fit(group: Group) -> None:
         )
     if group.fit.cost == "ml" and (group.simulator == "none" or min(group.noise.psd) == 0):
         raise DesignError(
-            "fit.cost: expected 'paper' for a group without noise (there is nothing to weigh by), got 'ml'"
+            "fit.cost: expected 'paper' for a group without noise (no noise covariance to weight with), got 'ml'"
         )
 
 
@@ -149,12 +145,12 @@ def check_fmax(lowest: float, highest: float, points: np.ndarray, half_line: flo
 
 
 def check_determined(frequencies: int, model: Model, fmax: float, field: str) -> None:
-    """Raise `DesignError` unless the frequencies up to ``fmax`` hold as many numbers as the model has parameters."""
+    """Raise `DesignError` unless the frequencies up to ``fmax`` give as many numbers as there are parameters."""
     parameters, a_frequency = len(model.parameters), 2 * model.n_angles
     if a_frequency * frequencies < parameters:
         raise DesignError(
             f"{field}: expected at least {-(-parameters // a_frequency)} frequencies for {parameters} parameters, "
-            f"{fmax} Hz leaves {frequencies}"
+            f"got {frequencies} up to {fmax} Hz"
         )
 
 
@@ -165,7 +161,7 @@ def _realization_bytes(group: Group, parameters: int, frequencies: int) -> int:
 
 
 def _check_size(group: Group, model: Model) -> None:
-    """What a run must hold in memory at once, and how many files it makes."""
+    """Limits of the memory that a run needs at once, and of the number of files."""
     cell = len(group.fmax) * group.starts
     depth = realizations_a_chunk(group)
     size = depth * _realization_bytes(group, len(model.parameters), len(kept_points(group).f))

@@ -1,9 +1,9 @@
-"""Which file belongs where: the checksums of one chunk, noted beside its ``status``, and a store that reads by them.
+"""Checksum files, one per chunk, and a store that checks every chunk against them.
 
-Every file of a chunk ends in its own CRC-32C. That finds a changed byte, but not a file that is gone, or that has
-changed places with its neighbour: Zarr reads the one as fill values and the other as numbers. The note says which file
-is in which place. It is written after all files of the chunk are on disk and taken back before one of them is written
-again, so what it says holds whenever it is there; a chunk without one is being written, or of an older program.
+Every file of a chunk ends in its own CRC-32C. That detects a changed byte, but neither a missing file, which Zarr reads
+as fill values, nor two swapped files, which Zarr reads as numbers. The checksum file of a chunk lists the checksum of
+every file by its path. It is written after all files of the chunk are on disk and removed before one of them is written
+again, so it is correct whenever it exists. A chunk without it is being written or comes from an older program.
 """
 
 from __future__ import annotations
@@ -12,38 +12,35 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 from google_crc32c import value as crc32c
-from zarr.abc.store import ByteRequest
-from zarr.core.buffer import Buffer, BufferPrototype
 
 from mcstudy.errors import StoreError
+from mcstudy.files.untrusted import cube_bytes, real_bytes, zstd_claim
 from mcstudy.study import runlog
 from mcstudy.study.layout import ArraySpec, Chunk, Layout
-from mcstudy.study.untrusted import CubeStore, real_bytes, zstd_claim
 
 LARGEST_NOTE = 1 << 16
 
 TRIES = 5
-"""Times a chunk is read that a run changes at the same moment."""
+"""Number of attempts to read a chunk that a run is changing at the same time."""
 
 OTHER = "swapped or replaced?"
-"""What may have happened to a file whose own checksum is right and which is not that of its place."""
+"""Probable cause when a file is intact but its checksum is not the one listed for its path."""
 
 _LINE = re.compile(r"([0-9a-f]{8})  (\S+)")
 
 
 def note(fingerprint: str, files: Mapping[str, int]) -> bytes:
-    """The note of a chunk: the study, the CRC-32C of every file by its place in the cube, and that of the note."""
+    """Content of a checksum file: the study, the CRC-32C of every file by its path, and that of the text itself."""
     lines = (f"{crc:08x}  {file}" for file, crc in files.items())
     text = "\n".join([f"# CRC-32C of the files of one chunk, study {fingerprint}", *lines, ""]).encode()
     return text + f"# {crc32c(text):08x}\n".encode()
 
 
 def noted(content: bytes, fingerprint: str, files: tuple[str, ...]) -> dict[str, int]:
-    """CRC-32C by file, from a note; `ValueError` when it is damaged, or not of these files of this study."""
+    """CRC-32C by file, read from a checksum file; `ValueError` if it is damaged or of other files or another study."""
     lines = [_LINE.fullmatch(line) for line in content.decode("ascii", "replace").splitlines()]
     said = {line[2]: int(line[1], 16) for line in lines if line is not None}
     if tuple(said) != files or note(fingerprint, said) != content:
@@ -56,53 +53,44 @@ def checksum(content: bytes) -> int:
     return int.from_bytes(content[-4:], "little")
 
 
-class CheckedStore(CubeStore):
-    """The store of a cube that knows which chunks there are: one that is missing or out of place is never numbers.
+class Checked:
+    """Reads the files of a cube by its stored checksums: a missing or swapped chunk gives an error, not numbers.
 
-    ``layouts``: of the groups that are read. ``fingerprint``: of the study.
+    ``layouts``: layouts of the groups that are read. ``fingerprint``: of the study.
     """
 
-    def __init__(
-        self, root: Path | str, layouts: Mapping[str, Layout], fingerprint: str, *, read_only: bool = True
-    ) -> None:
-        super().__init__(root, read_only=read_only)
-        self.layouts, self.fingerprint = layouts, fingerprint
+    def __init__(self, root: Path, layouts: Mapping[str, Layout], fingerprint: str) -> None:
+        self.root, self.layouts, self.fingerprint = root, layouts, fingerprint
 
-    def with_read_only(self, read_only: bool = False) -> Self:
-        """The same store, to read or also to write."""
-        return type(self)(self.root, self.layouts, self.fingerprint, read_only=read_only)
-
-    def get_sync(
-        self, key: str, *, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
-    ) -> Buffer | None:
-        """One value; None where a chunk has not been run, `StoreError` where it is missing or another one's."""
+    def content(self, key: str) -> bytes | None:
+        """One value; None where a chunk has not been run, `StoreError` where it is missing or swapped."""
         group, _, inner = key.partition("/")
         array, _, name = inner.partition("/")
         layout = self.layouts.get(group)
         chunk = None if layout is None else layout.place(array, name)
         if layout is None or chunk is None:
-            value = super().get_sync(key, prototype=prototype, byte_range=byte_range)
+            value = cube_bytes(self.root, key)
             if layout is not None and value is not None and name != "zarr.json":
                 self._check_size(key, layout.arrays.get(array), value)
             return value
         wrong = ""
         for _ in range(TRIES):
             before = self._note(group, layout, chunk)
-            value = super().get_sync(key, prototype=prototype, byte_range=byte_range)
+            value = cube_bytes(self.root, key)
             wrong = self._wrong(key, group, layout, chunk, before, value)
             if not wrong:
                 if value is not None:
                     self._check_size(key, layout.arrays[array], value)
                 return value
             if self._note(group, layout, chunk) == before:
-                break  # else a run has written the chunk meanwhile
+                break  # otherwise a run has written the chunk meanwhile
         raise StoreError(wrong)
 
-    def _check_size(self, key: str, spec: ArraySpec | None, value: Buffer) -> None:
-        """Raise `StoreError` when a file does not hold as many numbers as its array asks for: it is another one's."""
+    def _check_size(self, key: str, spec: ArraySpec | None, value: bytes) -> None:
+        """Raise `StoreError` when a file does not hold as many numbers as its array requires: it was swapped."""
         if spec is None or spec.dtype == "string":  # whose number is checked when the cube is opened
             return
-        expected, claim = math.prod(spec.chunks) * np.dtype(spec.dtype).itemsize, zstd_claim(value.to_bytes())
+        expected, claim = math.prod(spec.chunks) * np.dtype(spec.dtype).itemsize, zstd_claim(value)
         if claim != expected:
             raise StoreError(f"{self.root / key}: expected {expected} bytes of numbers, found {claim} ({OTHER})")
 
@@ -113,13 +101,13 @@ class CheckedStore(CubeStore):
             return None
         except OSError as error:
             raise StoreError(
-                f"{self.root / group / layout.note(chunk)}: expected a file that can be read ({error.strerror})"
+                f"{self.root / group / layout.note(chunk)}: expected a readable file ({error.strerror})"
             ) from None
 
     def _wrong(
-        self, key: str, group: str, layout: Layout, chunk: Chunk, content: bytes | None, value: Buffer | None
+        self, key: str, group: str, layout: Layout, chunk: Chunk, content: bytes | None, value: bytes | None
     ) -> str:
-        """What is wrong with a chunk's file, empty if nothing is; ``content``: the note when the file was read."""
+        """Description of what is wrong with a chunk's file, else empty; ``content``: its checksum file at that time."""
         files = tuple(f"{group}/{array}/{layout.key(array, chunk)}" for array in layout.results)
         status, file = files[-1], self.root / key
         if content is not None:
@@ -130,14 +118,14 @@ class CheckedStore(CubeStore):
                 return f"{at}: expected the checksums of its chunk of this study"
             if value is None:
                 return f"{file}: missing, though its checksum is in {at}"
-            if checksum(value.to_bytes()) != said[key]:
+            if checksum(value) != said[key]:
                 return f"{file}: expected the file whose checksum is in {at}, found another one ({OTHER})"
         elif key != status:
             if value is None and (self.root / status).exists():
                 return f"{file}: missing, though the chunk has a status"
         elif value is None and (group, chunk.amplitude, chunk.block) in runlog.reported(self.root, self.fingerprint):
             return f"{file}: missing, though a run has reported the chunk as complete"
-        if key == status and value is not None:  # what was run is told by it alone, so nothing else may lack
+        if key == status and value is not None:  # status alone tells what was run, so no other file may be missing
             for other in files[:-1]:
                 if not (self.root / other).is_file():
                     return f"{self.root / other}: missing, though the chunk has a status"

@@ -1,7 +1,7 @@
-"""What a study is: groups with nothing left to default, checked and written out in full.
+"""A study: groups with every setting explicit, checked and written out in full.
 
-`Study` is the same whether it was read from a file (`mcstudy.study.study_file`) or built in Python: the same mistakes
-are refused in the same line, and the same choices have the same fingerprint.
+A `Study` read from a file (`mcstudy.study.study_file`) and one built in Python are treated alike: the same mistakes
+give the same one-line error, and the same settings give the same fingerprint.
 """
 
 from __future__ import annotations
@@ -9,12 +9,15 @@ from __future__ import annotations
 import hashlib
 import html
 import json
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, model_validator
 
 from mcstudy.errors import DesignError
-from mcstudy.study.checks import check
+from mcstudy.files.plain_errors import shown, validated
+from mcstudy.files.sections import Name, Positive, Section
+from mcstudy.study.checks import check_group
 from mcstudy.study.group import (
     SECTIONS,
     BoundsSection,
@@ -27,7 +30,9 @@ from mcstudy.study.group import (
     StudySection,
 )
 from mcstudy.study.models import with_model_values
-from mcstudy.study.sections import Name, Positive, Section
+
+if TYPE_CHECKING:
+    from mcstudy.study.plan import StudyPlan
 
 __all__ = [
     "SECTIONS",
@@ -47,35 +52,77 @@ __all__ = [
 
 
 class Study(Section):
-    """A fully resolved study: nothing is left to a default."""
+    """A fully resolved study: every setting is explicit.
+
+    ``Study("pilot", seed=1)`` begins one in Python, and `group` adds a group to it; `read_study` reads one from a file.
+    Every mistake is a `DesignError`, the line that a study file would get.
+
+    Attributes
+    ----------
+    study: name, seed and prose. groups: what is run, by name.
+    """
 
     study: StudySection
-    group: dict[Name, Group] = Field(min_length=1, max_length=200)
+    groups: dict[Name, Group] = Field(alias="group", min_length=1, max_length=200)
+
+    @classmethod
+    def from_python(cls, name: str | None = None, /, **fields: Any) -> Any:
+        """``Study(name, seed=, description=, regenerates=)``, without groups; or a whole one from its sections."""
+        if name is None:
+            return super().from_python(**fields)
+        return cls.model_construct(study=StudySection(name=name, **fields), groups={})
+
+    def group(self, name: str, /, **fields: Any) -> Study:
+        """This study with one more group: a new study, this one stays as it is.
+
+        Parameters
+        ----------
+        name: of the group, also a folder's.
+        fields: those of a ``[group.NAME]`` table of a study file: ``realizations``, ``starts``, ``fmax`` (list, Hz),
+            ``amplitude`` (list, N m or m), ``simulator``, and the sections ``model``, ``stimulus``, ``noise``,
+            ``spectra`` and ``fit`` as dicts.
+
+        Raises `DesignError` for a name that is taken and for what a study file must not hold.
+        """
+        if name in self.groups:
+            raise DesignError(f"group.{name}: the study already has a group of this name")
+        validated(Group, fields, f"group.{shown(name)}")
+        return Study(study=self.study, group={**self.groups, name: fields})
 
     @model_validator(mode="after")
     def _resolved(self) -> Study:
-        """This study with the values of its models written out; `DesignError` for what the physics refuses."""
+        """This study with the values of its models written out; `DesignError` when a check of the physics fails."""
         groups = {}
-        for name, group in self.group.items():
+        for name, group in self.groups.items():
             try:
-                check(group)
+                check_group(group)
                 groups[name] = with_model_values(group)
             except DesignError as error:
                 raise DesignError(f"group.{name}.{error}") from None
-        return self.model_copy(update={"group": groups})
+        return self.model_copy(update={"groups": groups})
 
     @property
     def fits(self) -> int:
         """Number of fits of all groups."""
-        return sum(group.fits for group in self.group.values())
+        return sum(group.fits for group in self.groups.values())
+
+    def __repr__(self) -> str:
+        rows = [
+            f"  {name}: {g.realizations} realizations x {g.starts} starts, fmax {_listed(g.fmax)} Hz, amplitude "
+            f"{_listed(g.amplitude)}, model {g.model.kind}, cost {g.fit.cost}: {g.fits} fits"
+            for name, g in self.groups.items()
+        ]
+        return "\n".join([f"Study {self.study.name}, seed {self.study.seed}: {self.fits} fits", *rows])
+
+    __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the groups and what they cost in fits."""
+        """Notebook display: the groups and their numbers of fits."""
         rows = "".join(
             f"<tr><th scope='row'>{html.escape(name)}</th><td>{g.realizations}</td><td>{g.starts}</td>"
-            f"<td>{', '.join(f'{f:g}' for f in g.fmax)}</td><td>{', '.join(f'{a:g}' for a in g.amplitude)}</td>"
+            f"<td>{_listed(g.fmax)}</td><td>{_listed(g.amplitude)}</td>"
             f"<td>{html.escape(g.model.kind)}</td><td>{g.fit.cost}, {g.fit.solver}</td><td>{g.fits}</td></tr>"
-            for name, g in self.group.items()
+            for name, g in self.groups.items()
         )
         columns = ("group", "realizations", "starts", "Fmax (Hz)", "amplitude", "model", "fit", "fits")
         head = "".join(f"<th scope='col'>{c}</th>" for c in columns)
@@ -86,7 +133,7 @@ class Study(Section):
         )
 
     def numbers(self) -> dict[str, Any]:
-        """Everything that changes a number of the cube, as plain JSON values (the prose left out)."""
+        """All settings that change a number of the cube, as plain JSON values (without the description)."""
         return self.model_dump(mode="json", exclude={"study": {"description", "regenerates"}})
 
     @property
@@ -94,6 +141,20 @@ class Study(Section):
         """SHA-256 of the canonical JSON of `numbers`."""
         canonical = json.dumps(self.numbers(), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(canonical.encode()).hexdigest()
+
+    def plan(self, workers: int | None = None, *, allow_unstable: bool = False) -> StudyPlan:
+        """What the study will cost and how precise it will be, from a small pilot; see `mcstudy.study.plan.plan`.
+
+        ``workers``: threads assumed, one per core when None.
+        """
+        from mcstudy.study.plan import plan  # which runs a pilot of this study
+
+        return plan(self, workers=workers, allow_unstable=allow_unstable)
+
+    def to_toml(self) -> str:
+        """The canonical study file: defaults filled in, comments gone. Reading it gives the same study."""
+        plain = self.model_dump(mode="json")
+        return "\n".join(_table("", {"study": plain["study"], "group": plain["group"]})).lstrip("\n") + "\n"
 
     def to_json(self) -> str:
         """Lossless text for a task; `from_json` reads it."""
@@ -103,3 +164,18 @@ class Study(Section):
     def from_json(cls, text: str) -> Study:
         """Inverse of `to_json`."""
         return cls.model_validate_json(text)
+
+
+def _listed(values: Iterable[float]) -> str:
+    return ", ".join(f"{v:g}" for v in values)
+
+
+def _table(path: str, table: Mapping[str, Any]) -> Iterator[str]:
+    scalars = {k: v for k, v in table.items() if not isinstance(v, dict)}
+    if path and (scalars or not table):
+        yield f"\n[{path}]"
+    for key, value in scalars.items():
+        yield f"{key} = {json.dumps(value, ensure_ascii=False)}"
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _table(f"{path}.{key}" if path else key, value)

@@ -1,4 +1,4 @@
-"""What numbers may depend on besides the study file: versions, CPU, thread settings. No host names, paths or times."""
+"""Environment on which numbers may depend: versions, CPU, thread settings. No host names, paths or times are stored."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from typing import Any
 PACKAGES = ("mcstudy", "numpy", "scipy", "numba", "llvmlite", "zarr", "numcodecs", "dask", "distributed")
 
 THREADS = ("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""Variables that set how many threads a library sums with: sums that are split differently have other last digits."""
+"""Variables that set the number of threads of a library; sums that are split differently differ in the last digits."""
 
-LAYERS = ("stance", "spectra", "fit", "study")
-"""Folders of this package that numbers depend on."""
+LAYERS = ("stance", "files", "recordings", "spectra", "fitting", "study", "streams.py")
+"""Folders and files of this package that affect numbers."""
 
 
 @cache
 def source() -> str:
-    """SHA-256 of the source the numbers come from: a version number does not tell an edited copy."""
+    """SHA-256 of the source that computes the numbers; unlike a version number, it detects an edited copy."""
     package, digest = Path(__file__).resolve().parent.parent, sha256()
     for layer in LAYERS:
-        for file in sorted((package / layer).rglob("*.py")):
+        at = package / layer
+        for file in [at] if at.is_file() else sorted(at.rglob("*.py")):
             digest.update(file.relative_to(package).as_posix().encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()
@@ -39,7 +40,7 @@ def environment() -> dict[str, Any]:
 
 @cache
 def _lasting(packages: tuple[str, ...]) -> dict[str, Any]:
-    """What does not change while a process runs: looking it up takes some milliseconds, and every block tells it."""
+    """The part that is constant in a process; cached, because it takes milliseconds and every block reports it."""
     from llvmlite import binding  # not needed to open a cube
 
     features = sorted(name for name, on in binding.get_host_cpu_features().items() if on)
@@ -53,7 +54,7 @@ def _lasting(packages: tuple[str, ...]) -> dict[str, Any]:
 
 
 def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """What differs between two environments, as ``field: old -> new`` lines."""
+    """Differences between two environments, as ``field: old -> new`` lines."""
     lines = []
     for name in sorted({*old.get("versions", {}), *new["versions"]}):
         a, b = old.get("versions", {}).get(name), new["versions"].get(name)
@@ -65,8 +66,10 @@ def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     if gone or come:
         lines.append("cpu_features: " + " ".join([*("-" + f for f in gone), *("+" + f for f in come)]))
     before, now = old.get("threads"), new["threads"]
-    if before is None:  # a cube from before these were noted
-        lines.append("threads: not noted -> " + (" ".join(f"{name}={value}" for name, value in now.items()) or "unset"))
+    if before is None:  # an old cube, which does not store them
+        lines.append(
+            "threads: not stored -> " + (" ".join(f"{name}={value}" for name, value in now.items()) or "unset")
+        )
         return lines
     for name in THREADS:
         if before.get(name) != now.get(name):

@@ -1,30 +1,31 @@
-"""What one group of a study measures and fits: frequency points, data of a realization, problems and starts."""
+"""The experiment of one group: frequency points, data of a realization, fit problems and starts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcstudy.fit.linearised import linearised_many
-from mcstudy.fit.problem import Problem, ml_cost, paper_cost
-from mcstudy.fit.starts import STARTS
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
+from mcstudy.streams import start_stream
 from mcstudy.study.design import Group
 from mcstudy.study.measure import SIMULATORS, Measurement, kept_points
 from mcstudy.study.models import build_model
-from mcstudy.study.streams import start_stream
+
+if TYPE_CHECKING:
+    from mcstudy.fitting.problem import Problem
 
 
 class Experiment:
-    """One group of a study, with everything that does not depend on the cell prepared once; safe to share by threads.
+    """The experiment of one group; everything that is common to all cells is prepared once. Thread-safe.
 
     Parameters
     ----------
     group: the resolved group.
     seed: seed of the study.
-    model: fitted instead of the one the group describes (`mcstudy.study.own_model`).
+    model: used instead of the model that the group describes (`mcstudy.own_model`).
     """
 
     def __init__(self, group: Group, seed: int, model: Model | None = None) -> None:
@@ -39,6 +40,8 @@ class Experiment:
 
     def problem(self, data: Measurement, fmax: float) -> Problem:
         """The fit problem of a measurement on the frequencies up to ``fmax``, one of the group's."""
+        from mcstudy.fitting.problem import ml_cost, paper_cost  # who only reads a cube fits nothing
+
         n = self._points[fmax]
         if self.group.fit.cost == "ml":
             assert data.covariance is not None  # a study file with ml and without noise is refused
@@ -46,7 +49,10 @@ class Experiment:
         return paper_cost(self.model, self.f[:n], data.frf[:n])
 
     def starts(self, problems: Sequence[Problem], realizations: Sequence[int]) -> np.ndarray:
-        """All starts of one problem of each realization, (R, starts, P); if not from data, the same at every Fmax."""
+        """Starts for one problem per realization, (R, starts, P); the same at every Fmax unless taken from the data."""
+        from mcstudy.fitting.linearised import linearised_many
+        from mcstudy.fitting.starts import STARTS
+
         streams = [start_stream(self.seed, realization) for realization in realizations]
         if self.group.fit.starts == "linearised":
             return linearised_many(problems, streams, self.group.starts)

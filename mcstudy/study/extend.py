@@ -1,7 +1,8 @@
-"""Growing a cube: more realizations, starts, Fmax or amplitudes, of which only the new cells are run.
+"""Extend a cube by realizations, starts, Fmax values or amplitudes; only the new cells are run.
 
-Streams are keyed by coordinate values, so a cell has the same bits in a small and in a large study. Chunks are not
-the same, so the larger cube is built beside the old one from its finished cells, and takes its place in one step.
+Random streams are keyed by coordinate values, so a cell has the same bits in a small and in a large study. The chunks
+differ, however. Therefore the larger cube is built next to the old one from its finished cells and then replaces it in
+one step.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import StoreError
-from mcstudy.fit.status import Status
-from mcstudy.study.cluster import ClusterOptions
+from mcstudy.files.durable import locked, recover, replace_tree, sweep
+from mcstudy.fitting.status import Status
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.design import Study
-from mcstudy.study.durable import locked, recover, replace_tree, sweep
 from mcstudy.study.growth import Growth, grown_study
 from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import repair
@@ -31,14 +32,14 @@ __all__ = ["Growth", "extend", "grow", "grown_study"]
 
 
 def extend(out: str | Path, growth: Growth, options: ClusterOptions | None = None, block: int | None = None) -> Outcome:
-    """Grow the cube ``out`` and run what is pending of it.
+    """Extend the cube ``out`` and run its pending fits.
 
-    A stop at any moment leaves the old cube or the new one at ``out``, whole and with everything that was done; the
-    same call resumes.
+    A stop at any moment leaves either the old or the new cube at ``out``, complete and with all finished fits; the same
+    call resumes.
 
     Raises
     ------
-    DesignError: the growth is none, or not of a valid study. StoreError, Interrupted: as `run_study`.
+    DesignError: the extension is empty or gives no valid study. StoreError, Interrupted: as `run_study`.
     """
     out = Path(out).resolve()
     with locked(out):
@@ -46,13 +47,13 @@ def extend(out: str | Path, growth: Growth, options: ClusterOptions | None = Non
         if out.exists():
             sweep(out)
         old = Cube.open(out)
-        grown_study(old.study, growth)  # what cannot grow is refused before anything is touched
+        grown_study(old.study, growth)  # an impossible extension is refused before anything is changed
         old, repairs = repair(out, old.study)
         return run_cube(grow(old, growth), repairs, options, block)
 
 
 def grow(old: Cube, growth: Growth) -> Cube:
-    """The larger cube in the place of ``old``, its finished cells copied; the caller holds the cube locked."""
+    """Replace ``old`` by the larger cube, with its finished cells copied; the caller holds the lock of the cube."""
     study, out = grown_study(old.study, growth), old.path
     building = out.with_name(f".{out.name}.extending")
     if study.fingerprint == old.study.fingerprint:
@@ -65,16 +66,18 @@ def grow(old: Cube, growth: Growth) -> Cube:
             for chunk in store.layout.chunks:
                 if not store.complete(chunk):
                     _copy(source, store, chunk)
-                elif not store.annotated(chunk):  # a kill left it before its last step
+                elif not store.annotated(chunk):  # a kill came before the last step
                     store.annotate(chunk)
         replace_tree(out, building)
     except OSError as error:
-        raise StoreError(f"{out}: expected room for a larger copy beside it ({error.strerror})") from None
+        raise StoreError(
+            f"{out}: expected disk space for a larger copy of the cube next to it ({error.strerror})"
+        ) from None
     return Cube.open(out)
 
 
 def _begin(building: Path, study: Study, old: Cube) -> Cube:
-    """The cube being built: what an interrupted call left of the same growth, or a new one."""
+    """The cube being built: the remainder of an interrupted call for the same extension, or a new one."""
     try:
         left = Cube.open(building)
         if (left.study.fingerprint, left.attributes) == (study.fingerprint, {**left.attributes, **_made(old)}):
@@ -91,7 +94,7 @@ def _made(cube: Cube) -> dict[str, object]:
 
 
 def _copy(old: GroupStore, new: GroupStore, chunk: Chunk) -> None:
-    """Write a chunk of the new cube with every cell the old one has; nothing when it has none."""
+    """Write a chunk of the new cube with all cells that the old cube has; write nothing if there are none."""
     a, b = old.layout.group, new.layout.group
     if b.amplitude[chunk.amplitude] not in a.amplitude:
         return

@@ -1,8 +1,8 @@
-"""What a group of a study is: every choice that changes a number, as validated sections.
+"""A group of a study: all settings that change a number, as validated sections.
 
-A study file has one section of each kind, and groups that may override any of them (`mcstudy.study.study_file` reads
-it); what is left after merging is a `Group` with nothing left to default. Every number has a range, far beyond any
-person or robot: what lies outside is a slip, and would end in numbers that cannot be computed.
+A study file has one section of each kind, and groups may override any of them (`mcstudy.study.study_file` reads it).
+Merging gives a `Group` in which every setting is explicit. Every number has an allowed range, far wider than any person
+or robot needs; a value outside it is a typing error and would lead to numbers that cannot be computed.
 """
 
 from __future__ import annotations
@@ -11,14 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from mcstudy.stance.ranges import Range
-from mcstudy.study.sections import Name, Section
-
-AMPLITUDE = Range(1e-6, 1e6)
-"""N m or m."""
-
-GAIN = Range(1e-9, 1e9, or_zero=True, signed=True)
-"""True values, N m/rad, N m s/rad or s; of a delay see `mcstudy.study.checks`. A person has up to some 1e3."""
+from mcstudy.files.sections import Name, Section
+from mcstudy.stance.ranges import AMPLITUDE, GAIN, RATE, Range
 
 GAIN_BOUND = Range(1e-12, 1e15, or_zero=True, signed=True)
 """Bounds of true values."""
@@ -27,18 +21,17 @@ MULTIPLE = Range(1e-6, 1e6, or_zero=True, signed=True)
 """Bounds as multiples of true values."""
 
 BODY = Range(1e-9, 1e6, or_zero=True, signed=True)
-"""kg m^2, kg m and m/s^2; a person has up to some 1e2."""
+"""Range of body constants, kg m^2, kg m and m/s^2; human values reach about 1e2."""
 
 FREQUENCY = Range(1e-4, 1e4, "Hz")
 NOISE_CORNER = Range(1e-6, 1e6, "Hz")
 NOISE_PSD = Range(1e-18, 1e6, "deg^2/Hz", or_zero=True)
 DELAY_MARGIN = Range(1e-9, 10.0, "s")
 STATE = Range(1e-6, 1e3, "s")
-RATE = Range(1e-3, 1e6, "Hz")
 
 
 def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Coordinates are stored in ascending order, so that the order of a list in the file means nothing."""
+    """Sort coordinates, so that the order of a list in the file does not matter."""
     if len(set(values)) != len(values):
         raise ValueError("every value listed once")
     return tuple(sorted(values))
@@ -50,7 +43,7 @@ ASCENDING = AfterValidator(_ascending)
 
 
 class StudySection(Section):
-    """Name and seed; the prose is for people and does not enter the fingerprint."""
+    """Name and seed of the study; the description does not enter the fingerprint."""
 
     name: Name
     seed: int = Field(ge=0, lt=2**63)
@@ -80,7 +73,7 @@ class ModelSection(Section):
 
 
 class StimulusSection(Section):
-    """Pseudorandom ternary stimulus: 3**stages - 1 states of state_s seconds; ``cycles`` periods, some dropped."""
+    """Pseudorandom ternary stimulus: 3**stages - 1 states of state_s seconds; ``cycles`` periods, some discarded."""
 
     kind: Literal["ankle_torque", "hip_torque", "platform_translation"] = "ankle_torque"
     stages: int = Field(default=7, ge=2, le=9)
@@ -99,7 +92,7 @@ class NoiseSection(Section):
 
 
 class SpectraSection(Section):
-    """Which frequency points, whether the ramp of each record is removed before the DFT, and points left out.
+    """Choice of frequency points, removal of the ramp of each record before the DFT, and excluded points.
 
     ``width``: fraction of a point's lines that are averaged into it (`mcstudy.spectra.bands.narrower`).
     ``covariance``: noise covariance from the even lines alone, or from the even lines through a first fit of the loop
@@ -124,10 +117,10 @@ class FitSection(Section):
 
 
 class Group(Section):
-    """One group of the cube: its axes, and the sections that hold for it.
+    """One group of the cube: its axes, and the sections that apply to it.
 
     ``fmax`` in Hz, ``amplitude`` in units of the stimulus, ``starts`` per fit problem. With simulator "none" a
-    realization is a pool: the data are the same, the starts are not.
+    realization is a pool of starts: all pools share the same data and differ in their starts.
     """
 
     realizations: int = Field(ge=1, le=10_000_000)
@@ -145,6 +138,11 @@ class Group(Section):
     def fits(self) -> int:
         """Number of fits of the group."""
         return len(self.amplitude) * len(self.fmax) * self.realizations * self.starts
+
+    @property
+    def noisy(self) -> bool:
+        """Whether realizations differ by noise (else they are pools of starts for the same data)."""
+        return self.simulator != "none" and any(self.noise.psd)
 
 
 SECTIONS = ("model", "stimulus", "noise", "spectra", "fit")

@@ -1,4 +1,4 @@
-"""How one study is another with more realizations, starts, Fmax or amplitudes, and the command that makes it so."""
+"""Extensions of a study by realizations, starts, Fmax values or amplitudes, and the commands that make them."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from pathlib import Path
 
 from mcstudy.errors import DesignError
 from mcstudy.study.design import Group, Study
-from mcstudy.study.study_file import parse_study, to_toml
+from mcstudy.study.study_file import parse_study
 
 
 @dataclass(frozen=True)
 class Growth:
-    """What to add.
+    """An extension of a study.
 
     Attributes
     ----------
-    realizations, starts: new totals; None leaves them.
-    fmax (Hz), amplitude (units of the stimulus): values to add; those already there change nothing.
-    groups: which groups grow; none for all.
+    realizations, starts: new totals; None leaves them unchanged.
+    fmax (Hz), amplitude (units of the stimulus): values to add; existing values change nothing.
+    groups: names of the groups to extend; empty for all.
     """
 
     realizations: int | None = None
@@ -30,7 +30,7 @@ class Growth:
     groups: tuple[str, ...] = ()
 
     def command(self, out: Path) -> str:
-        """The command that grows the cube ``out`` by this."""
+        """The command that extends the cube ``out`` accordingly."""
         words = ["mcstudy", "extend", str(out)]
         for name in ("realizations", "starts"):
             total = getattr(self, name)
@@ -43,14 +43,14 @@ class Growth:
 
 
 def grown_study(study: Study, growth: Growth) -> Study:
-    """The larger study; raises `DesignError` for what cannot grow, or would not be a valid study file."""
+    """The larger study; raises `DesignError` if the extension is impossible or the result is no valid study."""
     for name in growth.groups:
-        if name not in study.group:
-            raise DesignError(f"--group: expected one of {', '.join(study.group)}, got {name}")
-    names = growth.groups or tuple(study.group)
-    groups = {name: _grown(f"group.{name}", g, growth) if name in names else g for name, g in study.group.items()}
-    # Through the text of a study file: what is valid is decided in one place.
-    return parse_study(to_toml(study.model_copy(update={"group": groups})))
+        if name not in study.groups:
+            raise DesignError(f"--group: expected one of {', '.join(study.groups)}, got {name}")
+    names = growth.groups or tuple(study.groups)
+    groups = {name: _grown(f"group.{name}", g, growth) if name in names else g for name, g in study.groups.items()}
+    # By way of the text of a study file, so that validity is decided in one place.
+    return parse_study(study.model_copy(update={"groups": groups}).to_toml())
 
 
 def _grown(where: str, group: Group, growth: Growth) -> Group:
@@ -59,11 +59,11 @@ def _grown(where: str, group: Group, growth: Growth) -> Group:
         old, new = getattr(group, name), getattr(growth, name)
         totals[name] = old if new is None else new
         if totals[name] < old:
-            raise DesignError(f"{where}.{name}: expected at least {old}, what the cube has, got {new}")
+            raise DesignError(f"{where}.{name}: expected at least {old}, the number in the cube, got {new}")
     if group.fit.starts == "latin_hypercube" and totals["starts"] != group.starts:
         raise DesignError(
-            f"{where}.starts: expected {group.starts}, since Latin hypercube starts depend on their number and "
-            f"all would have to be fitted again (a new study does), got {totals['starts']}"
+            f"{where}.starts: expected {group.starts}, because Latin hypercube starts depend on their number and all "
+            f"would have to be fitted again (run a new study instead), got {totals['starts']}"
         )
     axes = {"fmax": growth.fmax, "amplitude": growth.amplitude}
     for name, values in axes.items():
@@ -74,10 +74,10 @@ def _grown(where: str, group: Group, growth: Growth) -> Group:
 
 
 def growths(small: Study, large: Study) -> list[Growth] | None:
-    """What makes ``small`` into ``large``, group by group; None when that is no growth, or one that cannot be."""
+    """Extensions that turn ``small`` into ``large``; None when no possible extension does."""
     found = []
-    for name, new in large.group.items():
-        old = small.group.get(name)
+    for name, new in large.groups.items():
+        old = small.groups.get(name)
         if old is None:
             return None
         growth = Growth(
@@ -89,7 +89,7 @@ def growths(small: Study, large: Study) -> list[Growth] | None:
         if growth != Growth():
             found.append((name, growth))
     alike = {growth for _, growth in found}
-    if len(alike) == 1 and len(found) == len(large.group):
+    if len(alike) == 1 and len(found) == len(large.groups):
         steps = list(alike)
     else:
         steps = [

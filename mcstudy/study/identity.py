@@ -1,8 +1,8 @@
-"""Whose a cube is and where it was made, by what its copies agree on.
+"""Study fingerprint and run environment of a cube, recovered from redundant copies.
 
-All else of an empty cube follows from the study, the environment and the depth of its chunks, so these are what damage
-could take for good or change unseen. The fingerprint of the study and the environment are therefore noted in the root,
-in every group, in the root's copy of the groups' metadata, and in the run log beside the cube.
+Everything else in an empty cube follows from the study, the environment and the number of realizations per chunk. The
+fingerprint and the environment cannot be recomputed, so damage could lose or change them. They are therefore stored in
+the root, in every group, in the root's copy of the groups' metadata, and in the run log next to the cube.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mcstudy.study.study_file import parse_study
 
 
 def fingerprint_of(path: Path) -> str | None:
-    """Fingerprint of the study of a cube that may be damaged; None when nothing of it says."""
+    """Fingerprint of the study of a cube that may be damaged; None when no copy is readable."""
     copies, root = _group_copies(path), _root(path)
     said = [copy.get("fingerprint") for copy in copies]
     with contextlib.suppress(DesignError, KeyError, TypeError, AttributeError):
@@ -31,15 +31,15 @@ def fingerprint_of(path: Path) -> str | None:
 
 
 def made_in(path: Path) -> dict[str, Any] | None:
-    """Environment a cube, which may be damaged, was made in; None when nothing of it says."""
+    """Environment in which a cube, which may be damaged, was created; None when no copy is readable."""
     copies = (*_group_copies(path), _root(path))
     said = [last_begin(path).get("made_in"), *(copy.get("environment") for copy in copies)]
     return _most(value for value in said if isinstance(value, dict) and isinstance(value.get("versions"), dict))
 
 
 def _most(values: Iterable[Any]) -> Any:
-    """What is said most often, of equals what is said first; None of nothing."""
-    counted = Counter(json.dumps(value) for value in values)  # dictionaries cannot be counted
+    """The most frequent value, the first one of equals; None if there are no values."""
+    counted = Counter(json.dumps(value) for value in values)  # dictionaries are not hashable
     return json.loads(counted.most_common(1)[0][0]) if counted else None
 
 
@@ -50,7 +50,7 @@ def _root(path: Path) -> dict[str, Any]:
 
 
 def _group_copies(path: Path) -> list[dict[str, Any]]:
-    """Attributes of every group, of the groups themselves and then of their copy in the root, as far as readable."""
+    """Readable attributes of every group: first from the groups themselves, then from their copy in the root."""
     return [copy for copy in (*_own(path), *_copied(path)) if isinstance(copy, dict)]
 
 

@@ -1,7 +1,7 @@
-"""What the cube of a group looks like: arrays, dimensions, units, fill values and chunks.
+"""Layout of the cube of a group: arrays, dimensions, units, fill values and chunks.
 
-The chunk layout follows from the design alone, never from workers or tasks, so that any way of running a study
-writes the same files. A chunk is one amplitude x all Fmax x a few realizations x all starts.
+The chunks follow from the design alone, not from workers or tasks, so that every way of running a study writes the same
+files. A chunk holds one amplitude x all Fmax x a few realizations x all starts.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from mcstudy.fit.status import Status
+from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import ANGLES, Model
 from mcstudy.study.group import Group
 
 CHUNKS_A_GROUP = 400
-"""Chunks a large group is cut into: enough to share out, few enough for a file system."""
+"""Number of chunks of a large group: enough to distribute, few enough for a file system."""
 
 FITS_A_CHUNK = (1500, 50_000)
-"""Smallest and largest number of fits aimed at in a chunk of the compiled solver: enough to keep its lanes full and to
-make nothing of the few milliseconds that writing takes, at most some seconds and 5 MB."""
+"""Smallest and largest target number of fits per chunk of the compiled solver. The smallest keeps its vector lanes full
+and makes the few milliseconds of writing negligible; the largest takes some seconds and 5 MB."""
 
 SLOW_FITS_A_CHUNK = (20, 500)
-"""The same for SciPy's solvers, which take 10 ms to a second a fit."""
+"""The same for SciPy's solvers, which take 10 ms to 1 s per fit."""
 
 NAN = float("nan")
 COMPLEX_NAN = complex(NAN, NAN)
@@ -31,7 +31,7 @@ COMPLEX_NAN = complex(NAN, NAN)
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """One array of a group. ``chunks`` has one entry a dimension; ``values`` are set for coordinates and constants."""
+    """One array of a group. ``chunks`` has one entry per dimension; coordinates and constants have ``values``."""
 
     name: str
     dims: tuple[str, ...]
@@ -80,7 +80,7 @@ class Layout:
         return len(self.group.fmax) * self.group.starts * len(self.realizations(chunk))
 
     def region(self, name: str, chunk: Chunk) -> tuple[slice, ...]:
-        """Where a chunk lies in one of the results arrays."""
+        """Index of a chunk in one of the results arrays."""
         r = self.realizations(chunk)
         place = {
             "amplitude": slice(chunk.amplitude, chunk.amplitude + 1),
@@ -116,7 +116,7 @@ class Layout:
         return chunk if there and self.key(name, chunk) == key else None
 
     def note(self, chunk: Chunk) -> str:
-        """Where the checksums of a chunk's files are, below the group's folder (`mcstudy.study.checksums`)."""
+        """Path of a chunk's checksum file relative to the group's folder (`mcstudy.study.checksums`)."""
         status = self.results[-1]
         return f"{status}/{self.key(status, chunk)}.checksums"
 
@@ -133,7 +133,7 @@ def layout(
 ) -> Layout:
     """The arrays of a group whose FRFs have frequencies ``f`` (N,) Hz and are ``true_frf`` (N, 2) without noise.
 
-    ``depth``: realizations a chunk; of `realizations_a_chunk` for a new cube, as stored for an existing one.
+    ``depth``: realizations per chunk; from `realizations_a_chunk` for a new cube, as stored for an existing one.
     """
     sizes = {
         "amplitude": len(group.amplitude),

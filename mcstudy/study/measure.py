@@ -1,34 +1,39 @@
-"""The data of one cell, by each of the simulators a study file may name."""
+"""Simulators: the data of one cell, for each simulator that a study file may name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcstudy.fit.linearised import linearised
-from mcstudy.fit.problem import ml_cost
-from mcstudy.fit.solvers import fit
-from mcstudy.spectra import periods
 from mcstudy.spectra.bands import Bands, averaged, narrower, odd_lines, published
-from mcstudy.spectra.estimate import LineNoise, SpectralExperiment, frf_from_recording
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
-from mcstudy.stance.simulate_time import simulate, with_derivatives
 from mcstudy.stance.stimulus import Prts
+from mcstudy.streams import noise_stream
 from mcstudy.study.group import Group
-from mcstudy.study.streams import noise_stream
+
+if TYPE_CHECKING:
+    from mcstudy.spectra.estimate import SpectralExperiment, SpectrumNoise
+
+# Simulators and solvers are imported by the functions that use them: who only reads a cube needs neither, and to load
+# numba and SciPy for them takes longer than all else.
 
 HIGHEST_HZ = 8.0
-"""Highest frequency point, whatever the Fmax: the points, and with them the data, do not depend on the fits."""
+"""Highest frequency point for every Fmax, so that points and data do not depend on the fits."""
 
 KEPT_REALIZATIONS = 512
-"""Noise realizations a group remembers, some 30 kB each: those of a chunk, for its neighbours at other amplitudes."""
+"""Noise realizations kept in memory per group, about 30 kB each, to be used again at the other amplitudes."""
 
-SPECTRUM = {"keep": periods.raw, "remove": periods.ramp_removed}
+
+def spectrum(group: Group) -> Callable[[np.ndarray, int, int], np.ndarray]:
+    """The spectrum of a record, with or without its ramp."""
+    from mcstudy.spectra import periods
+
+    return {"keep": periods.raw, "remove": periods.ramp_removed}[group.spectra.ramp]
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class Measurement:
     covariance: np.ndarray | None
 
 
-Measure = Callable[[float, int], Measurement]
+Measuring = Callable[[float, int], Measurement]
 """From amplitude (units of the stimulus) and realization to data; safe to call from several threads."""
 
 
@@ -65,57 +70,68 @@ def kept_points(group: Group) -> Bands:
     return bands
 
 
-def noise_free(group: Group, model: Model, bands: Bands, seed: int) -> Measure:
+def noise_free(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
     """The closed form at the points' own frequencies: what the paper's noise-free fits use."""
     del group, seed
     data = Measurement(frf(model, model.truth, bands.f), None)
     return lambda amplitude, realization: data  # noqa: ARG005
 
 
-def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measure:
+def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
     """Ideal response plus the spectrum of steady-state noise sway: the paper's "sim" FRF."""
     s = group.stimulus
-    noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
 
     @cache
-    def subject() -> SpectralExperiment:  # made for the first cell: who only reads a cube never needs it
-        unit, spectrum = stimulus(group, 1.0), SPECTRUM[group.spectra.ramp]
-        return SpectralExperiment(model, model.truth, unit, noise, bands, s.cycles, s.discard, spectrum)
+    def subject() -> SpectralExperiment:  # made for the first cell only: reading a cube does not need it
+        from mcstudy.spectra.estimate import SpectralExperiment
+        from mcstudy.stance.noise import SensorNoise
+
+        noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
+        unit = stimulus(group, 1.0)
+        return SpectralExperiment(model, model.truth, unit, noise, bands, s.cycles, s.discard, spectrum(group))
 
     @lru_cache(maxsize=KEPT_REALIZATIONS)
-    def drawn(realization: int) -> LineNoise:
+    def drawn(realization: int) -> SpectrumNoise:
         return subject().realization(noise_stream(seed, realization))
 
     def measure(amplitude: float, realization: int) -> Measurement:
         return Measurement(*subject().frf(drawn(realization), amplitude))
 
     def through_loop(amplitude: float, realization: int) -> Measurement:
+        from mcstudy.fitting.linearised import linearised
+        from mcstudy.fitting.problem import ml_cost
+        from mcstudy.fitting.solvers import fit
+
         first = ml_cost(model, bands.f, *subject().frf(drawn(realization), amplitude))
-        fits = fit(first, linearised(first, np.random.default_rng(), 1))  # the first start draws nothing
+        fits = fit(first, linearised(first, np.random.default_rng(), 1))  # the first start uses no random numbers
         return Measurement(*subject().frf(subject().through_loop(drawn(realization), fits.estimate[0]), amplitude))
 
     return through_loop if group.spectra.covariance == "through_loop" else measure
 
 
-def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measure:
+def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
     """FRFs of a record simulated with stimulus and noise together, from rest and with true delays."""
     s = group.stimulus
-    noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
     senses_derivatives = s.kind == "platform_translation"
 
     def measure(amplitude: float, realization: int) -> Measurement:
+        from mcstudy.spectra.estimate import frf_from_recording
+        from mcstudy.stance.noise import SensorNoise
+        from mcstudy.stance.simulate_time import simulate, with_derivatives
+
+        noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
         cycle = stimulus(group, amplitude).waveform()
         drive = np.tile(cycle, s.cycles)
         samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if senses_derivatives else drive
         sensed = noise.sample(noise_stream(seed, realization), drive.size, s.rate_hz)
         sway = simulate(model, model.truth, samples, s.rate_hz, noise=sensed)
-        data = frf_from_recording(sway.theta, drive, s.rate_hz, bands, s.discard, SPECTRUM[group.spectra.ramp])
+        data = frf_from_recording(sway.theta, drive, s.rate_hz, bands, s.discard, spectrum(group))
         return Measurement(data.frf, data.covariance)
 
     return measure
 
 
-SIMULATORS: dict[str, Callable[[Group, Model, Bands, int], Measure]] = {
+SIMULATORS: dict[str, Callable[[Group, Model, Bands, int], Measuring]] = {
     "none": noise_free,
     "spectral": spectral,
     "time_domain": time_domain,

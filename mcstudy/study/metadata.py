@@ -1,4 +1,4 @@
-"""The metadata documents of a cube (``zarr.json``), read without Zarr and compared with what they should say."""
+"""The metadata documents of a cube (``zarr.json``), read without Zarr and compared with the expected content."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ import numpy as np
 from numcodecs import zstd
 
 from mcstudy.errors import StoreError
+from mcstudy.files.plain_errors import short
+from mcstudy.files.untrusted import LARGEST_METADATA, check_chunk, real_bytes, refuse_links, zstd_claim
 from mcstudy.study.layout import ArraySpec, Layout
-from mcstudy.study.untrusted import LARGEST_METADATA, check_chunk, real_bytes, refuse_links, zstd_claim
 
 KEYS: Any = {"name": "default", "configuration": {"separator": "."}}
-"""Names of chunk files: one folder an array, so that a chunk costs one file and one folder entry to sync."""
+"""Naming of chunk files: one folder per array, so that a chunk needs one file and one folder entry to be synced."""
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """The metadata documents of a cube as one JSON value: what the schema describes.
+    """The metadata documents of a cube as one JSON value, as the schema describes it.
 
     ``{"attributes": ..., "groups": {name: {"attributes": ..., "arrays": {name: document}}}}``
     """
-    root = document(path)
+    root = own_document(path)
     refuse_links(path)
     groups = {}
     for folder in folders(path):
-        arrays = {array.name: document(array) for array in folders(folder)}
-        groups[folder.name] = {"attributes": document(folder).get("attributes"), "arrays": arrays}
+        arrays = {array.name: own_document(array) for array in folders(folder)}
+        groups[folder.name] = {"attributes": own_document(folder).get("attributes"), "arrays": arrays}
     return {"attributes": root.get("attributes", {}), "groups": groups}
 
 
@@ -40,7 +41,7 @@ def folders(path: Path) -> list[Path]:
     return sorted(p for p in path.iterdir() if p.is_dir())
 
 
-def document(path: Path) -> dict[str, Any]:
+def own_document(path: Path) -> dict[str, Any]:
     """The metadata document of a folder of a cube, without its consolidated copy; raises `StoreError`."""
     found = whole_document(path)
     found.pop("consolidated_metadata", None)
@@ -61,17 +62,17 @@ def whole_document(path: Path) -> dict[str, Any]:
 
 
 def depth_votes(path: Path) -> dict[str, int]:
-    """Realizations a chunk, for each group of a cube that may be damaged: what most of its documents agree on."""
+    """Realizations per chunk for each group of a cube that may be damaged, by majority of its documents."""
     votes = {folder.name: Counter(_votes(folder)) for folder in folders(path)}
     return {name: found.most_common(1)[0][0] for name, found in votes.items() if found}
 
 
 def _votes(folder: Path) -> Iterator[int]:
     with contextlib.suppress(StoreError, KeyError, TypeError, ValueError):
-        yield _positive(document(folder)["attributes"]["realizations_a_chunk"])
+        yield _positive(own_document(folder)["attributes"]["realizations_a_chunk"])
     for name in ("status", "cost", "estimate", "frf", "growth_rate"):
         try:
-            found = document(folder / name)
+            found = own_document(folder / name)
             axis = found["dimension_names"].index("realization")
             yield _positive(found["chunk_grid"]["configuration"]["chunk_shape"][axis])
         except (StoreError, KeyError, TypeError, ValueError, IndexError, AttributeError):
@@ -91,7 +92,7 @@ def chunk_bytes(layout: Layout) -> int:
 
 
 def check_array(path: Path, found: dict[str, Any], spec: ArraySpec) -> None:
-    """What the schema leaves open: shape, chunks, names of chunk files. `StoreError` names the array and the field."""
+    """Check what the schema leaves open: shape, chunks, chunk file names. `StoreError` names array and field."""
     expected = {
         "shape": list(spec.shape),
         "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(spec.chunks)}},
@@ -100,18 +101,18 @@ def check_array(path: Path, found: dict[str, Any], spec: ArraySpec) -> None:
     }
     for field, value in expected.items():
         if found.get(field, value) != value:
-            raise StoreError(f"{path / 'zarr.json'}: {field}: expected {value}, found {_short(found[field])}")
+            raise StoreError(f"{path / 'zarr.json'}: {field}: expected {value}, found {short(found[field], 100)}")
     if spec.values is None:
         return
     file = path / ".".join(["c", *("0" for _ in spec.dims)])
     if not file.is_file():
-        raise StoreError(f"{file}: missing")  # Zarr would make it up from fill values
+        raise StoreError(f"{file}: missing")  # Zarr would return fill values
     if spec.dtype == "string":
         _check_strings(file, math.prod(spec.shape))
 
 
 def _check_strings(file: Path, expected: int) -> None:
-    """The one kind of array whose decoder allocates by a number in the decoded content: how many strings there are."""
+    """Check the number of strings in an array of text, because its decoder allocates memory by that number."""
     try:
         content = real_bytes(file, LARGEST_METADATA)
         check_chunk(file, content)
@@ -120,8 +121,3 @@ def _check_strings(file: Path, expected: int) -> None:
         return  # missing or damaged, which is found when it is read
     if decoded and int.from_bytes(decoded[:4], "little") != expected:
         raise StoreError(f"{file}: expected {expected} strings")
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 100 else text[:97] + "..."

@@ -1,4 +1,4 @@
-"""The model a study file describes: a registered kind with its truth, body and bounds replaced."""
+"""The model that a study file describes: a registered kind with its own true values, body and bounds."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def build_model(group: Group) -> Model:
 
 
 def with_model_values(group: Group) -> Group:
-    """The group with every true value and body constant written out, so that a study never depends on ours changing."""
+    """The group with all true values and body constants written out, so that new defaults do not change a study."""
     model = build_model(group)
     truth = {p.name: p.value for p in model.parameters}
     section = group.model.model_copy(update={"truth": truth, "body": asdict(Body(**group.model.body))})

@@ -1,12 +1,12 @@
-"""What a study will cost and how precise it will be, from a small pilot.
+"""Predict the run time, size and precision of a study from a small pilot.
 
-The pilot runs a few realizations of every group with the program's own tasks into a temporary cube: it times data,
-fits and writing separately, since each grows with something else, and weighs the files. What a study takes by the
-clock is its CPU time on the threads, as much longer as the pilot took by the clock than by the CPU: a busy machine is
-busy for the study too.
+The pilot runs a few realizations of every group into a temporary cube. It times data, fits and writing separately,
+because they scale differently, and measures the size of the files. The predicted wall-clock time is the CPU time
+divided by the number of threads, multiplied by the ratio of wall-clock to CPU time in the pilot: a machine that is busy
+now is assumed to stay busy.
 
-Precision comes from more realizations with fewer starts: each is fitted from the truth and from some random starts,
-and the spread of the best fits is the spread the study will find.
+Precision is predicted from more realizations with fewer starts. Each is fitted from the truth and from some random
+starts; the spread of the best fits is the expected spread of the study.
 """
 
 from __future__ import annotations
@@ -18,34 +18,36 @@ from pathlib import Path
 
 import numpy as np
 
-from mcstudy.fit.solvers import fit_many
-from mcstudy.fit.starts import uniform
+from mcstudy.files.unfinished import scratch_folder
+from mcstudy.fitting.solvers import fit_many
+from mcstudy.fitting.starts import uniform
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.scheduler.progress import duration
 from mcstudy.stance.stability import growth_rate
+from mcstudy.streams import start_stream
 from mcstudy.study.design import Group, Study
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.streams import start_stream
 from mcstudy.study.tasks import fill
-from mcstudy.study.unfinished import scratch_folder
-from mcstudy.study.unstable import refuse_unstable
+from mcstudy.study.unstable import refuse_unstable, warnings_of
 
 PILOT_FITS = {"lm": 1500}
 """Fits timed per group; SciPy's solvers are timed on two starts per Fmax."""
 
 PILOT_REALIZATIONS = {"spectral": 48, "time_domain": 12}
-"""Realizations behind the expected precision: their spread is known to 10 % (time domain: 20 %)."""
+"""Number of realizations for the expected precision, which determine the spread to 10 % (time domain: 20 %)."""
 
 PILOT_STARTS = 24
-"""Random starts of each of them, besides the truth."""
+"""Number of random starts for each of them, in addition to the truth."""
 
 LOADING_S = 1.0
-"""Longest that loading the compiled solvers takes; the first time of all they are compiled, which a run then is not."""
+"""Upper limit for the time to load the compiled solvers; if they are compiled now, a later run need not compile."""
 
 
 @dataclass(frozen=True)
 class Precision:
-    """Expected Monte Carlo standard error of a bias, in percent of the true value, at one (amplitude, fmax)."""
+    """Expected Monte Carlo standard error of the bias, in percent of the true value, at one (amplitude, fmax)."""
 
     amplitude: float
     fmax: float
@@ -56,7 +58,7 @@ class Precision:
 
 @dataclass(frozen=True)
 class GroupPlan:
-    """One group: fits, chunks, bytes on disk, CPU seconds, seconds of waiting for the disk, and precision.
+    """Prediction for one group: fits, chunks, bytes on disk, CPU seconds, seconds of disk waits, and precision.
 
     ``precision`` is empty without noise.
     """
@@ -72,20 +74,46 @@ class GroupPlan:
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """All groups.
+    """All groups; printed, what `mcstudy plan` prints.
 
     Attributes
     ----------
-    groups: in the order of the study file.
+    study: what was planned. groups: in the order of the study file.
     start_up: CPU seconds before the first fit, on one thread.
-    slowdown: seconds by the clock per CPU second while the pilot ran: 1 on a quiet machine.
-    metadata: bytes of the empty cube.
+    slowdown: wall-clock seconds per CPU second during the pilot; 1 on an idle machine.
+    metadata: bytes of the empty cube. threads: assumed for what is printed.
     """
 
+    study: Study
     groups: tuple[GroupPlan, ...]
     start_up: float
     slowdown: float
     metadata: int
+    threads: int
+
+    def __repr__(self) -> str:
+        width = max(len(g.name) for g in self.groups)
+        lines = [f"study {self.study.study.name}, seed {self.study.study.seed}"]
+        lines += [f"warning: {line}" for line in warnings_of(self.study)]
+        lines.append(f"{'group':<{width}}  {'fits':>10}  {'chunks':>7}  {'MB':>8}  {'CPU':>12}")
+        for g in self.groups:
+            size, time = f"{g.bytes / 1e6:.1f}", duration(g.seconds)
+            lines.append(f"{g.name:<{width}}  {g.fits:>10}  {g.chunks:>7}  {size:>8}  {time:>12}")
+        busy = f" ({self.slowdown:.1f} times slower than idle)" if self.slowdown > 1.1 else ""
+        lines.append(
+            f"total: {self.study.fits} fits, {self.bytes / 1e6:.1f} MB, {duration(self.cpu)} of CPU time; about "
+            f"{duration(self.wall(self.threads))} on {self.threads} threads under the present load{busy}"
+        )
+        lines.append("expected Monte Carlo standard error of the bias, % of the true value:")
+        for g in self.groups:
+            if not g.precision:
+                lines.append(f"{g.name:<{width}}  none, because the group has no noise")
+            lines += [
+                f"{g.name:<{width}}  amplitude {p.amplitude:g}, fmax {p.fmax:g} Hz: "
+                f"{p.mean:.2g} on average, {p.largest:.2g} for {p.parameter}"
+                for p in g.precision
+            ]
+        return "\n".join(lines)
 
     @property
     def cpu(self) -> float:
@@ -98,24 +126,25 @@ class StudyPlan:
         return self.metadata + sum(g.bytes for g in self.groups)
 
     def wall(self, threads: int) -> float:
-        """Seconds by the clock with this many threads, on a machine as busy as during the pilot."""
+        """Wall-clock seconds with this many threads, on a machine as busy as during the pilot."""
         shared = sum(g.seconds * self.slowdown + g.waiting for g in self.groups)
         return self.start_up * self.slowdown + shared / threads
 
 
-def plan(study: Study, imports: float = 0.0, *, allow_unstable: bool = False) -> StudyPlan:
+def plan(study: Study, imports: float = 0.0, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
     """Plan every group of a study.
 
     Parameters
     ----------
-    study: a resolved study. imports: CPU seconds that a run spends before it comes to the study file.
+    study: a resolved study. imports: CPU seconds that a run spends before it reads the study file.
+    workers: threads assumed, one per core when None.
     allow_unstable: whether the closed loop of the true parameters may be unstable.
 
-    Raises `DesignError` for a body that falls when that was not asked for.
+    Raises `DesignError` for an unstable closed loop unless ``allow_unstable`` is true.
     """
     refuse_unstable(study, allow_unstable)
-    pilots = {name: _pilot(group) for name, group in study.group.items()}
-    small = study.model_copy(update={"group": pilots})
+    pilots = {name: _pilot(group) for name, group in study.groups.items()}
+    small = study.model_copy(update={"groups": pilots})
     with scratch_folder("mcstudy-plan-") as folder:
         watch = _Watch()
         cube = Cube.create(folder / "pilot.zarr", small, depths={n: g.realizations for n, g in pilots.items()})
@@ -125,14 +154,14 @@ def plan(study: Study, imports: float = 0.0, *, allow_unstable: bool = False) ->
         start_up = imports + min(loading, LOADING_S) + (watch.cpu() - loading)
         metadata = _size(cube.path)
         watch = _Watch()
-        plans = tuple(_plan_group(name, study, cube.groups[name]) for name in study.group)
+        plans = tuple(_plan_group(name, study, cube.groups[name]) for name in study.groups)
         at_disk = sum(g.waiting / g.chunks for g in plans)
         slowdown = max(1.0, (watch.wall() - at_disk) / watch.cpu())
-    return StudyPlan(plans, start_up, slowdown, metadata)
+    return StudyPlan(study, plans, start_up, slowdown, metadata, ClusterOptions(workers=workers).threads)
 
 
 class _Watch:
-    """Clocks since it was made."""
+    """Wall-clock and CPU time since it was created."""
 
     def __init__(self) -> None:
         self._cpu, self._wall = time.process_time(), time.perf_counter()
@@ -155,7 +184,7 @@ def _pilot(group: Group) -> Group:
 
 
 def _load(store: GroupStore) -> float:
-    """Load what is compiled, by one fit; returns CPU seconds."""
+    """Load the compiled solvers by running one fit; returns CPU seconds."""
     watch, experiment = _Watch(), store.experiment
     one = Experiment(experiment.group.model_copy(update={"starts": 1}), experiment.seed)
     problem = one.problem(one.measure(one.group.amplitude[0], 0), one.group.fmax[0])
@@ -165,8 +194,8 @@ def _load(store: GroupStore) -> float:
 
 
 def _plan_group(name: str, study: Study, store: GroupStore) -> GroupPlan:
-    """Time and weigh the pilot of one group, and scale it to the whole."""
-    group, pilot, experiment = study.group[name], store.experiment.group, store.experiment
+    """Measure time and size of the pilot of one group, and scale them to the whole group."""
+    group, pilot, experiment = study.groups[name], store.experiment.group, store.experiment
     chunk, n = store.layout.chunks[0], pilot.realizations
     first, again = _time_data(experiment, n)
     data = store.layout.empty(chunk)
@@ -190,7 +219,7 @@ def _plan_group(name: str, study: Study, store: GroupStore) -> GroupPlan:
 
 
 def _time_data(experiment: Experiment, n: int) -> tuple[float, float]:
-    """CPU seconds of a realization's data the first time, and once more at an amplitude (the noise is shared)."""
+    """CPU seconds for the data of a realization at the first amplitude, and at a further one (with the same noise)."""
     amplitude, begun = experiment.group.amplitude[0], time.process_time()
     for realization in range(n):
         experiment.measure(amplitude, realization)

@@ -1,7 +1,7 @@
-"""What people get when they open results: the stored numbers, with text and attributes that every format can hold.
+"""Convert stored results to a form that NetCDF and MATLAB files can hold.
 
-On disk text is of variable length and some attributes are JSON objects, which neither NetCDF nor MATLAB files know. In
-memory text has a fixed width, and an object among the attributes is its JSON text; `structured` reads it again.
+On disk, text has variable length and some attributes are JSON objects; neither NetCDF nor MATLAB files support that. In
+memory, text has a fixed width and such an attribute is JSON text, which `structured` reads again.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 PARAMETER_UNIT = "parameter_unit"
-"""Variable with the unit of every parameter; a coordinate, so that whatever is about parameters takes it along."""
+"""Coordinate with the unit of every parameter; results that have the dimension ``parameter`` keep it."""
 
 
 def readable(data: xr.Dataset) -> xr.Dataset:

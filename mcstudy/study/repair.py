@@ -1,7 +1,8 @@
-"""Metadata and coordinates of a cube, made again from its study, and put back where they are damaged.
+"""Repair of the metadata and coordinates of a cube: they are made again from its study and replace damaged files.
 
-Everything of a cube except its results follows from the study, the environment it was made in, and the realizations a
-chunk. The first is given, the second is what its copies agree on (`identity`), the third is in attributes and arrays.
+Everything in a cube except its results follows from the study, the environment it was created in, and the number of
+realizations per chunk. The study is given, the environment is stored redundantly (`identity`), and the number is in
+attributes and arrays.
 """
 
 from __future__ import annotations
@@ -12,25 +13,26 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import StoreError
-from mcstudy.study import identity, schema
+from mcstudy.files import schema
+from mcstudy.files.durable import sync_folder, write
+from mcstudy.files.unfinished import scratch_folder
+from mcstudy.files.untrusted import refuse_links
+from mcstudy.study import identity
 from mcstudy.study.design import Study
-from mcstudy.study.durable import sync_folder, write
 from mcstudy.study.layout import realizations_a_chunk
-from mcstudy.study.metadata import depth_votes, document
+from mcstudy.study.metadata import depth_votes, own_document
 from mcstudy.study.store import SCHEMA, Cube
 from mcstudy.study.strays import NOT_PART, parts, set_aside, strays
-from mcstudy.study.unfinished import scratch_folder
-from mcstudy.study.untrusted import refuse_links
 
 
 @dataclass
 class Repairs:
-    """What was done to a cube before it is run.
+    """Repairs made to a cube before a run.
 
     Attributes
     ----------
-    written: files of its skeleton that were written again.
-    said: one line for everything that was set aside, or does not belong and was left.
+    written: metadata and coordinate files that were written again.
+    said: one line for each file that was set aside, or that does not belong to the cube and was left.
     """
 
     written: list[str] = field(default_factory=list)
@@ -45,25 +47,26 @@ def skeleton(cube: Cube, made_in: dict[str, Any]) -> dict[Path, bytes]:
 
 
 def repairable(path: Path, study: Study) -> bool:
-    """Whether a cube that cannot be opened is this study's, and can be made whole."""
+    """Whether a cube that cannot be opened belongs to this study and can be repaired."""
     with contextlib.suppress(StoreError):
-        found = document(path).get("attributes", {}).get("schema")
+        found = own_document(path).get("attributes", {}).get("schema")
         if isinstance(found, str) and found.startswith("mcstudy:") and found != schema.identifier(SCHEMA):
             return False  # another version is not damage
     return identity.fingerprint_of(path) == study.fingerprint and identity.made_in(path) is not None
 
 
 def repair(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Repairs]:
-    """The cube at ``path``, which is the study's, with every damaged file of its skeleton written again; and which.
+    """Repair the damaged metadata and coordinate files of the study's cube at ``path``; returns cube and repairs.
 
-    What is in the way of a file or folder of the cube is set aside, with ``quarantine`` all that does not belong.
+    Anything that blocks the path of a file or folder of the cube is set aside; with ``quarantine``, every file that
+    does not belong to the cube is.
     """
     refuse_links(path)
     made_in = identity.made_in(path)
     if made_in is None:
         raise StoreError(f"{path}: attribute environment: expected the environment the cube was made in")
     votes = depth_votes(path)
-    depths = {name: votes.get(name, realizations_a_chunk(group)) for name, group in study.group.items()}
+    depths = {name: votes.get(name, realizations_a_chunk(group)) for name, group in study.groups.items()}
     cube = Cube(path, study, {"environment": made_in}, depths)
     files = skeleton(cube, made_in)
     repairs = Repairs()
@@ -83,7 +86,7 @@ def repair(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Re
                 write(target, content)
                 sync_folder(target.parent)
             except OSError as error:
-                raise StoreError(f"{target}: expected a file that can be written ({error.strerror})") from None
+                raise StoreError(f"{target}: expected a writable file ({error.strerror})") from None
             repairs.written.append(file.as_posix())
     for stray in left:
         if (path / stray).is_dir():  # Zarr would take it for a group or an array

@@ -1,7 +1,7 @@
-"""One stored fit, run again iteration by iteration, and compared with what is stored bit for bit.
+"""Repeat one stored fit, iteration by iteration, and compare the result with the stored one bit for bit.
 
-The path is that of the solver itself: the same fit with an iteration limit of 1, 2, 3 ... ends at the points it goes
-through.
+The path comes from the solver itself: the fit is run with an iteration limit of 1, 2, 3 ..., and each run ends at the
+next point of the path.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.fit.problem import Problem
-from mcstudy.fit.solvers import Options, fit
-from mcstudy.fit.status import Status
+from mcstudy.fitting.arguments import Options
+from mcstudy.fitting.problem import Problem
+from mcstudy.fitting.solvers import fit
+from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import Model
 from mcstudy.study.layout import Chunk
 from mcstudy.study.store import Cube, GroupStore
@@ -24,7 +25,7 @@ from mcstudy.study.tasks import fill
 
 @dataclass(frozen=True)
 class Point:
-    """Where a fit was after some iterations: cost, parameters (P,), and the step (P,) from the point before."""
+    """A point on the path of a fit: iteration, cost, parameters (P,), and the step (P,) from the previous point."""
 
     iteration: int
     cost: float
@@ -34,14 +35,14 @@ class Point:
 
 @dataclass(frozen=True)
 class Replay:
-    """A fit run again.
+    """A repeated fit.
 
     Attributes
     ----------
-    model: whose parameters the points hold.
+    model: the fitted model.
     path: the start (iteration 0) and every iteration.
-    status: how it ended now; stored_status: how it ended when it was stored.
-    differ: arrays whose recomputed values are not the stored ones, bit for bit.
+    status: status of the repeated fit; stored_status: status of the stored fit.
+    differ: names of arrays whose recomputed values differ from the stored ones in any bit.
     """
 
     model: Model
@@ -70,7 +71,7 @@ def replay(out: str | Path, group: str | None, amplitude: float, fmax: float, re
 
     Raises
     ------
-    InputError: there is no such cell, or it has not been run.
+    InputError: the cell does not exist or has not been run.
     """
     at = _place(Cube.open(out), group, amplitude, fmax, realization, start)
     store, chunk = at.store, at.chunk
@@ -78,9 +79,9 @@ def replay(out: str | Path, group: str | None, amplitude: float, fmax: float, re
     cell = (0, at.fmax, at.row, at.start)
     before = Status(int(stored["status"][cell]))
     if before is Status.PENDING:
-        raise InputError(f"{out}: this fit has not been run yet; expected a finished one")
+        raise InputError(f"{out}: expected a finished fit, but this one has not been run yet")
     again = {name: values.copy() for name, values in stored.items()}
-    again["status"][stored["status"] == Status.PENDING] = Status.SOLVER_ERROR  # keep `fill` away from them
+    again["status"][stored["status"] == Status.PENDING] = Status.SOLVER_ERROR  # `fill` must skip them
     again["status"][cell] = Status.PENDING
     fill(store, chunk, again, lambda: False)
     again["status"][stored["status"] == Status.PENDING] = Status.PENDING

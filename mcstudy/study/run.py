@@ -1,7 +1,7 @@
-"""Running a study: what is pending is submitted block by block, and every block is on disk when it is reported done.
+"""Run a study: pending chunks are submitted block by block, and every block is on disk when it is reported done.
 
-Only a window of blocks is in the scheduler's hands at any time, so a study of any size costs the same memory, and a
-stop leaves little to wait for (`mcstudy.study.submission`).
+Only a limited number of blocks is submitted at any time. Therefore memory does not grow with the size of the study, and
+a stop leaves little to wait for (`mcstudy.study.submission`).
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ from functools import partial
 from pathlib import Path
 
 from mcstudy.errors import StoreError, StudyChangedError
+from mcstudy.files.durable import locked, recover, sweep
+from mcstudy.fitting.warm import PARTS, warm
+from mcstudy.scheduler.cluster import ClusterOptions, connect
+from mcstudy.scheduler.progress import Progress
+from mcstudy.scheduler.stopping import stop_requests
 from mcstudy.study import environment, runlog, study_file
-from mcstudy.study.cluster import ClusterOptions, connect, dashboard_url
 from mcstudy.study.design import Study
-from mcstudy.study.durable import locked, recover, sweep
 from mcstudy.study.growth import Growth, growths
 from mcstudy.study.layout import Chunk, Layout
-from mcstudy.study.progress import Progress
 from mcstudy.study.repair import Repairs, repair, repairable
 from mcstudy.study.runlog import RunLog
-from mcstudy.study.stopping import stop_requests
 from mcstudy.study.store import Cube
-from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission, how_far
+from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission
 from mcstudy.study.tasks import STOP
 from mcstudy.study.unstable import refuse_unstable, warnings_of
 from mcstudy.study.watch import Watch
@@ -34,23 +35,23 @@ from mcstudy.study.watch import Watch
 __all__ = ["ATTEMPTS", "Block", "Outcome", "default_out", "open_or_create", "pending_blocks", "run_cube", "run_study"]
 
 FITS_A_BLOCK = {"lm": 2000}
-"""Fits that make about half a second of work; SciPy's solvers get one chunk a block."""
+"""Fits that take about half a second; SciPy's solvers get one chunk per block."""
 
 SECOND_LOOKS = 2
-"""Rounds over blocks that more than one worker had in hands."""
+"""Number of passes over blocks that more than one worker may have run."""
 
 
 def default_out(study: Study) -> Path:
-    """Where a study's cube goes when nothing is said."""
+    """Default path of a study's cube."""
     return Path("results") / f"{study.study.name}.zarr"
 
 
 def open_or_create(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Repairs]:
-    """The cube at ``path`` for ``study``, and what of its metadata and coordinates had to be repaired.
+    """The cube at ``path`` for ``study``, and the repairs made to its metadata and coordinates.
 
-    ``quarantine``: set aside what is no part of it.
+    ``quarantine``: set aside files that do not belong to the cube.
 
-    Raises `StudyChangedError` when it belongs to another study, `StoreError` when it cannot be told to which.
+    Raises `StudyChangedError` when it belongs to another study, `StoreError` when its study cannot be determined.
     """
     if not path.exists():
         return Cube.create(path, study), Repairs()
@@ -66,18 +67,18 @@ def open_or_create(path: Path, study: Study, quarantine: bool = False) -> tuple[
 
 
 def _what_changed(path: Path, held: Study, study: Study) -> str:
-    """How a cube's study differs from one that is to be run into it, and what may be done about it."""
+    """Difference between the study of a cube and the study to be run, and what the user can do."""
     changed = study_file.changes(held, study)
     lines = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
     if steps := growths(held, study):
         commands = " && ".join(step.command(path) for step in steps)
-        return f"holds a smaller study; expected no change, found {lines}; to grow the cube: {commands}"
+        return f"was made with a smaller study; found {lines}; to extend the cube: {commands}"
     if growths(study, held):
         return (
-            f"has grown beyond this study file, and holds all of it; expected no change, found {lines}; "
-            f"to finish what is pending: {Growth().command(path)}"
+            f"is larger than this study file and contains all of it; found {lines}; "
+            f"to run its pending fits: {Growth().command(path)}"
         )
-    return f"belongs to another study file; expected no change, found {lines}"
+    return f"was made with another study file; found {lines}"
 
 
 def run_study(
@@ -89,22 +90,22 @@ def run_study(
     *,
     allow_unstable: bool = False,
 ) -> Outcome:
-    """Run everything that is pending of ``study`` in the cube ``out``.
+    """Run all pending fits of ``study`` in the cube ``out``.
 
     Parameters
     ----------
     study: a resolved study (`mcstudy.study.study_file.read_study`).
-    out: path of the cube; made if it does not exist, resumed if it does, repaired where it is damaged.
+    out: path of the cube; created if it does not exist, otherwise resumed and, where damaged, repaired.
     options: where to run.
-    block: chunks a block; by default enough for about half a second.
-    quarantine: whether files and folders that are no part of the cube are moved to a folder beside it.
+    block: chunks per block; by default enough for about half a second.
+    quarantine: whether files and folders that do not belong to the cube are moved to a folder next to it.
     allow_unstable: whether the closed loop of the true parameters may be unstable.
 
     Raises
     ------
-    DesignError: a group's body falls and that was not asked for.
+    DesignError: the closed loop of a group is unstable and ``allow_unstable`` is false.
     StudyChangedError: the cube belongs to another study.
-    StoreError: the cube cannot be used, or another run holds it.
+    StoreError: the cube cannot be used, or another run is writing to it.
     Interrupted: stopped by Ctrl-C, SIGTERM, SIGHUP, a disk that could not be written, or a lost scheduler; the same
         call resumes.
     """
@@ -118,7 +119,7 @@ def run_study(
 
 
 def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block: int | None) -> Outcome:
-    """Run everything that is pending of a cube that the caller holds locked; ``repairs`` are told and logged."""
+    """Run all pending fits of a cube whose lock the caller holds; ``repairs`` are shown and logged."""
     options, out, study = options or ClusterOptions(), cube.path, cube.study
     run = uuid.uuid4().hex[:12]
     log, here = RunLog(out, run), environment.environment()
@@ -127,7 +128,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
     blocks = list(pending_blocks(cube, options.threads, block))
     total = sum(b.fits for b in blocks)
     outcome.skipped = study.fits - total
-    progress = Progress(total, blocks=len(blocks), watch=Watch(cube))
+    progress = Progress(total, blocks=len(blocks), headlines=Watch(cube).news)
     differ = environment.differences(cube.attributes["environment"], here)
     log.add(
         "begin",
@@ -144,15 +145,16 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
     for line in (*repairs.said, *(f"repaired: {file}" for file in repairs.written)):
         progress.say(line)
     if noted:
-        progress.say(f"repaired: the checksums of {noted} chunks, which had none")
+        progress.say(f"repaired: missing checksums of {noted} chunks")
     for line in warnings_of(study):
         progress.say(f"warning: {line}")
     for line in differ if total else ():
-        progress.say(f"warning: the cube was made in another environment: {line}")
+        progress.say(f"warning: the cube was created in another environment: {line}")
     if blocks:
-        with _stop_requests(run, partial(how_far, out, progress)) as stop, connect(options) as client:
-            if options.dashboard and options.scheduler is None:
-                progress.say(f"dashboard: {dashboard_url(client)}")
+        with _stop_requests(run, partial(progress.how_far, out)) as stop, connect(options, progress.say) as client:
+            if options.scheduler is None:
+                _warm(study, stop)
+            progress.begin()
             submission = Submission(cube, client, options, stop, run, log, progress, outcome)
             submission.warned.update(differ)
             doubtful = submission.run(deque(blocks))
@@ -166,10 +168,32 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
     return outcome
 
 
-def _annotate(cube: Cube) -> int:
-    """Note the checksums of what is complete and has no note: a kill came before that step, or the cube is older.
+def _warm(study: Study, stop: threading.Event) -> None:
+    """Have the kernels compiled that a study needs, or loaded, before time is counted; returns early when stopped.
 
-    What holds no estimate where it should is taken back instead. Returns the number of chunks noted.
+    On machines of a cluster that is their own matter: `mcstudy warm`.
+    """
+    parts: set[str] = set()
+    for group in study.groups.values():
+        parts |= {group.simulator, group.fit.solver, group.fit.starts}
+        if "linearised" in parts or group.spectra.covariance == "through_loop":
+            parts |= {"linearised", "lm"}  # which race fits of that solver
+
+    def work() -> None:
+        with contextlib.suppress(Exception):  # the fits will meet it too, and have it reported block by block
+            warm(name for name in PARTS if name in parts)
+
+    # The compiler comes back to Python after many seconds, so that a request to stop is waited for beside it.
+    thread = threading.Thread(target=work, name="mcstudy-warm", daemon=True)
+    thread.start()
+    while thread.is_alive() and not stop.is_set():
+        thread.join(0.02)
+
+
+def _annotate(cube: Cube) -> int:
+    """Store the checksums of complete chunks that lack them: a kill came before that step, or the cube is older.
+
+    A chunk that lacks an estimate it should hold is set back to pending. Returns the number of new checksum files.
     """
     noted = 0
     for store in cube.groups.values():
@@ -185,7 +209,7 @@ def _annotate(cube: Cube) -> int:
 
 
 def _unsound(cube: Cube, blocks: list[Block], log: RunLog) -> Iterator[Block]:
-    """Chunks of blocks that two workers may have written at once, where the later write was the less complete one."""
+    """Chunks that two workers may have written at once, and whose later write was the less complete one."""
     for one in blocks:
         store = cube.groups[one.group]
         for chunk in one.chunks:
@@ -194,12 +218,12 @@ def _unsound(cube: Cube, blocks: list[Block], log: RunLog) -> Iterator[Block]:
                 store.forget(chunk)
             if left := store.pending(chunk):
                 yield Block(one.group, (chunk,), left)
-            elif not store.annotated(chunk):  # the other worker took it back and did not come to its end
+            elif not store.annotated(chunk):  # the other worker set it back to pending and did not finish it
                 store.annotate(chunk)
 
 
 def pending_blocks(cube: Cube, threads: int, per_block: int | None) -> Iterator[Block]:
-    """Everything still to run, in the order of the study file."""
+    """All pending blocks, in the order of the study file."""
     for name, store in cube.groups.items():
         pending = {chunk: n for chunk in store.layout.chunks if (n := store.pending(chunk))}
         chunks = list(pending)
@@ -211,14 +235,16 @@ def pending_blocks(cube: Cube, threads: int, per_block: int | None) -> Iterator[
 
 def _chunks_a_block(layout: Layout, chunks: int, threads: int) -> int:
     wanted = FITS_A_BLOCK.get(layout.group.fit.solver, 0) // max(1, layout.fits(Chunk(0, 0)))
-    size = max(1, min(wanted, chunks // (8 * threads)))  # enough blocks that threads finish together
+    size = max(
+        1, min(wanted, chunks // (8 * threads))
+    )  # enough blocks for all threads to finish at about the same time
     together = len(layout.group.amplitude)  # they share a realization's noise
     return size if layout.group.fit.solver != "lm" or size >= chunks else -(-size // together) * together
 
 
 @contextlib.contextmanager
 def _stop_requests(run: str, words: Callable[[], str]) -> Iterator[threading.Event]:
-    """`stop_requests` that the blocks of a run see too, where they run in this process."""
+    """`stop_requests` that also reach the blocks of a run that run in this process."""
     with stop_requests(words) as stop:
         STOP[run] = stop
         try:

@@ -1,9 +1,9 @@
-"""The log of a cube: when it was worked on, by which versions, and which chunks each run wrote.
+"""The run log of a cube: times and versions of all runs, and the chunks that each run wrote.
 
-What is reported there and found damaged later is taken back there before it is written again.
+A chunk that is found damaged later is first reported in the log as no longer complete, and then written again.
 
-One JSON object a line in ``OUT.log/runs.jsonl``, beside the cube and never part of it: times differ between runs,
-results must not. No host or user names.
+The log is ``OUT.log/runs.jsonl``, one JSON object per line, next to the cube and not part of it: times differ between
+runs, results must not. It holds no host or user names.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from mcstudy.study.durable import log_folder
+from mcstudy.files.durable import log_folder
 
 
 class RunLog:
@@ -25,14 +25,14 @@ class RunLog:
         self._file, self._run = log_folder(path) / "runs.jsonl", run
 
     def add(self, event: str, **values: Any) -> None:
-        """One line; flushed at once, so that a killed run leaves its beginning."""
+        """Write one line and flush it, so that a killed run leaves its first lines."""
         now = datetime.now(UTC).isoformat(timespec="seconds")
         with self._file.open("a", encoding="utf-8") as file:
             print(json.dumps({"time": now, "run": self._run, "event": event, **values}), file=file)
 
 
 def events(path: Path) -> Iterator[dict[str, Any]]:
-    """Every event of a cube's log that can be read."""
+    """All readable events of a cube's log."""
     try:
         with (log_folder(path) / "runs.jsonl").open(encoding="utf-8", errors="replace") as file:
             for line in file:
@@ -47,7 +47,7 @@ def events(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def last_begin(path: Path) -> dict[str, Any]:
-    """The ``begin`` of the latest run of a cube, empty when there is none that can be read."""
+    """The ``begin`` event of the latest run of a cube; empty when none can be read."""
     found: dict[str, Any] = {}
     for event in events(path):
         if event.get("event") == "begin":
@@ -56,15 +56,15 @@ def last_begin(path: Path) -> dict[str, Any]:
 
 
 def reported(path: Path, fingerprint: str, checksums: bool = False) -> set[tuple[str, int, int]]:
-    """Chunks (group, amplitude, block) that runs of the study have reported as complete, and not taken back since.
+    """Chunks (group, amplitude, block) that runs of the study have reported as complete and not withdrawn since.
 
-    ``checksums``: only those whose checksums were noted, as older programs did not.
+    ``checksums``: only chunks whose checksums were stored, which older versions did not do.
     """
     chunks: set[tuple[str, int, int]] = set()
     ours = False
     for event in events(path):
         if event.get("event") == "begin":
-            ours = event.get("fingerprint") == fingerprint  # a study that grew has other chunks
+            ours = event.get("fingerprint") == fingerprint  # an extended study has other chunks
         elif event.get("event") == "block" and ours and event.get("complete") is True:
             with contextlib.suppress(KeyError, TypeError, ValueError):
                 if not checksums or event.get("checksums") is True:

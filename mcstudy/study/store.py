@@ -1,10 +1,10 @@
 """The results cube on disk: a Zarr v3 group tree, one group per group of the study.
 
-- Opened by anyone with ``xarray.open_zarr(path, group=...)``; made with zarr, chunks by `mcstudy.study.encoding`.
-- Every chunk is one file; zstd, then CRC-32C, so that a flipped byte is an error and never a number.
-- A chunk's ``status`` is written after all its other files are on disk; status 0 is "pending".
-- The checksums of its files are noted after that, so that a file that is missing or another chunk's is an error, too.
-- The tree holds no time, host, or trace of who wrote what: the same study gives the same bytes.
+- It can be opened with ``xarray.open_zarr(path, group=...)``. Zarr creates it; `mcstudy.study.encoding` writes chunks.
+- Every chunk is one file, compressed with zstd and followed by a CRC-32C: a flipped bit gives an error, not a number.
+- The ``status`` of a chunk is written after all its other files are on disk; status 0 means "pending".
+- The checksums of a chunk's files are stored after that, so that a missing or swapped file gives an error, too.
+- The tree holds no times, host names or other traces of the run: the same study gives the same bytes.
 """
 
 from __future__ import annotations
@@ -16,32 +16,33 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import zarr
-from zarr.errors import ZarrUserWarning
 
 from mcstudy.errors import DesignError, StoreError
-from mcstudy.fit.status import USABLE, Status
-from mcstudy.study import durable, schema
-from mcstudy.study.checksums import LARGEST_NOTE, CheckedStore, checksum, note
+from mcstudy.files import durable, schema
+from mcstudy.files.durable import sync_folder, sync_tree
+from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, refuse_links, sealed
+from mcstudy.fitting.status import USABLE, Status
+from mcstudy.study.checksums import LARGEST_NOTE, Checked, checksum, note
 from mcstudy.study.design import Study
-from mcstudy.study.durable import sync_folder, sync_tree
-from mcstudy.study.encoding import CODECS, encoded
+from mcstudy.study.encoding import codecs, decoded, encoded
 from mcstudy.study.environment import environment
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import ArraySpec, Chunk, Layout, layout, realizations_a_chunk
-from mcstudy.study.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, document
-from mcstudy.study.study_file import parse_study, to_toml
-from mcstudy.study.untrusted import LARGEST_CHUNK, real_bytes, refuse_links, sealed
+from mcstudy.study.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, own_document
+from mcstudy.study.study_file import parse_study
+
+if TYPE_CHECKING:
+    import zarr
 
 SCHEMA = "study_cube"
 
 T = TypeVar("T")
 
 WRITERS = 16
-"""Threads that only wait for the disk."""
+"""Number of threads that wait for the disk."""
 
 
 class GroupStore:
@@ -54,14 +55,18 @@ class GroupStore:
         self._opened: dict[str, zarr.Array[Any]] = {}
 
     def array(self, name: str) -> zarr.Array[Any]:
-        """One of the results arrays, opened by its own metadata alone: what is damaged beside it does not matter."""
+        """One of the results arrays, opened from its own metadata only, so that damage elsewhere does not matter."""
         if name not in self._opened:
+            import zarr  # slow, and not needed to say how far a cube is
+
+            from mcstudy.study.checked_store import CheckedStore
+
             store = CheckedStore(self.path.parent, {self.name: self.layout}, self.fingerprint)
             self._opened[name] = zarr.open_array(store, path=f"{self.name}/{name}", mode="r", zarr_format=3)
         return self._opened[name]
 
     def write(self, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
-        """Write one chunk: everything, then folders, then status, then checksums; on return all of it is on disk."""
+        """Write one chunk: arrays, folders, status, checksums, in this order; on return all of it is on disk."""
         *first, last = self.layout.results
         self._take_back(self.note_file(chunk))
         sums = _together(lambda name: self.put(name, chunk, data[name]), first)
@@ -71,21 +76,34 @@ class GroupStore:
         self._annotate(chunk, self._note(chunk, sums))
 
     def put(self, name: str, chunk: Chunk, values: np.ndarray) -> int:
-        """Write one array of a chunk, and return its CRC-32C; its name is on disk once the array's folder is synced."""
+        """Write one array of a chunk and return its CRC-32C; its name is durable once the array's folder is synced."""
         content = encoded(self.layout.arrays[name], values)
         durable.write(self.chunk_file(name, chunk), content)
         return checksum(content)
 
     def read(self, name: str, chunk: Chunk) -> np.ndarray:
-        """One array of a chunk, fill values where it was never written.
+        """One array of a chunk; fill values where it was never written.
 
-        Raises `StoreError` when it is damaged, or missing or in the wrong place as far as the chunk can tell.
+        Raises `StoreError` when it is damaged or, according to the stored checksums, missing or swapped.
         """
         try:
             return np.asarray(self.array(name)[self.layout.region(name, chunk)])
         except StoreError:
             raise
-        except Exception as error:  # any codec may fail on damaged bytes, each in its own way
+        except Exception as error:  # every codec fails on damaged bytes with its own exceptions
+            raise StoreError(f"{self.chunk_file(name, chunk)}: damaged ({_reason(error)})") from None
+
+    def status(self, chunk: Chunk) -> np.ndarray:
+        """The status of every fit of a chunk of a cube whose metadata have been checked, as `read` but without Zarr."""
+        name = self.layout.results[-1]
+        spec, shape = self.layout.arrays[name], self.layout.empty(chunk)[name].shape
+        key = f"{self.name}/{name}/{self.layout.key(name, chunk)}"
+        content = Checked(self.path.parent, {self.name: self.layout}, self.fingerprint).content(key)
+        if content is None:
+            return np.full(shape, spec.fill, dtype=spec.dtype)
+        try:
+            return decoded(spec, content)[tuple(slice(n) for n in shape)]
+        except Exception as error:  # as in `read`
             raise StoreError(f"{self.chunk_file(name, chunk)}: damaged ({_reason(error)})") from None
 
     def chunk_file(self, name: str, chunk: Chunk) -> Path:
@@ -93,7 +111,7 @@ class GroupStore:
         return self.path / name / self.layout.key(name, chunk)
 
     def intact(self, name: str, chunk: Chunk) -> bool:
-        """Whether an array's chunk is on disk and its checksum is right; reads the file, decodes nothing."""
+        """Whether an array's chunk is on disk with a correct checksum; reads the file without decoding it."""
         try:
             content = real_bytes(self.chunk_file(name, chunk))
         except (OSError, StoreError):
@@ -101,26 +119,26 @@ class GroupStore:
         return sealed(content)  # the checksum is the outermost codec
 
     def note_file(self, chunk: Chunk) -> Path:
-        """The file that says which files are a chunk's (`mcstudy.study.checksums`)."""
+        """The file with the checksums of a chunk's files (`mcstudy.study.checksums`)."""
         return self.path / self.layout.note(chunk)
 
     def note(self, chunk: Chunk) -> bytes:
-        """What the note of a chunk has to say of the files that are there; `OSError` or `StoreError` without them."""
+        """Content of the checksum file for the chunk's present files; `OSError` or `StoreError` if they are missing."""
         return self._note(chunk, [checksum(real_bytes(self.chunk_file(name, chunk))) for name in self.layout.results])
 
     def _note(self, chunk: Chunk, sums: list[int]) -> bytes:
         return note(self.fingerprint, dict(zip(self.files(chunk), sums, strict=True)))
 
     def files(self, chunk: Chunk) -> tuple[str, ...]:
-        """The files of a chunk by their place in the cube, in the order of writing."""
+        """The files of a chunk by their path in the cube, in the order of writing."""
         return tuple(f"{self.name}/{name}/{self.layout.key(name, chunk)}" for name in self.layout.results)
 
     def annotated(self, chunk: Chunk) -> bool:
-        """Whether a chunk has a note of its checksums; one that is being written has none, nor have older cubes."""
+        """Whether a chunk has stored checksums; a chunk that is being written has none, nor have older cubes."""
         return os.path.lexists(self.note_file(chunk))
 
     def annotate(self, chunk: Chunk) -> None:
-        """Note the checksums of a chunk that has lost its note, or never had one."""
+        """Store the checksums of a chunk that has none."""
         self._annotate(chunk, self.note(chunk))
 
     def _annotate(self, chunk: Chunk, content: bytes) -> None:
@@ -128,7 +146,7 @@ class GroupStore:
         sync_folder(self.note_file(chunk).parent)
 
     def complete(self, chunk: Chunk) -> bool:
-        """Whether every array of a chunk is intact, and in its place as far as there is a note of it."""
+        """Whether every array of a chunk is intact and, if checksums are stored, matches them."""
         if not all(self.intact(name, chunk) for name in self.layout.results):
             return False
         try:
@@ -137,7 +155,7 @@ class GroupStore:
             return False
 
     def consistent(self, chunk: Chunk) -> bool:
-        """Whether a chunk is intact, and holds an estimate exactly where its status says that a fit ended with one."""
+        """Whether a chunk is intact and holds an estimate exactly where its status says so."""
         if not self.complete(chunk):
             return False
         usable = np.isin(self.read("status", chunk), USABLE)
@@ -151,13 +169,13 @@ class GroupStore:
         return int(np.count_nonzero(self.read("status", chunk) == Status.PENDING))
 
     def existing(self, chunk: Chunk) -> dict[str, np.ndarray]:
-        """What a chunk already holds, or all fill values when any part of it is missing or damaged."""
+        """Present content of a chunk, or all fill values when any part of it is missing or damaged."""
         return self._held(chunk) if self.complete(chunk) else self.layout.empty(chunk)
 
     def taken_up(self, chunk: Chunk) -> dict[str, np.ndarray]:
-        """As `existing`, before the chunk is written again: what is damaged is forgotten first.
+        """Like `existing`, for a chunk that will be written again: damaged content is removed first.
 
-        Otherwise a kill between its arrays could leave an old status beside new arrays that are only begun.
+        Otherwise a kill between two arrays could leave an old status together with unfinished new arrays.
         """
         if self.complete(chunk):
             return self._held(chunk)
@@ -168,11 +186,11 @@ class GroupStore:
         return {name: self.read(name, chunk) for name in self.layout.results}
 
     def forget(self, chunk: Chunk) -> None:
-        """Take back, on disk, that any fit of a chunk is done."""
+        """Set all fits of a chunk back to pending, on disk."""
         self._take_back(self.note_file(chunk), self.chunk_file(self.layout.results[-1], chunk))
 
     def _take_back(self, *files: Path) -> None:
-        """Remove files of one folder, and have that on disk."""
+        """Remove files of one folder, durably."""
         there = [file for file in files if os.path.lexists(file)]
         for file in there:
             file.unlink()
@@ -183,7 +201,7 @@ class GroupStore:
 class Cube:
     """A cube on disk and the study it belongs to.
 
-    ``depths``: realizations a chunk, per group; a new cube takes them from the design, an existing one keeps its own.
+    ``depths``: realizations per chunk, by group; a new cube takes them from the design, an existing one keeps its own.
     """
 
     def __init__(self, path: Path, study: Study, attributes: dict[str, Any], depths: dict[str, int]) -> None:
@@ -196,7 +214,7 @@ class Cube:
             name: GroupStore(
                 self.path, name, Experiment(group, self.study.study.seed), self.depths[name], self.study.fingerprint
             )
-            for name, group in self.study.group.items()
+            for name, group in self.study.groups.items()
         }
 
     @classmethod
@@ -207,13 +225,16 @@ class Cube:
         made_in: dict[str, Any] | None = None,
         depths: dict[str, int] | None = None,
     ) -> Cube:
-        """Make an empty cube; it appears at ``path`` complete and on disk, or not at all.
+        """Create an empty cube; it appears at ``path`` complete and on disk, or not at all.
 
-        ``made_in`` is the environment to note and ``depths`` the realizations a chunk, by default those of here and
-        now. Raises `StoreError` when ``path`` cannot be written.
+        ``made_in`` is the environment to store and ``depths`` are the realizations per chunk; defaults are the present
+        environment and the layout of the design. Raises `StoreError` when ``path`` cannot be written.
         """
+        import zarr
+        from zarr.errors import ZarrUserWarning
+
         path = Path(path)
-        depths = depths or {name: realizations_a_chunk(group) for name, group in study.group.items()}
+        depths = depths or {name: realizations_a_chunk(group) for name, group in study.groups.items()}
         building = path.with_name(f".{path.name}.creating")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -227,7 +248,7 @@ class Cube:
                 for spec in group.layout.arrays.values():
                     _create(node, spec)
             with warnings.catch_warnings():
-                # inline metadata is not in the v3 specification; it is what lets a plain xarray.open_zarr be silent
+                # inline metadata is not in the v3 specification; without it, xarray.open_zarr prints a warning
                 warnings.simplefilter("ignore", ZarrUserWarning)
                 for name in cube.groups:
                     zarr.consolidate_metadata(root.store, path=name)
@@ -237,14 +258,14 @@ class Cube:
             building.rename(path)
             sync_folder(path.parent)
         except OSError as error:
-            raise StoreError(f"{path}: expected a folder that can be written ({error.strerror})") from None
+            raise StoreError(f"{path}: expected a writable folder ({error.strerror})") from None
         return cls(path, study, attributes, depths)
 
     @classmethod
     def open(cls, path: str | Path) -> Cube:
         """Open an existing cube; raises `StoreError` when it is not one this version can use.
 
-        A stranger may have made it: the arrays are compared with what its study asks for, before any is read.
+        The file is untrusted: the arrays are compared with those that the study requires before any of them is read.
         """
         path = Path(path)
         description = describe(path)
@@ -283,7 +304,7 @@ class Cube:
         """Open a cube whose metadata may be damaged, by the study it names; raises `StoreError` without one."""
         path = Path(path)
         refuse_links(path)
-        attributes = document(path).get("attributes", {})
+        attributes = own_document(path).get("attributes", {})
         for name, kind in (("study", str), ("fingerprint", str), ("environment", dict)):
             if not isinstance(attributes.get(name), kind):
                 raise StoreError(
@@ -299,7 +320,7 @@ class Cube:
             raise StoreError(f"{path}: attribute study: {error}") from None
         if study.fingerprint != attributes["fingerprint"]:
             raise StoreError(f"{path}: attribute fingerprint: expected {study.fingerprint}, the study's own hash")
-        own = {name: depths.get(name, realizations_a_chunk(group)) for name, group in study.group.items()}
+        own = {name: depths.get(name, realizations_a_chunk(group)) for name, group in study.groups.items()}
         return cls(path, study, attributes, own)
 
 
@@ -309,9 +330,9 @@ def _writers() -> ThreadPoolExecutor:
 
 
 def _together(work: Callable[[str], T], names: Iterable[str]) -> list[T]:
-    """Do ``work`` for every name at once, all of it ended on return; raises the first error.
+    """Do ``work`` for all names in parallel and wait for all of them; raises the first error.
 
-    A file system commits together what is synced together: one chunk takes a tenth of the time it takes file by file.
+    A file system commits concurrent syncs together: a chunk takes a tenth of the time that it takes file by file.
     """
     futures = [_writers().submit(work, name) for name in names]
     wait(futures)
@@ -322,7 +343,7 @@ def _root_attributes(study: Study, made_in: dict[str, Any]) -> dict[str, Any]:
     return {
         "schema": schema.identifier(SCHEMA),
         "title": study.study.name,
-        "study": to_toml(study),
+        "study": study.to_toml(),
         "fingerprint": study.fingerprint,
         "seed": study.study.seed,
         "environment": made_in,
@@ -332,7 +353,7 @@ def _root_attributes(study: Study, made_in: dict[str, Any]) -> dict[str, Any]:
 def _group_attributes(group: GroupStore, root: dict[str, Any]) -> dict[str, Any]:
     model = group.experiment.model
     return {
-        # Again, as in the root: a group opened alone says where it is from, and what one file loses another holds.
+        # Repeated from the root: a group opened alone has its provenance, and damage to one copy can be repaired.
         "fingerprint": root["fingerprint"],
         "environment": root["environment"],
         "design": group.experiment.group.model_dump(mode="json"),
@@ -350,7 +371,7 @@ def _create(node: zarr.Group, spec: ArraySpec) -> None:
         chunks=spec.chunks,
         dtype=str if spec.dtype == "string" else spec.dtype,
         fill_value=spec.fill,
-        compressors=CODECS,
+        compressors=codecs(),
         dimension_names=spec.dims,
         attributes=spec.attributes,
         chunk_key_encoding=KEYS,

@@ -1,6 +1,6 @@
-"""What lies in a cube and is no part of it: named by `verify` and `run`, set aside when that is asked for.
+"""Files in a cube's folder that do not belong to the cube: `verify` and `run` list them, and `run` can set them aside.
 
-Nothing is ever deleted: what is set aside keeps its place and name in a folder beside the cube.
+Nothing is ever deleted: files set aside keep their name and relative path in a folder next to the cube.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mcstudy.errors import StoreError
-from mcstudy.study.durable import PARTIAL, make_folder, sync_folder
+from mcstudy.files.durable import PARTIAL, make_folder, sync_folder
 from mcstudy.study.store import Cube
 
 NOT_PART = "not part of the cube (mcstudy run --quarantine sets it aside)"
-"""What is said of a stray file or folder, behind its name."""
+"""Message about a stray file or folder, printed after its name."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Stray:
 
 
 def parts(cube: Cube, skeleton: Collection[Path]) -> set[Path]:
-    """Every file that may be in a cube, relative to it; ``skeleton`` are those it has without results."""
+    """Every file that may be in a cube, relative to it; ``skeleton``: the files of an empty cube."""
     out = set(skeleton)
     for store in cube.groups.values():
         for chunk in store.layout.chunks:
@@ -40,7 +40,7 @@ def parts(cube: Cube, skeleton: Collection[Path]) -> set[Path]:
 
 
 def strays(root: Path, files: set[Path]) -> Iterator[Stray]:
-    """What is in the tree ``root`` besides ``files``: of a folder that does not belong only the folder itself."""
+    """Everything in the tree ``root`` except ``files``; a folder that does not belong is listed without its content."""
     folders = {folder for file in files for folder in file.parents}
     for place, below, names in os.walk(root):
         here = Path(place).relative_to(root)
@@ -54,7 +54,7 @@ def strays(root: Path, files: set[Path]) -> Iterator[Stray]:
 
 
 def aside_folder(root: Path) -> Path:
-    """Folder beside a cube for what was found in it and is no part of it."""
+    """Folder next to a cube for files that were found in it but do not belong to it."""
     return root.with_name(root.name + ".aside")
 
 
@@ -72,5 +72,5 @@ def set_aside(root: Path, found: Collection[Stray]) -> Path:
             sync_folder(place.parent)
             sync_folder((root / stray.path).parent)
     except OSError as error:
-        raise StoreError(f"{beside}: expected a folder that can be written ({error.strerror})") from None
+        raise StoreError(f"{beside}: expected a writable folder ({error.strerror})") from None
     return target

@@ -1,21 +1,21 @@
 """Reading and writing study files.
 
-A study file is TOML. Sections at the top level hold for every group; ``[group.NAME]`` gives a group its axes and may
-hold the same sections again (``[group.NAME.fit]``) to override single keys. Every mistake is one line:
+A study file is TOML. Sections at the top level apply to every group; ``[group.NAME]`` gives a group its axes and may
+repeat the same sections (``[group.NAME.fit]``) to override single keys. Every mistake gives one line:
 ``file: field: what was expected``.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import DesignError
+from mcstudy.files.plain_errors import short, shown, validated
+from mcstudy.files.sections import leaves
+from mcstudy.files.untrusted import toml
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
-from mcstudy.study.plain_errors import short, shown, validated
-from mcstudy.study.untrusted import toml
 
 MAX_BYTES = 1_000_000
 """A study file larger than this is refused before it is parsed."""
@@ -100,37 +100,12 @@ def merge(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def to_toml(study: Study) -> str:
-    """The canonical study file: defaults filled in, comments gone. Reading it gives the same study."""
-    plain = study.model_dump(mode="json")
-    return "\n".join(_table("", {"study": plain["study"], "group": plain["group"]})).lstrip("\n") + "\n"
-
-
-def _table(path: str, table: Mapping[str, Any]) -> Iterator[str]:
-    scalars = {k: v for k, v in table.items() if not isinstance(v, dict)}
-    if path and (scalars or not table):
-        yield f"\n[{path}]"
-    for key, value in scalars.items():
-        yield f"{key} = {json.dumps(value, ensure_ascii=False)}"
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _table(f"{path}.{key}" if path else key, value)
-
-
 def changes(old: Study, new: Study) -> list[str]:
     """What differs between two studies, as ``field: old -> new`` lines, in the order of the file."""
-    before, after = dict(_flat("", old.numbers())), dict(_flat("", new.numbers()))
+    before, after = ({f: v for f, v in leaves(study.numbers()) if v != {}} for study in (old, new))
     lines = []
     for field in [*before, *(f for f in after if f not in before)]:
         if before.get(field) != after.get(field):
             sides = (short(side[field]) if field in side else "(absent)" for side in (before, after))
             lines.append(f"{field}: {' -> '.join(sides)}")
     return lines
-
-
-def _flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _flat(f"{path}.{key}" if path else key, inner)
-    else:
-        yield path, value

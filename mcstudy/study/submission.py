@@ -1,9 +1,9 @@
-"""The blocks of one run on a scheduler: a window of them in flight, each with its attempts, its time and its suspects.
+"""Submission of the blocks of one run to a scheduler, with retries and time limits; few blocks are in flight at a time.
 
-- A block that raises is tried `ATTEMPTS` times.
-- A block whose worker dies is given to another one. When its workers keep dying it is set aside and run alone at the
-  end, so that blocks that were merely nearby finish; one that still kills its workers is given up.
-- A block that runs longer than the time limit is taken away, its worker restarted (a local one replaced).
+- A block that raises an exception is tried `ATTEMPTS` times.
+- A block whose worker dies is given to another worker. If its workers keep dying, it is set aside and run alone at the
+  end, so that blocks on the same workers can finish. A block that then still kills its workers is given up.
+- A block that runs longer than the time limit is cancelled and its worker restarted (a local worker is replaced).
 """
 
 from __future__ import annotations
@@ -14,52 +14,48 @@ import queue
 import threading
 import time
 from collections import Counter, deque
-from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from distributed import Client, Future
-from distributed.comm import CommClosedError
 from distributed.scheduler import KilledWorker
 
 from mcstudy.errors import Interrupted
-from mcstudy.fit.status import Status
+from mcstudy.fitting.status import Status
+from mcstudy.scheduler.cluster import ClusterOptions, more_threads, restart_worker
+from mcstudy.scheduler.progress import Progress
+from mcstudy.scheduler.window import Window
 from mcstudy.study import environment
 from mcstudy.study.attempt import Attempt, Failure, attempt, topic
-from mcstudy.study.cluster import Capacity, ClusterOptions, more_threads, restart_worker
 from mcstudy.study.layout import Chunk
-from mcstudy.study.progress import Progress
 from mcstudy.study.runlog import RunLog
 from mcstudy.study.store import Cube
-from mcstudy.study.tasks import Report, Task
+from mcstudy.study.tasks import Task, TaskReport
 
 ATTEMPTS = 3
-"""Times a block that raises is tried before it is reported as failed."""
+"""Number of attempts for a block that raises an exception, before it is reported as failed."""
 
 STARTS = 3
-"""Starts of a block at which it is set aside, or given up when it was alone: its worker died every time before."""
+"""Number of starts after which a block whose workers died is set aside or, if it ran alone, given up."""
 
 TIMED_OUT = 2
-"""Times a block may run out of time: a second chance on another worker, no more, since each costs the whole limit."""
-
-WINDOW = 3
-"""Blocks in the scheduler's hands per thread: one running, and enough waiting that no thread idles."""
+"""Number of attempts for a block that exceeds the time limit: two, because each costs the whole limit."""
 
 DRAIN_S = 1.0
-"""How long a stopped run waits for blocks to write what they have; with all before and after it, under 2 s."""
+"""Seconds that a stopped run waits for blocks to write their results; the whole exit takes less than 2 s."""
 
 
 @dataclass
 class Outcome:
-    """What a run did.
+    """Summary of a run.
 
     Attributes
     ----------
     path: the cube.
-    fits: fits run now; seconds: time they took.
-    skipped: fits that earlier runs had done.
-    counts: fits run now, by `Status` value.
+    fits: number of fits in this run; seconds: time they took.
+    skipped: number of fits done by earlier runs.
+    counts: fits of this run by `Status` value.
     failed_blocks: blocks given up, with the reason.
     """
 
@@ -72,7 +68,7 @@ class Outcome:
 
     @property
     def failed_fits(self) -> int:
-        """Fits run now that ended without a usable result."""
+        """Fits of this run that ended without a usable result."""
         return sum(n for status, n in self.counts.items() if not Status(status).usable)
 
 
@@ -91,7 +87,7 @@ class Block:
 
 @dataclass
 class _Flight:
-    """A block in the scheduler's hands: when it last started, where, and how often."""
+    """A submitted block: when it last started, on which worker, and how often."""
 
     block: Block
     alone: bool
@@ -100,13 +96,8 @@ class _Flight:
     starts: int = 0
 
 
-def how_far(path: Path, progress: Progress, why: str = "stopped") -> str:
-    """What a run says that ended before its time."""
-    return f"{path}: {why} with {progress.total - progress.done} fits left; run the same command again to resume"
-
-
 class Submission:
-    """Runs blocks of a cube with a client; see the module."""
+    """Runs blocks of a cube with a Dask client; see the module."""
 
     def __init__(
         self,
@@ -122,9 +113,8 @@ class Submission:
         self.cube, self.client, self.options, self.stop, self.id = cube, client, options, stop, run
         self.log, self.progress, self.outcome = log, progress, outcome
         self.study = cube.study.to_json()
-        self.finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
         self.started: queue.SimpleQueue[dict[str, str]] = queue.SimpleQueue()
-        self.running: dict[Future, _Flight] = {}
+        self.window = Window[_Flight](client, progress.say, self._interrupted)
         self.waiting: deque[Block] = deque()
         self.suspects: deque[Block] = deque()
         self.attempts: Counter[Block] = Counter()
@@ -132,24 +122,22 @@ class Submission:
         self.timeouts: Counter[Block] = Counter()
         self.doubtful: list[Block] = []
         self.given_up: set[Block] = set()
-        self.capacity = Capacity(client, progress.say)
         self.warned: set[str] = set()
         client.subscribe_topic(topic(run), lambda event: self.started.put(event[1]))
 
     def run(self, blocks: deque[Block]) -> list[Block]:
-        """Submit and collect until nothing is left; raises `Interrupted` when stopped.
+        """Submit and collect until all blocks are done; raises `Interrupted` when stopped.
 
-        Returns the blocks that more than one worker had in hands, whose files deserve a second look.
+        Returns the blocks that more than one worker may have run; their files must be checked again.
         """
         self.waiting, self.doubtful = blocks, []
-        while (self.waiting or self.running or self.suspects) and not self.stop.is_set():
-            window = WINDOW * self.capacity.threads()
-            while self.waiting and len(self.running) < window:
+        while (self.waiting or self.window.running or self.suspects) and not self.stop.is_set():
+            while self.waiting and self.window.has_room():
                 self._submit(self.waiting.popleft())
-            if self.suspects and not self.running:
+            if self.suspects and not self.window.running:
                 self._submit(self.suspects.popleft(), alone=True)
-            with contextlib.suppress(queue.Empty):
-                self._collect(self.finished.get(timeout=0.2))
+            if ended := self.window.ended():
+                self._collect(*ended)
             self._watch()
             self.progress.show()
         if self.stop.is_set():
@@ -162,42 +150,35 @@ class Submission:
     def _interrupted(self, why: str) -> Interrupted:
         left = self.progress.total - self.progress.done
         self.log.add("interrupted", why=why, fits=self.outcome.fits, left=left)
-        return Interrupted(how_far(self.cube.path, self.progress, why))
+        return Interrupted(self.progress.how_far(self.cube.path, why))
 
     def _submit(self, block: Block, alone: bool = False) -> None:
         task = Task(self.id, str(self.cube.path), self.study, block.group, self.cube.depths[block.group], block.chunks)
         self.attempts[block] += 1
         first = block.chunks[0]
         key = f"mcstudy-{self.id}-{block.group}-{first.amplitude}.{first.block}-{self.attempts[block]}"
-        future = self.client.submit(attempt, task, key, key=key, pure=False, retries=0)
-        self.running[future] = _Flight(block, alone)
-        future.add_done_callback(self.finished.put)
+        self.window.submit(_Flight(block, alone), attempt, task, key, key=key)
 
-    def _collect(self, future: Future) -> None:
-        flight = self.running.pop(future, None)
-        if flight is None:
-            return  # taken away before
+    def _collect(self, flight: _Flight, future: Future) -> None:
         block = flight.block
         if flight.starts > 1 or self.attempts[block] > 1:
             self.doubtful.append(block)
         try:
-            result: Attempt = future.result()
-        except (CancelledError, CommClosedError):  # nobody else cancels what is running
-            raise self._interrupted("the scheduler was lost") from None
+            result: Attempt = self.window.result(future)
+        except Interrupted:
+            raise
         except KilledWorker as error:
             self._killer(flight, str(error))
             return
-        except Exception as error:  # what came back is no `Attempt`: it could not be sent, or not be read
+        except Exception as error:  # the result is no `Attempt`: it could not be sent or read
             self._failed(block, Failure(f"{type(error).__name__}: {error}"[:300], None))
             return
-        finally:
-            future.release()
         if isinstance(result.ended, Failure):
             self._failed(block, result.ended)
         else:
             self._done(block, result.ended, result.environment)
 
-    def _done(self, block: Block, report: Report, place: dict[str, Any]) -> None:
+    def _done(self, block: Block, report: TaskReport, place: dict[str, Any]) -> None:
         counts = self._counts(block, report)
         failed = sum(n for status, n in counts.items() if not Status(status).usable)
         self.outcome.fits += counts.total()
@@ -207,7 +188,7 @@ class Submission:
         for line in differ:
             if line not in self.warned:
                 self.warned.add(line)
-                self.progress.say(f"warning: blocks run in another environment than the cube was made in: {line}")
+                self.progress.say(f"warning: the workers' environment differs from the cube's: {line}")
         self.log.add(
             "block",
             group=block.group,
@@ -219,13 +200,13 @@ class Submission:
             **({"other_environment": differ} if differ else {}),
         )
 
-    def _counts(self, block: Block, report: Report) -> Counter[int]:
-        """Fits of a block by status, also those whose report was lost with the worker that ran them."""
+    def _counts(self, block: Block, report: TaskReport) -> Counter[int]:
+        """Fits of a block by status, including those whose report was lost with the worker that ran them."""
         if report.complete and report.fits < block.fits:
             store, found = self.cube.groups[block.group], Counter[int]()
             for chunk in block.chunks:
                 found.update(store.read("status", chunk).ravel().tolist())
-            if found.total() == block.fits:  # else some are of an earlier run, and cannot be told apart
+            if found.total() == block.fits:  # otherwise some are of an earlier run and cannot be distinguished
                 return found
         return report.counts
 
@@ -233,7 +214,7 @@ class Submission:
         self.failures[block] += 1
         self.log.add("block_failed", group=block.group, attempt=self.failures[block], reason=failure.reason)
         if failure.disk is not None:
-            # The disk, not the block: trying others would only repeat it.
+            # The disk has failed, not the block: other blocks would fail too.
             self.stop.set()
             raise Interrupted(
                 f"{self.cube.path}: expected a store that can be written ({failure.disk}); "
@@ -251,18 +232,17 @@ class Submission:
         self.progress.say(f"block given up {when}: {block}: {reason}")
 
     def _killer(self, flight: _Flight, reason: str) -> None:
-        """A block whose workers keep dying: to be run alone, or given up when it was."""
+        """Handle a block whose workers keep dying: run it alone later, or give it up if it ran alone."""
         self.log.add("workers_died", group=flight.block.group, alone=flight.alone, reason=reason[:300])
         if flight.alone:
-            self._give_up(flight.block, "since every worker that runs it dies", "its workers died")
+            self._give_up(flight.block, "because every worker that runs it dies", "its workers died")
         else:
             self.suspects.append(flight.block)
 
     def _watch(self) -> None:
         """Notice which blocks started, which ran out of time or of workers, and whether the scheduler is there."""
-        if self.client.status != "running":
-            raise self._interrupted("the scheduler was lost")
-        flights = {future.key: (future, flight) for future, flight in self.running.items()}
+        self.window.check()
+        flights = {future.key: (future, flight) for future, flight in self.window.running.items()}
         with contextlib.suppress(queue.Empty):
             while True:
                 event = self.started.get_nowait()
@@ -280,9 +260,7 @@ class Submission:
                 self._hung(flight, limit)
 
     def _take_away(self, future: Future) -> None:
-        self.doubtful.append(self.running.pop(future).block)
-        future.cancel(force=True)
-        future.release()
+        self.doubtful.append(self.window.take_back(future).block)
 
     def _hung(self, flight: _Flight, limit: float) -> None:
         block, reason = flight.block, f"ran longer than {limit:g} s"
@@ -293,17 +271,17 @@ class Submission:
         else:
             restart_worker(self.client, flight.worker)
         if self.timeouts[block] < TIMED_OUT:
-            self.suspects.append(block)  # at the end, so that a hang costs the others least
+            self.suspects.append(block)  # at the end, so that a hang delays the other blocks least
         else:
             self._give_up(block, f"after {TIMED_OUT} attempts", reason)
 
     def _drain(self) -> None:
-        """Let running blocks write what they have; those on other machines finish, or do not, without us."""
-        self.progress.say("stopping: writing what is finished (Ctrl-C again to leave at once)")
+        """Let running blocks write their results; blocks on other machines end on their own."""
+        self.progress.say("stopping: writing finished fits (press Ctrl-C again to quit at once)")
         if self.options.scheduler is not None:
-            self.client.cancel(list(self.running))
+            self.client.cancel(list(self.window.running))
             return
         end = time.monotonic() + DRAIN_S
-        while self.running and (left := end - time.monotonic()) > 0:
-            with contextlib.suppress(queue.Empty):
-                self._collect(self.finished.get(timeout=left))
+        while self.window.running and (left := end - time.monotonic()) > 0:
+            if ended := self.window.ended(left):
+                self._collect(*ended)

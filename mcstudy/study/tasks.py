@@ -1,7 +1,7 @@
 """One task of a run: fill some chunks of the cube.
 
-A task is a pure function of the design and of coordinates; where and when it runs leaves no trace in the result.
-Chunks that a stopped run left half done are completed fit by fit, since no fit depends on its neighbours.
+A task is a pure function of the design and of coordinates; its result does not depend on where and when it runs.
+Chunks that a stopped run left incomplete are completed fit by fit, because fits are independent of each other.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mcstudy.fit.problem import Fits
-from mcstudy.fit.solvers import Options, fit_queue
-from mcstudy.fit.status import USABLE, Status
+from mcstudy.fitting.arguments import Options
+from mcstudy.fitting.problem import Fits
+from mcstudy.fitting.solvers import fit_queue
+from mcstudy.fitting.status import USABLE, Status
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.design import Study
 from mcstudy.study.experiment import Experiment
@@ -26,12 +27,12 @@ from mcstudy.study.layout import Chunk
 from mcstudy.study.store import GroupStore
 
 STARTS_A_CALL = {"lm": 1024}
-"""Starts handed to a solver at once; SciPy's are slow, and a stop request is looked at only between calls."""
+"""Starts per call of a solver; few for SciPy's slow solvers, because stop requests are checked between calls."""
 
 OTHERS_A_CALL = 1
 
 CHECKPOINT_S = 20.0
-"""Longest time between writes of a chunk that takes long: what a kill can cost, besides the fit in progress."""
+"""Longest time between two writes of a slow chunk, seconds; a kill loses at most this work and the current fit."""
 
 STOP: dict[str, threading.Event] = {}
 """Stop requests by run, for tasks that run in the process that may be interrupted."""
@@ -39,7 +40,7 @@ STOP: dict[str, threading.Event] = {}
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker needs to know: the cube, the study (as JSON), which chunks of which group, and their depth."""
+    """Input of a worker: the cube, the study (as JSON), a group and its chunks, and the realizations per chunk."""
 
     run: str
     path: str
@@ -50,8 +51,8 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Report:
-    """What a task did: fits run now by status, whether it filled its chunks, seconds it took."""
+class TaskReport:
+    """Result of a task: fits run by status, whether its chunks are complete, and the seconds it took."""
 
     counts: Counter[int] = field(default_factory=Counter)
     complete: bool = True
@@ -59,7 +60,7 @@ class Report:
 
     @property
     def fits(self) -> int:
-        """Number of fits run now."""
+        """Number of fits run."""
         return sum(self.counts.values())
 
 
@@ -68,12 +69,12 @@ def open_group(path: str, study: str, group: str, depth: int) -> GroupStore:
     """The group of a cube with its experiment prepared; kept by the worker for its next task."""
     resolved = Study.from_json(study)
     return GroupStore(
-        Path(path), group, Experiment(resolved.group[group], resolved.study.seed), depth, resolved.fingerprint
+        Path(path), group, Experiment(resolved.groups[group], resolved.study.seed), depth, resolved.fingerprint
     )
 
 
-def run_task(task: Task) -> Report:
-    """Fill the chunks of a task and write each as soon as it is complete; now and then before, if that takes long."""
+def run_task(task: Task) -> TaskReport:
+    """Fill the chunks of a task and write each when it is complete; a slow chunk is also written in between."""
     begun = time.perf_counter()
     store = open_group(task.path, task.study, task.group, task.depth)
     stop = STOP.get(task.run, threading.Event())
@@ -90,11 +91,11 @@ def run_task(task: Task) -> Report:
         counts.update(new[new != Status.PENDING].tolist())
         complete = complete and bool((data["status"] != Status.PENDING).all())
         store.write(chunk, data)
-    return Report(counts, complete, time.perf_counter() - begun)
+    return TaskReport(counts, complete, time.perf_counter() - begun)
 
 
 def _pause(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stop: threading.Event) -> Callable[[], bool]:
-    """What happens between calls of the solver: a stop request is seen, and a slow chunk is written as far as it is."""
+    """Between calls of the solver, check for a stop request and write a slow chunk as far as it is done."""
     written = time.monotonic()
 
     def stopped() -> bool:

@@ -1,6 +1,6 @@
-"""Bodies that fall: a closed loop whose true parameters are unstable has no steady response, so no FRF to measure.
+"""Unstable bodies: if the closed loop is unstable at the true parameters, there is no steady response and no FRF.
 
-Such a study is refused before anything of it is run, unless it is asked for; then everything that shows it says so.
+Such a study is refused before it is run, unless the user allows it; then every table and page shows a warning.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from mcstudy.study.models import build_model
 
 
 def instability(model: Model) -> str:
-    """In words, how fast a body with the true parameters falls; empty for one that stands."""
+    """Growth rate of a body that is unstable at the true parameters, as text; empty for a stable one."""
     growth = float(growth_rate(model, model.truth))
     if growth < 0:
         return ""
@@ -23,33 +23,35 @@ def instability(model: Model) -> str:
 
 
 def warning(what: str) -> str:
-    """What is said of a group that falls; ``what`` is its `instability`."""
+    """The warning for an unstable group; ``what`` is its `instability`."""
     return f"the closed loop of the true parameters is unstable ({what}), so its responses cannot be measured"
 
 
 def warnings_of(study: Study) -> list[str]:
-    """One line for every group that falls."""
-    found = {name: instability(build_model(group)) for name, group in study.group.items()}
+    """One line per unstable group."""
+    found = {name: instability(build_model(group)) for name, group in study.groups.items()}
     return [f"group {name}: {warning(what)}" for name, what in found.items() if what]
 
 
 def refuse_unstable(study: Study, allow: bool = False) -> None:
-    """Raise `DesignError`, one line with group and growth rate, for the first group that falls.
+    """Raise `DesignError`, one line with group and growth rate, for the first unstable group.
 
-    ``allow``: unless it is computed in the frequency domain, where a response exists that nobody could measure. In time
-    it grows out of all numbers.
+    ``allow``: accept groups that are computed in the frequency domain. There a formal response exists, although it
+    cannot be measured. A time simulation would overflow.
     """
-    for name, group in study.group.items():
+    if not study.groups:
+        raise DesignError("group: expected at least one, as Study.group(name, realizations=..., ...) adds it")
+    for name, group in study.groups.items():
         refuse_unstable_model(build_model(group), group.simulator, allow, f"group.{name}.")
 
 
 def refuse_unstable_model(model: Model, simulator: str, allow: bool, where: str = "") -> None:
-    """The same for one model, the truth of which stands at ``where``."""
+    """The same for one model; ``where`` is the prefix of its fields in the message."""
     in_time = simulator == "time_domain"
     if (not allow or in_time) and (what := instability(model)):
         remedy = (
-            "a body that falls cannot be simulated in time; simulator 'spectral' can"
+            "an unstable body cannot be simulated in time; use simulator 'spectral'"
             if in_time
-            else "--allow-unstable, in Python allow_unstable=True, accepts it"
+            else "to accept it: --allow-unstable, in Python allow_unstable=True"
         )
         raise DesignError(f"{where}model.truth: expected a stable closed loop, got an unstable one, {what} ({remedy})")

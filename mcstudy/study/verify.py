@@ -1,7 +1,7 @@
-"""Is a cube what its study says it is: metadata, checksums, values that may not be, and a sample recomputed.
+"""Check a cube against its study: metadata, checksums, impossible values, and a sample of recomputed fits.
 
-Metadata and coordinates are compared with those of an empty cube made afresh from the study, chunks are read whole,
-and randomly chosen fits are run again and compared bit for bit.
+Metadata and coordinates are compared with those of a new empty cube of the same study. All chunks are read completely.
+Randomly chosen fits are run again and compared bit for bit.
 """
 
 from __future__ import annotations
@@ -15,29 +15,30 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import StoreError
-from mcstudy.fit.status import USABLE, Status
+from mcstudy.files.sections import leaves
+from mcstudy.files.untrusted import real_bytes
+from mcstudy.fitting.status import USABLE, Status
+from mcstudy.streams import stream
 from mcstudy.study import environment, identity, runlog
 from mcstudy.study.checksums import LARGEST_NOTE, OTHER, checksum, noted
 from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import skeleton
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.strays import NOT_PART, parts, strays
-from mcstudy.study.streams import stream
 from mcstudy.study.tasks import fill
-from mcstudy.study.untrusted import real_bytes
 
 STARTS_A_CELL = 4
-"""Starts recomputed of each sampled cell, at every Fmax."""
+"""Number of starts recomputed in each sampled cell, at every Fmax."""
 
 
 @dataclass
-class Verdict:
-    """What was looked at and what is wrong.
+class Findings:
+    """Result of `verify`.
 
     Attributes
     ----------
     damage: one line per finding, each naming a file or a cell.
-    notes: what is worth knowing but not wrong.
+    notes: information that is no damage.
     chunks, pending, recomputed: chunks checked, fits not run yet, fits run again.
     """
 
@@ -48,67 +49,67 @@ class Verdict:
     recomputed: int = 0
 
 
-def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Verdict:
+def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
     """Check a cube.
 
     Parameters
     ----------
     path: the cube.
-    cells: (amplitude, realization) cells to recompute, chosen at random over all groups.
-    seed: chooses them.
+    cells: number of (amplitude, realization) cells to recompute, chosen at random over all groups.
+    seed: random seed of this choice.
 
     Raises
     ------
-    StoreError: nothing of it can be checked, since its own study cannot be read.
+    StoreError: nothing can be checked, because the study stored in the cube cannot be read.
     """
-    path, verdict = Path(path), Verdict()
-    cube = _readable(path, verdict)
+    path, findings = Path(path), Findings()
+    cube = _readable(path, findings)
     made_in, now = identity.made_in(path) or cube.attributes["environment"], environment.environment()
     for line in environment.differences(made_in, now):
-        verdict.notes.append(f"made in another environment: {line}")
+        findings.notes.append(f"made in another environment: {line}")
     skeleton_damage = list(_skeleton_damage(cube, made_in))
-    verdict.damage += [f"{file}: {what}" for file, what in skeleton_damage]
+    findings.damage += [f"{file}: {what}" for file, what in skeleton_damage]
     damaged = {file for file, _ in skeleton_damage}
     sound: list[tuple[GroupStore, Chunk]] = []
     reported = runlog.reported(path, cube.study.fingerprint)
     with_checksums = runlog.reported(path, cube.study.fingerprint, checksums=True)
     for name, store in cube.groups.items():
-        verdict.notes += _without_checksums(store, with_checksums)
+        findings.notes += _without_checksums(store, with_checksums)
         unreadable = {array for array in store.layout.results if store.path / array / "zarr.json" in damaged}
         for chunk in store.layout.chunks:
-            verdict.chunks += 1
+            findings.chunks += 1
             damage = list(_chunk_damage(store, chunk, unreadable))
             status_file = store.chunk_file("status", chunk)
             if (name, chunk.amplitude, chunk.block) in reported and not status_file.exists():
                 damage = [f"{status_file}: missing, though a run has reported the chunk as complete"]
             elif (name, chunk.amplitude, chunk.block) in with_checksums and not store.annotated(chunk):
                 damage.append(f"{store.note_file(chunk)}: missing, though a run has reported the chunk as complete")
-            verdict.damage += damage
+            findings.damage += damage
             if unreadable:
-                continue  # what is in the chunk cannot be told before that is repaired
+                continue  # the content of the chunk is unknown until this is repaired
             if not damage and (left := store.pending(chunk)) < store.layout.fits(chunk):
-                verdict.pending += left
+                findings.pending += left
                 sound.append((store, chunk))
             elif not damage:
-                verdict.pending += store.layout.fits(chunk)
+                findings.pending += store.layout.fits(chunk)
     rng = stream(seed, "verify")
     for k in rng.permutation(len(sound))[:cells].tolist():
         store, chunk = sound[k]
-        _recompute(store, chunk, rng, verdict)
-    return verdict
+        _recompute(store, chunk, rng, findings)
+    return findings
 
 
-def _readable(path: Path, verdict: Verdict) -> Cube:
+def _readable(path: Path, findings: Findings) -> Cube:
     try:
         return Cube.open(path)
     except StoreError as error:
         cube = Cube.open_unchecked(path)
-        verdict.damage.append(str(error))
+        findings.damage.append(str(error))
         return cube
 
 
 def _skeleton_damage(cube: Cube, made_in: dict[str, Any]) -> Iterator[tuple[Path, str]]:
-    """Metadata and constant arrays against those of the same study made afresh: file, what is wrong."""
+    """Differences of metadata and constant arrays from those of a new cube of the same study: (file, difference)."""
     expected = skeleton(cube, made_in)
     files = parts(cube, expected)
     for path in sorted(cube.path / file for file in files):
@@ -136,41 +137,33 @@ def _difference(expected: bytes, actual: bytes) -> str:
         old, new = json.loads(expected), json.loads(actual)
     except ValueError:
         return "content differs from that of the study"
-    for field_name, value in _leaves("", old):
-        other = dict(_leaves("", new)).get(field_name)
-        if other != value:
+    found = dict(leaves(new))
+    for field_name, value in leaves(old):
+        if (other := found.get(field_name)) != value:
             return f"{field_name}: expected {value!r}, found {other!r}"[:300]
     return "holds fields that the study does not"
 
 
-def _leaves(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict) and value:
-        for key, inner in value.items():
-            yield from _leaves(f"{path}.{key}" if path else key, inner)
-    else:
-        yield path, value
-
-
 def _without_checksums(store: GroupStore, reported: set[tuple[str, int, int]]) -> Iterator[str]:
-    """Chunks that have been run and whose checksums nobody has noted, or said to have noted."""
+    """Finished chunks without stored checksums."""
     chunks = [c for c in store.layout.chunks if store.chunk_file("status", c).exists() and not store.annotated(c)]
     files = [store.note_file(c) for c in chunks if (store.name, c.amplitude, c.block) not in reported]
     why = "a file of the chunk that was swapped with another would not be noticed; mcstudy run notes them"
     if files:
         more = f" and {len(files) - 1} more" if len(files) > 1 else ""
-        yield f"{files[0]}{more}: no checksums (of an older program, or of a run that was stopped): {why}"
+        yield f"{files[0]}{more}: no checksums (from an older program or a stopped run): {why}"
 
 
 def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iterator[str]:
-    """Missing and damaged files of a chunk, and values no run can have written.
+    """Missing and damaged files of a chunk, and values that no run can have written.
 
-    ``unreadable``: arrays whose own metadata is damaged; sound files of theirs are not to blame for it.
+    ``unreadable``: arrays with damaged metadata; their chunk files are not reported as damaged for that reason.
     """
     status_file, note_file = store.chunk_file("status", chunk), store.note_file(chunk)
     if not status_file.exists():
         if store.annotated(chunk):
             yield f"{status_file}: missing, though its checksum is in {note_file}"
-        return  # status is written after the arrays: whatever else is there belongs to a run that was stopped
+        return  # status is written last: other files without it belong to a run that was stopped
         # (for the same reason a pending fit may have an estimate already)
     said: dict[str, int] | None = None
     if note_file.is_file() and not note_file.is_symlink():
@@ -182,7 +175,7 @@ def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iter
     for name, place in zip(store.layout.results, store.files(chunk), strict=True):
         file = store.chunk_file(name, chunk)
         if file.is_symlink() or file.is_dir():
-            continue  # named with the files that do not belong
+            continue  # already reported among the files that do not belong to the cube
         if not file.exists():
             yield f"{file}: missing"
         elif not store.intact(name, chunk):
@@ -212,8 +205,8 @@ def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iter
         yield f"{store.chunk_file('cost', chunk)}: a negative or missing cost of a finished fit"
 
 
-def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, verdict: Verdict) -> None:
-    """Run a few fits of one realization of a chunk again, as if they were pending, and compare all arrays."""
+def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, findings: Findings) -> None:
+    """Run a few fits of one realization of a chunk again and compare all arrays with the stored ones."""
     group, realizations = store.layout.group, store.layout.realizations(chunk)
     r = int(rng.integers(len(realizations)))
     stored = {name: store.read(name, chunk) for name in store.layout.results}
@@ -223,15 +216,15 @@ def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, verdic
     chosen &= stored["status"] != Status.PENDING
     again["status"][chosen] = Status.PENDING
     waiting = stored["status"] == Status.PENDING
-    again["status"][waiting] = Status.SOLVER_ERROR  # not chosen: keep `fill` away from them
+    again["status"][waiting] = Status.SOLVER_ERROR  # not chosen: `fill` must skip them
     fill(store, chunk, again, lambda: False)
     for name in store.layout.results:
-        if "fmax" in store.layout.arrays[name].dims:  # a value or row a fit
-            again[name][waiting] = stored[name][waiting]  # what a fit not run yet holds is nobody's promise
-    verdict.recomputed += int(chosen.sum())
+        if "fmax" in store.layout.arrays[name].dims:  # one value or row per fit
+            again[name][waiting] = stored[name][waiting]  # values of fits that have not been run are undefined
+    findings.recomputed += int(chosen.sum())
     differ = [n for n in store.layout.results if stored[n].tobytes() != again[n].tobytes()]
     if differ:
-        verdict.damage.append(
+        findings.damage.append(
             f"{store.chunk_file('status', chunk)}: amplitude {group.amplitude[chunk.amplitude]:g}, realization "
             f"{realizations[r]}: recomputed values differ from the stored ones ({', '.join(differ)})"
         )

@@ -1,9 +1,9 @@
-"""What a cube holds so far, looked at again and again while it grows: every finished chunk is read once.
+"""Intermediate results of a cube while it is written; every finished chunk is read once.
 
-The headline number of a group with noise is the paper's bias, the mean over parameters of |mean estimate - truth| in
-percent of the truth (Goodworth & Peterka 2018, note to Table II), at its largest amplitude and every Fmax; that of a
-group without noise is the largest error of a best fit. Both are those of ``mcstudy show`` on the realizations that are
-complete, the standard error to first order (a bias near zero keeps its sign).
+For a group with noise the headline number is the paper's bias: the mean over parameters of |mean estimate - truth| in
+percent of the truth (Goodworth & Peterka 2018, note to Table II), at the largest amplitude and every Fmax. For a group
+without noise it is the largest error of a best fit. Both equal those of ``mcstudy show`` on the complete realizations;
+the standard error is computed to first order (a bias near zero keeps its sign).
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mcstudy.errors import StoreError
-from mcstudy.fit.status import USABLE, Status
+from mcstudy.fitting.status import USABLE, Status
 from mcstudy.study.layout import Chunk
 from mcstudy.study.store import Cube, GroupStore
 
 LEAST = 3
-"""Realizations from which an error of a mean is worth showing."""
+"""Smallest number of realizations for which the standard error of a mean is shown."""
 
 MOST_FMAX, MOST_LINES = 4, 12
-"""Values of Fmax of a group, and lines in all, that a screen has room for."""
+"""Largest number of Fmax values per group, and of lines in total, that are shown."""
 
 
 @dataclass
-class Moments:
-    """Count, mean (P,) and summed outer products (P, P) about it, of relative errors of best fits; and the largest."""
+class RunningErrors:
+    """Statistics of the relative errors of best fits: count, mean (P,), summed outer products (P, P), and largest."""
 
     n: int = 0
     mean: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -56,7 +56,7 @@ class Moments:
 
 
 class Watch:
-    """A cube that may be growing."""
+    """A cube that may still be written to."""
 
     def __init__(self, cube: Cube) -> None:
         self.cube = cube
@@ -65,7 +65,7 @@ class Watch:
         self._unreadable: set[tuple[str, Chunk]] = set()
         self._partial: dict[tuple[str, Chunk], tuple[int, Counter[int]]] = {}
         self._counts: Counter[int] = Counter()
-        self._moments: dict[tuple[str, int, int], Moments] = {}
+        self._moments: dict[tuple[str, int, int], RunningErrors] = {}
 
     @property
     def chunks_done(self) -> int:
@@ -74,12 +74,12 @@ class Watch:
 
     @property
     def unreadable(self) -> int:
-        """Chunks that are damaged, or of which a file is missing or another chunk's, at the last look."""
+        """Chunks that were damaged, or had a missing or swapped file, at the last look."""
         return len(self._unreadable)
 
     @property
     def counts(self) -> Counter[int]:
-        """Fits seen so far by `Status` value, pending ones left out."""
+        """Fits seen so far by `Status` value, without pending ones."""
         return sum((c for _, c in self._partial.values()), self._counts)
 
     @property
@@ -93,7 +93,7 @@ class Watch:
         return sum(self.counts.values())
 
     def look(self, seconds: float = math.inf) -> None:
-        """Read what is new, for at most about ``seconds``; what is damaged or half written waits."""
+        """Read new chunks for at most about ``seconds``; damaged or incomplete chunks are tried again later."""
         end = time.monotonic() + seconds
         for name, store in self.cube.groups.items():
             for chunk in store.layout.chunks:
@@ -119,7 +119,7 @@ class Watch:
                 return
             self._add(name, store, chunk, status)
         except StoreError:
-            self._unreadable.add((name, chunk))  # `verify` names it, `run` repairs it
+            self._unreadable.add((name, chunk))  # `verify` reports it, `run` repairs it
             return
         self._partial.pop((name, chunk), None)
         self._complete.add((name, chunk))
@@ -134,17 +134,22 @@ class Watch:
         truth = store.experiment.model.truth
         known = truth != 0
         for k in range(best.shape[0]):
-            cell = self._moments.setdefault((name, chunk.amplitude, k), Moments())
+            cell = self._moments.setdefault((name, chunk.amplitude, k), RunningErrors())
             cell.add(best[k][found[k]][:, known] / truth[known] - 1)
 
+    def news(self, seconds: float) -> list[str]:
+        """`headlines` after a `look` of at most about ``seconds``."""
+        self.look(seconds)
+        return self.headlines()
+
     def headlines(self) -> list[str]:
-        """Lines for every group of which enough is done."""
+        """Lines for every group with enough results."""
         out = []
         for name, store in self.cube.groups.items():
             group, unit = store.layout.group, store.experiment.model.stimulus_unit
             a = len(group.amplitude) - 1
             for k, f in list(enumerate(group.fmax))[:MOST_FMAX]:
-                m = self._moments.get((name, a, k), Moments())
+                m = self._moments.get((name, a, k), RunningErrors())
                 if group.simulator == "none" and m.n:
                     out.append(f"{name}, {f:g} Hz: largest error of a best fit {100 * m.largest:.1e} %")
                 elif group.simulator != "none" and m.n >= LEAST:

@@ -1,9 +1,10 @@
-"""What is left between maximum likelihood and the Cramér-Rao bound: python pipelines/examples/efficiency_oracle.py [N]
+"""How far is maximum likelihood from the Cramér-Rao bound? Usage: python pipelines/examples/efficiency_oracle.py [N]
 
-The `ml` group of pipelines/efficiency.toml, fitted twice: weighted by the covariance estimated from each record
-(spectra.covariance = "through_loop", what a real study can do), and by the true one, known from other realizations of
-the noise (what nobody can do). The bound is that of the true covariance. What the second misses of the bound is the
-model's curvature, which no weighting mends; what the first misses more is the price of not knowing the covariance.
+N is the number of realizations. The `ml` group of pipelines/efficiency.toml is fitted twice: weighted by the covariance
+estimated from each record (spectra.covariance = "through_loop", as in a real study), and weighted by the true
+covariance, known from other realizations of the noise (impossible in a real study). The Cramér-Rao bound is for the
+true covariance. The distance of the second fit from the bound is due to the curvature of the model, which no weighting
+can remove. The additional distance of the first fit is the cost of estimating the covariance.
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.analysis.efficiency import cramer_rao, joint_covariance
-from mcstudy.fit.problem import ml_cost
-from mcstudy.fit.solvers import fit_many
+from mcstudy.fitting.problem import ml_cost
+from mcstudy.fitting.solvers import fit_many
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.study_file import read_study
 
 STUDY = Path(__file__).parents[1] / "efficiency.toml"
 ON_BOUND = 0.01
-"""Share of fits on a bound from which on the bound on the spread does not apply."""
+"""Fraction of fits on a bound above which the Cramér-Rao bound does not apply."""
 
 
 def spread(model, f, data, covariances, n):
@@ -39,10 +40,10 @@ def spread(model, f, data, covariances, n):
 def main(realizations: int) -> None:
     """Print both ratios for every parameter that hardly ever ends on a bound."""
     study = read_study(STUDY)
-    paper = Experiment(study.group["ml"], study.study.seed)
+    paper = Experiment(study.groups["ml"], study.study.seed)
     model, amplitude = paper.model, paper.group.amplitude[0]
     cells = [paper.measure(amplitude, r) for r in range(realizations)]
-    plain = Experiment(study.group["ml_even_lines"], study.study.seed)  # the same data, no first fit
+    plain = Experiment(study.groups["ml_even_lines"], study.study.seed)  # the same data, no first fit
     others = [plain.measure(amplitude, r).frf - paper.true_frf for r in range(realizations, 3 * realizations)]
     true = np.einsum("rla,rlb->lab", np.stack(others), np.conj(others)) / len(others)
     print(f"{'Fmax':>5} {'':5} {'on a bound':>10} {'SD / bound, estimated covariance':>34} {'true covariance':>17}")

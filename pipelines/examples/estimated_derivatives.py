@@ -1,11 +1,11 @@
-"""How many starts a fit needs when the solver has to estimate derivatives, as the paper's did.
+"""How many starts does a fit need when the solver estimates derivatives, as in the paper?
 
-Goodworth & Peterka 2018 (Fig. 3B) needed about 20 starts with fmincon, which estimates derivatives by differences
-unless it is given them, in the parameters' own units. Here, for the same noise and the same starts up to 1.2 Hz and at
-5 N m: the compiled Levenberg-Marquardt solver with exact derivatives, and quasi-Newton solvers of SciPy (trust-constr
-is an interior-point method, as fmincon's) with forward differences, in the parameters' own units and in units of the
-width of their bounds. `hits` is the fraction of starts that come within 0.1 % of the lowest cost known; `starts` what
-95 % certainty needs with that fraction.
+Goodworth & Peterka 2018 (Fig. 3B) needed about 20 starts with fmincon, which by default estimates derivatives by
+differences in the parameters' own units. This script compares, with the same noise and the same starts up to 1.2 Hz and
+at 5 N m, the compiled Levenberg-Marquardt solver with exact derivatives and quasi-Newton solvers of SciPy with forward
+differences (trust-constr is an interior-point method, like fmincon's). The differences are in the parameters' own units
+or in units of the width of their bounds. `success` is the fraction of starts within 0.1 % of the lowest known cost;
+`starts` is the number of starts needed for 95 % certainty at that fraction.
 """
 
 import argparse
@@ -16,9 +16,9 @@ import numpy as np
 from scipy.optimize import Bounds, minimize
 
 from mcstudy.analysis.convergence import HIT_TOLERANCE, fewest_independent_starts
-from mcstudy.fit.problem import Problem, paper_cost
-from mcstudy.fit.solvers import fit
-from mcstudy.fit.starts import uniform
+from mcstudy.fitting.problem import Problem, paper_cost
+from mcstudy.fitting.solvers import fit
+from mcstudy.fitting.starts import uniform
 from mcstudy.spectra.bands import published
 from mcstudy.spectra.estimate import SpectralExperiment
 from mcstudy.stance.body import two_segment
@@ -27,7 +27,7 @@ from mcstudy.stance.response import frf
 from mcstudy.stance.stimulus import Prts
 
 FMAX, AMPLITUDE, EVALUATIONS = 1.2, 5.0, 3000
-"""``EVALUATIONS``: where fmincon's interior-point method stops unless told otherwise."""
+"""``EVALUATIONS``: default limit of fmincon's interior-point method."""
 
 STEP = 2.0**-26
 """Step of the forward differences, relative for parameters above 1: the usual choice, also fmincon's."""
@@ -81,8 +81,8 @@ SOLVERS = {
 def arguments() -> argparse.ArgumentParser:
     """Few fits by default, since some solvers take more than a second each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--realizations", type=int, default=2, help="of the noise; 6 for the figures of the page")
-    parser.add_argument("--starts", type=int, default=1, help="of each; 10 for the figures of the page")
+    parser.add_argument("--realizations", type=int, default=2, help="noise realizations (default 2; the page uses 6)")
+    parser.add_argument("--starts", type=int, default=1, help="starts per realization (default 1; the page uses 10)")
     parser.add_argument("--seed", type=int, default=2018)
     return parser
 
@@ -102,7 +102,7 @@ if __name__ == "__main__":
             seconds[name] += time.process_time() - begun
             hits[name][r] = np.mean(cost <= lowest * (1 + HIT_TOLERANCE))
     fits = given.realizations * given.starts
-    print("{:<48}{:>14}{:>9}{:>12}".format("", "hits ± MCSE", "starts", "ms a fit"))
+    print("{:<48}{:>14}{:>9}{:>12}".format("", "success ± MCSE", "starts", "ms per fit"))
     for name, share in hits.items():
         error = share.std(ddof=1) / np.sqrt(share.size) if share.size > 1 else float("nan")
         needed = float(fewest_independent_starts(share.mean(), 0.95)) if share.any() else float("nan")

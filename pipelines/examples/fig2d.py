@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mcstudy.fit.linearised import linearised
-from mcstudy.fit.problem import paper_cost
-from mcstudy.fit.solvers import fit
+from mcstudy.fitting.linearised import linearised
+from mcstudy.fitting.problem import paper_cost
+from mcstudy.fitting.solvers import fit
 from mcstudy.spectra import periods
 from mcstudy.spectra.bands import odd_lines
 from mcstudy.stance.body import two_segment
@@ -148,8 +148,16 @@ def held_recording(source: Path, target: Path) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--held", type=Path, nargs=2, metavar=("REC", "OUT"), help="instead: hold a recording's torque")
-    parser.add_argument("--fine", type=float, default=2000.0, help="the faster solver rate, Hz (the paper: 10000)")
+    parser.add_argument(
+        "--held",
+        type=Path,
+        nargs=2,
+        metavar=("REC", "OUT"),
+        help="only write a copy OUT of the recording REC with its torque held between samples",
+    )
+    parser.add_argument(
+        "--fine", type=float, default=2000.0, help="rate of the faster solver, Hz (default 2000; the paper: 10000)"
+    )
     arguments = parser.parse_args()
     if arguments.held:
         held_recording(*arguments.held)

@@ -3,8 +3,8 @@
 import argparse
 
 from mcstudy.analysis import accuracy, selection
+from mcstudy.own_model import run_model
 from mcstudy.stance.feedback import Model, Parameter, Term
-from mcstudy.study.own_model import run_model
 
 INERTIA = 0.08  # forearm and hand about the elbow, kg m^2
 

@@ -1,10 +1,10 @@
-"""Fit to the mean FRF of a population, or the mean of individual fits?
+"""Compare a fit to the mean FRF of a population with the mean of individual fits.
 
-Goodworth & Peterka (2009, 2012) found the two alike in a homogeneous population. Here every subject's gains, damping
-and delays are scattered uniformly within +-15 % of the truth (unstable draws are drawn again), each subject has their
-own sensor noise, and both routes estimate the population's own mean parameters. Bias and spread of the two over many
-populations, in percent of the truth, Fmax 1.2 Hz, 5 N m. ``-o FILE`` keeps the result for
-``mcstudy report OUT --beside FILE``.
+Goodworth & Peterka (2009, 2012) found both to be similar in a homogeneous population. Here the gains, damping and
+delays of every subject are scattered uniformly within +-15 % of the truth (unstable subjects are drawn again), each
+subject has independent sensor noise, and both methods estimate the mean parameters of the population. The script prints
+bias and spread of both over many populations, in percent of the truth, at Fmax 1.2 Hz and 5 N m. ``-o FILE`` saves the
+result for ``mcstudy report OUT --beside FILE``.
 """
 
 import argparse
@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mcstudy.fit.linearised import linearised
-from mcstudy.fit.problem import paper_cost
-from mcstudy.fit.solvers import fit
+from mcstudy.fitting.linearised import linearised
+from mcstudy.fitting.problem import paper_cost
+from mcstudy.fitting.solvers import fit
 from mcstudy.report.alternatives import write_alternative
 from mcstudy.spectra.bands import published
 from mcstudy.spectra.estimate import SpectralExperiment
@@ -71,7 +71,9 @@ if __name__ == "__main__":
     parser.add_argument("--populations", type=int, default=40)
     parser.add_argument("--subjects", type=int, default=10)
     parser.add_argument("--seed", type=int, default=2009)
-    parser.add_argument("--no-noise", action="store_true", help="scatter of the parameters alone")
+    parser.add_argument(
+        "--no-noise", action="store_true", help="simulate without sensor noise; only the parameters vary"
+    )
     parser.add_argument("-o", "--output", type=Path)
     a = parser.parse_args()
     model = two_segment()

@@ -1,10 +1,10 @@
-"""The four neural controllers from two stimuli without a model of them, and from one stimulus.
+"""Identify the four neural controllers from two stimuli without a model of them, and from one stimulus.
 
-The alternative of Boonstra et al. 2013 and Engelhart et al. 2015 that Goodworth & Peterka 2018 discuss. Up to 1.2 Hz,
-per controller and relative to its true magnitude, averaged over frequency: how far the mean estimate lies from the
-truth, how far chance alone would put it (what an unbiased estimator would show), and the error of a single experiment.
-All estimators get two trials of six cycles; the parametric fit uses one of them. ``-o FILE`` keeps the result for
-``mcstudy report OUT --beside FILE``.
+This is the alternative of Boonstra et al. 2013 and Engelhart et al. 2015 that Goodworth & Peterka 2018 discuss. For
+each controller, up to 1.2 Hz and relative to its true magnitude, the script prints three numbers averaged over
+frequency: the error of the mean estimate, the error expected from chance alone (for an unbiased estimator), and the
+error of a single experiment. All estimators use two trials of six cycles, except the parametric fit, which uses one.
+``-o FILE`` saves the result for ``mcstudy report OUT --beside FILE``.
 """
 
 import argparse
@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from mcstudy.fit.linearised import linearised
-from mcstudy.fit.problem import paper_cost
-from mcstudy.fit.solvers import fit
+from mcstudy.fitting.linearised import linearised
+from mcstudy.fitting.problem import paper_cost
+from mcstudy.fitting.solvers import fit
 from mcstudy.report.alternatives import write_alternative
 from mcstudy.spectra import nonparametric
 from mcstudy.spectra.bands import odd_lines, published
@@ -73,7 +73,7 @@ CONTROLLERS = {"T11": (1, 0), "T21": (1, 1), "T12": (0, 0), "T22": (0, 1)}
 
 
 def errors(estimator: Callable[[np.random.Generator], np.ndarray], n: int, seed: int) -> dict[str, dict[str, Any]]:
-    """Per controller, in percent by frequency: how far the mean is off, how far by chance, one experiment's error."""
+    """For each controller, in percent by frequency: error of the mean, expected from chance, of one experiment."""
     truth = neural_controllers(model, model.truth, points.f)
     error = 100 * (np.stack([estimator(rng) for rng in np.random.default_rng(seed).spawn(n)]) / truth - 1)
     off = np.abs(error.mean(axis=0))
@@ -91,7 +91,7 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=2013)
     parser.add_argument("-o", "--output", type=Path)
     a = parser.parse_args()
-    header = ("percent of the true magnitude", "controller", "mean off by", "by chance", "one experiment")
+    header = ("percent of the true magnitude", "controller", "mean error", "by chance", "one experiment")
     print("{:<30}{:>12}{:>13}{:>11}{:>16}".format(*header))
     found = []
     for name, (estimator, stimuli) in ESTIMATORS.items():

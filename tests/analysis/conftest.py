@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mcstudy.fit.status import Status
+from mcstudy.fitting.status import Status
 from mcstudy.stance.response import frf
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import kept_points

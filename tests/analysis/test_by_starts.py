@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import xarray as xr
 
-from mcstudy.analysis.by_starts import by_starts, mean_absolute_bias_percent, mean_cv
+from mcstudy.analysis.accuracy import mean_absolute_bias_percent
+from mcstudy.analysis.by_starts import by_starts, mean_cv
 from mcstudy.analysis.selection import best
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import mcstudy.accessors  # noqa: F401 - registers .mc
+import mcstudy.analysis.accessors  # noqa: F401 - registers .mc
 from mcstudy.analysis.compare import MEASURES, compare, comparisons
-from mcstudy.analysis.published import VARIANTS
-from mcstudy.analysis.tables import report_of
+from mcstudy.analysis.paper.published import VARIANTS
+from mcstudy.analysis.show.tables import report_of
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.errors import InputError
 from mcstudy.study.study_file import read_study
@@ -155,7 +155,7 @@ def test_the_pipeline_of_every_claim_holds_the_setting_it_is_about(make_cube: Cu
     for variant in VARIANTS:
         study = read_study(folder / f"{variant.study}.toml")
         groups = {}
-        for name, group in study.group.items():
+        for name, group in study.groups.items():
             settings = group.model_dump(exclude={"realizations", "starts"})
             groups[name] = make_cube(realizations=4, starts=2, **settings)
         found = [v for c in comparisons(StudyView(tree(**groups))) for v in c.verdicts]

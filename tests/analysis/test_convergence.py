@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from mcstudy.analysis import convergence
-from mcstudy.fit.status import Status
+from mcstudy.fitting.status import Status
 
 Cube = Callable[..., xr.Dataset]
 
@@ -97,9 +97,3 @@ def test_the_interval_of_endless_starts_covers_the_true_number(make_cube: Cube) 
     assert covered > 0.93
     scatter = float((np.log(0.05) / np.log1p(-needed["hit_rate"])).std())
     assert float(needed["mcse"].mean()) == pytest.approx(scatter, rel=0.15)
-
-
-def test_success_grows_with_starts_to_certainty(make_cube: Cube) -> None:
-    curve = convergence.success_curve(convergence.hits(make_cube(starts=12)), np.arange(1, 13))
-    assert (curve.diff("drawn") >= -1e-12).all()
-    np.testing.assert_allclose(curve.isel(drawn=-1), 1.0)

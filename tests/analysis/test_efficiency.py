@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import mcstudy.accessors  # noqa: F401 - registers .mc
+import mcstudy.analysis.accessors  # noqa: F401 - registers .mc
 from mcstudy.analysis import efficiency
 from mcstudy.analysis.selection import best, combined
 from mcstudy.errors import InputError
-from mcstudy.fit.problem import paper_cost
+from mcstudy.fitting.problem import paper_cost
 from mcstudy.spectra.bands import odd_lines, published
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
@@ -52,8 +52,8 @@ def test_the_best_weights_reach_the_bound_and_the_papers_weights_their_sandwich(
     bound = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint)
     ml = np.linalg.inv(np.linalg.cholesky(C))
     paper = paper_cost(MODEL, f, frf(MODEL, MODEL.truth, f)).weight
-    sandwich = efficiency.linearised(MODEL, MODEL.truth, f, paper, joint)
-    np.testing.assert_allclose(efficiency.linearised(MODEL, MODEL.truth, f, ml, joint), bound, rtol=1e-5)
+    sandwich = efficiency.linearised_covariance(MODEL, MODEL.truth, f, paper, joint)
+    np.testing.assert_allclose(efficiency.linearised_covariance(MODEL, MODEL.truth, f, ml, joint), bound, rtol=1e-5)
     for weight, expected in ((ml, bound), (paper, sandwich)):
         sd = linear_estimates(weight, C, f, rng, 3000).std(axis=0)
         np.testing.assert_allclose(sd, np.sqrt(np.diag(expected)), rtol=0.06)
@@ -86,13 +86,13 @@ def test_a_parameter_that_its_bounds_hold_has_no_bound_and_the_others_that_of_kn
     k = MODEL.names.index("Kpas1")
     value = float(MODEL.truth[k])
     narrow = MODEL.with_bounds({"Kpas1": (value - 5e-10, value + 5e-10)})
-    assert efficiency.held(narrow, MODEL.truth, f, joint).tolist() == [n == "Kpas1" for n in MODEL.names]
-    assert not efficiency.held(MODEL, MODEL.truth, f, joint).any()
+    assert efficiency.fixed_by_bounds(narrow, MODEL.truth, f, joint).tolist() == [n == "Kpas1" for n in MODEL.names]
+    assert not efficiency.fixed_by_bounds(MODEL, MODEL.truth, f, joint).any()
     free = np.delete(np.arange(len(MODEL.names)), k)
     weight = paper_cost(MODEL, f, frf(MODEL, MODEL.truth, f)).weight
     for found in (
         efficiency.cramer_rao(narrow, MODEL.truth, f, joint),
-        efficiency.linearised(narrow, MODEL.truth, f, weight, joint),
+        efficiency.linearised_covariance(narrow, MODEL.truth, f, weight, joint),
     ):
         assert np.isnan(found[k]).all()
         assert np.isnan(found[:, k]).all()

@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from mcstudy.analysis import published
-from mcstudy.analysis.explanations import _REASONS, explain
+from mcstudy.analysis.paper import published
+from mcstudy.analysis.paper.explanations import _REASONS, explain_row
 
 TOP = Path(__file__).parents[2]
 
@@ -21,6 +21,6 @@ def test_every_pipeline_and_example_an_explanation_names_exists() -> None:
 
 
 def test_a_row_without_a_reason_of_its_own_points_at_the_stand_in_truth() -> None:
-    assert "stand-in" in explain("bias_12_1.2", within_both=False)
-    assert "both" not in explain("bias_12_8", within_both=False)
-    assert explain("bias_12_8", within_both=True).startswith(explain("bias_12_8", within_both=False))
+    assert "stand-in" in explain_row("bias_12_1.2", within_both=False)
+    assert "both" not in explain_row("bias_12_8", within_both=False)
+    assert explain_row("bias_12_8", within_both=True).startswith(explain_row("bias_12_8", within_both=False))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,10 @@ import xarray as xr
 
 import mcstudy
 from mcstudy.analysis.accessor import MonteCarlo
-from mcstudy.analysis.by_starts import mean_absolute_bias_percent
+from mcstudy.analysis.accuracy import mean_absolute_bias_percent
 from mcstudy.errors import InputError
+from mcstudy.own_model import run_model
 from mcstudy.stance.body import one_segment
-from mcstudy.study.own_model import run_model
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study
 
@@ -88,6 +90,12 @@ def group(cube: Path) -> xr.Dataset:
     return mcstudy.open_results(cube)["accuracy"].to_dataset()
 
 
+@pytest.fixture(scope="module")
+def result_of(group: xr.Dataset) -> Callable[[str], Any]:
+    """What a method returns for that group, computed once."""
+    return cache(lambda method: getattr(group.mc, method)())
+
+
 def variables(result: Any) -> dict[str, xr.DataArray]:
     return {str(result.name): result} if isinstance(result, xr.DataArray) else dict(result.data_vars)
 
@@ -98,9 +106,11 @@ def test_every_method_is_looked_at() -> None:
 
 
 @pytest.mark.parametrize("method", STATISTICS)
-def test_every_variable_of_a_statistic_has_a_name_and_a_unit_of_its_own(group: xr.Dataset, method: str) -> None:
+def test_every_variable_of_a_statistic_has_a_name_and_a_unit_of_its_own(
+    group: xr.Dataset, result_of: Callable[[str], Any], method: str
+) -> None:
     inputs = {v.attrs["long_name"] for v in group.variables.values()}
-    result = getattr(group.mc, method)()
+    result = result_of(method)
     names = []
     for name, variable in variables(result).items():
         assert set(variable.attrs) == {"long_name", "units"}, name
@@ -166,9 +176,9 @@ def test_a_statistic_knows_whose_it_is(group: xr.Dataset) -> None:
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
 @pytest.mark.parametrize("method", [*STATISTICS, *SELECTIONS])
 def test_every_result_can_be_written_as_netcdf_and_read_back(
-    group: xr.Dataset, method: str, engine: Any, tmp_path: Path
+    result_of: Callable[[str], Any], method: str, engine: Any, tmp_path: Path
 ) -> None:
-    result = getattr(group.mc, method)()
+    result = result_of(method)
     if engine == "scipy" and isinstance(result, xr.Dataset):  # NetCDF 3 has no complex numbers
         result = result.drop_vars([n for n, v in result.variables.items() if v.dtype.kind == "c"])
     result.to_netcdf(tmp_path / "result.nc", engine=engine)
@@ -217,10 +227,10 @@ def test_pandas_gets_the_numbers(group: xr.Dataset) -> None:
     assert group.mc.cv()["value"].to_series().index.names == ["amplitude", "fmax", "parameter"]
 
 
-def test_a_printed_statistic_shows_numbers(group: xr.Dataset) -> None:
+def test_a_printed_statistic_shows_numbers(group: xr.Dataset, result_of: Callable[[str], Any]) -> None:
     assert group["estimate"].chunks is not None
     for method in STATISTICS:
-        assert "dask" not in repr(getattr(group.mc, method)()), method
+        assert "dask" not in repr(result_of(method)), method
 
 
 def test_the_accessor_lists_its_methods(group: xr.Dataset) -> None:
@@ -249,11 +259,11 @@ def test_mc_is_there_as_soon_as_a_result_is_and_importing_the_package_stays_ligh
     light = "import sys, mcstudy; assert not {'xarray', 'numpy', 'dask', 'numba'} & set(sys.modules)\n"
     opened = f"{light}tree = mcstudy.open_results({str(cube)!r}); tree['accuracy'].mc.bias()"
     own = (
-        f"{light}from mcstudy.stance.body import one_segment\nfrom mcstudy.study.own_model import run_model\n"
+        f"{light}from mcstudy.stance.body import one_segment\nfrom mcstudy.own_model import run_model\n"
         "run_model(one_segment(), realizations=3, starts=1, fmax=(1.2,), amplitude=(5.0,)).mc.bias()"
     )
     file = (
-        f"{light}import xarray, mcstudy.accessors\n"
+        f"{light}import xarray, mcstudy.analysis.accessors\n"
         f"xarray.open_zarr({str(cube)!r}, group='accuracy', consolidated=False).mc.bias()"
     )
     for script in (opened, own, file):

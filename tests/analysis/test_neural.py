@@ -10,7 +10,7 @@ import xarray as xr
 
 from mcstudy.analysis.neural import j_nc, j_nc_within
 from mcstudy.analysis.selection import best
-from mcstudy.fit.status import Status
+from mcstudy.fitting.status import Status
 from mcstudy.stance.body import one_segment, two_segment
 
 Cube = Callable[..., xr.Dataset]

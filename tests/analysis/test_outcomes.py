@@ -10,10 +10,10 @@ import xarray as xr
 
 import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
 from mcstudy import open_results
-from mcstudy.fit.problem import Fits, Problem
-from mcstudy.fit.status import Status
+from mcstudy.fitting.problem import Fits, Problem
+from mcstudy.fitting.status import Status
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study import tasks
-from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.experiment import Experiment, Measurement
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study

@@ -10,7 +10,7 @@ import xarray as xr
 
 from mcstudy.analysis import accuracy, selection
 from mcstudy.errors import InputError
-from mcstudy.fit.status import Status
+from mcstudy.fitting.status import Status
 
 Cube = Callable[..., xr.Dataset]
 

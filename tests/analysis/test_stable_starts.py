@@ -7,9 +7,9 @@ import pytest
 import xarray as xr
 
 from mcstudy.analysis.stable_starts import hit_rate_by_start, stable_starts
+from mcstudy.own_model import run_model
 from mcstudy.stance.body import one_segment
 from mcstudy.stance.stability import growth_rate
-from mcstudy.study.own_model import run_model
 
 MODEL = one_segment()
 

@@ -12,13 +12,13 @@ import pytest
 import xarray as xr
 
 import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
-from mcstudy.analysis import published
-from mcstudy.analysis.cells import number, table, with_error
-from mcstudy.analysis.paper_rows import rows
-from mcstudy.analysis.tables import Report, report_of
+from mcstudy.analysis.paper import published
+from mcstudy.analysis.paper.rows import rows
+from mcstudy.analysis.show.tables import Report, report_of
 from mcstudy.analysis.view import StudyView
-from mcstudy.fit.status import Status
-from mcstudy.study import schema
+from mcstudy.files import schema
+from mcstudy.fitting.status import Status
+from mcstudy.text_tables import number, table, with_error
 
 Cube = Callable[..., xr.Dataset]
 

@@ -13,7 +13,7 @@ from benchmarks.cases import FMAX, cases
 from benchmarks.model import Compiled
 from benchmarks.report import QUICK
 from benchmarks.suite import BENCHMARKS
-from mcstudy.fit.lm import normal_equations
+from mcstudy.fitting.lm import normal_equations
 
 SLOW = {"scipy_trust_constr", "scipy_trust_constr_bfgs"}  # minutes of a thousand iterations; the loose one stands in
 
@@ -90,4 +90,5 @@ def test_the_curve_of_starts_ends_where_the_starts_did() -> None:
 
 def test_every_part_of_the_suite_has_a_name() -> None:
     names = {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth", "diagnosis"}
+    names |= {"latency"}
     assert names == set(BENCHMARKS)

@@ -55,7 +55,10 @@ def test_ctrl_c_ends_only_the_watching(tmp_path: Path) -> None:
         assert watcher.stdout is not None
         assert "study watched" in watcher.stdout.readline()
         watcher.send_signal(signal.SIGINT)
-        _, errors = watcher.communicate(timeout=60)
+        try:
+            _, errors = watcher.communicate(timeout=60)
+        finally:
+            watcher.kill()  # it would watch for a quarter of an hour
         assert (watcher.returncode, errors) == (Exit.DONE, "")
 
 

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mcstudy.gap.base_fit import APART, base_fit, drawn_starts
-from mcstudy.gap.fitting import Data, Fitter, opened
-from mcstudy.gap.lines import Lines
+from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.gap.fits.base_fit import APART, base_fit, drawn_starts
+from mcstudy.gap.fits.priors import opened, weak_prior
+from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 
 OPEN = opened(two_segment())
@@ -22,7 +23,7 @@ OPEN = opened(two_segment())
 )
 def test_no_start_of_five_hundred_ends_lower(with_effects: Callable[..., Lines], effects: dict[str, dict]) -> None:
     data = Data.of(with_effects(3, effects))
-    fitter = Fitter(OPEN, OPEN, data.f)
+    fitter = Fitter(OPEN, weak_prior(OPEN, OPEN), data.f)
     best, minima = base_fit(fitter, data, seed=0)
     widely = fitter.fits(data.packed, drawn_starts(OPEN, 1, 500)).objective
     assert best.chi2 + best.penalty <= widely.min() + 0.1

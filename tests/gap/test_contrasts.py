@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcstudy.gap.base_fit import drawn_starts
-from mcstudy.gap.contrasts import FIRST_HARMONIC, contrast
-from mcstudy.gap.fitting import Data, Fitted, Fitter, opened
-from mcstudy.gap.lines import Lines
+from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.gap.fits.base_fit import drawn_starts
+from mcstudy.gap.fits.priors import opened, weak_prior
+from mcstudy.gap.questions.contrasts import FIRST_HARMONIC, contrast
+from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 
 OPEN = opened(two_segment())
@@ -19,7 +20,7 @@ OPEN = opened(two_segment())
 @pytest.fixture(scope="module")
 def fitted(plain_lines: list[Lines]) -> Fitted:
     data = Data.of(plain_lines[0])
-    return Fitter(OPEN, OPEN, data.f).best(data, drawn_starts(OPEN, 0, 8))
+    return Fitter(OPEN, weak_prior(OPEN, OPEN), data.f).best(data, drawn_starts(OPEN, 0, 8))
 
 
 def changed(lines: Lines, harmonics: list[int]) -> tuple[Lines, Lines]:

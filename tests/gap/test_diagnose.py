@@ -9,20 +9,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError, RecordingError
-from mcstudy.gap.ambiguity import Undetectable
+from mcstudy.files import schema
+from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose, diagnose_fast
-from mcstudy.gap.diagnosis import MOSTLY_PRIOR, SOURCES, SOURCES_EXPLAINED, Shift, sources
-from mcstudy.gap.make_recording import Protocol, simulate_recording
-from mcstudy.gap.measure import measure
-from mcstudy.gap.plausible import refuse
-from mcstudy.gap.read import checked
-from mcstudy.gap.recording import Recording, Suspicion, Trial
+from mcstudy.gap.questions.labels import refuse
+from mcstudy.gap.questions.parameters import MOSTLY_PRIOR, SOURCES, SOURCES_EXPLAINED, Shift, sources
+from mcstudy.gap.questions.power import Undetectable
 from mcstudy.gap.tables import text
+from mcstudy.recordings.recording import Recording, Suspicion, Trial
+from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.simulate_spectral import stimulus_sway
 from mcstudy.stance.stimulus import Prts
-from mcstudy.study import schema
 
 MODEL = two_segment()
 FAST = Protocol(waveform=Prts(rate_hz=100.0))
@@ -63,6 +63,9 @@ def test_what_is_named_as_a_cause_is_not_also_said_to_be_invisible(lagging: Reco
     last = replace(out, undetectable=missed).verdict().split("neither confirm nor rule out")[1]
     assert "dead zone" in last
     assert leading.replace("_", " ") not in last
+    limits = text(replace(out, undetectable=missed)).split("below the detection limit")[1]
+    assert "dead zone" in limits
+    assert leading.replace("_", " ") not in limits
     without = replace(out, undetectable=missed, detected=False, closed=None)
     nothing = without.verdict().split("neither confirm nor rule out")[1]
     assert leading.replace("_", " ") in nothing
@@ -147,17 +150,17 @@ def test_what_one_check_noted_does_not_hide_what_another_would_find(lagging: Rec
     stuck = exchanged(lagging.trials[0])
     stuck.theta[1000:1400, 1] = stuck.theta[1000, 1]
     with pytest.raises(RecordingError, match=r"exchanged .* accept 'swapped'") as caught:
-        checked(replace(lagging, trials=(stuck, exchanged(lagging.trials[1]))))
+        checked_lines(replace(lagging, trials=(stuck, exchanged(lagging.trials[1]))))
     codes = re.findall(r"'(\w+)'", str(caught.value))
     accepted = diagnose_fast(replace(lagging, trials=(stuck, exchanged(lagging.trials[1]))), accept=codes)
-    assert [w for w in accepted.warnings if "does not change at all" in w]
+    assert [w for w in accepted.warnings if "is constant for" in w]
     assert [w for w in accepted.warnings if "exchanged" in w]
 
 
 def test_one_mislabelled_trial_does_not_hide_among_others(lagging: Recording) -> None:
     first, second = lagging.trials
     mixed = replace(lagging, trials=(first, exchanged(second)))
-    with pytest.raises(RecordingError, match=r"trial 2: theta1, theta2: looks exchanged|accept .*'swapped'"):
+    with pytest.raises(RecordingError, match=r"trial 2: theta1, theta2: seems to be exchanged|accept .*'swapped'"):
         diagnose_fast(mixed)
     good = [lagging.select((0,)), lagging.select((0,)), lagging.select((1,))]
     with pytest.raises(RecordingError, match="'swapped'"):
@@ -168,9 +171,9 @@ def test_every_suspicion_needs_its_own_code_and_codes_are_known(lagging: Recordi
     with pytest.raises(InputError, match=r"accept: expected codes among degrees, .*, got swaped"):
         diagnose_fast(lagging, accept=["swaped"])
     doubts = [Suspicion(c, "theta1, theta2", f"looks {c}", 20.0) for c in ("swapped", "sign")]
-    with pytest.raises(RecordingError, match=r"looks swapped .*accept 'swapped' and 'sign' to keep it"):
+    with pytest.raises(RecordingError, match=r"looks swapped .*accept 'swapped' and 'sign' to keep the labels"):
         refuse(doubts)
-    with pytest.raises(RecordingError, match=r"looks sign .*accept 'sign' to keep it"):
+    with pytest.raises(RecordingError, match=r"looks sign .*accept 'sign' to keep the labels"):
         refuse(doubts, ["swapped"])
     refuse(doubts, ["swapped", "sign"])
 
@@ -190,7 +193,7 @@ def test_what_cannot_be_diagnosed_gets_one_line(lagging: Recording) -> None:
     for recording, options, message in (
         (replace(lagging, trials=(broken,)), {}, "theta1: 1 of .* not numbers"),
         (still, {}, "expected noise of at least 1e-05 of the responses"),
-        (with_trials(replace(trial, stimulus=pulse, amplitude=None)), {}, "one that moves all the time"),
+        (with_trials(replace(trial, stimulus=pulse, amplitude=None)), {}, "one that varies throughout the trial"),
         (with_trials(trial, short), {}, "the shortest trial has 0.2 s"),
         (aperiodic, {"fmax": 60.0}, "100 Hz does not reach lines up to 60 Hz"),
         (aperiodic, {"fmax": 0.01}, "hold 0 lines up to 0.01 Hz; expected at least 4"),
@@ -200,7 +203,7 @@ def test_what_cannot_be_diagnosed_gets_one_line(lagging: Recording) -> None:
     ):
         with pytest.raises(RecordingError, match=message):
             diagnose_fast(recording, **options)
-    with pytest.raises(InputError, match="bootstrap: expected at least 50 draws, got 0"):
+    with pytest.raises(InputError, match="bootstrap: expected at least 50 null samples, got 0"):
         diagnose(lagging, bootstrap=0)
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.read import read_recording
 from mcstudy.gap.tables import text
-from mcstudy.study import schema
+from mcstudy.recordings.io import read_recording
 
 ROOT = Path(__file__).parents[2]
 WANG = ROOT.parent / "shared" / "real" / "wang"
@@ -38,7 +38,7 @@ def test_there_is_a_gap_and_from_three_hertz_up_no_named_effect_explains_it(by_f
         assert any(angle == "theta2" and low >= 2.9 for angle, low in beyond)
         assert d.closed is not None
         assert d.closed.high < 0.9
-        assert "No effect of the library explains it" in d.verdict()
+        assert "No effect of the library explains the gap" in d.verdict()
         assert "would close" in d.verdict()
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mcstudy.study.durable import PARTIAL
+from mcstudy.files.durable import PARTIAL
 
 
 def complete_chunks(out: Path, group: str = "noisy") -> int:
     """Chunks of a group whose status is in place; one that is still being written under another name is not."""
-    return sum(1 for file in (out / group / "status").glob("c.*") if file.suffix != PARTIAL)
+    files = (out / group / "status").glob("c.*")
+    return sum(1 for file in files if file.suffix not in (PARTIAL, ".checksums"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.fit.problem import Problem, ml_cost, paper_cost
+from mcstudy.fitting.problem import Problem, ml_cost, paper_cost
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
 from mcstudy.stance.response import frf

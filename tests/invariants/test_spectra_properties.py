@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mcstudy.spectra import bands, periods
-from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.even_lines import EvenLineCovariance
 from mcstudy.stance.noise import record, white_coefficients
 from mcstudy.stance.stimulus import Prts
 

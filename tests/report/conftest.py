@@ -83,13 +83,6 @@ def paper_tree(paper_cube: Path) -> xr.DataTree:
 
 
 @pytest.fixture(scope="session")
-def paper_page(paper_cube: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    file = tmp_path_factory.mktemp("page") / "paper.html"
-    assert main(["report", str(paper_cube), "-o", str(file)]) == Exit.DONE
-    return file
-
-
-@pytest.fixture(scope="session")
 def other_page(other_cube: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("page") / "other.html"
     assert main(["report", str(other_cube), "-o", str(file)]) == Exit.DONE
@@ -140,10 +133,11 @@ def alternatives(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.fixture(scope="session")
-def beside_page(
+def paper_page(
     paper_cube: Path, other_cube: Path, alternatives: list[Path], tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
-    file = tmp_path_factory.mktemp("page") / "beside.html"
+    """The page of the paper's study with everything there is beside it."""
+    file = tmp_path_factory.mktemp("page") / "paper.html"
     beside = ["--beside", str(other_cube), *map(str, alternatives)]
     assert main(["report", str(paper_cube), *beside, "-o", str(file)]) == Exit.DONE
     return file

@@ -12,12 +12,12 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
-from mcstudy.analysis.cells import with_error
 from mcstudy.analysis.stable_starts import hit_rate_by_start
 from mcstudy.cli import main
 from mcstudy.errors import StoreError
 from mcstudy.exits import Exit
 from mcstudy.report.alternatives import TwoStimuliResult, read_alternative, write_alternative
+from mcstudy.text_tables import with_error
 
 
 def figure_of(page: Path, key: str) -> str:
@@ -39,14 +39,14 @@ def test_every_study_says_whether_one_start_suffices(paper_page: Path, paper_tre
     assert "single set of reasonable initial guesses" in text
 
 
-def test_another_study_and_both_examples_come_beside_it(beside_page: Path) -> None:
-    assert "study other" in figure_of(beside_page, "beside-0")
-    two = figure_of(beside_page, "beside-1")
+def test_another_study_and_both_examples_come_beside_it(paper_page: Path) -> None:
+    assert "study other" in figure_of(paper_page, "beside-0")
+    two = figure_of(paper_page, "beside-1")
     assert "cannot distinguish between T11 and T21" in two
     assert "two <stimuli>: off by 2.25 % (chance alone 2.5 %)" in two
     assert "one stimulus: off by 150 % (chance alone 2.5 %)" in two
     assert "Made by <code>python two_stimuli.py -o two.json</code>" in two
-    population = figure_of(beside_page, "beside-2")
+    population = figure_of(paper_page, "beside-2")
     assert "no more than 3 standard errors on K11, by more on Kpas1 (+170.0 ± 1.0 %)" in population
     assert "Made by <code>python population.py -o population.json</code>" in population
 
@@ -67,7 +67,7 @@ def test_a_file_is_read_as_it_was_written(alternatives: list[Path]) -> None:
             {"schema": "mcstudy:alternative:2.0.0"},
             "schema: expected 'mcstudy:alternative:1.0.0', found 'mcstudy:alternative:2.0.0'",
         ),
-        ({"frequency": [0.1]}, "two <stimuli>: T11: off: expected 1 numbers, one a frequency, got 3"),
+        ({"frequency": [0.1]}, "two <stimuli>: T11: off: expected 1 numbers, one per frequency, got 3"),
         ({"estimators": None}, "estimators: expected a list, found None"),
     ],
 )

@@ -41,7 +41,7 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.mark.parametrize("width", [380, 1600])
-@pytest.mark.parametrize("page", ["beside_page", "other_page", "gap_page"])
+@pytest.mark.parametrize("page", ["paper_page", "other_page", "gap_page"])
 def test_every_figure_is_drawn_nothing_is_fetched_and_nothing_sticks_out(
     browser: Browser, page: str, width: int, request: pytest.FixtureRequest
 ) -> None:

@@ -16,12 +16,12 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
-from mcstudy.analysis.paper_rows import rows
+from mcstudy.analysis.paper.rows import rows
 from mcstudy.analysis.view import StudyView
+from mcstudy.api.studies import summary
 from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.report.page import page
-from mcstudy.report.summary import summary
 from mcstudy.study.readable import structured
 
 VOID = {"meta", "link", "br", "path", "use", "img", "input", "hr"}
@@ -66,7 +66,7 @@ class Reader(HTMLParser):
             assert self.open.pop() == tag
 
 
-@pytest.fixture(scope="session", params=["beside_page", "other_page", "gap_page"])
+@pytest.fixture(scope="session", params=["paper_page", "other_page", "gap_page"])
 def text(request: pytest.FixtureRequest) -> str:
     file: Path = request.getfixturevalue(request.param)
     return file.read_text(encoding="utf-8")
@@ -164,7 +164,7 @@ def test_a_page_that_cannot_be_written_is_one_line(
     other_cube: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["report", str(other_cube), "-o", str(tmp_path / "none" / "p.html")]) == Exit.BAD_INPUT
-    assert "expected a file that can be written" in capsys.readouterr().err
+    assert "expected a writable file" in capsys.readouterr().err
 
 
 def test_without_matplotlib_the_cure_is_told(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_without_matplotlib_the_cure_is_told(tmp_path: Path) -> None:
 
 
 def test_a_notebook_shows_the_tables_without_matplotlib(other_cube: Path) -> None:
-    script = "import sys; sys.modules['matplotlib'] = None; from mcstudy.report.summary import summary; "
+    script = "import sys; sys.modules['matplotlib'] = None; from mcstudy.api.studies import summary; "
     script += f"print(summary({str(other_cube)!r})._repr_html_())"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert "Group single: best fits, ± MCSE" in done.stdout

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcstudy.spectra.colour import BEND, Colour
-from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.even_lines import EvenLineCovariance
 
 EVEN = np.arange(2, 61, 2)
 LINES = np.arange(1, 41, 2)

@@ -5,7 +5,7 @@ import pytest
 
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.spectra import bands, periods
-from mcstudy.spectra.estimate import LineNoise, SpectralExperiment, frf_from_recording
+from mcstudy.spectra.estimate import SpectralExperiment, SpectrumNoise, frf_from_recording
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
@@ -24,7 +24,7 @@ def experiment():
 
 def test_without_noise_the_sim_frf_is_the_band_mean_of_the_closed_form(experiment):
     lines = experiment.bands.lines.size
-    silence = LineNoise(np.zeros((lines, 2)), np.zeros((lines, 2, 2)), np.zeros((0, 2)))
+    silence = SpectrumNoise(np.zeros((lines, 2)), np.zeros((lines, 2, 2)), np.zeros((0, 2)))
     data, covariance = experiment.frf(silence, 5.0)
     assert data == pytest.approx(experiment.noise_free(), rel=1e-12)
     assert (covariance == 0).all()

@@ -1,128 +1,171 @@
-"""The noise covariance from even lines: unbiased, with the degrees of freedom it states."""
+"""Lines: unbiased FRFs whose stated covariance is the scatter they have, from periodic and other stimuli."""
+
+from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mcstudy.errors import InputError
-from mcstudy.spectra import bands, periods
-from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.errors import RecordingError
+from mcstudy.recordings.recording import Recording, Trial
+from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
-from mcstudy.stance.simulate_spectral import NoiseSway, sway_psd
+from mcstudy.stance.response import frf
+from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway, sway_psd
+from mcstudy.stance.stimulus import Prts
 
-MODEL, NOISE = two_segment(), SensorNoise()
-LINES = bands.odd_lines(8.0).lines
-TOP = 420
-
-
-def complex_normal(rng, *shape):
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
-
-
-@pytest.fixture(scope="module")
-def density():
-    """Covariance of one line of sway noise, up to scale, at harmonics 0 ... TOP."""
-    out = np.zeros((TOP + 1, 2, 2), dtype=complex)
-    out[1:] = sway_psd(MODEL, MODEL.truth, NOISE, np.arange(1, TOP + 1) / 43.72)
-    return out
+PRTS = Prts(rate_hz=100.0)
+MODEL = two_segment()
+LONGEST = 6 * PRTS.samples
+NOISE = NoiseSway(MODEL, MODEL.truth, SensorNoise(), 2 * LONGEST, PRTS.rate_hz)
 
 
-@pytest.fixture(scope="module")
-def estimates(density):
-    """300 estimates from independent lines, expressed in units of the true covariance (the identity if unbiased)."""
-    estimator, rng = EvenLineCovariance(LINES, TOP), np.random.default_rng(1)
-    factor = np.zeros_like(density)
-    factor[1:] = np.linalg.cholesky(density[1:])
-    whitener = np.linalg.inv(factor[LINES])
-    out = []
-    for _ in range(300):
-        noise = np.einsum("kij,kj->ki", factor, complex_normal(rng, TOP + 1, 2))
-        out.append(whitener @ estimator(noise) @ whitener.conj().swapaxes(1, 2))
-    return np.array(out)
+def periodic(seed: int, trials: int = 2, cycles: int = 6, stimulus: np.ndarray | None = None) -> Recording:
+    """Steady-state sway evoked by one period of a stimulus, PRTS by default, with noise."""
+    u = PRTS.waveform() if stimulus is None else stimulus
+    evoked, rng = stimulus_sway(MODEL, MODEL.truth, u, PRTS.rate_hz), np.random.default_rng(seed)
+    n = cycles * u.size
+    return Recording(
+        tuple(
+            Trial(np.tile(u, cycles), np.tile(evoked, (cycles, 1)) + NOISE.sample(rng)[:n], 5.0) for _ in range(trials)
+        ),
+        PRTS.rate_hz,
+        u.size / PRTS.rate_hz,
+    )
 
 
-def test_the_covariance_is_unbiased_in_every_direction(estimates):
-    """Within 25 % below line 20, where it bends most, and 15 % above, in both eigen-directions; they differ by 30 dB.
-
-    A plain average over as many lines is off by a factor of two to five in the weak direction.
-    """
-    eigenvalues = np.linalg.eigvalsh(estimates.mean(axis=0))
-    low = LINES < 20
-    assert eigenvalues[low].min() > 0.75
-    assert eigenvalues[low].max() < 1.3
-    smooth = [eigenvalues[~low][i : i + 10].mean(axis=0) for i in range(0, 165, 10)]
-    assert np.min(smooth) > 0.85
-    assert np.max(smooth) < 1.15
+def aperiodic(seed: int) -> Recording:
+    """262 s of sway evoked by filtered noise that never repeats."""
+    rng, n = np.random.default_rng(seed), LONGEST
+    f = np.arange(n // 2 + 1) / (n / PRTS.rate_hz)
+    white = rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)
+    colour = np.where(f > 0, 1.0 / np.hypot(0.1, f), 0.0) / (1 + (f / 12.0) ** 4)
+    u = np.fft.irfft(white * colour, n)
+    u *= 3.0 / u.std()
+    theta = stimulus_sway(MODEL, MODEL.truth, u, PRTS.rate_hz) + NOISE.sample(rng)[:n]
+    return Recording((Trial(u, theta),), PRTS.rate_hz, None)
 
 
-def test_the_stated_degrees_of_freedom_are_those_of_the_scatter(estimates):
-    """A mean over m independent lines of unit exponential power has variance 1/m."""
-    stated = EvenLineCovariance(LINES, TOP).dof
-    power = np.einsum("tnii->tn", estimates).real / 2
-    found = 0.5 / (power.var(axis=0) / power.mean(axis=0) ** 2)  # two independent directions
-    assert stated[0] < 5 < stated[-1]
-    assert np.median(found[20:] / stated[20:]) == pytest.approx(1.0, abs=0.3)
+def whitened(lines: Lines) -> np.ndarray:
+    """Standardised errors (N, 2) against the truth."""
+    error = lines.y - frf(MODEL, MODEL.truth, lines.f)
+    return np.einsum("nij,nj->ni", np.linalg.inv(np.linalg.cholesky(lines.noise.C)), error)
 
 
-def test_on_simulated_sway_the_estimate_is_the_variance_of_odd_lines():
-    """Ramp removed, mean of cycles 2 to 6: estimated over true variance within 10 % in every third of the lines."""
-    sampler = NoiseSway(MODEL, MODEL.truth, NOISE, 6 * 8744, 200.0)
-    estimator, rng = EvenLineCovariance(LINES, 4372), np.random.default_rng(2)
-    estimated, actual, runs = 0.0, 0.0, 80
-    for _ in range(runs):
-        c = periods.ramp_removed(sampler.sample(rng), 8744, 1)
-        estimated = estimated + np.einsum("nii->ni", estimator(c)).real / runs
-        actual = actual + np.abs(c[LINES]) ** 2 / runs
-    truth = np.einsum("nii->ni", sway_psd(MODEL, MODEL.truth, NOISE, LINES / 43.72)).real / (2 * 5 * 43.72)
-    for part in np.array_split(np.arange(LINES.size), 3):
-        assert (estimated / truth)[part].mean(axis=0) == pytest.approx([1, 1], abs=0.1)
-        assert (estimated[part] / actual[part]).mean(axis=0) == pytest.approx([1, 1], abs=0.12)
+def test_prts_gives_its_odd_lines() -> None:
+    lines = measure(periodic(0))
+    assert lines.harmonic is not None
+    np.testing.assert_array_equal(lines.harmonic % 2, 1)
+    assert len(lines) == 175
+    assert lines.repeats.shape == (10, len(lines), 2)
+    np.testing.assert_allclose(lines.weight.sum(axis=0), 1)
+    np.testing.assert_allclose(np.einsum("rn,rnj->nj", lines.weight, lines.repeats), lines.y)
 
 
-def test_the_scatter_between_cycles_misstates_the_variance_of_their_mean():
-    """By several times above 4 Hz, when the DFT is raw: why the even lines are used."""
-    sampler, rng = NoiseSway(MODEL, MODEL.truth, NOISE, 6 * 8744, 200.0), np.random.default_rng(3)
-    scatter, actual, k = 0.0, 0.0, np.arange(301, 350)
-    for _ in range(40):
-        x = sampler.sample(rng)
-        each = np.stack([periods.coefficients(cycle)[k] for cycle in periods.cut(x, 8744, 1)])
-        scatter = scatter + each.var(axis=0, ddof=1) / 5
-        actual = actual + np.abs(each.mean(axis=0)) ** 2
-    assert (scatter / actual).mean(axis=0).min() > 3
+def test_covariance_is_that_of_the_errors_in_every_band() -> None:
+    """The largest of all checks: below 1 Hz, 1 to 3 Hz and to 8 Hz, and without correlation between the lines."""
+    errors = np.array([whitened(measure(periodic(seed))) for seed in range(24)])
+    f = measure(periodic(0)).f
+    dof = measure(periodic(0)).noise.dof
+    expected = dof / (dof - 2)  # mean of the inverse of a complex Wishart matrix of two rows
+    for low, high in ((0, 1), (1, 3), (3, 8)):
+        band = (f > low) & (f <= high)
+        power = (np.abs(errors[:, band]) ** 2).mean(axis=2) / expected[band]
+        assert power.mean() == pytest.approx(1.0, abs=0.10)
+        # Were the errors of a band common to its lines, the scatter of the band's mean would be several times this.
+        ideal = 1 / np.sqrt(2 * band.sum())
+        assert power.mean(axis=1).std() < 2.2 * ideal
 
 
-def test_trials_are_pooled(density):
-    """T trials: the covariance of their mean, with T times the degrees of freedom."""
-    estimator, rng = EvenLineCovariance(LINES, TOP), np.random.default_rng(4)
-    factor = np.zeros_like(density)
-    factor[1:] = np.linalg.cholesky(density[1:])
-    trials = np.einsum("kij,tkj->tki", factor, complex_normal(rng, 16, TOP + 1, 2))
-    ratio = np.einsum("nii->ni", estimator(trials)).real / np.einsum("nii->ni", density[LINES]).real
-    assert ratio.mean() == pytest.approx(1 / 16, rel=0.1)
-    assert np.abs(np.log(16 * ratio)).max() < 0.7
-    assert estimator(trials[:1]) == pytest.approx(estimator(trials[0]), rel=1e-12)
+def test_the_covariance_is_unbiased_at_every_line() -> None:
+    """Against the spectrum of the noise that was simulated: no user has a correction to remember."""
+    lines = [measure(periodic(seed)) for seed in range(8)]
+    found = [2 * PRTS.period_s * x.noise.variance * (len(x.repeats) * x.power)[:, None] for x in lines]
+    true = np.einsum("nii->ni", sway_psd(MODEL, MODEL.truth, SensorNoise(), lines[0].f)).real
+    ratio = np.mean(found, axis=0) / true
+    assert np.abs(np.log(ratio)).mean() < 0.12
+    for low, high in ((0, 0.3), (0.3, 1), (1, 3), (3, 8)):
+        band = (lines[0].f > low) & (lines[0].f <= high)
+        assert ratio[band].mean() == pytest.approx(1.0, abs=0.10)
 
 
-def test_few_lines_use_a_shorter_regression():
-    estimator, rng = EvenLineCovariance(np.array([1, 3, 5, 7, 9]), 24), np.random.default_rng(5)
-    assert estimator.order < 3
-    pink = 1 / np.sqrt(np.maximum(np.arange(25), 1))[:, None]
-    mean = np.mean([estimator(pink * complex_normal(rng, 25, 2)) for _ in range(500)], axis=0)
-    ratio = np.einsum("nii->ni", mean).real * np.arange(1, 10, 2)[:, None]
-    assert ratio == pytest.approx(np.ones((5, 2)), abs=0.25)
+def test_all_lines_are_used_when_the_stimulus_excites_them_all() -> None:
+    rng = np.random.default_rng(5)
+    n = 2000
+    phases = np.exp(2j * np.pi * rng.random(n // 2 + 1)) / np.arange(1, n // 2 + 2)
+    u = np.fft.irfft(phases, n)
+    recording = periodic(1, trials=3, cycles=10, stimulus=5 * u / np.abs(u).max())
+    lines = measure(recording)
+    assert lines.harmonic is not None
+    np.testing.assert_array_equal(lines.harmonic, np.arange(1, lines.harmonic[-1] + 1))
+    assert lines.even is None
+    assert (np.abs(whitened(lines)) ** 2).mean() == pytest.approx(1.0, abs=0.25)
 
 
-def test_a_silent_angle_has_no_covariance():
-    noise = complex_normal(np.random.default_rng(6), TOP + 1, 2) * [1.0, 0.0]
-    covariance = EvenLineCovariance(LINES, TOP)(noise)
-    assert (covariance[:, 1] == 0).all()
-    assert (covariance[:, 0, 0].real > 0).all()
+def test_segments_of_a_stimulus_that_never_repeats() -> None:
+    errors = [whitened(measure(aperiodic(seed), fmax=4.0)) for seed in range(8)]
+    assert np.mean(np.abs(errors) ** 2) == pytest.approx(1.1, abs=0.25)
+    lines = measure(aperiodic(0), fmax=4.0)
+    assert lines.repeats.shape[0] >= 4
+    np.testing.assert_allclose(np.einsum("rn,rnj->nj", lines.weight, lines.repeats), lines.y)
 
 
-@pytest.mark.parametrize(
-    ("lines", "top", "says"),
-    [([2, 3], 100, "odd"), ([], 100, "odd"), ([-1], 100, "odd"), ([101], 100, "101"), ([1], 7, "four")],
-)
-def test_unusable_lines_are_refused(lines, top, says):
-    with pytest.raises(InputError, match=says):
-        EvenLineCovariance(np.array(lines, dtype=int), top)
+def test_sway_of_a_recording_follows_from_power_and_response() -> None:
+    """sum 2 power |y|^2 over the lines is the mean square of the evoked sway."""
+    recording = periodic(0, trials=1)
+    lines = measure(recording)
+    evoked = stimulus_sway(MODEL, MODEL.truth, PRTS.waveform(), PRTS.rate_hz)
+    H = frf(MODEL, MODEL.truth, lines.f)
+    np.testing.assert_allclose((2 * lines.power[:, None] * np.abs(H) ** 2).sum(axis=0), evoked.var(axis=0), rtol=0.01)
+    random = aperiodic(3)
+    lines = measure(random)
+    H = frf(MODEL, MODEL.truth, lines.f)
+    evoked = stimulus_sway(MODEL, MODEL.truth, random.trials[0].stimulus, PRTS.rate_hz)
+    coefficients = np.fft.rfft(evoked, axis=0, norm="forward")
+    f = np.arange(coefficients.shape[0]) * PRTS.rate_hz / evoked.shape[0]
+    covered = (f > lines.f[0] / 2) & (f < lines.f[-1] + lines.f[0] / 2)
+    total = (2 * lines.power[:, None] * np.abs(H) ** 2).sum(axis=0)
+    np.testing.assert_allclose(total, 2 * (np.abs(coefficients[covered]) ** 2).sum(axis=0), rtol=0.2)
+
+
+def test_even_lines_show_an_even_nonlinearity_and_nothing_else() -> None:
+    clean = [measure(periodic(seed)).even for seed in range(10)]
+    p = np.array([e.excess(0.02, 2.0)[1] for e in clean if e is not None])
+    assert p.shape == (10, 2)
+    assert (p < 0.05).mean() <= 0.2
+    recording = periodic(0)
+    bent = replace(recording, trials=tuple(replace(t, theta=t.theta + 20 * t.theta**2) for t in recording.trials))
+    even = measure(bent).even
+    assert even is not None
+    assert (even.excess(0.02, 2.0)[1] < 1e-3).any()
+
+
+def test_halves_and_amplitudes_are_parts_of_the_same_repeats() -> None:
+    recording = periodic(0, trials=2)
+    weak = replace(recording.trials[1], stimulus=0.6 * recording.trials[1].stimulus, amplitude=3.0)
+    lines = measure(replace(recording, trials=(recording.trials[0], weak)))
+    halves = lines.halves()
+    assert halves is not None
+    first, last = halves
+    assert set(first.cycle) == {1, 2}
+    assert set(last.cycle) == {4, 5}
+    groups = lines.by_amplitude()
+    assert [round(a, 3) for a, _ in groups] == [3.0, 5.0]
+    assert all(g.repeats.shape[0] == 5 for _, g in groups)
+    # Covariance follows the share of the stimulus' power, 9 : 25.
+    ratio = groups[0][1].noise.C[:, 0, 0].real / groups[1][1].noise.C[:, 0, 0].real
+    np.testing.assert_allclose(ratio, 25 / 9)
+
+
+def test_too_short_recordings_are_refused_by_name() -> None:
+    with pytest.raises(RecordingError, match="trial 1: expected at least 3 cycles"):
+        measure(periodic(0, cycles=2))
+    whole = aperiodic(0)
+    short = Trial(whole.trials[0].stimulus[:500], whole.trials[0].theta[:500])
+    with pytest.raises(RecordingError, match=r"duration: 5\.0 s"):
+        measure(replace(whole, trials=(short,)))
+    with pytest.raises(RecordingError, match="rate_hz: 100 Hz does not reach"):
+        measure(periodic(0), fmax=60)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from mcstudy.fit.linearised import linearised
-from mcstudy.fit.problem import ml_cost
-from mcstudy.fit.solvers import fit
+from mcstudy.fitting.linearised import linearised
+from mcstudy.fitting.problem import ml_cost
+from mcstudy.fitting.solvers import fit
 from mcstudy.spectra import periods
 from mcstudy.spectra.bands import odd_lines
 from mcstudy.spectra.estimate import SpectralExperiment
-from mcstudy.spectra.lines import EvenLineCovariance
+from mcstudy.spectra.even_lines import EvenLineCovariance
 from mcstudy.spectra.loop_covariance import LoopCovariance
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.noise import SensorNoise

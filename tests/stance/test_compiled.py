@@ -71,9 +71,9 @@ def test_an_edit_of_a_file_whose_functions_are_called_is_seen(tmp_path: Path) ->
 
 
 def test_the_kernels_that_call_other_files_are_stamped_with_all_they_import() -> None:
-    assert {"mcstudy.fit.kernel", "mcstudy.fit.lanes"} <= set(sources("mcstudy.gap.map_kernel"))
-    assert "mcstudy.gap.map_kernel" not in sources("mcstudy.fit.kernel")  # which calls nothing of it
-    for name in ("mcstudy.gap.map_kernel", "mcstudy.fit.kernel", "mcstudy.fit.equation_error"):
+    assert {"mcstudy.fitting.kernel", "mcstudy.fitting.lanes"} <= set(sources("mcstudy.fitting.penalised_kernel"))
+    assert "mcstudy.fitting.penalised_kernel" not in sources("mcstudy.fitting.kernel")  # which calls nothing of it
+    for name in ("mcstudy.fitting.penalised_kernel", "mcstudy.fitting.kernel", "mcstudy.fitting.equation_error"):
         for module, text in sources(name).items():
             tree = ast.walk(ast.parse(text))
             imported = {n.module for n in tree if isinstance(n, ast.ImportFrom) and n.module}
@@ -85,7 +85,7 @@ def test_nothing_is_kept_on_disk_by_any_other_decorator() -> None:
     code = {file: re.sub(r"#.*", "", file.read_text()) for file in PACKAGE.rglob("*.py")}
     assert [file for file, text in code.items() if keeps.search(text)] == []
     named = {file for file, text in code.items() if re.search(r"^@compiled$", text, re.MULTILINE)}
-    assert {file.stem for file in named} >= {"kernel", "map_kernel", "equation_error", "stability_kernel"}
+    assert {file.stem for file in named} >= {"kernel", "penalised_kernel", "equation_error", "stability_kernel"}
     for file in named:
         name = ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts)
         assert importlib.import_module(name).__dict__["compiled"] is compiled

@@ -11,48 +11,30 @@ from typing import Any
 
 import numpy as np
 import pytest
+from two_chunks import ONE, TWO_CHUNKS
 
-from mcstudy.analysis.tables import show
+from mcstudy.analysis.results import open_results
+from mcstudy.analysis.show.tables import show
 from mcstudy.errors import StoreError
-from mcstudy.fit.status import Status
+from mcstudy.files import durable
+from mcstudy.files.durable import log_folder, tree_digest
+from mcstudy.fitting.status import Status
 from mcstudy.report.context import Context
 from mcstudy.report.page import page
 from mcstudy.report.words import headline
-from mcstudy.study import durable, tasks
-from mcstudy.study.checksums import CheckedStore
-from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.durable import log_folder, tree_digest
+from mcstudy.study import tasks
+from mcstudy.study.checked_store import CheckedStore
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.replay import replay
-from mcstudy.study.results import open_results
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.strays import aside_folder
-from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 
-STUDY = parse_study("""
-[study]
-name = "checked"
-seed = 12
 
-[group.noisy]
-realizations = 4
-starts = 2
-fmax = [0.41]
-amplitude = [5.0]
-""")
-ONE = ClusterOptions(workers=1)
-
-
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("checksums") / "out.zarr"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
-        tasks.open_group.cache_clear()
-        run_study(STUDY, out, ONE)
-    return out
+@pytest.fixture
+def sound(two_chunks: Path) -> Path:
+    return two_chunks
 
 
 @pytest.fixture
@@ -150,8 +132,8 @@ def test_a_cube_can_be_read_at_every_step_of_a_run_and_holds_right_numbers_or_pe
         look()
 
     monkeypatch.setattr(durable, "write", watched_write)
-    run_study(STUDY, out, ONE)
-    assert seen == set(range(0, STUDY.fits + 1, 2))
+    run_study(TWO_CHUNKS, out, ONE)
+    assert seen == set(range(0, TWO_CHUNKS.fits + 1, 2))
     assert tree_digest(out) == tree_digest(sound)
     seen.clear()
     chunk_file(out, "cost", 1).unlink()
@@ -167,8 +149,8 @@ def test_a_cube_can_be_read_at_every_step_of_a_run_and_holds_right_numbers_or_pe
         return found
 
     monkeypatch.setattr("mcstudy.study.store.GroupStore.taken_up", watched_taken_up)
-    run_study(STUDY, out, ONE)
-    assert min(seen) == STUDY.fits // 2
+    run_study(TWO_CHUNKS, out, ONE)
+    assert min(seen) == TWO_CHUNKS.fits // 2
     assert tree_digest(out) == tree_digest(sound)
 
 
@@ -212,8 +194,8 @@ def test_an_older_cube_without_checksums_is_read_noted_and_completed(
     assert verdict.damage == []
     (line,) = verdict.notes
     assert str(first) in line
-    assert run_study(STUDY, copy, ONE).fits == 0
-    assert "repaired: the checksums of 2 chunks" in capsys.readouterr().err
+    assert run_study(TWO_CHUNKS, copy, ONE).fits == 0
+    assert "repaired: missing checksums of 2 chunks" in capsys.readouterr().err
     assert tree_digest(copy) == tree_digest(sound)
 
 
@@ -230,7 +212,7 @@ def test_the_fits_of_a_chunk_that_was_not_run_are_pending_in_every_table(copy: P
     without_checksums(copy)
     shutil.rmtree(log_folder(copy))
     chunk_file(copy, "status", 0).unlink()  # as a run that was stopped leaves it
-    line = "Not complete: 4 of 8 fits of group noisy are pending; all numbers are of the fits that have been run."
+    line = "Not complete: 4 of 8 fits of group noisy are pending; all numbers are from the fits that have been run."
     assert line in show(copy).text()
     assert json.loads(show(copy).json())["groups"]["noisy"]["fits"]["pending"] == 4
     assert line in headline(Context(open_results(copy)))
@@ -246,12 +228,12 @@ def test_what_does_not_belong_is_told_and_set_aside_when_asked(
     (copy / "README.txt").write_text("mine")
     extra = copy / "noisy" / "cost" / "c.0.0.9.0"
     extra.write_bytes(b"x")
-    run_study(STUDY, copy, ONE)
+    run_study(TWO_CHUNKS, copy, ONE)
     told = capsys.readouterr().err
     for file in (copy / "README.txt", extra):
         assert f"{file}: not part of the cube (mcstudy run --quarantine sets it aside)" in told
         assert file.exists()
-    run_study(STUDY, copy, ONE, quarantine=True)
+    run_study(TWO_CHUNKS, copy, ONE, quarantine=True)
     assert tree_digest(copy) == tree_digest(sound)
     assert (aside_folder(copy) / "1" / "README.txt").read_text() == "mine"
     assert (aside_folder(copy) / "1" / "noisy" / "cost" / "c.0.0.9.0").read_bytes() == b"x"
@@ -265,9 +247,9 @@ def test_a_folder_that_does_not_belong_is_refused_with_what_to_do_and_set_aside_
     (folder / "old").write_text("mine")
     assert [line for line in verify(copy, cells=0).damage if line.startswith(f"{folder}: not part of the cube")]
     with pytest.raises(StoreError, match=f"{folder}: not part of the cube .*--quarantine"):
-        run_study(STUDY, copy, ONE)
+        run_study(TWO_CHUNKS, copy, ONE)
     for k in (1, 2):
-        run_study(STUDY, copy, ONE, quarantine=True)
+        run_study(TWO_CHUNKS, copy, ONE, quarantine=True)
         assert (aside_folder(copy) / str(k) / "noisy" / "backup" / "old").read_text() == "mine"
         assert tree_digest(copy) == tree_digest(sound)
         shutil.copytree(aside_folder(copy) / str(k) / "noisy" / "backup", folder)
@@ -275,10 +257,10 @@ def test_a_folder_that_does_not_belong_is_refused_with_what_to_do_and_set_aside_
 
 def test_paths_may_be_text(copy: Path, sound: Path, tmp_path: Path) -> None:
     text = str(copy)
-    assert run_study(STUDY, text, ONE).fits == 0
+    assert run_study(TWO_CHUNKS, text, ONE).fits == 0
     assert verify(text, cells=0).damage == []
-    assert Cube.open(text).study.fingerprint == STUDY.fingerprint
-    assert Cube.create(str(tmp_path / "new.zarr"), STUDY).path == tmp_path / "new.zarr"
+    assert Cube.open(text).study.fingerprint == TWO_CHUNKS.fingerprint
+    assert Cube.create(str(tmp_path / "new.zarr"), TWO_CHUNKS).path == tmp_path / "new.zarr"
     assert replay(text, None, 5.0, 0.41, 0, 0).differ == ()
     assert tree_digest(copy) == tree_digest(sound)
     assert extend(text, Growth(realizations=5), ONE).fits == 2

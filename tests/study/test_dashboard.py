@@ -8,7 +8,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from mcstudy.study.cluster import ClusterOptions, connect, dashboard_url
+from mcstudy.scheduler.cluster import ClusterOptions, connect, dashboard_url
 
 
 def test_the_dashboard_answers_on_loopback() -> None:

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mcstudy.analysis.tables import show
+from mcstudy.analysis.show.tables import show
 from mcstudy.cli import main
 from mcstudy.errors import DesignError
 from mcstudy.exits import Exit
-from mcstudy.study.cluster import ClusterOptions
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.design import FitSection, Group, ModelSection, NoiseSection, Study, StudySection
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
-from mcstudy.study.study_file import parse_study, to_toml
+from mcstudy.study.study_file import parse_study
 
 TEXT = """
 [study]
@@ -63,9 +63,9 @@ def test_it_is_the_study_of_the_file() -> None:
     study, read = built(), parse_study(TEXT)
     assert study == read
     assert study.fingerprint == read.fingerprint
-    assert to_toml(study) == to_toml(read)
+    assert study.to_toml() == read.to_toml()
     assert Study.from_json(study.to_json()) == study
-    assert Study(study=read.study, group=read.group) == read
+    assert Study(study=read.study, group=read.groups) == read
 
 
 def test_its_cube_opens_shows_and_verifies(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

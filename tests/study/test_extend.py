@@ -11,13 +11,14 @@ from pathlib import Path
 import pytest
 
 from mcstudy.errors import DesignError, Interrupted, StoreError, StudyChangedError
-from mcstudy.study import durable, tasks
-from mcstudy.study.cluster import ClusterOptions
+from mcstudy.files import durable
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study import tasks
 from mcstudy.study.extend import Growth, extend, grow, grown_study
 from mcstudy.study.growth import growths
 from mcstudy.study.run import open_or_create, run_study
 from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.study_file import parse_study, to_toml
+from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 
 ONE = ClusterOptions(workers=1)
@@ -97,7 +98,7 @@ def test_one_axis_grows_and_only_new_cells_are_run(
     large = parse_study(text)
     outcome = extend(out, growth, ONE)
     assert (outcome.fits, outcome.skipped) == (large.fits - 128, 128)
-    assert durable.tree_digest(out) == at_once(to_toml(large))
+    assert durable.tree_digest(out) == at_once(large.to_toml())
     assert sorted(p.name for p in out.parent.iterdir()) == ["out.zarr", "out.zarr.log"]
 
 
@@ -109,7 +110,7 @@ def test_all_axes_grow_at_once_also_with_starts_from_data(
     growth = Growth(realizations=7, starts=8, fmax=(2.0,), amplitude=(8.0,))
     before, large = parse_study(text), grown_study(parse_study(text), growth)
     assert extend(out, growth, ONE).fits == large.fits - before.fits
-    assert durable.tree_digest(out) == at_once(to_toml(large))
+    assert durable.tree_digest(out) == at_once(large.to_toml())
 
 
 def test_a_half_done_and_damaged_cube_grows_too(out: Path, at_once: Callable[[str], str], tiny: str) -> None:
@@ -125,7 +126,7 @@ def test_a_half_done_and_damaged_cube_grows_too(out: Path, at_once: Callable[[st
     growth = Growth(realizations=8, groups=("noisy",))
     lost = store.layout.fits(first) + store.layout.fits(second) + store.layout.fits(third) * 4 // 6
     assert extend(out, growth, ONE).fits == 72 + lost
-    assert durable.tree_digest(out) == at_once(to_toml(grown_study(parse_study(tiny), growth)))
+    assert durable.tree_digest(out) == at_once(grown_study(parse_study(tiny), growth).to_toml())
 
 
 @pytest.mark.parametrize("moment", ["create", "copy", "replace", "run"])
@@ -164,7 +165,7 @@ def test_an_interrupted_extension_loses_nothing_and_resumes(
     if moment != "run":
         assert durable.tree_digest(out) == before
     assert extend(out, growth, ONE).skipped == 128
-    assert durable.tree_digest(out) == at_once(to_toml(grown_study(parse_study(tiny), growth)))
+    assert durable.tree_digest(out) == at_once(grown_study(parse_study(tiny), growth).to_toml())
     assert not list(out.parent.glob(".*"))
 
 
@@ -213,8 +214,8 @@ def test_growing_by_nothing_changes_nothing(out: Path) -> None:
     ("growth", "expected"),
     [
         (Growth(realizations=4), r"group\.noisy\.realizations: expected at least 5"),
-        (Growth(realizations=0), r"group\.noisy\.realizations: expected at least 5, what the cube has, got 0"),
-        (Growth(starts=0), r"group\.noisy\.starts: expected at least 6, what the cube has, got 0"),
+        (Growth(realizations=0), r"group\.noisy\.realizations: expected at least 5, the number in the cube, got 0"),
+        (Growth(starts=0), r"group\.noisy\.starts: expected at least 6, the number in the cube, got 0"),
         (Growth(realizations=10**30), r"group\.noisy\.realizations: expected at most"),
         (Growth(fmax=(1e300,)), r"group\.noisy\.fmax\.2: expected a number from"),
         (Growth(amplitude=(1e308,)), r"group\.noisy\.amplitude\.2: expected a number from"),
@@ -254,7 +255,7 @@ def test_a_larger_study_file_is_told_the_command_that_grows_the_cube(
         assert old in text
         text = text.replace(old, new, 1)
     small, large = Cube.create(path, parse_study(tiny)).study, parse_study(text)
-    with pytest.raises(StudyChangedError, match="holds a smaller study; expected no change, found group") as refused:
+    with pytest.raises(StudyChangedError, match="was made with a smaller study; found group") as refused:
         open_or_create(path, large)
     assert str(refused.value).endswith(" && ".join(f"mcstudy extend {path} {words}" for words in commands))
     steps = growths(small, large)
@@ -264,9 +265,9 @@ def test_a_larger_study_file_is_told_the_command_that_grows_the_cube(
     assert small == large
     path.rename(tmp_path / "old.zarr")
     Cube.create(path, large)
-    with pytest.raises(StudyChangedError, match="has grown beyond this study file, and holds all of it") as refused:
+    with pytest.raises(StudyChangedError, match="is larger than this study file and contains all of it") as refused:
         open_or_create(path, parse_study(tiny))
-    assert str(refused.value).endswith(f"to finish what is pending: mcstudy extend {path}")
+    assert str(refused.value).endswith(f"to run its pending fits: mcstudy extend {path}")
     assert "\n" not in str(refused.value)
 
 
@@ -278,7 +279,7 @@ def test_a_change_that_is_no_growth_is_told_no_command(tiny: str, tmp_path: Path
         (tiny + lhs, tiny.replace("starts = 6", "starts = 9") + lhs),
     ):
         Cube.create(tmp_path / "out.zarr", parse_study(before))
-        with pytest.raises(StudyChangedError, match="belongs to another study file; expected no change") as refused:
+        with pytest.raises(StudyChangedError, match="was made with another study file; found") as refused:
             open_or_create(tmp_path / "out.zarr", parse_study(after))
         assert "mcstudy extend" not in str(refused.value)
         shutil.rmtree(tmp_path / "out.zarr")
@@ -288,7 +289,7 @@ def test_latin_hypercube_starts_do_not_grow_but_the_rest_does(tiny: str) -> None
     study = parse_study(tiny + '[fit]\nstarts = "latin_hypercube"\n')
     with pytest.raises(DesignError, match="Latin hypercube starts depend on their number"):
         grown_study(study, Growth(starts=100))
-    assert grown_study(study, Growth(realizations=100)).group["noisy"].realizations == 100
+    assert grown_study(study, Growth(realizations=100)).groups["noisy"].realizations == 100
 
 
 @pytest.mark.parametrize("exchange", [True, False])

@@ -6,19 +6,18 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from refusals import or_refused
 
-from mcstudy.errors import InputError
-from mcstudy.study.cluster import ClusterOptions
+from mcstudy.analysis.results import open_results
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.design import FitSection, Group, ModelSection, NoiseSection, SpectraSection, StimulusSection
 from mcstudy.study.failures import counts
-from mcstudy.study.results import open_results
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study, read_study
@@ -31,18 +30,6 @@ FUZZ = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 """Longer, and with new random numbers: ``MCSTUDY_FUZZ=5000 pytest tests/study/test_fuzz.py``."""
-
-
-def valid_or_refused(work: Callable[[], Any]) -> Any:
-    """What ``work`` returns, None when it is refused in one line; any other exception fails the test."""
-    said = ""
-    try:
-        return work()
-    except InputError as error:
-        said = str(error)
-    assert said
-    assert "\n" not in said
-    return None
 
 
 changes = st.lists(
@@ -63,7 +50,7 @@ def test_a_mutated_study_file_is_valid_or_refused(tiny: str, edits: list[tuple[f
     for where, new, gone in edits:
         at = int(where * len(text))
         text = text[:at] + new + text[at + gone :]
-    study = valid_or_refused(lambda: parse_study(text))
+    study = or_refused(lambda: parse_study(text))
     if study is not None:
         assert study.fits > 0
 
@@ -73,7 +60,7 @@ def test_a_mutated_study_file_is_valid_or_refused(tiny: str, edits: list[tuple[f
 def test_any_bytes_as_a_study_file_are_refused(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "any.toml"
     file.write_bytes(content)
-    assert valid_or_refused(lambda: read_study(file)) is None
+    assert or_refused(lambda: read_study(file)) is None
 
 
 numbers = st.integers(-1, 10**9) | st.floats() | st.sampled_from([0, 1, 2, 0.41, 1.2, 8.0, 1e-300, 1e300, math.inf])
@@ -136,7 +123,7 @@ def test_any_group_of_a_study_file_is_valid_or_refused(group: dict[str, Any], ax
     assert set(axes) <= set(Group.model_fields)
     table = {"realizations": 2, "starts": 3, "fmax": [8.0], "amplitude": [5.0], **axes, **group}
     lines = "\n".join(f"{key} = {literal(value)}" for key, value in table.items())
-    valid_or_refused(lambda: parse_study(f"[study]\nname = 'fuzz'\nseed = 1\n[group.g]\n{lines}\n"))
+    or_refused(lambda: parse_study(f"[study]\nname = 'fuzz'\nseed = 1\n[group.g]\n{lines}\n"))
 
 
 @pytest.fixture(scope="module")
@@ -148,8 +135,8 @@ def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Path:
 
 def everything(cube: Path) -> None:
     """All that reads a cube, in one way or another."""
-    valid_or_refused(lambda: [counts(store) for store in Cube.open(cube).groups.values()])
-    valid_or_refused(lambda: [node.to_dataset().load() for node in open_results(cube).children.values()])
+    or_refused(lambda: [counts(store) for store in Cube.open(cube).groups.values()])
+    or_refused(lambda: [node.to_dataset().load() for node in open_results(cube).children.values()])
 
 
 edits = st.lists(st.tuples(st.floats(0, 1), st.binary(max_size=8), st.integers(0, 8)), min_size=1, max_size=6)
@@ -170,7 +157,7 @@ def test_any_mutated_file_of_a_cube_is_read_or_refused(
     file.write_bytes(content)
     try:
         everything(sound)
-        found = valid_or_refused(lambda: verify(sound, cells=0))
+        found = or_refused(lambda: verify(sound, cells=0))
         assert found is None or [line for line in found.damage if str(file) in line or file.name == "zarr.json"]
     finally:
         file.write_bytes(honest)
@@ -199,7 +186,7 @@ def test_metadata_with_any_value_in_any_place_is_read_or_refused(
     file.write_text(json.dumps(document))
     try:
         everything(sound)
-        valid_or_refused(lambda: verify(sound, cells=0))
+        or_refused(lambda: verify(sound, cells=0))
     finally:
         file.write_text(honest)
 

@@ -25,7 +25,7 @@ def layout_of(group: Group) -> Layout:
 
 @pytest.mark.usefixtures("small_chunks")
 def test_every_fit_lies_in_exactly_one_chunk(tiny: str) -> None:
-    group_layout = layout_of(parse_study(tiny).group["noisy"])
+    group_layout = layout_of(parse_study(tiny).groups["noisy"])
     status = group_layout.arrays["status"]
     seen = np.zeros(status.shape, dtype=int)
     for chunk in group_layout.chunks:
@@ -36,7 +36,7 @@ def test_every_fit_lies_in_exactly_one_chunk(tiny: str) -> None:
 
 @pytest.mark.usefixtures("small_chunks")
 def test_chunk_files_are_named_once(tiny: str) -> None:
-    group_layout = layout_of(parse_study(tiny).group["noisy"])
+    group_layout = layout_of(parse_study(tiny).groups["noisy"])
     names = [(n, group_layout.key(n, c)) for n, c in product(group_layout.results, group_layout.chunks)]
     assert len(set(names)) == len(names)
 
@@ -54,26 +54,26 @@ def test_a_chunk_holds_a_sane_number_of_fits(realizations: int, starts: int, n_f
 
 
 def test_chunks_of_slow_solvers_are_small_enough_to_share_out_and_to_lose() -> None:
-    solvers = read_study(PIPELINES / "solvers.toml").group
+    solvers = read_study(PIPELINES / "solvers.toml").groups
     for name, group in solvers.items():
         fits = realizations_a_chunk(group) * group.starts * len(group.fmax)
         assert fits == (group.fits if name == "lm" else group.starts)
 
 
 def test_a_million_fits_make_a_few_thousand_files() -> None:
-    (group,) = read_study(PIPELINES / "large.toml").group.values()
+    (group,) = read_study(PIPELINES / "large.toml").groups.values()
     group_layout = layout_of(group)
     assert len(group_layout.chunks) * len(group_layout.results) < 10_000
 
 
 def test_status_is_the_last_result() -> None:
-    for group in read_study(PIPELINES / "goodworth2018.toml").group.values():
+    for group in read_study(PIPELINES / "goodworth2018.toml").groups.values():
         assert layout_of(group).results[-1] == "status"
 
 
 @pytest.mark.parametrize("name", ["status", "estimate", "cost", "frf"])
 def test_an_empty_chunk_holds_the_fill_values_of_its_arrays(tiny: str, name: str) -> None:
-    group_layout = layout_of(parse_study(tiny).group["noisy"])
+    group_layout = layout_of(parse_study(tiny).groups["noisy"])
     chunk = group_layout.chunks[-1]
     values = group_layout.empty(chunk)[name]
     assert values.dtype == np.dtype(group_layout.arrays[name].dtype)

@@ -17,34 +17,19 @@ from typing import Any
 
 import pytest
 import xarray as xr
+from two_chunks import TWO_CHUNKS
 
+from mcstudy.analysis.results import open_results
 from mcstudy.errors import InputError, StoreError
-from mcstudy.study import repair, tasks, verify
-from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.durable import log_folder, tree_digest
-from mcstudy.study.results import open_results
+from mcstudy.files.durable import log_folder, tree_digest
+from mcstudy.study import repair, verify
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
-from mcstudy.study.study_file import parse_study
 from mcstudy.study.tasks import Task, run_task
-
-STUDY = parse_study("""
-[study]
-name = "mutated"
-seed = 11
-
-[group.noisy]
-realizations = 4
-starts = 2
-fmax = [0.41]
-amplitude = [5.0]
-""")
-ONE = ClusterOptions(workers=1)
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    out = tmp_path_factory.mktemp("mutations") / "out.zarr"
+def sound(two_chunks: Path) -> Iterator[Path]:
     honest = repair.skeleton
     empty = functools.cache(lambda key: honest(*empties[key]))  # of which a case needs several, all the same
     empties: dict[str, tuple[Cube, Any]] = {}
@@ -55,13 +40,9 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         return empty(key)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
-        tasks.open_group.cache_clear()
-        run_study(STUDY, out, ONE)
-        assert len(Cube.open(out).groups["noisy"].layout.chunks) == 2
         patch.setattr(verify, "skeleton", skeleton)
         patch.setattr(repair, "skeleton", skeleton)
-        yield out
+        yield two_chunks
 
 
 class InProcess:
@@ -80,7 +61,7 @@ class InProcess:
 
 @pytest.fixture(autouse=True)
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mcstudy.study.run.connect", lambda _: contextlib.nullcontext())
+    monkeypatch.setattr("mcstudy.study.run.connect", lambda *_: contextlib.nullcontext())
     monkeypatch.setattr("mcstudy.study.run.Submission", InProcess)
 
 
@@ -206,13 +187,13 @@ def check_case(sound: Path, before: Any, digest: str, out: Path, file: Path, sai
         yield what
     if not file.relative_to(out).as_posix().startswith(REPAIRED):
         return
-    run_study(STUDY, out)
+    run_study(TWO_CHUNKS, out)
     told = said()
     if tree_digest(out) != digest:
         for line in verify.verify(out, cells=0).damage:
             if line not in told or "--quarantine" not in line:
                 yield f"run leaves, and does not say what to do about: {line}"
-        run_study(STUDY, out, quarantine=True)
+        run_study(TWO_CHUNKS, out, quarantine=True)
     if tree_digest(out) != digest:
         yield f"not repaired: {verify.verify(out, cells=0)}"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mcstudy
-from mcstudy.study.cluster import ClusterOptions
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.plan import plan
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study

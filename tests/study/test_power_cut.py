@@ -19,10 +19,11 @@ from pathlib import Path
 
 import pytest
 
-from mcstudy.study import durable, tasks
-from mcstudy.study.cluster import ClusterOptions
+from mcstudy.files import durable
+from mcstudy.files.durable import log_folder, tree_digest
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study import tasks
 from mcstudy.study.design import Study
-from mcstudy.study.durable import log_folder, tree_digest
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.run import run_study
 from mcstudy.study.runlog import reported
@@ -272,7 +273,7 @@ def unsynced_write(path: Path, content: bytes | memoryview) -> None:
 @pytest.mark.parametrize(
     ("place", "broken"),
     [
-        ("mcstudy.study.durable.write", unsynced_write),
+        ("mcstudy.files.durable.write", unsynced_write),
         ("mcstudy.study.store.sync_folder", lambda _: None),
         ("mcstudy.study.store.sync_tree", lambda _: None),
     ],

@@ -12,7 +12,7 @@ from typing import Annotated, Any, get_args, get_origin
 import pytest
 from pydantic import BaseModel
 
-from mcstudy.analysis.tables import show
+from mcstudy.analysis.show.tables import show
 from mcstudy.errors import InputError
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.ranges import Range

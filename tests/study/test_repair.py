@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from mcstudy.errors import StoreError
+from mcstudy.files.durable import log_folder, tree_digest
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study import tasks
-from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.durable import log_folder, tree_digest
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
@@ -197,7 +197,7 @@ def test_blocks_of_another_environment_are_warned_of_and_recorded(
         f"threads.OMP_NUM_THREADS: {here['threads']['OMP_NUM_THREADS']} -> 64",
     ]
     for line in expected:
-        assert warned.count(f"another environment than the cube was made in: {line}") == 1
+        assert warned.count(f"the workers' environment differs from the cube's: {line}") == 1
     events = [json.loads(line) for line in (log_folder(copy) / "runs.jsonl").read_text().splitlines()]
     blocks = [e for e in events if e["event"] == "block"]
     assert [b.get("other_environment") for b in blocks[:-1]] == [None] * (len(blocks) - 1)

@@ -12,7 +12,7 @@ import pytest
 from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
-from mcstudy.study.cluster import ClusterOptions
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
@@ -76,7 +76,7 @@ def test_the_path_goes_down_from_the_stored_start_to_the_stored_estimate(
 def test_the_command_prints_the_path_and_says_that_it_is_equal(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(sound), *CELL]) == Exit.DONE
     printed = capsys.readouterr().out
-    assert "equal to what is stored, bit for bit" in printed
+    assert "equal to the stored fit, bit for bit" in printed
     assert printed.count("\n") >= 5
 
 
@@ -89,7 +89,7 @@ def test_one_changed_bit_is_found(copy: Path, capsys: pytest.CaptureFixture[str]
         bits.reshape(-1)[:: data[name].dtype.itemsize] ^= 1
         store.write(chunk, data)
     assert main(["replay", str(copy), *CELL]) == Exit.DIFFERS
-    assert f"differs from what is stored ({name}" in capsys.readouterr().out
+    assert f"differs from the stored fit ({name}" in capsys.readouterr().out
 
 
 def test_a_fit_that_was_not_run_and_a_cell_that_does_not_exist_are_one_line(copy: Path, tiny: str) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import threading
+import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +13,9 @@ import psutil
 import pytest
 
 from mcstudy.errors import InputError, Interrupted, StoreError, StudyChangedError
+from mcstudy.files.durable import locked, tree_digest
+from mcstudy.scheduler.cluster import ClusterOptions, connect
 from mcstudy.study import tasks
-from mcstudy.study.cluster import ClusterOptions, connect
-from mcstudy.study.durable import locked, tree_digest
 from mcstudy.study.run import ATTEMPTS, run_study
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
@@ -36,6 +38,23 @@ def test_workers_and_block_sizes_leave_no_trace_in_the_bytes(tmp_path: Path, tin
         assert (outcome.fits, outcome.failed_fits, outcome.failed_blocks) == (128, 0, [])
         digests[workers, block] = tree_digest(out)
     assert len(set(digests.values())) == 1
+
+
+def test_the_time_of_a_run_is_without_that_of_compiling(
+    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_study(parse_study(tiny), tmp_path / "first.zarr", ONE)  # whatever is slow once
+    asked: list[str] = []
+
+    def compiles(parts: Iterable[str]) -> None:
+        asked.extend(parts)
+        time.sleep(5.0)
+
+    monkeypatch.setattr("mcstudy.study.run.warm", compiles)
+    begun = time.monotonic()
+    outcome = run_study(parse_study(tiny), tmp_path / "out.zarr", ONE)
+    assert asked == ["lm"]
+    assert outcome.seconds <= time.monotonic() - begun - 5.0
 
 
 def test_a_second_run_does_nothing_and_changes_nothing(tmp_path: Path, tiny: str) -> None:
@@ -120,7 +139,7 @@ def test_fits_whose_report_is_lost_with_a_worker_are_counted(
     """The block is given to another worker, which finds everything done."""
     lost: list[tasks.Task] = []
 
-    def loses_the_first(task: tasks.Task) -> tasks.Report:
+    def loses_the_first(task: tasks.Task) -> tasks.TaskReport:
         report = tasks.run_task(task)
         if not lost:
             lost.append(task)
@@ -247,7 +266,7 @@ def test_a_scheduler_that_is_not_safe_or_not_there_is_refused(
 def test_an_unencrypted_scheduler_on_another_machine_is_tried_when_the_user_insists(
     tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mcstudy.study.cluster.CONNECT_S", 0.2)  # an address that nobody has
+    monkeypatch.setattr("mcstudy.scheduler.cluster.CONNECT_S", 0.2)  # an address that nobody has
     options = ClusterOptions(scheduler="tcp://192.0.2.1:8786", insecure=True)
     with pytest.raises(InputError, match=r"expected a running scheduler at tcp://192\.0\.2\.1:8786"):
         run_study(parse_study(tiny), tmp_path / "out.zarr", options)
@@ -271,7 +290,7 @@ def test_a_block_that_hangs_is_given_up_and_the_rest_finishes(
 ) -> None:
     release, run_task = threading.Event(), tasks.run_task
 
-    def hang(task: tasks.Task) -> tasks.Report:
+    def hang(task: tasks.Task) -> tasks.TaskReport:
         if task.group == "ideal":
             release.wait(60)
         return run_task(task)
@@ -295,7 +314,7 @@ def test_a_chunk_that_two_workers_wrote_at_once_gets_a_second_look(
 ) -> None:
     run_task, torn = tasks.run_task, []
 
-    def first_time_torn(task: tasks.Task) -> tasks.Report:
+    def first_time_torn(task: tasks.Task) -> tasks.TaskReport:
         report = run_task(task)
         if task.group == "ideal" and not torn:
             # The status of the faster of two writers over the numbers of the slower one, which had not got so far.
@@ -319,7 +338,7 @@ def test_a_chunk_that_two_workers_wrote_at_once_gets_a_second_look(
 def test_an_error_that_cannot_be_sent_is_still_reported(
     tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(_: tasks.Task) -> tasks.Report:
+    def broken(_: tasks.Task) -> tasks.TaskReport:
         raise ValueError(threading.Lock(), "cannot be pickled")
 
     monkeypatch.setattr("mcstudy.study.attempt.run_task", broken)

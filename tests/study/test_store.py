@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mcstudy.analysis.results import open_results
 from mcstudy.errors import StoreError
-from mcstudy.fit.status import Status
-from mcstudy.study import durable, schema
+from mcstudy.files import durable, schema
+from mcstudy.fitting.status import Status
 from mcstudy.study.layout import Chunk
 from mcstudy.study.metadata import describe
-from mcstudy.study.results import open_results
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 

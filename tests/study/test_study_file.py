@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mcstudy.errors import DesignError
-from mcstudy.study.study_file import changes, parse_study, read_study, to_toml
+from mcstudy.study.study_file import changes, parse_study, read_study
 from mcstudy.study.unstable import refuse_unstable
 
 BAD = [
@@ -57,7 +57,7 @@ BAD = [
         "seed = 7",
         "seed = 7\n[spectra]\nwidth = 0.5\npoints = 'odd_lines'",
         "group.noisy.spectra.width",
-        "one line each",
+        "one line per point",
     ),
 ]
 
@@ -104,10 +104,10 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
 
 def test_the_canonical_text_reads_back_as_the_same_study(tiny: str) -> None:
     study = parse_study(tiny)
-    again = parse_study(to_toml(study))
+    again = parse_study(study.to_toml())
     assert again == study
     assert again.fingerprint == study.fingerprint
-    assert to_toml(again) == to_toml(study)
+    assert again.to_toml() == study.to_toml()
 
 
 def test_writing_out_a_default_does_not_change_the_fingerprint(tiny: str) -> None:
@@ -140,14 +140,14 @@ def test_a_group_overrides_single_keys_of_a_section(tiny: str) -> None:
     study = parse_study(
         tiny + "[fit]\nsolver = 'trf'\nmax_iterations = 50\n[group.ideal.fit]\nsolver = 'trust-constr'\n"
     )
-    assert (study.group["noisy"].fit.solver, study.group["noisy"].fit.max_iterations) == ("trf", 50)
-    assert (study.group["ideal"].fit.solver, study.group["ideal"].fit.max_iterations) == ("trust-constr", 50)
+    assert (study.groups["noisy"].fit.solver, study.groups["noisy"].fit.max_iterations) == ("trf", 50)
+    assert (study.groups["ideal"].fit.solver, study.groups["ideal"].fit.max_iterations) == ("trust-constr", 50)
 
 
 def test_the_model_of_the_study_is_written_out_in_full(tiny: str) -> None:
     study = parse_study(tiny)
-    assert len(study.group["noisy"].model.truth) == 12
-    assert study.group["noisy"].model.body["J1"] == 51.26
+    assert len(study.groups["noisy"].model.truth) == 12
+    assert study.groups["noisy"].model.body["J1"] == 51.26
 
 
 STUDIES = [p for p in sorted((Path(__file__).parents[2] / "pipelines").glob("*.toml")) if not p.name.startswith("gap_")]

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcstudy.fit.status import Status
+from mcstudy.files.durable import tree_digest
+from mcstudy.fitting.status import Status
 from mcstudy.study import tasks
-from mcstudy.study.durable import tree_digest
 from mcstudy.study.layout import Chunk
 from mcstudy.study.measure import Measurement
 from mcstudy.study.store import Cube, GroupStore
@@ -45,7 +45,7 @@ def test_a_task_leaves_no_fit_pending_and_no_hole(tmp_path: Path, tiny: str) -> 
     cube = cube_of(tmp_path / "a.zarr", tiny)
     report = run_task(task(cube))
     assert report.complete
-    assert report.fits == cube.study.group["noisy"].fits == 120
+    assert report.fits == cube.study.groups["noisy"].fits == 120
     store = cube.groups["noisy"]
     for chunk in store.layout.chunks:
         data = store.existing(chunk)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from mcstudy.errors import StoreError
+from mcstudy.files.durable import log_folder
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study import environment
-from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.durable import log_folder
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study

@@ -13,7 +13,7 @@ from mcstudy.analysis import accuracy, selection
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.watch import Moments, Watch
+from mcstudy.study.watch import RunningErrors, Watch
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_the_headline_is_the_bias_of_the_analysis(cube: Path) -> None:
 
 def test_rows_added_in_parts_are_rows_added_at_once() -> None:
     x = np.random.default_rng(3).standard_normal((40, 3))
-    once, parts = Moments(), Moments()
+    once, parts = RunningErrors(), RunningErrors()
     once.add(x)
     for part in (x[:1], x[1:7], x[7:7], x[7:]):
         parts.add(part)

@@ -32,12 +32,13 @@ from typing import Any
 import forked
 import numpy as np
 from distributed import Scheduler, Worker
-from forked import DONE, REFUSED, STOPPED, DieAtLine, answer, ended, fork, kill
+from forked import DONE, MEMORY, REFUSED, STOPPED, DieAtLine, answer, ended, fork, kill
 
-from mcstudy.fit.status import Status
-from mcstudy.study import durable, extend, layout, run, runlog, store, submission, tasks, verify
-from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.durable import log_folder, tree_digest
+from mcstudy.files import durable
+from mcstudy.files.durable import log_folder, tree_digest
+from mcstudy.fitting.status import Status
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study import extend, layout, run, runlog, store, submission, tasks, verify
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
@@ -73,7 +74,7 @@ class Campaign:
         self.lost: Counter[str] = Counter()
         self.wrong: Counter[str] = Counter()
         self.seen: dict[str, int] = {}
-        group = SMALL.group["noisy"]
+        group = SMALL.groups["noisy"]
         compiled = GroupStore(folder, "noisy", Experiment(group, SMALL.study.seed), 1, SMALL.fingerprint)
         first = layout.Chunk(0, 0)
         tasks.fill(compiled, first, compiled.layout.empty(first), lambda: False)
@@ -84,14 +85,14 @@ class Campaign:
             self.seconds = time.monotonic() - begun
         self.small_run = partial(run.run_study, SMALL, self.out, ONE)
         self.extension = partial(extend.extend, self.out, GROWTH, ONE)
-        self.look_at_lines()
+        self.lines: dict[Callable[[], object], list[tuple[str, int, int]]] = {}
 
     def ask(self, work: Callable[[], object]) -> Any:
         """What ``work`` returns, computed in a process of its own."""
         return answer(work, self.folder / "answer.json")
 
     def look_at_lines(self) -> None:
-        """Which lines a run and its extension execute, and how often."""
+        """Which lines a run and its extension execute, and how often; before any death at a line."""
         self.begin()
         self.lines = {work: self.ask(partial(self.count_lines, work)) for work in (self.small_run, self.extension)}
         self.begin()
@@ -318,9 +319,10 @@ def main() -> int:
     args = parser.parse_args()
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     layout.FITS_A_CHUNK = (8, 8)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         campaign = Campaign(Path(folder), args.seed)
         try:
+            campaign.look_at_lines()
             campaign.run(args.kills, args.only)
         finally:
             forked.kill_all()

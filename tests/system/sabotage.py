@@ -25,13 +25,15 @@ import forked
 import kill_campaign
 import numpy as np
 import state_machine
+from forked import MEMORY
 from hypothesis import settings
 from kill_campaign import KILLS, Campaign
 
-from mcstudy.study import durable, experiment, extend, layout, verify
+from mcstudy.files import durable
+from mcstudy.streams import stream
+from mcstudy.study import experiment, extend, layout, verify
 from mcstudy.study.layout import Chunk
 from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.streams import stream
 
 MOST = 40
 """Faults after which a sabotage counts as unnoticed."""
@@ -109,7 +111,7 @@ def noticed(campaign: Campaign, faults: str) -> bool:
         count.clear()
     for kills in range(1, MOST + 1):
         try:
-            if kills == 1:
+            if kills == 1 and "between" in faults:
                 campaign.look_at_lines()
                 own = {work: [at for at in lines if at[0] == __file__] for work, lines in campaign.lines.items()}
                 campaign.lines = {work: own[work] or lines for work, lines in campaign.lines.items()}
@@ -165,7 +167,7 @@ def main() -> int:
     if "--states" in sys.argv[1:]:
         return states()
     missed = 0
-    with tempfile.TemporaryDirectory() as folder, open(os.devnull, "w") as nowhere:
+    with tempfile.TemporaryDirectory(dir=MEMORY) as folder, open(os.devnull, "w") as nowhere:
         sys.stderr = nowhere
         campaign = Campaign(Path(folder), seed=1)
         try:

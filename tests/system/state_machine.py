@@ -23,17 +23,18 @@ from pathlib import Path
 from typing import Any
 
 import forked
-from forked import DONE, REFUSED, DieAtLine, answer, ended, fork
+from forked import DONE, MEMORY, REFUSED, DieAtLine, answer, ended, fork
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
 from kill_campaign import WRITERS
 
 from mcstudy.errors import StoreError
-from mcstudy.fit.status import Status
-from mcstudy.study import durable, extend, layout, run, runlog, tasks, verify
-from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.durable import PARTIAL, tree_digest
+from mcstudy.files import durable
+from mcstudy.files.durable import PARTIAL, tree_digest
+from mcstudy.fitting.status import Status
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study import extend, layout, run, runlog, tasks, verify
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
@@ -54,7 +55,7 @@ SIZES = ((4, 4), (6, 4), (6, 6))
 STUDIES = [parse_study(TEXT.format(*size)) for size in SIZES]
 MANY = os.environ.get("MCSTUDY_STATES")
 SETTINGS = settings(
-    max_examples=int(MANY or 12),
+    max_examples=int(MANY or 8),
     stateful_step_count=20 if MANY else 6,
     derandomize=MANY is None,
     database=None,
@@ -264,7 +265,7 @@ class States(RuleBasedStateMachine):
     def depth(self) -> int:
         """Realizations a chunk; as the layout of the studies asks for."""
         assert self.size is not None
-        return layout.realizations_a_chunk(STUDIES[self.size].group["noisy"])
+        return layout.realizations_a_chunk(STUDIES[self.size].groups["noisy"])
 
     def running(self, size: int) -> Callable[[], object]:
         return partial(run.run_study, STUDIES[size], self.out, ONE)
@@ -361,8 +362,7 @@ def try_histories(how: settings, aim: str | None = None) -> None:
     """Raises for the first history that loses something or ends wrong; dies at lines of the file ``aim`` if reached."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     layout.FITS_A_CHUNK = (8, 8)
-    memory = Path("/dev/shm")  # a kill is no power cut: nothing here has to reach a disk
-    with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
+    with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         try:
             States.whole = Whole(Path(folder))
             States.whole.lines = [[at for at in lines if at[0] == aim] or lines for lines in States.whole.lines]

@@ -19,10 +19,10 @@ from distributed import Client
 from distributed.security import Security
 
 from mcstudy.errors import InputError, Interrupted
-from mcstudy.gap.challenge.fanout import fan_out
+from mcstudy.files.durable import tree_digest
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.scheduler.fan_out import fan_out
 from mcstudy.study import submission
-from mcstudy.study.cluster import ClusterOptions
-from mcstudy.study.durable import tree_digest
 from mcstudy.study.run import Outcome, run_study
 from mcstudy.study.study_file import parse_study, read_study
 
@@ -182,7 +182,7 @@ def test_a_killed_scheduler_ends_the_run_as_resumable(folder: Path, local: str, 
     out = folder / "orphaned.zarr"
     study = parse_study(STUDY)
     thread = meanwhile(out, 3, plain.scheduler.kill)
-    with pytest.raises(Interrupted, match=r"the scheduler was lost with .* run the same command again to resume"):
+    with pytest.raises(Interrupted, match=r"lost connection to the scheduler with .* run the same command again"):
         run(out, plain)
     thread.join()
     done = run_study(study, out, ClusterOptions(workers=1))
@@ -201,7 +201,7 @@ def test_a_scheduler_that_is_gone_is_exit_3_and_never_there_exit_2(folder: Path)
         made.scheduler.send_signal(signal.SIGKILL)
         _, errors = process.communicate(timeout=100)
         assert process.returncode == 3, errors
-        assert "the scheduler was lost" in errors.splitlines()[-1]
+        assert "lost connection to the scheduler" in errors.splitlines()[-1]
         assert "Traceback" not in errors
     with pytest.raises(InputError, match="expected a running scheduler"):
         run(folder / "never.zarr", made)
@@ -213,7 +213,7 @@ def test_a_challenge_whose_scheduler_or_workers_die_is_resumable(folder: Path, m
         results = fan_out(time.sleep, [0.01] * 50 + [5.0], ClusterOptions(scheduler=made.address), "data")
         assert next(results) == (0.01, None)
         made.scheduler.send_signal(signal.SIGKILL)
-        with pytest.raises(Interrupted, match=r"data: the scheduler was lost with \d+ cases left; run the same"):
+        with pytest.raises(Interrupted, match=r"data: lost connection to the scheduler with \d+ cases left"):
             list(results)
     monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")  # the first death is one too many
     with cluster(folder / "dying") as made:
@@ -238,7 +238,7 @@ def test_tls_with_certificates_gives_the_same_bytes_and_refuses_those_without(fo
         made.wait_for(2, security)
         out = folder / "tls.zarr"
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("mcstudy.study.cluster.CONNECT_S", 2)
+            patch.setattr("mcstudy.scheduler.cluster.CONNECT_S", 2)
             stranger = certificates(folder / "stranger")
             for own in ({}, {f"tls_{k}": stranger[k] for k in ("ca", "cert", "key")}):
                 with pytest.raises(InputError, match="expected a running scheduler"):

@@ -13,7 +13,7 @@ import pytest
 
 from mcstudy.cli import VERBS
 from mcstudy.exits import Exit
-from mcstudy.study.durable import PARTIAL, tree_digest
+from mcstudy.files.durable import PARTIAL, tree_digest
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -37,8 +37,8 @@ PROGRAM = """
 import hashlib, sys, threading, time
 from pathlib import Path
 import mcstudy.cli.show as verb
-from mcstudy.study.durable import replacing
-from mcstudy.study.unfinished import scratch_folder
+from mcstudy.files.durable import replacing
+from mcstudy.files.unfinished import scratch_folder
 
 def swallows():
     while True:
@@ -216,6 +216,7 @@ COMMANDS = {
     "replay": ("replay", "nothing", "--realization", "0", "--start", "0", "--fmax", "1", "--amplitude", "1"),
     "report": ("report", "nothing", "-o", "page.html"),
     "simulate": ("simulate", "-o", "nothing.nc"),
+    "warm": ("warm",),
     "gap": ("gap", "diagnose", "nothing"),
     "gap challenge score": ("gap", "challenge", "score", "nothing", "--key", "k", "--answers", "a"),
     "run": ("run", "nothing"),

@@ -1,4 +1,4 @@
-"""How good each parameter's estimate is, and why: bias (Fig. 7A), variability (Fig. 7B), influence (Fig. 7C)."""
+"""Accuracy of each parameter: bias (Fig. 7A), variability (Fig. 7B), influence (Fig. 7C)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from mcstudy.analysis.montecarlo import Moments
 from mcstudy.analysis.sensitivity import RANGES, sensitivity
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import Data, axes, chosen_fmax, legend_below, view_of
+from mcstudy.report.figures.common import GroupLike, axes, chosen_fmax, legend_below, view_of
 from mcstudy.report.labels import fmax_label
 from mcstudy.report.style import COLOURS
 
 
-def bias_of(view: GroupView, fmax: float) -> xr.Dataset:
+def bias_at(view: GroupView, fmax: float) -> xr.Dataset:
     """|bias| in percent of the truth, averaged over amplitudes, with ``floor``; single and combined parameters."""
     return _both(view, fmax, _bias)
 
@@ -50,11 +50,11 @@ def _both(view: GroupView, fmax: float, of: Callable[[xr.Dataset], xr.Dataset]) 
     return xr.concat([p.assign_coords(parameter=[str(n) for n in p["parameter"].values]) for p in parts], "parameter")
 
 
-def bias_bars(data: Data, fmax: float | None = None, ax: Axes | None = None) -> Axes:
-    """Fig. 7A: |bias| of every parameter ± MCSE; the tick is what expected from chance would show."""
+def bias_bars(data: GroupLike, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+    """Fig. 7A: |bias| of every parameter ± MCSE; the tick is the |bias| expected from chance alone."""
     view, ax = view_of(data), axes(ax, (4.3, 4.2))
     fmax = chosen_fmax(view, fmax)
-    result = _in_order_of_cv(view, fmax, bias_of(view, fmax))
+    result = _in_order_of_cv(view, fmax, bias_at(view, fmax))
     _bars(ax, result)
     y = np.arange(result.sizes["parameter"])
     ax.plot(
@@ -72,7 +72,7 @@ def bias_bars(data: Data, fmax: float | None = None, ax: Axes | None = None) -> 
     return ax
 
 
-def cv_bars(data: Data, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+def cv_bars(data: GroupLike, fmax: float | None = None, ax: Axes | None = None) -> Axes:
     """Fig. 7B: coefficient of variation of every parameter ± MCSE, smallest first."""
     view, ax = view_of(data), axes(ax, (4.3, 4.2))
     fmax = chosen_fmax(view, fmax)
@@ -83,13 +83,13 @@ def cv_bars(data: Data, fmax: float | None = None, ax: Axes | None = None) -> Ax
     return ax
 
 
-def influence_shares(data: Data) -> xr.Dataset:
+def influence_shares(data: GroupLike) -> xr.Dataset:
     """`mcstudy.analysis.sensitivity.sensitivity` at the group's truth and frequencies."""
     view = view_of(data)
     return sensitivity(view.model, view.model.truth, view.cube["frequency"].values)
 
 
-def sensitivity_bars(data: Data, frequencies: str = "low", ax: Axes | None = None) -> Axes:
+def sensitivity_bars(data: GroupLike, frequencies: str = "low", ax: Axes | None = None) -> Axes:
     """One pie of Fig. 7C as bars: share of each parameter in what a ±10 % change does to the FRFs.
 
     ``frequencies``: a range of `mcstudy.analysis.sensitivity.RANGES`. Raises `InputError` when the group has no

@@ -1,4 +1,4 @@
-"""The alternatives the paper argues with: one segment, two stimuli without a model, fits to a population's mean."""
+"""The alternatives that the paper discusses: one segment, two stimuli without a model, fits to a population's mean."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SHOWN_PERCENT = 100.0
 
 
 def hit_rate_bars(rate: xr.Dataset, title: str = "", ax: Axes | None = None) -> Axes:
-    """Share of starts that reach the lowest minimum by Fmax, for stable and unstable loops at the start, ± MCSE.
+    """Fraction of starts that reach the lowest minimum by Fmax, for stable and unstable loops at the start, ± MCSE.
 
     ``rate``: `mcstudy.analysis.stable_starts.hit_rate_by_start` at one amplitude.
     """
@@ -42,9 +42,9 @@ def hit_rate_bars(rate: xr.Dataset, title: str = "", ax: Axes | None = None) -> 
 
 
 def controller_off(result: TwoStimuliResult, controller: str, ax: Axes | None = None) -> Axes:
-    """How far the mean estimate of one neural controller is from the truth, by frequency, for every estimator.
+    """Error of the mean estimate of one neural controller by frequency, for every estimator.
 
-    The dotted line is what the scatter of the first estimator alone would show if it were unbiased.
+    The dotted line is the error expected from chance alone if the first estimator is unbiased.
     """
     ax = axes(ax)
     for i, (name, (_, controllers)) in enumerate(result.estimators.items()):
@@ -58,10 +58,12 @@ def controller_off(result: TwoStimuliResult, controller: str, ax: Axes | None = 
             label=name,
         )
     first = next(iter(result.estimators.values()))[1]
-    ax.plot(result.f, first[controller]["chance"], color=COLOURS["ink"], linestyle=DASHES[2], label="chance, the first")
+    ax.plot(
+        result.f, first[controller]["chance"], color=COLOURS["ink"], linestyle=DASHES[2], label="chance (first one)"
+    )
     frequency_axis(ax, result.f)
     log_axis(ax.yaxis)
-    ax.set_ylabel("mean off by (% of magnitude)")
+    ax.set_ylabel("error of the mean (% of magnitude)")
     ax.set_title(controller)
     legend_below(ax, 1, -0.18)
     return ax

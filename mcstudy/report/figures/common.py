@@ -16,13 +16,13 @@ from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.report.style import SERIES, SETTINGS
 
-Data = GroupView | xr.Dataset | xr.DataTree
+GroupLike = GroupView | xr.Dataset | xr.DataTree
 """What a figure is made from: a group of a cube, e.g. ``mcstudy.open_results(path)["accuracy"]``."""
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def view_of(data: Data) -> GroupView:
+def view_of(data: GroupLike) -> GroupView:
     """The group behind ``data``; a `GroupView` keeps its best fits between figures, the others are read again."""
     if isinstance(data, GroupView):
         return data

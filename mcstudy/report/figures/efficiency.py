@@ -1,4 +1,4 @@
-"""How close the estimates come to the Cramér-Rao bound."""
+"""Efficiency of the estimates relative to the Cramér-Rao bound."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import Data, axes, chosen_amplitude, legend_below, plain_log_axis, view_of
+from mcstudy.report.figures.common import GroupLike, axes, chosen_amplitude, legend_below, plain_log_axis, view_of
 from mcstudy.report.labels import amplitude_label, fmax_label
 from mcstudy.report.style import COLOURS, MARKERS, SERIES
 
@@ -24,8 +24,8 @@ def efficiency_of(view: GroupView) -> xr.Dataset:
     return efficiency(view.cells, view.bounds_on_sd)
 
 
-def efficiency_dots(data: Data, amplitude: float | None = None, ax: Axes | None = None) -> Axes:
-    """Efficiency of every parameter by Fmax, ± MCSE: Cramér-Rao variance over the variance found.
+def efficiency_dots(data: GroupLike, amplitude: float | None = None, ax: Axes | None = None) -> Axes:
+    """Efficiency of every parameter by Fmax, ± MCSE: Cramér-Rao variance divided by observed variance.
 
     Hollow: more than 10 % of the fits end on some bound, so that the Cramér-Rao bound does not apply. Vertical ticks:
     what the weights of the paper's cost can reach to first order.

@@ -1,4 +1,4 @@
-"""Estimates beside the truth: Fig. 5 (every parameter) and Fig. 6 (active and passive stiffness combined)."""
+"""Estimates and true values: Fig. 5 (every parameter) and Fig. 6 (active and passive stiffness combined)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from matplotlib.axes import Axes
 
 from mcstudy.analysis.montecarlo import moments
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import Data, axes, colour_of, view_of
+from mcstudy.report.figures.common import GroupLike, axes, colour_of, view_of
 from mcstudy.report.labels import amplitude_label
 from mcstudy.report.style import COLOURS
 from mcstudy.stance.feedback import Model
 
 
-def parameter_bars(data: Data, parameter: str, ax: Axes | None = None) -> Axes:
+def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> Axes:
     """One panel of Fig. 5 or 6: true value, then mean ± SD of the best fits by Fmax and amplitude.
 
     ``parameter`` may be a sum of stiffnesses, e.g. ``"K11+Kpas1"``. Raises `InputError` when there is no such

@@ -1,4 +1,4 @@
-"""What the optimiser contributes: accuracy against the number of starts, and the atlas of local minima."""
+"""Influence of the optimiser: accuracy against the number of starts, and the atlas of local minima."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from mcstudy.analysis.accuracy import mean_absolute_bias_percent
 from mcstudy.analysis.atlas import atlas
 from mcstudy.analysis.basins import basins
-from mcstudy.analysis.by_starts import by_starts, mean_absolute_bias_percent, mean_cv
+from mcstudy.analysis.by_starts import by_starts, mean_cv
 from mcstudy.analysis.view import GroupView
 from mcstudy.report.figures.common import (
-    Data,
+    GroupLike,
     axes,
     chosen_amplitude,
     chosen_fmax,
@@ -38,7 +39,7 @@ def by_starts_of(view: GroupView, statistic: Callable[[xr.Dataset], xr.Dataset])
     return by_starts(view.cube, statistic).compute()
 
 
-def bias_by_starts(data: Data, ax: Axes | None = None) -> Axes:
+def bias_by_starts(data: GroupLike, ax: Axes | None = None) -> Axes:
     """Mean |bias| of the best of x starts, ± MCSE, one line per Fmax and amplitude."""
     view, ax = view_of(data), axes(ax)
     _lines(ax, view, by_starts_of(view, mean_absolute_bias_percent))
@@ -46,7 +47,7 @@ def bias_by_starts(data: Data, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def cv_by_starts(data: Data, ax: Axes | None = None) -> Axes:
+def cv_by_starts(data: GroupLike, ax: Axes | None = None) -> Axes:
     """Mean coefficient of variation of the best of x starts, ± MCSE, one line per Fmax and amplitude."""
     view, ax = view_of(data), axes(ax)
     _lines(ax, view, by_starts_of(view, mean_cv))
@@ -82,11 +83,13 @@ def atlas_of(view: GroupView, amplitude: float, fmax: float) -> xr.Dataset:
     return atlas(found, view.cube["lower"], view.cube["upper"])
 
 
-def basin_atlas(data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None) -> Axes:
-    """Where the local minima lie: a row a cluster, a bar a parameter from the middle of its bounds to its place.
+def basin_atlas(
+    data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Positions of the local minima: one row per cluster, one bar per parameter from the middle of its bounds.
 
-    To the right: how many of all starts end there, and in how many realizations the cluster holds the lowest minimum.
-    Green, solid: most of its fits are stable loops; orange, pale: most are not.
+    To the right: fraction of all starts that end there, and number of realizations in which the cluster has the lowest
+    minimum. Green, solid: most of its fits are stable; orange, pale: most are unstable.
     """
     view, ax = view_of(data), axes(ax, (4.3, 4.4))
     a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)

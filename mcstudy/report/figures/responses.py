@@ -9,7 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import Data, axes, chosen_amplitude, chosen_fmax, frequency_axis, log_axis, view_of
+from mcstudy.report.figures.common import (
+    GroupLike,
+    axes,
+    chosen_amplitude,
+    chosen_fmax,
+    frequency_axis,
+    log_axis,
+    view_of,
+)
 from mcstudy.report.labels import cell_label
 from mcstudy.report.style import MARKERS, SERIES
 from mcstudy.stance.response import frf, neural_controllers
@@ -37,20 +45,24 @@ def controllers_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[st
     return {n: NC[..., r, c] for (r, c), n in names.items() if np.abs(NC[..., r, c]).max() > 0}
 
 
-def frf_gain(data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+def frf_gain(
+    data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+) -> Axes:
     """Fig. 4A, gain: line the truth; without noise, markers the best fit; with noise, band 10-90 % of best fits."""
     ax = _gain(data, amplitude, fmax, axes(ax), frf_of)
     ax.set_ylabel("gain (rad/(N·m))")
     return ax
 
 
-def frf_phase(data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+def frf_phase(
+    data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+) -> Axes:
     """Fig. 4A, phase in degrees; see `frf_gain`."""
     return _phase(data, amplitude, fmax, axes(ax), frf_of)
 
 
 def controller_gain(
-    data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+    data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
 ) -> Axes:
     """Fig. 4B, gain of the neural controllers; see `frf_gain`."""
     ax = _gain(data, amplitude, fmax, axes(ax), controllers_of)
@@ -59,13 +71,13 @@ def controller_gain(
 
 
 def controller_phase(
-    data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+    data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
 ) -> Axes:
     """Fig. 4B, phase of the neural controllers in degrees; see `frf_gain`."""
     return _phase(data, amplitude, fmax, axes(ax), controllers_of)
 
 
-def _gain(data: Data, amplitude: float | None, fmax: float | None, ax: Axes, response: Response) -> Axes:
+def _gain(data: GroupLike, amplitude: float | None, fmax: float | None, ax: Axes, response: Response) -> Axes:
     def gain(truth: np.ndarray, fits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.abs(truth), np.abs(fits)
 
@@ -74,7 +86,7 @@ def _gain(data: Data, amplitude: float | None, fmax: float | None, ax: Axes, res
     return ax
 
 
-def _phase(data: Data, amplitude: float | None, fmax: float | None, ax: Axes, response: Response) -> Axes:
+def _phase(data: GroupLike, amplitude: float | None, fmax: float | None, ax: Axes, response: Response) -> Axes:
     def phase(truth: np.ndarray, fits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         line = np.unwrap(np.angle(truth))
         return np.degrees(line), np.degrees(line + np.angle(fits / truth))
@@ -86,7 +98,7 @@ def _phase(data: Data, amplitude: float | None, fmax: float | None, ax: Axes, re
 
 
 def _draw(
-    data: Data,
+    data: GroupLike,
     amplitude: float | None,
     fmax: float | None,
     ax: Axes,

@@ -1,4 +1,4 @@
-"""What the search for the minimum finds: Fig. 3A-C and the waterfall of costs."""
+"""Results of the search for the minimum: Fig. 3A-C and the waterfall of costs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mcstudy.analysis.minimum_curve import average_curve, minimum_curve
 from mcstudy.analysis.neural import j_nc
 from mcstudy.analysis.selection import usable
 from mcstudy.report.figures.common import (
-    Data,
+    GroupLike,
     axes,
     chosen_amplitude,
     chosen_fmax,
@@ -24,14 +24,14 @@ from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 
 MOST_POINTS = 600
-"""Points a scatter shows of one condition; of more, those of the first realizations."""
+"""Largest number of points per condition in a scatter plot; if there are more, the first realizations are shown."""
 
 MOST_CURVES = 60
-"""Realizations a waterfall shows."""
+"""Largest number of realizations in a waterfall plot."""
 
 
 def controller_error(
-    data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+    data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
 ) -> Axes:
     """Fig. 3A: cost of every start's fit against the error of its neural controllers."""
     view, ax = view_of(data), axes(ax)
@@ -53,7 +53,7 @@ def controller_error(
     return ax
 
 
-def controller_error_by_noise(data: Data, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+def controller_error_by_noise(data: GroupLike, fmax: float | None = None, ax: Axes | None = None) -> Axes:
     """One panel of Fig. 3C: cost against error of the neural controllers, best fit of every realization by amplitude.
 
     Small dots: all local minima of the first realizations. Hollow: the loop of the best fit is unstable.
@@ -89,8 +89,8 @@ def _rounded(*columns: np.ndarray) -> np.ndarray:
     return np.asarray(np.round(x / scale) * scale)
 
 
-def starts_curve(data: Data, fmax: float | None = None, ax: Axes | None = None) -> Axes:
-    """Fig. 3B: lowest cost to be expected of x starts, mean over realizations ± MCSE, one curve per amplitude.
+def starts_curve(data: GroupLike, fmax: float | None = None, ax: Axes | None = None) -> Axes:
+    """Fig. 3B: expected lowest cost of x starts, mean over realizations ± MCSE, one curve per amplitude.
 
     Call it with several groups on the same axes: the paper's figure is two groups with noise and one without.
     """
@@ -111,16 +111,18 @@ def starts_curve(data: Data, fmax: float | None = None, ax: Axes | None = None) 
         ax.xaxis, [t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if t <= max(pool, ax.get_xlim()[1])]
     )
     ax.set_xlabel("number of starts")
-    ax.set_ylabel("lowest cost J expected")
+    ax.set_ylabel("expected lowest cost J")
     ax.set_title(f"Fmax {fmax_label(f)}")
     ax.legend()
     return ax
 
 
-def waterfall(data: Data, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None) -> Axes:
-    """Sorted costs of all starts, one line a realization, relative to the realization's lowest.
+def waterfall(
+    data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Sorted costs of all starts, one line per realization, relative to the realization's lowest cost.
 
-    A line's flat beginning is the part of the starts that reached its lowest minimum; steps are other minima.
+    The flat beginning of a line is the fraction of starts that reached the lowest minimum; steps are other minima.
     """
     view, ax = view_of(data), axes(ax)
     a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)

@@ -9,17 +9,26 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import Data, axes, chosen_amplitude, frequency_axis, legend_below, log_axis, view_of
+from mcstudy.report.figures.common import (
+    GroupLike,
+    axes,
+    chosen_amplitude,
+    frequency_axis,
+    legend_below,
+    log_axis,
+    view_of,
+)
 from mcstudy.report.labels import unit
 from mcstudy.report.style import COLOURS, DASHES, SERIES
 from mcstudy.spectra import periods
+from mcstudy.spectra.intersample import straight_lines
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway, sway_psd
 from mcstudy.stance.simulate_time import simulate, with_derivatives
 from mcstudy.stance.stimulus import Prts
-from mcstudy.study.measure import SPECTRUM, stimulus
-from mcstudy.study.streams import noise_stream
+from mcstudy.streams import noise_stream
+from mcstudy.study.measure import spectrum, stimulus
 
 PIXELS = 420
 """Columns a long record is reduced to; each keeps its smallest and largest sample."""
@@ -40,7 +49,7 @@ class Signals:
     realization: int = 0
 
     @classmethod
-    def of(cls, data: Data, seed: int, amplitude: float | None = None, realization: int = 0) -> Signals:
+    def of(cls, data: GroupLike, seed: int, amplitude: float | None = None, realization: int = 0) -> Signals:
         """The signals of a group; the largest amplitude by default."""
         view = view_of(data)
         return cls(view, seed, chosen_amplitude(view, amplitude), realization)
@@ -106,7 +115,7 @@ class Signals:
     def noise_spectrum(self) -> np.ndarray:
         """Spectrum of the noise-evoked sway as the FRFs get it, coefficients (period // 2 + 1, 2)."""
         group = self.view.group
-        return SPECTRUM[group.spectra.ramp](self.noise_sway, self.prts.samples, group.stimulus.discard)
+        return spectrum(group)(self.noise_sway, self.prts.samples, group.stimulus.discard)
 
     def expected_noise_power(self, f: np.ndarray) -> np.ndarray:
         """E|coefficient|^2 of the mean cycle's noise without leakage, rad^2, (N, 2)."""
@@ -129,12 +138,8 @@ class Signals:
         return f, np.abs(found[:, :n] - exact[:, :n]) / np.abs(exact[:, :n])
 
     def sampling_error(self, f: np.ndarray) -> np.ndarray:
-        """The part of `frf_error` that sampling explains, (N,).
-
-        The simulated stimulus is linear between samples, so its Fourier coefficients are those of its samples times
-        (sin x / x)^2 with x = pi f / rate (up to aliases): derived.
-        """
-        return 1.0 - np.sinc(f / self.prts.rate_hz) ** 2
+        """The part of `frf_error` that sampling explains, (N,): the simulated stimulus is linear between samples."""
+        return 1.0 - straight_lines(f, self.prts.rate_hz)
 
 
 def envelope(t: np.ndarray, x: np.ndarray, columns: int = PIXELS) -> tuple[np.ndarray, np.ndarray]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.cells import with_error
 from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.stable_starts import hit_rate_by_start
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult
@@ -14,6 +15,7 @@ from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures import alternatives as drawn
 from mcstudy.report.html import Table
 from mcstudy.report.labels import amplitude_label, fmax_label
+from mcstudy.text_tables import with_error
 
 MOST_STARTS = 40_000
 """Starts of a group whose loops are looked at: one takes some 20 µs."""
@@ -57,10 +59,7 @@ def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
             )
             + ".",
         ],
-        [
-            Panel(titles[name], lambda ax, r=r, t=titles[name]: drawn.hit_rate_bars(r, t, ax))  # type: ignore[misc]
-            for name, (_, _, _, r) in rates.items()
-        ],
+        [Panel(titles[name], partial(drawn.hit_rate_bars, r, titles[name])) for name, (_, _, _, r) in rates.items()],
         [
             Table(
                 f"Group {name} ({v.group.model.kind.replace('_', ' ')}), {amplitude_label(v, a)}: starts that reach "
@@ -118,7 +117,7 @@ def two_stimuli(result: TwoStimuliResult, key: str) -> Figure:
             "Engelhart et al. 2015).",
             f"Ours, mean over frequencies and controllers: {'; '.join(_off(n, v) for n, (_, v) in estimators)}.",
         ],
-        [Panel(c, lambda ax, c=c: drawn.controller_off(result, c, ax), (4.3, 4.0)) for c in names],  # type: ignore[misc]
+        [Panel(c, partial(drawn.controller_off, result, c), (4.3, 4.0)) for c in names],
         [
             Table(
                 f"Mean over {result.f.size} frequencies up to {result.f[-1]:.2g} Hz, percent of the true magnitude",
@@ -169,7 +168,7 @@ def population(result: PopulationResult, key: str) -> Figure:
             f"Ours: the routes differ by no more than 3 standard errors on {', '.join(alike) or 'nothing'}, by more on "
             f"{', '.join(apart) or 'nothing'}.",
         ],
-        [Panel("bias by route", lambda ax: drawn.population_bias(result, ax), (4.3, 5.2))],
+        [Panel("bias by route", partial(drawn.population_bias, result), (4.3, 5.2))],
         [
             Table(
                 "Percent of the truth",

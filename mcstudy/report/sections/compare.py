@@ -1,4 +1,4 @@
-"""Groups of one study beside each other, on the same noise, and the paper's claims about such changes."""
+"""Comparison of the groups of one study with the same noise, and the paper's claims about such changes."""
 
 from __future__ import annotations
 

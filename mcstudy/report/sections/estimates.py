@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis.cells import with_error
 from mcstudy.analysis.sensitivity import RANGES
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
 from mcstudy.report.context import Context, conditions, largest_amplitude, short, stat, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
-from mcstudy.report.figures.accuracy import bias_of, cv_at
+from mcstudy.report.figures.accuracy import bias_at, cv_at
 from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.figures.efficiency import efficiency_of
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 from mcstudy.report.sections.search import relative_errors
+from mcstudy.text_tables import with_error
 
 NO_NOISE_GROUP = "no group with noise has more than one realization"
 
@@ -49,13 +50,13 @@ def _fig_4(context: Context) -> Figure | Missing:
         title,
         [
             "A: responses of the angles to the stimulus, B: the neural controllers. Lines are the truth, markers the "
-            "best fit of all starts. They lie on each other: without noise one stimulus identifies everything.",
+            "best fit of all starts. They coincide: without noise, one stimulus identifies all parameters.",
         ],
         [
-            Panel("A, gain of the angles", lambda ax: figures.frf_gain(view, a, f, ax)),
-            Panel("A, phase of the angles", lambda ax: figures.frf_phase(view, a, f, ax)),
-            Panel("B, gain of the neural controllers", lambda ax: figures.controller_gain(view, a, f, ax)),
-            Panel("B, phase of the neural controllers", lambda ax: figures.controller_phase(view, a, f, ax)),
+            Panel("A, gain of the angles", partial(figures.frf_gain, view, a, f)),
+            Panel("A, phase of the angles", partial(figures.frf_phase, view, a, f)),
+            Panel("B, gain of the neural controllers", partial(figures.controller_gain, view, a, f)),
+            Panel("B, phase of the neural controllers", partial(figures.controller_phase, view, a, f)),
         ],
         [Table("Best fit without noise", ["parameter", "truth", "estimate", "error (%)"], relative_errors(view))],
         ("theory_mean_error", "theory_max_error"),
@@ -68,10 +69,10 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
     panels = []
     for f in [f for amplitude, f in conditions(view) if amplitude == a]:
         panels += [
-            Panel(f"gain of the angles, Fmax {f:g} Hz", lambda ax, f=f: figures.frf_gain(view, a, f, ax)),  # type: ignore[misc]
+            Panel(f"gain of the angles, Fmax {f:g} Hz", partial(figures.frf_gain, view, a, f)),
             Panel(
                 f"gain of the neural controllers, Fmax {f:g} Hz",
-                lambda ax, f=f: figures.controller_gain(view, a, f, ax),  # type: ignore[misc]
+                partial(figures.controller_gain, view, a, f),
             ),
         ]
     return Figure(
@@ -80,8 +81,8 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
         "Fitted responses with noise",
         [
             "Lines: truth. Bands: 10th to 90th percentile of the best fits over realizations, at each frequency. "
-            "Dashed: Fmax. Beyond Fmax a fit extrapolates: a low Fmax leaves the dynamics above it open, as the paper "
-            "saw.",
+            "Dashed: Fmax. Beyond Fmax a fit extrapolates: a low Fmax does not determine the dynamics above it, as in "
+            "the paper.",
         ],
         panels,
         (),
@@ -106,14 +107,11 @@ def _fig_5(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
         "Estimates of every parameter",
         [
             "True value, then mean ± SD over realizations of the best fits, by Fmax (Hz, below the bars) and amplitude "
-            "of the stimulus. Dashed: the true value. A parameter whose bounds are centred on the truth and that the "
-            "data do not determine scatters between its bounds and still averages to the truth: look at the SD and at "
-            "how many fits end on a bound before trusting a small bias.",
+            "of the stimulus. Dashed: the true value. A parameter that the data do not determine scatters between its "
+            "bounds and, if these are centred on the truth, still averages to the truth. So check the SD and the "
+            "number of fits on a bound before trusting a small bias.",
         ],
-        [
-            Panel(n, lambda ax, n=n: figures.parameter_bars(view, n, ax), (2.4, 2.0))  # type: ignore[misc]
-            for n in names
-        ],
+        [Panel(n, partial(figures.parameter_bars, view, n), (2.4, 2.0)) for n in names],
         _estimate_tables(context, view, set(names)),
         (*spread, "bias_12_0.41", "bias_12_1.2", "bias_12_8", "spread_8hz_better", "spread_8hz_worse"),
         f'figures.parameter_bars(tree["{view.name}"], "{names[0]}")',
@@ -133,12 +131,9 @@ def _fig_6(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
         title,
         [
             "The sum of the active and the passive stiffness of a joint is well determined where the two alone are "
-            "not: they differ only by the delay. Mean ± SD over realizations, as in Fig. 5.",
+            "not, because they differ only by the delay. Mean ± SD over realizations, as in Fig. 5.",
         ],
-        [
-            Panel(n, lambda ax, n=n: figures.parameter_bars(view, n, ax), (2.4, 2.0))  # type: ignore[misc]
-            for n in names
-        ],
+        [Panel(n, partial(figures.parameter_bars, view, n), (2.4, 2.0)) for n in names],
         _estimate_tables(context, view, set(names)),
         ("bias_10_0.41", "bias_10_1.2", "bias_10_8", "bias_2_0.41", "bias_2_1.2", "spread_fmax_10", "spread_fmax_2"),
         f'figures.parameter_bars(tree["{view.name}"], "{names[0]}")',
@@ -177,7 +172,7 @@ def _estimate_table(view: GroupView, cell: dict[str, Any], names: set[str]) -> T
 
 def _fig_7a(view: GroupView, suffix: str) -> Figure | Missing:
     f = chosen_fmax(view)
-    result = bias_of(view, f)
+    result = bias_at(view, f)
     rows = [
         [str(n), value_of(result.sel(parameter=n)), short(result["floor"].sel(parameter=n), 2)]
         for n in result["parameter"].values
@@ -190,7 +185,7 @@ def _fig_7a(view: GroupView, suffix: str) -> Figure | Missing:
             f"|mean estimate − truth| at Fmax {f:g} Hz, averaged over amplitudes, ± MCSE; in the order of Fig. 7B. The "
             "orange tick is the |bias| expected by chance alone, for unbiased estimates from this many realizations.",
         ],
-        [Panel("|bias| by parameter", lambda ax: figures.bias_bars(view, f, ax), (4.3, 4.2))],
+        [Panel("|bias| by parameter", partial(figures.bias_bars, view, f), (4.3, 4.2))],
         [Table(f"Fmax {f:g} Hz", ["parameter", "|bias| (%) ± MCSE", "expected from chance (%)"], rows)],
         ("bias_12_1.2", "bias_10_1.2", "bias_amplitude", "largest_bias"),
         f'figures.bias_bars(tree["{view.name}"], fmax={f:g})',
@@ -207,7 +202,7 @@ def _fig_7b(view: GroupView, suffix: str) -> Figure | Missing:
         "Fig. 7B",
         "Variability",
         [f"Coefficient of variation over realizations at Fmax {f:g} Hz, averaged over amplitudes, ± MCSE."],
-        [Panel("CV by parameter", lambda ax: figures.cv_bars(view, f, ax), (4.3, 4.2))],
+        [Panel("CV by parameter", partial(figures.cv_bars, view, f), (4.3, 4.2))],
         [Table(f"Fmax {f:g} Hz", ["parameter", "CV ± MCSE"], rows)],
         ("lowest_cv", "highest_cv", "combined_cv_lowest", "combined_cv_ratio"),
         f'figures.cv_bars(tree["{view.name}"], fmax={f:g})',
@@ -229,11 +224,11 @@ def _fig_7c(view: GroupView) -> Figure | Missing:
         "Fig. 7C",
         "Influence of every parameter",
         [
-            "How much a change by ±10 % moves the two FRFs, as share of the sum over parameters, in the paper's low, "
-            "mid and high frequencies (the paper's pie charts, drawn as bars). Exact: no Monte Carlo error.",
+            "Change of the two FRFs when a parameter changes by ±10 %, as a share of the sum over parameters, in the "
+            "paper's low, mid and high frequency ranges (the paper's pie charts, drawn as bars). The values are exact.",
         ],
         [
-            Panel(f"{r}: {lo:g} to {hi:g} Hz", lambda ax, r=r: figures.sensitivity_bars(view, r, ax), (4.3, 3.6))  # type: ignore[misc]
+            Panel(f"{r}: {lo:g} to {hi:g} Hz", partial(figures.sensitivity_bars, view, r), (4.3, 3.6))
             for r, (lo, hi) in held.items()
         ],
         [Table("Share of influence (%)", ["parameter", *held], rows)],
@@ -245,7 +240,7 @@ def _fig_7c(view: GroupView) -> Figure | Missing:
 def _efficiency(result: xr.Dataset) -> str:
     if str(result["why_not"].item()):
         return "–"
-    return "held by its bounds" if bool(result["held"]) else value_of(result)
+    return "fixed by its bounds" if bool(result["held"]) else value_of(result)
 
 
 def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
@@ -261,20 +256,22 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
         for f in result["fmax"].values.tolist()
         if (why := str(result["why_not"].sel(amplitude=a, fmax=f).item()))
     ]
-    none = "" if bool(result["applies"].any()) else " Here that is so in every condition."
-    ticks = " Vertical ticks: what the paper's weights reach to first order." if view.group.fit.cost == "paper" else ""
+    none = "" if bool(result["applies"].any()) else " This is so in every condition here."
+    ticks = (
+        " Vertical ticks: efficiency of the paper's weights, to first order." if view.group.fit.cost == "paper" else ""
+    )
     return Figure(
         f"efficiency{suffix}",
         "",
         title,
         [
-            f"Group {view.name} (cost {view.group.fit.cost}): smallest variance that any unbiased estimator could have "
-            "divided by the variance found, ± MCSE. 1 is perfect. Hollow: more than one fit in ten ends on a bound, "
-            "where the Cramér-Rao bound does not apply (a dash in the tables) and values above 1 are possible."
-            f"{none}{ticks} Arrows: off the scale.{''.join(missing)}",
+            f"Group {view.name} (cost {view.group.fit.cost}): smallest possible variance of an unbiased estimator, "
+            "divided by the observed variance, ± MCSE; 1 is the optimum. Hollow: more than one fit in ten ends on a "
+            "bound, so the Cramér-Rao bound does not apply (a dash in the tables) and values above 1 are possible."
+            f"{none}{ticks} Arrows: beyond the scale.{''.join(missing)}",
         ],
         [
-            Panel(f"{a:g} {view.model.stimulus_unit}", lambda ax, a=a: figures.efficiency_dots(view, a, ax), (4.3, 4.6))  # type: ignore[misc]
+            Panel(f"{a:g} {view.model.stimulus_unit}", partial(figures.efficiency_dots, view, a), (4.3, 4.6))
             for a in amplitudes
         ],
         [

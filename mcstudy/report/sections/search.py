@@ -1,11 +1,15 @@
-"""Fig. 3A-C and what the search for the minimum does: waterfall, atlas of minima, accuracy by number of starts."""
+"""Fig. 3A-C and the behaviour of the optimiser: waterfall, atlas of minima, accuracy by number of starts."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 
-from mcstudy.analysis.by_starts import mean_absolute_bias_percent, mean_cv
+from mcstudy.analysis.accuracy import mean_absolute_bias_percent
+from mcstudy.analysis.by_starts import mean_cv
 from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.view import GroupView
@@ -80,10 +84,7 @@ def _fig_3b(context: Context) -> Figure | Missing:
             "statistics of the whole pool, not by resampling. The mean hides the realizations that need more starts: "
             "see the median and the 90th percentile in the table.",
         ],
-        [
-            Panel(f"group {v.name}, Fmax {f:g} Hz", lambda ax, v=v, f=f: figures.starts_curve(v, f, ax))  # type: ignore[misc]
-            for v, f in shown
-        ],
+        [Panel(f"group {v.name}, Fmax {f:g} Hz", partial(figures.starts_curve, v, f)) for v, f in shown],
         [_starts_table(context, v) for v in views] + [_curve_table(v) for v in views],
         ("starts_noise_free", "starts_5", "starts_3"),
         f'figures.starts_curve(tree["{views[0].name}"])',
@@ -141,7 +142,7 @@ def _fig_3c(context: Context) -> Figure | Missing:
             "realizations.",
         ],
         [
-            Panel(f"Fmax {f:g} Hz", lambda ax, f=f: figures.controller_error_by_noise(view, f, ax))  # type: ignore[misc]
+            Panel(f"Fmax {f:g} Hz", partial(figures.controller_error_by_noise, view, f))
             for f in sorted({f for _, f in conditions(view)})
         ],
         [Table("Best fits, ± MCSE", header, rows)],
@@ -168,9 +169,7 @@ def _waterfall(context: Context) -> Figure | Missing:
         [
             Panel(
                 f"group {v.name}, {cell_label(v, a, f)}",
-                lambda ax, v=v, a=a, f=f: figures.waterfall(v, a, f, ax).set_title(  # type: ignore[misc]
-                    f"{v.name}, {cell_label(v, a, f)}"
-                ),
+                partial(_named_waterfall, v, a, f),
                 (4.3, 2.9),
             )
             for v in views
@@ -180,6 +179,10 @@ def _waterfall(context: Context) -> Figure | Missing:
         (),
         f'figures.waterfall(tree["{views[0].name}"])',
     )
+
+
+def _named_waterfall(view: GroupView, amplitude: float, fmax: float, ax: Axes) -> None:
+    figures.waterfall(view, amplitude, fmax, ax).set_title(f"{view.name}, {cell_label(view, amplitude, fmax)}")
 
 
 def _hits_table(view: GroupView) -> Table:
@@ -213,10 +216,7 @@ def _atlas(context: Context) -> Figure | Missing:
             "starts that end there, and in how many realizations the cluster holds the lowest minimum. Green and "
             "solid: mostly stable loops; orange and pale: mostly unstable.",
         ],
-        [
-            Panel(f"Fmax {f:g} Hz", lambda ax, f=f: figures.basin_atlas(view, amplitude, f, ax), (4.3, 4.4))  # type: ignore[misc]
-            for f in fmaxes
-        ],
+        [Panel(f"Fmax {f:g} Hz", partial(figures.basin_atlas, view, amplitude, f), (4.3, 4.4)) for f in fmaxes],
         [_atlas_table(view, amplitude, f) for f in fmaxes],
         (),
         f'figures.basin_atlas(tree["{view.name}"], amplitude={amplitude:g}, fmax={fmaxes[-1]:g})',
@@ -254,12 +254,12 @@ def _by_starts(context: Context) -> Figure | Missing:
         title,
         [
             "Mean |bias| and coefficient of variation over parameters when only the first x starts of every "
-            "realization are used. What still falls with x is due to the optimiser; what stays is due to the "
+            "realization are used. What still decreases with x is due to the optimiser; the remainder is due to the "
             "estimator.",
         ],
         [
-            Panel("mean |bias|", lambda ax: figures.bias_by_starts(view, ax), (4.3, 4.0)),
-            Panel("mean coefficient of variation", lambda ax: figures.cv_by_starts(view, ax), (4.3, 4.0)),
+            Panel("mean |bias|", partial(figures.bias_by_starts, view), (4.3, 4.0)),
+            Panel("mean coefficient of variation", partial(figures.cv_by_starts, view), (4.3, 4.0)),
         ],
         [
             _by_starts_table("Mean |bias| (% ± MCSE)", view, by_starts_of(view, mean_absolute_bias_percent)),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from mcstudy.analysis.published import METHODS
+from mcstudy.analysis.paper.published import METHODS
 from mcstudy.report import figures
 from mcstudy.report.context import Context, short
 from mcstudy.report.figure import Figure, Missing, Panel
@@ -14,7 +16,7 @@ from mcstudy.report.html import Table
 
 def signal_figures(context: Context) -> list[Figure | Missing]:
     """Fig. 2A-D of the study's own stimulus, noise and truth: its first realization at its smallest amplitude."""
-    # no fit is needed for these, so a group that has not begun will do
+    # these need no fits, so a group that has not been run is sufficient
     view = context.accuracy or context.pools or context.theory or next(iter(context.study.groups.values()))
     s = Signals.of(view, context.seed, float(view.cube["amplitude"].values[0]))
     python = f'figures.NAME(figures.Signals.of(tree["{view.name}"], {context.seed}, {s.amplitude:g}))'
@@ -32,17 +34,17 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Fig. 2A",
             "Stimulus and sensor noise",
             [
-                f"A pseudorandom ternary stimulus of {peak}, {s.cycles} cycles of {s.prts.period_s:g} s, and the "
-                "sensor noise that is added to the sensed angles (pink through a low-pass), with the sway that this "
-                "noise alone evokes.",
+                f"Pseudorandom ternary stimulus of {peak}, {s.cycles} cycles of {s.prts.period_s:g} s; sensor noise "
+                "that is added to the sensed angles (low-pass filtered pink noise); and the sway that this noise alone "
+                "evokes.",
                 "RMS of that sway in this realization: "
                 + ", ".join(f"{n} {short(rms[i], 2)}° (paper about {paper[i]:g}°)" for i, n in enumerate(s.angles))
                 + ".",
             ],
             [
-                Panel("stimulus", lambda ax: figures.stimulus_record(s, ax), (4.3, 2.6)),
-                Panel("sensor noise", lambda ax: figures.sensor_noise_record(s, ax), (4.3, 2.6)),
-                Panel("sway evoked by the noise alone", lambda ax: figures.noise_sway_record(s, ax), (4.3, 2.6)),
+                Panel("stimulus", partial(figures.stimulus_record, s), (4.3, 2.6)),
+                Panel("sensor noise", partial(figures.sensor_noise_record, s), (4.3, 2.6)),
+                Panel("sway evoked by the noise alone", partial(figures.noise_sway_record, s), (4.3, 2.6)),
             ],
             [
                 Table(
@@ -60,12 +62,12 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             [
                 "Left: power of the stimulus at its excited lines (odd harmonics only), falling with the square of "
                 "frequency. Right: power of the noise-evoked sway in the mean cycle, as it enters the FRFs (dots), "
-                "and what theory gives for it (lines). Dots above a line at high frequency are leakage: a cycle of "
-                "sway does not end where it began.",
+                "and its theoretical value (lines). Dots above a line at high frequency are leakage: a cycle of sway "
+                "does not end where it began.",
             ],
             [
-                Panel("stimulus", lambda ax: figures.stimulus_spectrum(s, ax)),
-                Panel("noise-evoked sway", lambda ax: figures.noise_spectrum(s, ax)),
+                Panel("stimulus", partial(figures.stimulus_spectrum, s)),
+                Panel("noise-evoked sway", partial(figures.noise_spectrum, s)),
             ],
             python=python.replace("NAME", "noise_spectrum"),
         ),
@@ -74,7 +76,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Fig. 2C",
             "Realistic sway",
             [f"Sway evoked by stimulus and noise together; {angles}."],
-            [Panel("sway", lambda ax: figures.sway_record(s, ax), (4.3, 2.6))],
+            [Panel("sway", partial(figures.sway_record, s), (4.3, 2.6))],
             python=python.replace("NAME", "sway_record"),
         ),
         Figure(
@@ -82,8 +84,8 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Fig. 2D",
             "Error of a time simulation",
             [
-                "Integration in time from rest, without noise, against the exact steady state. First: error of the "
-                "sway; the transient decays within the first cycle, what is left repeats in every cycle. Second: "
+                "Time integration from rest, without noise, compared with the exact steady state. Left: error of the "
+                "sway; the transient decays within the first cycle, and the rest repeats in every cycle. Right: "
                 "relative error of the FRFs. It is caused by sampling (crosses): the FRF is divided by the DFT of the "
                 "torque's samples, while the body is driven by the torque between them; a torque that is linear "
                 "between samples has Fourier coefficients (sin x / x)² times those of its samples, x = π f / rate.",
@@ -94,8 +96,8 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
                 "pipelines/fig2d.md.",
             ],
             [
-                Panel("sway error over time", lambda ax: figures.simulation_error_record(s, ax)),
-                Panel("error of the FRFs", lambda ax: figures.simulation_error_frf(s, ax)),
+                Panel("sway error over time", partial(figures.simulation_error_record, s)),
+                Panel("error of the FRFs", partial(figures.simulation_error_frf, s)),
             ],
             [
                 Table(

@@ -1,0 +1,1 @@
+"""The published numbers of Goodworth & Peterka (2018) and the comparison with them."""

@@ -1,0 +1,86 @@
+"""Opening a results cube."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import mcstudy.analysis.accessors  # noqa: F401 - results open with their .mc methods
+from mcstudy.errors import StoreError
+from mcstudy.study.checked_store import CheckedStore
+from mcstudy.study.readable import readable, text_attributes
+from mcstudy.study.store import Cube, GroupStore
+
+FITS_A_PIECE = 200_000
+"""Fits per Dask chunk: about 20 MB of estimates; some tens of chunks for millions of fits."""
+
+
+FITS_IN_MEMORY = 1_000_000
+"""Up to this number of fits, results are read at once by default: about 250 MB, several times faster than lazily."""
+
+
+def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
+    """Open a results cube as an `xarray.DataTree` with one node per group; ``.mc`` gives the statistics of a group.
+
+    Coordinates and constants (truth, bounds) are read at once. Results stay on disk until they are needed, so a cube
+    may be larger than memory. Attributes that are objects (``design``, ``environment``) become JSON text, so that the
+    tree can be written as NetCDF.
+
+    Parameters
+    ----------
+    path: the cube (``OUT`` of ``mcstudy run``).
+    lazy: True for Dask arrays, whose chunks are multiples of stored chunks; False to read results now. None: lazy for
+        more than `FITS_IN_MEMORY` fits.
+
+    Raises
+    ------
+    StoreError: not a cube, or a cube of another schema version.
+    """
+    path = Path(path)
+    cube = Cube.open(path)
+    if lazy is None:
+        lazy = cube.study.fits > FITS_IN_MEMORY
+    # The store refuses links, chunks that declare an impossible size, and missing or swapped chunks. Other formats are
+    # not considered.
+    layouts = {name: store.layout for name, store in cube.groups.items()}
+    guarded: Any = CheckedStore(path, layouts, cube.study.fingerprint)
+    root = xr.open_datatree(guarded, engine="zarr", consolidated=False, zarr_format=3, chunks=None)
+    groups = {}
+    for name, store in cube.groups.items():
+        group, depth = store.layout.group, store.layout.realizations_a_chunk
+        per_chunk = len(group.fmax) * group.starts * depth
+        piece = depth * max(1, FITS_A_PIECE // per_chunk)
+        data = root[name].to_dataset()
+        if lazy:
+            results = {k: data[k].chunk(amplitude=1, realization=piece) for k in store.layout.results}
+            data = data.drop_vars(list(results)).load().assign(results)
+        else:
+            # Status first: if a run is writing, the fits that status reports as done are then in the other arrays.
+            data.variables["status"].load()
+            data = data.load()
+        _check_constants(store, data)
+        # the seed too, which only the root holds: it tells which groups of other cubes have the same noise
+        groups[name] = readable(data[list(root[name].data_vars)]).assign_attrs(seed=cube.study.study.seed)
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs.update(text_attributes(root.attrs))
+    return tree
+
+
+def _check_constants(store: GroupStore, data: xr.Dataset) -> None:
+    """Raise `StoreError` when a coordinate or constant differs from the study's; checksums do not detect swapped files.
+
+    The last digits may differ, because another machine may round differently.
+    """
+    for name, spec in store.layout.arrays.items():
+        if spec.values is None:
+            continue
+        found, expected = data[name].values, np.asarray(spec.values)
+        if expected.dtype.kind in "fc":
+            same = np.allclose(found, expected, rtol=1e-9, atol=0.0, equal_nan=True)
+        else:
+            same = bool((found == expected).all())
+        if not same:
+            raise StoreError(f"{store.path / name}: expected the values of the study, found others")

@@ -1,0 +1,1 @@
+"""The tables of `mcstudy show`, as data and as text."""

@@ -1,0 +1,234 @@
+"""The content of ``show`` as plain data: the values of `results_schema/<version>/show.json`, before any formatting."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import xarray as xr
+
+from mcstudy.analysis import accuracy, neural, selection
+from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
+from mcstudy.analysis.convergence import starts_needed_quantiles
+from mcstudy.analysis.efficiency import efficiency
+from mcstudy.analysis.montecarlo import Statistic, fraction, quantiles
+from mcstudy.analysis.notes import notes
+from mcstudy.analysis.paper.published import PAPER
+from mcstudy.analysis.paper.rows import Row, rows
+from mcstudy.analysis.view import GroupView, StudyView
+from mcstudy.files.schema import identifier
+
+SCHEMA = "show"
+
+_FLAGS = ("applies", "held")
+"""Variables of a result that are true or false."""
+
+
+def show_data(study: StudyView, reference: StudyView | None = None, name: str = "") -> dict[str, Any]:
+    """Everything that ``show`` prints, as JSON values (a number that does not exist is None).
+
+    ``reference``: another study, called ``name``; if given, its groups are the reference instead of a group of the same
+    study. Raises `InputError` when no group can be compared.
+    """
+    attributes = study.attributes
+    found, without = (comparisons(study), {}) if reference is None else comparisons_with(study, reference, name)
+    return {
+        "schema": identifier(SCHEMA),
+        "study": {key: attributes.get(key) for key in ("title", "fingerprint", "seed")},
+        "paper": {"reference": PAPER, "rows": [_row(r) for r in rows(study)]},
+        "comparisons": [_comparison(c) for c in found],
+        "not_compared": without,
+        "groups": {name: _group(view) for name, view in study.groups.items()},
+    }
+
+
+def json_number(x: Any) -> float | None:
+    """A JSON number, or None for NaN and infinities."""
+    value = float(x)
+    return value if math.isfinite(value) else None
+
+
+def _row(row: Row) -> dict[str, Any]:
+    p = row.published
+    return {
+        "key": p.key,
+        "label": p.label,
+        "unit": p.unit,
+        "where": p.where,
+        "criterion": p.criterion,
+        "paper": json_number(p.value),
+        "paper_text": p.shown,
+        "value": json_number(row.value),
+        "mcse": json_number(row.mcse),
+        "n": row.n,
+        "floor": json_number(row.floor),
+        "group": row.group,
+        "agrees": row.agrees,
+        "distance_in_mcse": json_number(row.distance),
+        "distance_in_both_errors": json_number(row.distance_both),
+        "detail": row.detail,
+        "explanation": row.note,
+    }
+
+
+def _comparison(c: Comparison) -> dict[str, Any]:
+    read = _reader(c.result.sel(measure=list(MEASURES)), "fmax", "measure")
+    return {
+        "reference": c.reference,
+        "group": c.group,
+        "differences": c.differences,
+        "amplitudes": c.amplitudes,
+        "realizations": c.realizations,
+        "paired": c.paired,
+        "cells": [
+            {"fmax": float(fmax), **{key: read(f, k) for k, key in enumerate(MEASURES)}}
+            for f, fmax in enumerate(c.result["fmax"].values)
+        ],
+        "claims": [
+            {
+                "claim": v.claim.claim,
+                "where": v.claim.where,
+                "measure": v.expectation.measure,
+                "expected": "higher" if v.expectation.sign > 0 else "lower",
+                "fmax": v.fmax,
+                "value": json_number(v.value),
+                "mcse": json_number(v.mcse),
+                "verdict": v.verdict,
+            }
+            for v in c.verdicts
+        ],
+    }
+
+
+def _group(view: GroupView) -> dict[str, Any]:
+    g = view.group
+    fits = selection.outcomes(view.cube).sum(["amplitude", "fmax"]).compute()
+    return {
+        "design": {
+            "simulator": g.simulator,
+            "realizations": g.realizations,
+            "starts": g.starts,
+            "fmax": list(g.fmax),
+            "amplitude": list(g.amplitude),
+            "amplitude_unit": view.model.stimulus_unit,
+            "convention": g.stimulus.convention,
+            "model": g.model.kind,
+            "cost": g.fit.cost,
+            "solver": g.fit.solver,
+            "points": g.spectra.points,
+            "ramp": g.spectra.ramp,
+            "width": g.spectra.width,
+            "noise": view.noisy,
+        },
+        "differences": view.differences,
+        "truth_provenance": view.provenance,
+        "notes": notes(view),
+        "fits": {str(k): int(v) for k, v in zip(fits["outcome"].values, fits.values, strict=True)},
+        "cells": _cells(view),
+    }
+
+
+def _cells(view: GroupView) -> list[dict[str, Any]]:
+    cells = view.cells
+    account = selection.realizations(view.cube).compute()
+    needed = view.needed
+    quantile = starts_needed_quantiles(needed)
+    whole = {
+        "mean_absolute_bias_percent": accuracy.mean_absolute_bias_percent(cells),
+        "mean_spread_percent": accuracy.mean_spread_percent(cells),
+        "unstable": accuracy.unstable(cells),
+        "inside_bounds": fraction(selection.inside_bounds(cells), cells["cost"].notnull()),
+        "median_cost": quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True),
+        "median_j_nc": quantiles(neural.j_nc(cells, view.model), (0.5,)).isel(quantile=0, drop=True),
+        "starts_needed_median": quantile.sel(quantile=0.5, drop=True),
+        "starts_needed_90th": quantile.sel(quantile=0.9, drop=True),
+    }
+    if view.combined is not None:
+        whole["mean_absolute_bias_percent_combined"] = accuracy.mean_absolute_bias_percent(view.combined)
+        whole["mean_spread_percent_combined"] = accuracy.mean_spread_percent(view.combined)
+    axes = ("amplitude", "fmax")
+    readers = {name: _reader(result, *axes) for name, result in whole.items()}
+    hit_rate = needed["hit_rate"].mean("realization").transpose(*axes).values
+    parameters = _parameters(view)
+    out = []
+    for a, amplitude in enumerate(cells["amplitude"].values):
+        for f, fmax in enumerate(cells["fmax"].values):
+            counts = account.isel(amplitude=a, fmax=f)
+            out.append(
+                {
+                    "amplitude": float(amplitude),
+                    "fmax": float(fmax),
+                    "realizations": {str(k): int(v) for k, v in counts.data_vars.items()},
+                    "hit_rate": json_number(hit_rate[a, f]),
+                    **{name: read(a, f) for name, read in readers.items()},
+                    "parameters": [entry(a, f) for entry in parameters],
+                }
+            )
+    return out
+
+
+def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
+    """Function from positions along ``dims`` to ``value``, ``mcse`` and, where they exist, floor, bounds and flags.
+
+    It converts to arrays once instead of selecting each number with xarray, because a table has thousands of numbers.
+    """
+    names = ("value", "mcse", *(name for name in ("floor", "lower", "upper", *_FLAGS) if name in result))
+    sizes = result["value"].sizes
+    arrays = {}
+    for name in names:
+        values = result.variables[name].compute()
+        arrays[name] = values.set_dims({d: sizes[d] for d in dims}).transpose(*dims).values
+    return lambda *at: {name: bool(x[at]) if name in _FLAGS else json_number(x[at]) for name, x in arrays.items()}
+
+
+def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
+    """Per parameter (and combined stiffness), a function from a cell's position to its entry."""
+    single = _measures(view.cells)
+    bounds = accuracy.at_bound(view.cells)
+    for side in ("lower", "upper"):
+        single[f"at_{side}_bound"] = bounds.sel(side=side)
+    if view.bounds_on_sd is not None:
+        single["efficiency"] = efficiency(view.cells, view.bounds_on_sd)
+    units = dict(zip(view.model.names, view.model.units, strict=True))
+    entries = _entries(view.cells, list(view.model.names), units, single)
+    if view.combined is not None:
+        new = [str(n) for n in view.combined["parameter"].values if str(n) not in units]
+        sums = _measures(view.combined)
+        if view.combined_bounds_on_sd is not None:
+            sums["efficiency"] = efficiency(view.combined, view.combined_bounds_on_sd)
+        entries += _entries(view.combined, new, units, sums)
+    return entries
+
+
+def _entries(
+    cells: xr.Dataset, names: list[str], units: dict[str, str], measures: dict[str, xr.Dataset]
+) -> list[Callable[[int, int], dict[str, Any]]]:
+    every = [str(n) for n in cells["parameter"].values]
+    readers = {key: _reader(result, "amplitude", "fmax", "parameter") for key, result in measures.items()}
+    truth = cells["truth"].values
+
+    def entry(name: str) -> Callable[[int, int], dict[str, Any]]:
+        p = every.index(name)
+        fixed = {"name": name, "unit": units[name.split("+")[0]], "truth": json_number(truth[p])}
+        return lambda a, f: {**fixed, **{key: read(a, f, p) for key, read in readers.items()}}
+
+    return [entry(name) for name in names]
+
+
+_MEASURES: dict[str, Statistic] = {
+    "bias": accuracy.bias_of,
+    "absolute_bias_percent": accuracy.absolute_bias_of,
+    "sd": accuracy.sd_of,
+    "cv": accuracy.cv_of,
+    "rmse": accuracy.rmse_of,
+}
+
+
+def _measures(cells: xr.Dataset) -> dict[str, xr.Dataset]:
+    """All measures of every parameter, from one jackknife."""
+    names = xr.DataArray(list(_MEASURES), dims="measure", name="measure")
+    every = accuracy.statistic_of(cells, lambda m: xr.concat([f(m) for f in _MEASURES.values()], dim=names))
+    out = {name: every.sel(measure=name) for name in _MEASURES}
+    out["absolute_bias_percent"] = out["absolute_bias_percent"].assign(floor=accuracy.floor_percent(cells))
+    return out

@@ -1,0 +1,50 @@
+"""``mcstudy show``: the tables of a results cube and the comparison with the paper."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from mcstudy.analysis.results import open_results
+from mcstudy.analysis.show.summary import SCHEMA, show_data
+from mcstudy.analysis.show.text import render
+from mcstudy.analysis.view import StudyView
+from mcstudy.files.schema import validate
+
+
+@dataclass(frozen=True)
+class Report:
+    """The tables of a cube; ``data`` conforms to ``results_schema/<version>/show.json``."""
+
+    data: dict[str, Any]
+
+    def text(self) -> str:
+        """Tables for a terminal."""
+        return render(self.data)
+
+    def json(self) -> str:
+        """The same as JSON, validated."""
+        return json.dumps(self.data, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def show(path: str | Path, reference: str | Path | None = None) -> Report:
+    """Tables of the cube at ``path``, which may be incomplete (missing fits are counted as left out).
+
+    ``reference``: another cube; if given, groups are compared with its groups of the same name.
+    Raises `StoreError` when one is not a cube of this version, `InputError` when none of their groups can be compared.
+    """
+    tree = open_results(path, lazy=None)
+    if reference is None:
+        return report_of(tree)
+    return report_of(tree, open_results(reference, lazy=None), str(reference))
+
+
+def report_of(tree: xr.DataTree, reference: xr.DataTree | None = None, name: str = "the reference") -> Report:
+    """Tables of an open cube; ``reference``: another cube to compare with, called ``name``."""
+    data = show_data(StudyView(tree), None if reference is None else StudyView(reference), name)
+    validate(SCHEMA, data, "show")
+    return Report(data)

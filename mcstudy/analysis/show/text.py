@@ -1,0 +1,202 @@
+"""The tables of ``show`` as text for a terminal."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+from mcstudy.analysis.compare import MEASURES
+from mcstudy.text_tables import number, table, with_error
+
+WIDTH = 118
+_HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}
+_MARK = {True: "yes", False: "NO", None: "-"}
+
+
+def render(data: dict[str, Any]) -> str:
+    """All tables of a `mcstudy.analysis.show.summary.show_data`."""
+    study = data["study"]
+    parts = [f"Study {study['title']} (seed {study['seed']}, fingerprint {str(study['fingerprint'])[:12]})"]
+    if left := incomplete(data):
+        parts.append(textwrap.fill(left, WIDTH))
+    for provenance in dict.fromkeys(g["truth_provenance"] for g in data["groups"].values()):
+        parts.append(textwrap.fill(f"True values: {provenance}.", WIDTH))
+    if data["paper"]["rows"]:
+        parts.append(_paper(data["paper"]))
+    parts += [_comparisons(with_it) for with_it in _by_reference(data["comparisons"])]
+    parts += [f"Group {name} is not compared: {reason}" for name, reason in data["not_compared"].items()]
+    parts += [_group(name, group) for name, group in data["groups"].items()]
+    return "\n\n".join(parts)
+
+
+def incomplete(data: dict[str, Any]) -> str:
+    """Sentence with the number of pending fits of each group; empty when there are none."""
+    fits = {name: group["fits"] for name, group in data["groups"].items()}
+    left = [f"{f['pending']} of {sum(f.values())} fits of group {name}" for name, f in fits.items() if f.get("pending")]
+    if not left:
+        return ""
+    return f"Not complete: {', '.join(left)} are pending; all numbers are from the fits that have been run."
+
+
+def _paper(paper: dict[str, Any]) -> str:
+    body, notes = [], []
+    for row in paper["rows"]:
+        mark = _MARK[row["agrees"]]
+        if row["explanation"]:
+            if row["explanation"] not in notes:
+                notes.append(row["explanation"])
+            mark += f" [{notes.index(row['explanation']) + 1}]"
+        ours = with_error(row["value"], row["mcse"]) + (f" {row['unit']}" if row["unit"] not in ("1", "starts") else "")
+        body.append([row["label"], row["paper_text"], ours, number(row["floor"], 2), mark])
+    lines = [
+        f"Comparison with the paper ({paper['reference']})",
+        "± is one Monte Carlo standard error (MCSE)",
+        "",
+        table(["", "paper", "ours ± MCSE", "floor", "within 3 MCSE"], body),
+        "",
+        "floor: mean |bias| expected from chance alone, for unbiased estimates from this many realizations.",
+        "Rows without noise: 'yes' means no larger than the paper's value.",
+        "A row with paper '> 0' is a ranking: ours is the margin by which it holds (negative: it does not hold).",
+        "For a ranking, 'yes' means that ours does not contradict it.",
+        "'-': the paper gives no number, or ours has no standard error.",
+    ]
+    for row in paper["rows"]:
+        if row["detail"]:
+            lines.append(f"{row['label']}; ours: {row['detail']}")
+    for i, note in enumerate(notes, 1):
+        lines.append(textwrap.fill(f"[{i}] {note}", WIDTH, subsequent_indent="    "))
+    return "\n".join(lines)
+
+
+def _by_reference(comparisons: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    names = dict.fromkeys(c["reference"] for c in comparisons)
+    return [[c for c in comparisons if c["reference"] == name] for name in names]
+
+
+def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
+    reference = all_of_them[0]["reference"]
+    header = (
+        f"Compared with group {reference}: the other group minus {reference}, {_HOW[all_of_them[0]['paired']]}, mean "
+        "over amplitudes, ± one MCSE of the difference. "
+        + "; ".join(f"{m.head}: {m.meaning}" for m in MEASURES.values())
+        + "."
+    )
+    rows: list[list[str]] = []
+    claims: list[str] = []
+    for c in all_of_them:
+        for i, cell in enumerate(c["cells"]):
+            differences = [with_error(cell[k]["value"], cell[k]["mcse"]) for k in MEASURES]
+            rows.append([c["group"] if i == 0 else "", f"{cell['fmax']:g} Hz", *differences])
+        if c["claims"]:
+            claims.append(_claims(c))
+    lines = [textwrap.fill(header, WIDTH), "", table(["", "Fmax", *(m.head for m in MEASURES.values())], rows), ""]
+    for c in all_of_them:
+        what = f"{c['group']}: {'; '.join(c['differences']) or 'same setting'}; {c['realizations']} realizations"
+        lines.append(textwrap.fill(what, WIDTH, subsequent_indent="    "))
+    return "\n".join([*lines, *claims])
+
+
+def _claims(comparison: dict[str, Any]) -> str:
+    """The paper's claims about one group, each statement with its verdict."""
+    out, said = [], ""
+    for v in comparison["claims"]:
+        if v["claim"] != said:
+            said = v["claim"]
+            out.append("\n" + textwrap.fill(f"The paper on {comparison['group']}: {said} ({v['where']})", WIDTH))
+        head, difference = MEASURES[v["measure"]].head, with_error(v["value"], v["mcse"])
+        out.append(f"    {head} {v['expected']} at {v['fmax']:g} Hz: {v['verdict']} ({difference})")
+    return "\n".join(out)
+
+
+def _group(name: str, group: dict[str, Any]) -> str:
+    d = group["design"]
+    what = "realizations" if d["noise"] else "pools"
+    fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in group["fits"].items() if n)
+    head = (
+        f"Group {name}: {d['realizations']} {what} x {d['starts']} starts; model {d['model']}, cost {d['cost']}, "
+        f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
+    )
+    if group["differences"]:
+        differences = f"Differs from the paper's setting in: {'; '.join(group['differences'])}"
+        head += "\n" + textwrap.fill(differences, WIDTH, subsequent_indent="    ")
+    for note in group["notes"]:
+        head += "\n" + textwrap.fill(note, WIDTH, subsequent_indent="    ")
+    parts = [head, _overview(d, group["cells"])]
+    if d["simulator"] != "none":  # without noise and averaging every bias is rounding
+        parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]
+    return "\n\n".join(parts)
+
+
+def _count(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}"
+
+
+def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
+    def stat(s: dict[str, Any], factor: float = 1.0) -> str:
+        return with_error(*(None if s[k] is None else factor * s[k] for k in ("value", "mcse")))
+
+    rows = []
+    for cell in cells:
+        r = cell["realizations"]
+        bias = cell["mean_absolute_bias_percent"]
+        rows.append(
+            [
+                f"{cell['amplitude']:g} {design['amplitude_unit']}, {cell['fmax']:g} Hz",
+                f"{r['used']}/{sum(r.values())}",
+                stat(bias),
+                number(bias["floor"], 2),
+                stat(cell["mean_spread_percent"]),
+                stat(cell["unstable"], 100.0),
+                stat(cell["inside_bounds"], 100.0),
+                number(cell["median_cost"]["value"]),
+                number(cell["median_j_nc"]["value"]),
+                number(cell["hit_rate"], 2),
+                "/".join(_count(cell[f"starts_needed_{q}"]["value"]) for q in ("median", "90th")),
+            ]
+        )
+    header = ["", "used", "|bias| %", "floor", "SD %", "unstable %", "no bound %", "cost", "J_NC", "success", "starts"]
+    return table(header, rows) + (
+        "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, no bound: % of best "
+        "fits that\nare unstable, that touch no bound. cost, J_NC: medians. success: fraction of starts that reach "
+        "the lowest cost.\nstarts: number needed for 95 % certainty, median/90th percentile over realizations."
+    )
+
+
+def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
+    here = [c for c in cells if c["fmax"] == fmax]
+    efficient = any(_efficiency(p) != "-" for c in here for p in c["parameters"])
+    header = [f"{fmax:g} Hz", "truth"]
+    for c in here:
+        a = f"{c['amplitude']:g} {design['amplitude_unit']}"
+        header += [f"bias % ({a})", "CV", "on bound %"] + ["efficiency"] * efficient
+    rows = []
+    for i, first in enumerate(here[0]["parameters"]):
+        line = [first["name"], f"{number(first['truth'])} {first['unit']}"]
+        for c in here:
+            p = c["parameters"][i]
+            scale = 100 / abs(p["truth"]) if p["truth"] else None
+            bias = [None if scale is None or p["bias"][k] is None else scale * p["bias"][k] for k in ("value", "mcse")]
+            bounds = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
+            on = number(100 * sum(bounds), 2) if bounds and None not in bounds else "-"
+            line += [with_error(*bias), with_error(p["cv"]["value"], p["cv"]["mcse"]), on]
+            line += [_efficiency(p)] * efficient
+        rows.append(line)
+    without = efficient and any(_efficiency(p) == "-" for c in here for p in c["parameters"])
+    fixed = any(_efficiency(p) == "fixed" for c in here for p in c["parameters"])
+    fixed = any(_efficiency(p) == "fixed" for c in here for p in c["parameters"])
+    return table(header, rows) + (_NO_BOUND if without else "") + (_FIXED if fixed else "") + (_FIXED if fixed else "")
+
+
+_NO_BOUND = (
+    "\nefficiency '-': the Cramér-Rao bound does not apply (more than one fit in ten is on some bound) or is not known."
+)
+_FIXED = "\nefficiency 'fixed': the bounds determine the parameter; within them, the data do not."
+_FIXED = "\nefficiency 'fixed': the bounds determine the parameter; within them, the data do not."
+
+
+def _efficiency(parameter: dict[str, Any]) -> str:
+    """Efficiency with error; ``fixed``: the bounds determine the parameter, so it has none; ``-``: see `_NO_BOUND`."""
+    found = parameter.get("efficiency")
+    if found is None:
+        return "-"
+    return "fixed" if found["held"] else with_error(found["value"], found["mcse"])  # no value where it does not apply

@@ -1,0 +1,61 @@
+"""Recordings: their diagnosis, from paths or in memory. It needs nothing of studies, nor of what runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from mcstudy.errors import InputError
+from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
+from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.io import read_recording
+from mcstudy.recordings.recording import Recording
+from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
+from mcstudy.stance.feedback import Model
+
+AnyRecording = Recording | FrfRecording | str | Path
+
+
+def diagnose(
+    recording: AnyRecording | Sequence[AnyRecording],
+    *,
+    fast: bool = False,
+    bootstrap: int | None = None,
+    seed: int = 0,
+    model: Model | None = None,
+    fmax: float = 8.0,
+    discard: int = 1,
+    accept: Iterable[str] = (),
+) -> DiagnosisWithFigures:
+    """Where the model fails on a recording, which effect is missing, and how far adding it closes the gap.
+
+    Parameters
+    ----------
+    recording: what `read_recording` or `simulate` returned, a path, or several of one person, which are pooled.
+    fast: asymptotic null distributions instead of a bootstrap that refits the model.
+    bootstrap: null samples of the bootstrap (1000 when None). seed: random seed.
+    model: base model; the two-segment model of the recording's body when None.
+    fmax: highest frequency, Hz. discard: transient cycles left out of every trial.
+    accept: codes of warnings about mislabelled channels that are to be accepted.
+
+    Returns a diagnosis with ``verdict()``, ``plot``, ``to_html(path)`` and ``to_dict()``. Raises `RecordingError` for
+    recordings that cannot be analysed or whose channels are not what they are labelled.
+    """
+    if fast and bootstrap is not None:
+        raise InputError("bootstrap: expected without fast, which does not use it")
+    given = [recording] if isinstance(recording, AnyRecording) else list(recording)
+    read = [read_recording(r) if isinstance(r, str | Path) else r for r in given]
+    if fast:
+        found = diagnose_fast(read, seed=seed, model=model, fmax=fmax, discard=discard, accept=accept)
+    else:
+        found = diagnose_with_bootstrap(
+            read,
+            bootstrap=BOOTSTRAP if bootstrap is None else bootstrap,
+            seed=seed,
+            model=model,
+            fmax=fmax,
+            discard=discard,
+            accept=accept,
+        )
+    return DiagnosisWithFigures.of(found)

@@ -1,0 +1,100 @@
+"""A score as text: proper scores first, then targets, false alarms, power, and confusions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from mcstudy.challenge.rates import Estimate
+from mcstudy.text_tables import table
+
+LONGEST_TEXT = 300
+"""Largest number of characters shown of a name or an error."""
+
+Rows = list[tuple[str, ...]]
+
+
+def score_text(score: Mapping[str, Any]) -> str:
+    """The whole score."""
+    lines = [
+        f"challenge {_plain(score['challenge'])}: {score['cases']} cases answered by {_plain(score['method'])}, "
+        f"{score['seconds_per_case']:g} s per case, {len(score['errors'])} without an answer"
+    ]
+    for part in (_proper, _targets, _false_alarms, _figures, _power, _by_cause):
+        header, *rows = part(score)
+        lines += ["", table(header, rows, of_text=True)]
+    lines += ["", "number of cases by most probable hypothesis, for each true cause"]
+    for row, counts in score["confusion"].items():
+        lines.append(f"  {_plain(row)}: " + ", ".join(f"{n} {_plain(k)}" for k, n in counts.items()))
+    lines += [f"no answer to {e['name']}: {_plain(e['error'])}" for e in score["errors"][:20]]
+    return "\n".join(lines)
+
+
+def _plain(text: str) -> str:
+    """Untrusted text in one line, without control characters."""
+    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split()))
+    return line if len(line) <= LONGEST_TEXT else f"{line[: LONGEST_TEXT - 3]}..."
+
+
+def _proper(score: Mapping[str, Any]) -> Rows:
+    rows: Rows = [("proper score (lower is better)", "value [95 %]", "oracle bound", "cases")]
+    for name, label in (("log_loss", "log loss"), ("brier", "Brier")):
+        for kind, f in score["proper"][name].items():
+            rows.append((f"{label}, {kind}", _value(f, False), _ceiling(f, False), str(f["n"])))
+    return rows
+
+
+def _targets(score: Mapping[str, Any]) -> Rows:
+    return [("target", "goal", "value [95 %]", "oracle bound", "cases", ""), *map(_target, score["targets"])]
+
+
+def _false_alarms(score: Mapping[str, Any]) -> Rows:
+    return [("false alarms in", "goal", "value [95 %]", "nominal", "cases", ""), *map(_target, score["false_alarms"])]
+
+
+def _target(t: Mapping[str, Any]) -> tuple[str, ...]:
+    word = t["verdict"] if t["verdict"] == "no cases" or t["certain"] else f"{t['verdict']}, within its error"
+    return t["name"], t["goal"], _value(t, t["percent"]), _ceiling(t, t["percent"]), str(t["n"]), word
+
+
+def _figures(score: Mapping[str, Any]) -> Rows:
+    rows: Rows = [("figure", "value [95 %]", "oracle bound", "cases")]
+    for name, f in score["figures"].items():
+        percent = not name.startswith("size of")
+        rows.append((name, _value(f, percent), _ceiling(f, percent), str(f["n"])))
+    return rows
+
+
+def _power(score: Mapping[str, Any]) -> Rows:
+    rows: Rows = [
+        ("delta", "cases", "detected", "oracle bound", "true most probable", "oracle bound", "P(true)", "oracle bound")
+    ]
+    for b in score["power"]:
+        high = "∞" if b["high"] is None else f"{b['high']:g}"
+        rows.append((f"{b['low']:g} … {high}", str(b["detected"]["n"]), *_pairs(b, "detected", "top", "probability")))
+    return rows
+
+
+def _pairs(row: Mapping[str, Any], *names: str) -> Iterator[str]:
+    for name in names:
+        yield from (_value(row[name]), _ceiling(row[name]))
+
+
+def _by_cause(score: Mapping[str, Any]) -> Rows:
+    rows: Rows = [("cause (delta ≥ 5)", "cases", "detected", "true most probable", "oracle bound", "confidently wrong")]
+    for c in score["by_cause"]:
+        detected, wrong = _value(c["detected"]), _value(c["confident_wrong"])
+        rows.append((_plain(c["cause"]), str(c["top"]["n"]), detected, *_pairs(c, "top"), wrong))
+    return rows
+
+
+def _value(f: Mapping[str, Any], percent: bool = True) -> str:
+    value, low, high = (math.nan if f[k] is None else float(f[k]) for k in ("value", "low", "high"))
+    return Estimate(value, low, high, int(f["n"])).text(percent)
+
+
+def _ceiling(f: Mapping[str, Any], percent: bool = True) -> str:
+    if f["ceiling"] is None:
+        return ""
+    return f"{100 * f['ceiling']:.1f} %" if percent else f"{f['ceiling']:.2f}"

@@ -1,0 +1,249 @@
+"""Simulate one case: the recording and its entry in the key."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mcstudy.challenge.cases import Case, draw_body, draw_linear, pool, protocol_of, shared
+from mcstudy.challenge.design import NOTHING_MISSING, ChallengeFile, Series
+from mcstudy.challenge.geometry import SIMILAR, Column, Geometry, Probe, best_fit, free
+from mcstudy.challenge.oracle import Ceiling, Classifier, size_grid
+from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY
+from mcstudy.challenge.withheld import Drawn, draw_nonlinear, draw_out_of_library
+from mcstudy.effect_library import library
+from mcstudy.effect_library.simulate import simulate_recording
+from mcstudy.errors import DesignError, InputError
+from mcstudy.gap.candidates.signatures import alike_groups, similarity
+from mcstudy.recordings.recording import Recording
+from mcstudy.stance.body import two_segment
+from mcstudy.streams import stream
+
+REDRAWS = 40
+"""Number of effects drawn for one case before the challenge is refused as impossible."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The space of one body with the signatures of all detectable effects."""
+
+    geometry: Geometry
+    columns: list[Column]
+    names: list[str]
+    cosine: np.ndarray
+    groups: list[list[str]]
+
+    @classmethod
+    def of(cls, geometry: Geometry, probes: Sequence[Probe], extra: Sequence[Column] = ()) -> Surroundings:
+        """Signatures of the probes on this body, and more."""
+        columns = [*geometry.columns(probes), *extra]
+        names, cosine = similarity([c.effect for c in columns], np.array([c.unit for c in columns]))
+        return cls(geometry, columns, names, cosine, [list(g) for g in alike_groups(names, cosine)])
+
+    def group(self, effect: str) -> list[str]:
+        """The ambiguity group of an effect, itself included."""
+        return next((g for g in self.groups if effect in g), [effect])
+
+    def similar_to(self, effect: str) -> list[str]:
+        """Effects with |cosine| above `SIMILAR`, itself included."""
+        if effect not in self.names:
+            return [effect]
+        near = self.cosine[self.names.index(effect)] > SIMILAR
+        return [n for n, close in zip(self.names, near, strict=True) if close or n == effect]
+
+
+def make_case(file: ChallengeFile, case: Case) -> tuple[Recording, dict[str, Any]]:
+    """The recording of a case and its entry in the key.
+
+    Raises `DesignError` when no body of the series is stable with any effect drawn.
+    """
+    series = file.series[case.series]
+    coordinates = (file.challenge.seed, f"challenge {case.series}", case.number)
+    rng = stream(*coordinates)
+    entry: dict[str, Any] = {"name": case.name, "series": case.series, "kind": case.kind}
+    if case.kind in NOTHING_MISSING:
+        recording, more = _nothing(series, rng, case.kind == "shifted")
+    elif case.kind == "outsider":
+        recording, more = _out_of_library(series, rng)
+    else:
+        recording, more = _known(series, rng, 2 if case.kind == "pair" else 1)
+    # The recording must not reveal how it was simulated.
+    plain = Recording(
+        recording.trials,
+        recording.rate_hz,
+        recording.period_s,
+        recording.stimulus,
+        recording.body,
+        recording.convention,
+        case.name,
+        f"challenge {file.challenge.name}",
+    )
+    return plain, entry | more
+
+
+def _entry(theta: np.ndarray, delta: float, effects: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
+    names = two_segment().names
+    return {
+        "parameters": dict(zip(names, (float(v) for v in theta), strict=True)),
+        "delta": float(delta),
+        "effects": effects,
+        **more,
+    }
+
+
+def _nothing(series: Series, rng: np.random.Generator, shifted: bool) -> tuple[Recording, dict[str, Any]]:
+    theta = draw_body(series, rng, shifted)
+    if series.mix.none + series.mix.shifted == 1.0:  # no case has a cause
+        return simulate_recording(protocol_of(series), theta, rng), _entry(theta, 0.0, [])
+    setting, probes = shared(series)
+    around = Surroundings.of(Geometry(free(two_segment()), theta, setting, series.noise.sensor), probes)
+    ideal = _classifier(series, around).ceiling(rng, None, 0.0).rounded() if around.columns else {}
+    recording = simulate_recording(protocol_of(series), theta, rng)
+    return recording, _entry(theta, 0.0, [], ceiling=ideal)
+
+
+def _known(series: Series, rng: np.random.Generator, number: int) -> tuple[Recording, dict[str, Any]]:
+    drawable = pool(series)
+    for _ in range(REDRAWS):
+        names = sorted(rng.choice(drawable, number, replace=False).tolist())
+        if len({library.effect(n).cause for n in names}) < number:
+            continue
+        if all(library.effect(n).kind == "linear" for n in names):
+            done = _linear(series, rng, names)
+        else:
+            done = _ruled(series, rng, names[0]) if number == 1 else None
+        if done is not None:
+            return done
+    raise DesignError(f"sizes: in {REDRAWS} draws, no effect of the required size was found with a stable body")
+
+
+def _linear(series: Series, rng: np.random.Generator, names: list[str]) -> tuple[Recording, dict[str, Any]] | None:
+    truth = draw_linear(series, rng, names)
+    if truth is None:
+        return None
+    setting, probes = shared(series)
+    geometry = Geometry(free(two_segment()), truth.theta, setting, series.noise.sensor)
+    y = geometry.response(names, truth.sizes, 0.0)
+    if y is None:
+        raise DesignError(f"effects {', '.join(names)}: unstable after they were drawn")
+    own, described = [], []
+    for name in names:
+        sizes = {s.name: truth.sizes[s.name] for s in library.effect(name).sizes}
+        alone = geometry.response([name], sizes, 0.0)
+        if alone is None:
+            return None
+        x = geometry.unexplained(alone)
+        own.append(Column(Probe(name, sizes), x / np.linalg.norm(x), float(np.linalg.norm(x))))
+        described.append({"effect": name, "sizes": sizes, "delta": own[-1].delta})
+    around = Surroundings.of(geometry, probes, own)
+    if len(names) == 2 and names[1] in around.group(names[0]):
+        return None
+    delta = float(np.linalg.norm(geometry.unexplained(y)))
+    more = _explained(geometry, probes, y) | _similarity(around, described)
+    if len(names) == 1:
+        column = len(around.columns) - 1
+        similar = [i for i, g in enumerate(around.groups) if set(g) & set(around.similar_to(names[0]))]
+        more["ceiling"] = _classifier(series, around).ceiling(rng, column, delta, similar).rounded()
+    else:
+        more["closable"]["+".join(names)] = 1.0
+        more["ceiling"] = {"known_direction": Ceiling.power(delta)}
+    recording = simulate_recording(protocol_of(series), truth.theta, rng, effects=names, sizes=truth.sizes)
+    return recording, _entry(truth.theta, delta, described, **more)
+
+
+def _ruled(series: Series, rng: np.random.Generator, name: str) -> tuple[Recording, dict[str, Any]] | None:
+    drawn = draw_nonlinear(series, rng, name)
+    if drawn is None:
+        return None
+    done = _simulated(series, rng, drawn)
+    if done is None:
+        return None
+    recording, more = done
+    described = [{"effect": name, "sizes": drawn.sizes, "delta": drawn.measured.delta, "group": [name], "kin": [name]}]
+    more["closable"][name] = 1.0
+    return recording, _entry(drawn.theta, drawn.measured.delta, described, **more)
+
+
+def _out_of_library(series: Series, rng: np.random.Generator) -> tuple[Recording, dict[str, Any]]:
+    names = series.sizes.outsiders or tuple(OUT_OF_LIBRARY)
+    for _ in range(REDRAWS):
+        name = str(rng.choice(names))
+        drawn = draw_out_of_library(series, rng, name)
+        done = None if drawn is None else _simulated(series, rng, drawn)
+        if drawn is not None and done is not None:
+            recording, more = done
+            outside = {"name": name, "size": drawn.measured.size, "unit": OUT_OF_LIBRARY[name].unit}
+            return recording, _entry(drawn.theta, drawn.measured.delta, [], outsider=outside, **more)
+    raise DesignError(f"sizes.outsiders: in {REDRAWS} draws, none of the required size was found with a stable body")
+
+
+def _simulated(series: Series, rng: np.random.Generator, drawn: Drawn) -> tuple[Recording, dict[str, Any]] | None:
+    """None when the body is stable without noise but falls with noise."""
+    try:
+        recording = drawn.simulate(protocol_of(series), rng)
+    except InputError:
+        return None
+    probes = shared(series)[1]
+    m = drawn.measured
+    more = _explained(drawn.geometry, probes, m.response)
+    ceiling = {
+        "known_direction": Ceiling.power(m.delta),
+        "detected": Ceiling.omnibus(m.delta, drawn.geometry.smooth_dof),
+    }
+    if "smooth_residual" in more:
+        ceiling["flagged"] = Ceiling.omnibus(more["smooth_residual"], drawn.geometry.smooth_dof)
+    more |= {"ceiling": {k: round(v, 4) for k, v in ceiling.items()}, "total_delta": round(m.total, 4)}
+    return recording, more
+
+
+LEAST_GAP = 1.0
+"""Delta of the mean response below which shares of the gap have no meaning (for example for a drift)."""
+
+
+def _explained(geometry: Geometry, probes: Sequence[Probe], y: np.ndarray) -> dict[str, Any]:
+    """Share of the gap in noise-free mean FRFs that each effect of the library closes, the best one, and the rest."""
+    closable: dict[str, float] = {}
+    left: dict[str, np.ndarray] = {}
+    f, C, theta = geometry.setting.f, geometry.C, geometry.theta
+    gap = float(np.linalg.norm(geometry.unexplained(y)))
+    if gap < LEAST_GAP or not probes:  # a series may draw from nonlinear effects alone
+        return {"closable": {}}
+    for name in dict.fromkeys(p.effect for p in probes):
+        model = library.apply(geometry.base, name)
+        own = library.effect(name).sizes
+        starts = [[s.parameter.value for s in own]]
+        starts += [[p.sizes[s.name] for s in own] for p in probes if p.effect == name]
+        noncentrality, fitted = best_fit(model, np.array([[*theta, *s] for s in starts]), f, y, C)
+        left[name] = geometry.whiten(y - fitted)
+        closable[name] = round(float(np.clip(1 - noncentrality / gap**2, 0.0, 1.0)), 5)
+    nearest = max(closable, key=lambda n: closable[n])
+    return {
+        "closable": closable,
+        "nearest": nearest,
+        "residual_delta": round(float(np.linalg.norm(left[nearest])), 4),
+        "smooth_residual": round(geometry.smooth_delta(left[nearest]), 4),
+    }
+
+
+def _similarity(around: Surroundings, described: list[dict[str, Any]]) -> dict[str, Any]:
+    for d in described:
+        d["group"], d["kin"] = around.group(d["effect"]), around.similar_to(d["effect"])
+    return {"groups": [g for g in around.groups if len(g) > 1]}
+
+
+def _classifier(series: Series, around: Surroundings) -> Classifier:
+    """The ideal classifier of this body, with the shares of the challenge as prior."""
+    S = np.column_stack([c.unit for c in around.columns])
+    owner = np.array([next(i for i, g in enumerate(around.groups) if c.effect in g) for c in around.columns])
+    each = np.array([sum(c.effect == other.effect for other in around.columns) for c in around.columns])
+    # Every effect is drawn equally often, so the weight of a group is its number of effects.
+    weight = 1.0 / each
+    total = np.array([weight[owner == g].sum() for g in range(len(around.groups))])
+    nothing = series.mix.none + series.mix.shifted
+    known = series.mix.known or 1.0
+    prior = np.concatenate([[nothing or 1.0], known * total / total.sum()])
+    delta, share = size_grid(series.sizes.strata)
+    return Classifier(S.T @ S, owner, prior / prior.sum(), weight / total[owner], delta, share)

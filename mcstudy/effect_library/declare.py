@@ -1,0 +1,181 @@
+"""Declaration of an effect: its sizes, where it acts, and how it changes a model.
+
+The library itself is in `mcstudy.effect_library.library`. All differences between effects are fields of their
+declarations; no other code refers to an effect by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from mcstudy.errors import InputError
+from mcstudy.stance.feedback import Model, Parameter
+from mcstudy.stance.ranges import Range
+
+Location = Literal["ankle", "hip", "stimulus", "sensor", "body"]
+LOCATIONS: tuple[Location, ...] = ("ankle", "hip", "stimulus", "sensor", "body")
+EffectKind = Literal["linear", "nonlinear", "nonstationary"]
+ContrastKind = Literal["amplitude", "time"]
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """The value of a size that results from a known mistake, and what to check then.
+
+    Attributes: value: of the size. advice: a sentence for the user.
+    """
+
+    value: float
+    advice: str
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """One parameter of an effect.
+
+    Attributes
+    ----------
+    name, unit, meaning: as in `Parameter`.
+    null: the value at which the effect vanishes; None for a shape parameter (a resonance frequency).
+    lower, upper: bounds of the fit, which include ``null``.
+    published: (low, high) magnitude reported for people; for a shape parameter, its reported range.
+    signed: whether both signs occur in people. If not, the bounds still extend below the null, so that an estimate
+        near the null is not truncated, unless a negative value has no meaning.
+    mistakes: values that result from known mistakes; each has its own prior probability and start value.
+    """
+
+    name: str
+    unit: str
+    null: float | None
+    lower: float
+    upper: float
+    published: tuple[float, float]
+    meaning: str = ""
+    signed: bool = False
+    mistakes: tuple[Mistake, ...] = ()
+
+    @property
+    def is_shape(self) -> bool:
+        """Whether this is a shape parameter, which shapes the effect but is not its size."""
+        return self.null is None
+
+    @property
+    def prior(self) -> tuple[float, float]:
+        """(mean, standard deviation) of a normal prior, truncated at the bounds.
+
+        A size is centred on its null with the larger published magnitude as scale, so that small sizes are never
+        excluded; a shape parameter is centred on its published range with half the range as scale.
+        """
+        low, high = self.published
+        return ((low + high) / 2, (high - low) / 2) if self.null is None else (self.null, high)
+
+    @property
+    def parameter(self) -> Parameter:
+        """As a model parameter; its nominal value is the null (for a shape parameter, the middle of its range)."""
+        value = sum(self.published) / 2 if self.null is None else self.null
+        return Parameter(self.name, self.unit, value, self.lower, self.upper, self.meaning)
+
+    def believable(self, value: float, where: str) -> float:
+        """The value; raises `InputError`, one line that starts with ``where``, for an impossible value.
+
+        A size is 0, or within six orders below and two above the largest of its bounds.
+        """
+        largest = max(abs(self.lower), abs(self.upper), *self.published)
+        allowed = Range(1e-6 * largest, 1e2 * largest, self.unit, or_zero=True, signed=True)
+        allowed.require(value, where)
+        return value
+
+    def draw(self, rng: np.random.Generator, scale: float = 1.0) -> float:
+        """Random value from the published range, times ``scale`` unless a shape parameter; either sign if signed."""
+        value = float(rng.uniform(*self.published))
+        if self.null is None:
+            return value
+        sign = rng.choice((-1.0, 1.0)) if self.signed else 1.0
+        return float(np.clip(self.null + sign * scale * value, self.lower, self.upper))
+
+
+@dataclass(frozen=True)
+class TrialSetting:
+    """What the time-domain rule of an effect may depend on.
+
+    Attributes
+    ----------
+    model: the model simulated. amplitude, reference: peak of this trial's stimulus, and of the recording as a whole.
+    samples, rate_hz: length of the record and its rate. rng: randomness of this trial.
+    """
+
+    model: Model
+    amplitude: float
+    reference: float
+    samples: int
+    rate_hz: float
+    rng: np.random.Generator
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One declaration of the library.
+
+    Attributes
+    ----------
+    name, equation: as displayed; the equation uses the notation of the model's table.
+    place: one or more locations where it acts.
+    sizes: its parameters, the size itself first.
+    build: adds the effect, or the linear trace of a nonlinear one, to a model that already has the parameters of
+        ``sizes``.
+    order: effects are applied in ascending order: 0 terms, 1 copies of terms, 2 filters and delays on terms.
+    source: origin of the published size.
+    kind: "linear", "nonlinear" (depends on amplitude) or "nonstationary" (depends on time or is noise).
+    contrast: comparison that reveals a nonlinear or nonstationary effect: between amplitudes, or between the first and
+        the last cycles. None for a linear effect, and for one that changes the noise and not the responses.
+    gain_sign: sign of the change of the active gains, from the lower to the higher amplitude or from the first to the
+        last cycles, for a positive size. Needed with ``contrast``.
+    size_from_gain: the size from the relative change of the active gains and the two amplitudes compared (0 and 1 for
+        first and last cycles); None where it does not follow.
+    rule: function of the sizes and the trial that returns the fields of `Rules` for simulation; None for a linear
+        effect.
+    family: effects of one family are variants of one cause.
+    """
+
+    name: str
+    equation: str
+    place: tuple[Location, ...]
+    sizes: tuple[Size, ...]
+    build: Callable[[Model], Model]
+    source: str
+    order: int = 0
+    kind: EffectKind = "linear"
+    contrast: ContrastKind | None = None
+    gain_sign: Literal[-1, 1] | None = None
+    size_from_gain: Callable[[float, tuple[float, float]], float | None] | None = None
+    rule: Callable[[Mapping[str, float], TrialSetting], dict[str, Any]] | None = None
+    family: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.sizes or self.size.is_shape:
+            raise InputError(f"effect {self.name!r}: sizes: expected the size itself, with a null value, first")
+        if (self.kind == "linear") != (self.rule is None):
+            raise InputError(f"effect {self.name!r}: rule: expected one exactly for an effect that is not linear")
+        if self.contrast is not None and (self.kind == "linear" or self.gain_sign is None):
+            raise InputError(
+                f"effect {self.name!r}: contrast: expected an effect that is not linear, with gain_sign of 1 or -1"
+            )
+
+    @property
+    def size(self) -> Size:
+        """The size itself; the effect vanishes when it equals its null."""
+        return self.sizes[0]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters it adds to a model."""
+        return tuple(s.name for s in self.sizes)
+
+    @property
+    def cause(self) -> str:
+        """Name of the family it belongs to, its own when it has none."""
+        return self.family or self.name

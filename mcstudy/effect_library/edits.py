@@ -1,0 +1,221 @@
+"""Operations by which an effect changes a model: new terms, a filter or delay on existing terms, an output filter.
+
+Every function returns a new `Model` and changes only its table, so the closed form, the compiled kernel and the
+time-domain simulator all use the change. The functions read what they need (the delay of a loop, the inertia of the
+body) from the model instead of naming its parameters, so they work on any model with rows "hip" and "ankle".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mcstudy.errors import ModelError
+from mcstudy.stance.body import Body
+from mcstudy.stance.feedback import Filter, Model, Monomial, Term
+
+GRAVITY = 9.81
+"""m/s^2; gravity enters a model only as a product with A1 and A2 of the body."""
+
+TRUNK_GYRATION = (0.496 / 0.626) ** 2
+"""I2 / (m2 h2^2) of head, arms and trunk, about their centre of mass (anthropometry of Winter 2009, Table 4.1)."""
+
+OWN = "own delay of the row"
+"""Placeholder for the delay of the active feedback in the row of a new term; `add_terms` replaces it."""
+
+ONE = Monomial(1.0, 0)
+
+
+def low_pass(name: str, time_constant: str) -> Filter:
+    """1/(tau s + 1)."""
+    return Filter(name, (ONE,), (ONE, Monomial(1.0, 1, ((time_constant, 1),))))
+
+
+def product(name: str, first: Filter, second: Filter) -> Filter:
+    """The two filters in series as one filter."""
+
+    def multiply(a: Sequence[Monomial], b: Sequence[Monomial]) -> tuple[Monomial, ...]:
+        return tuple(
+            Monomial(x.coefficient * y.coefficient, x.order + y.order, _merge(x.powers, y.powers)) for x in a for y in b
+        )
+
+    return Filter(
+        name,
+        multiply(first.numerator, second.numerator),
+        multiply(first.denominator, second.denominator),
+    )
+
+
+def _merge(a: tuple[tuple[str, int], ...], b: tuple[tuple[str, int], ...]) -> tuple[tuple[str, int], ...]:
+    powers: dict[str, int] = {}
+    for name, power in (*a, *b):
+        powers[name] = powers.get(name, 0) + power
+    return tuple(powers.items())
+
+
+def loop_delay(model: Model, row: str) -> str | None:
+    """Name of the delay of the row's active feedback; raises `ModelError` when the row has no active feedback."""
+    for term in model.terms:
+        if term.row == row and term.noisy:
+            return term.delay
+    raise ModelError(f"model {model.name}: no active feedback in the {row} row for this effect to act on")
+
+
+def add_terms(model: Model, *terms: Term) -> Model:
+    """Add terms to the table; the delay `OWN` is replaced by that of the row's active feedback."""
+    if any(t.row == "hip" for t in terms) and not any(t.row == "hip" for t in model.terms):
+        raise ModelError(f"model {model.name}: no hip row for this effect to act on")
+    resolved = [replace(t, delay=loop_delay(model, t.row)) if t.delay == OWN else t for t in terms]
+    return model.with_terms(terms=resolved)
+
+
+def filter_terms(model: Model, which: Callable[[Term], bool], filt: Filter) -> Model:
+    """Append a filter to every term that ``which`` selects."""
+    if not any(which(t) for t in model.terms):
+        raise ModelError(f"model {model.name}: no term for filter {filt.name} to act on")
+    terms = tuple(replace(t, filters=(*t.filters, filt.name)) if which(t) else t for t in model.terms)
+    return replace(model, terms=terms, filters=(*model.filters, filt))
+
+
+def delay_stimulus(model: Model, delay: str) -> Model:
+    """Add a delay to every term that senses the stimulus."""
+    for term in model.terms:
+        if term.sense == "stimulus" and term.delay is not None:
+            raise ModelError(f"model {model.name}: the stimulus already has the delay {term.delay}")
+    return replace(model, terms=tuple(replace(t, delay=delay) if t.sense == "stimulus" else t for t in model.terms))
+
+
+def scale_stimulus(model: Model, error: str) -> Model:
+    """Stimulus times (1 + error): a copy of every stimulus term with the error as its gain."""
+    copies = [replace(t, gain=(*t.gain, error)) for t in model.terms if t.sense == "stimulus"]
+    return model.with_terms(terms=copies)
+
+
+def filter_output(model: Model, angles: Sequence[int], filt: Filter) -> Model:
+    """Add a filter between the true and the measured angle, in series with an existing one."""
+    have = {f.name: f for f in model.filters}
+    output, filters = list(model.output_filters), list(model.filters)
+    for k in angles:
+        existing = output[k]
+        placed = filt if existing is None else product(f"{existing}*{filt.name}", have[existing], filt)
+        if placed.name not in {f.name for f in filters}:
+            filters.append(placed)
+        output[k] = placed.name
+    return replace(model, filters=tuple(filters), output_filters=(output[0], output[1]))
+
+
+def is_active(term: Term) -> bool:
+    """Whether a term is active (sensed, delayed, noisy) feedback."""
+    return term.noisy
+
+
+def is_active_ankle(term: Term) -> bool:
+    """Whether a term is active feedback to ankle torque."""
+    return term.noisy and term.row == "ankle"
+
+
+def is_stimulus(term: Term) -> bool:
+    """Whether a term is part of b(s)."""
+    return term.sense == "stimulus"
+
+
+def body_of(model: Model) -> Body:
+    """The body a two-segment model was built on, read back from its table (undelayed terms without a gain).
+
+    Derived: with rows (hip, ankle) in joint coordinates, M = [[C1 + J2, J2], [J1 + C2, C2]] and the gravity matrix is
+    -g [[A2, A2], [A1 + A2, A2]]. Raises `ModelError` when the model has no trunk.
+    """
+    mass, weight = np.zeros((2, 2)), np.zeros((2, 2))
+    for t in model.terms:
+        if t.gain or t.delay or t.filters or t.sense == "stimulus":
+            continue
+        w = t.coefficient * np.array(model.senses[t.sense][:2])
+        if t.order == 2:
+            mass[model.rows.index(t.row)] += w
+        elif t.order == 0:
+            weight[model.rows.index(t.row)] += w
+    if mass[0, 1] <= 0 or weight[0, 1] >= 0:
+        raise ModelError(f"model {model.name}: no trunk segment for this effect to act on")
+    a2 = -weight[0, 1] / GRAVITY
+    return Body(
+        J1=mass[1, 0] - mass[1, 1],
+        J2=mass[0, 1],
+        C1=mass[0, 0] - mass[0, 1],
+        C2=mass[1, 1],
+        A1=-weight[1, 0] / GRAVITY - a2,
+        A2=a2,
+        g=GRAVITY,
+    )
+
+
+def trunk_mass(body: Body) -> float:
+    """Mass of head, arms and trunk in kg, from A2 = m2 h2 and J2 = m2 h2^2 (1 + `TRUNK_GYRATION`) (derived)."""
+    return body.A2**2 * (1 + TRUNK_GYRATION) / body.J2
+
+
+def leg_length(body: Body) -> float:
+    """L1 = C1 / A2 in m (derived: C1 = m2 L1 h2)."""
+    return body.C1 / body.A2
+
+
+def scale_trunk(model: Model, error: str) -> Model:
+    """Trunk mass times (1 + error): in A2, J2, C1, C2 and, through the leg length, in A1 and J1."""
+    body = body_of(model)
+    m2, length, g = trunk_mass(body), leg_length(body), GRAVITY
+    terms = [
+        Term("hip", "theta2s", (error,), 2, coefficient=body.J2),
+        Term("hip", "theta2s", (error,), coefficient=-body.A2 * g),
+        Term("hip", "theta1", (error,), 2, coefficient=body.C1),
+        Term("ankle", "theta1", (error,), 2, coefficient=m2 * length**2 + body.C1),
+        Term("ankle", "theta1", (error,), coefficient=-m2 * length * g),
+        Term("ankle", "theta2s", (error,), 2, coefficient=body.C2),
+        Term("ankle", "theta2s", (error,), coefficient=-body.A2 * g),
+    ]
+    return model.with_terms(terms=[*terms, *_platform(model, error, body.A2, m2 * length + body.A2)])
+
+
+def scale_legs(model: Model, error: str) -> Model:
+    """Leg mass times (1 + error), in J1 and A1 minus the contribution of the trunk's mass at the hip."""
+    body = body_of(model)
+    m2, length = trunk_mass(body), leg_length(body)
+    moment = body.A1 - m2 * length
+    terms = [
+        Term("ankle", "theta1", (error,), 2, coefficient=body.J1 - m2 * length**2 - body.C1),
+        Term("ankle", "theta1", (error,), coefficient=-moment * GRAVITY),
+    ]
+    return model.with_terms(terms=[*terms, *_platform(model, error, 0.0, moment)])
+
+
+def _platform(model: Model, gain: str, hip: float, ankle: float) -> list[Term]:
+    """The share of a translation's inertial torque -s^2 (hip, ankle) x that follows a change of the body."""
+    if model.stimulus_unit != "m":
+        return []
+    first = next(t for t in model.terms if is_stimulus(t))
+    return [
+        replace(first, row=row, gain=(gain,), order=2, coefficient=-c)
+        for row, c in (("hip", hip), ("ankle", ankle))
+        if c
+    ]
+
+
+HEAD_HEIGHT = 0.60
+"""Height of the head above the hip in m (adult; anthropometry of Winter 2009)."""
+
+
+def resonant_mass(model: Model, mass: str, filt: Filter) -> Model:
+    """A point mass at `HEAD_HEIGHT` on the trunk whose motion is ``filt`` times that of its attachment.
+
+    Derived: the attachment moves by x = L1 theta1 + d theta2s, the reaction is m s^2 filt(s) x, and it loads the
+    hip by d and the ankle by L1 + d. Gravity on the small mass is neglected.
+    """
+    d, length = HEAD_HEIGHT, leg_length(body_of(model))
+    return model.with_terms(
+        filters=(filt,),
+        terms=[
+            Term(row, sense, (mass,), 2, filters=(filt.name,), coefficient=arm * lever)
+            for row, arm in (("hip", d), ("ankle", length + d))
+            for sense, lever in (("theta1", length), ("theta2s", d))
+        ],
+    )

@@ -1,0 +1,139 @@
+"""The library of effects that a model may lack, and functions that add them to a model.
+
+`LIBRARY` maps names to effects and starts with those of `mcstudy.effect_library.published`. `apply` adds any of them,
+or any pair, to a model that has the rows on which they act. `Library.register` adds a user's effect, which the whole
+diagnosis then treats like the others.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from mcstudy.effect_library.declare import Effect, Size, TrialSetting
+from mcstudy.effect_library.published import DECLARATIONS
+from mcstudy.errors import InputError
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.rules import Rules
+from mcstudy.text_tables import table
+
+
+class Library(Mapping[str, Effect]):
+    """Effects by name, in the order in which they are listed."""
+
+    def __init__(self, effects: Iterable[Effect]) -> None:
+        self._effects: dict[str, Effect] = {}
+        for e in effects:
+            self.register(e)
+
+    def __getitem__(self, name: str) -> Effect:
+        return self._effects[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._effects)
+
+    def __len__(self) -> int:
+        return len(self._effects)
+
+    def __repr__(self) -> str:
+        return f"<Library of {len(self)} effects: {', '.join(self)}>"
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the linear effects, which the closed form includes."""
+        return tuple(e.name for e in self.values() if e.kind == "linear")
+
+    def register(self, effect: Effect) -> None:
+        """Add an effect. Raises `InputError` when its name or the name of one of its parameters is already used."""
+        if effect.name in self._effects:
+            raise InputError(f"effect {effect.name!r}: the library already has one of this name")
+        taken = {name: e.name for e in self.values() for name in e.parameters}
+        for name in effect.parameters:
+            if name in taken:
+                raise InputError(f"effect {effect.name!r}: parameter {name!r} is already that of {taken[name]}")
+        self._effects[effect.name] = effect
+
+    @contextlib.contextmanager
+    def extended(self, *effects: Effect) -> Iterator[None]:
+        """Context manager: the library with more effects inside the ``with`` block."""
+        before = dict(self._effects)
+        try:
+            for e in effects:
+                self.register(e)
+            yield
+        finally:
+            self._effects = before
+
+
+LIBRARY = Library(DECLARATIONS)
+"""All effects that the program knows."""
+
+
+def effect(name: str) -> Effect:
+    """One declaration; raises `InputError` on a name that is not in the library."""
+    try:
+        return LIBRARY[name]
+    except KeyError:
+        raise InputError(f"unknown effect {name!r}; the library has {', '.join(LIBRARY)}") from None
+
+
+def apply(model: Model, *names: str) -> Model:
+    """The model with the named linear effects; the order of the names does not matter.
+
+    Raises `InputError` for an unknown, repeated or nonlinear effect (see `trace`), `ModelError` when the model lacks
+    the row an effect acts on.
+    """
+    for name in names:
+        if effect(name).kind != "linear":
+            raise InputError(
+                f"effect {name!r} is {effect(name).kind}: it has no closed form, only the approximation of `trace`"
+            )
+    return _apply(model, [effect(n) for n in names], [s for n in names for s in effect(n).sizes])
+
+
+def trace(model: Model, name: str) -> Model:
+    """Linear approximation of an effect that changes the active gains: all active feedback times (1 + gain).
+
+    The added parameter, ``gain_<name>``, is free in one of two sets of data (amplitudes, first and last cycles) and
+    zero in the other.
+    """
+    declared = effect(name)
+    if declared.rule is None:
+        raise InputError(f"effect {name!r} is linear: use `apply` instead")
+    change = Size(f"gain_{name}", "", 0.0, -0.9, 2.0, (0.05, 0.4), f"change of active gains by {name}")
+    return _apply(model, [declared], [change])
+
+
+def rules(names: Iterable[str], sizes: Mapping[str, float], trial: TrialSetting) -> Rules:
+    """The combined time-domain rules of the named effects; linear effects have none."""
+    fields: dict[str, Any] = {}
+    for name in names:
+        rule = effect(name).rule
+        if rule is not None:
+            fields |= rule(sizes, trial)
+    return Rules(**fields)
+
+
+def _apply(model: Model, effects: list[Effect], sizes: Iterable[Size]) -> Model:
+    names = [e.name for e in effects]
+    if len(set(names)) != len(names):
+        raise InputError(f"effects {', '.join(names)}: each may be named once")
+    named = "+".join((model.name, *sorted(names)))
+    model = model.with_terms(parameters=[s.parameter for s in sizes], name=named)
+    listed = list(LIBRARY)
+    for declared in sorted(effects, key=lambda e: (e.order, listed.index(e.name))):
+        model = declared.build(model)
+    return model
+
+
+def table_text() -> str:
+    """The library as a text table for `mcstudy gap effects`."""
+    header = ("effect", "location", "size", "published", "equation")
+    rows = []
+    for e in LIBRARY.values():
+        low, high = e.size.published
+        sign = "±" if e.size.signed else ""
+        size = f"{e.size.name} [{e.size.unit}]" if e.size.unit else e.size.name
+        rows.append((e.name, ", ".join(e.place), size, f"{sign}{low:.3g} … {high:.3g}", e.equation))
+    return table(header, rows, of_text=True)

@@ -1,0 +1,137 @@
+"""A recording of a simulated body from a few settings, for `mcstudy simulate` and `mcstudy.simulate`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from mcstudy.effect_library.library import effect
+from mcstudy.effect_library.simulate import Protocol, draw_case, simulate_recording
+from mcstudy.errors import FallsError, InputError
+from mcstudy.recordings.recording import Recording
+from mcstudy.stance.body import STIMULI, two_segment
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.ranges import AMPLITUDE, DELAY, GAIN, MAX_SAMPLES, RATE, Range
+from mcstudy.stance.stimulus import Prts
+
+SMALLER = 20
+"""How often randomly drawn sizes are reduced by a quarter when the body falls."""
+
+
+def simulate(
+    effects: Mapping[str, float | None] | Iterable[str] = (),
+    *,
+    stimulus: str = "ankle_torque",
+    amplitude: float | Sequence[float] = (5.0, 5.0),
+    convention: str = "peak",
+    cycles: int = 6,
+    rate_hz: float = 200.0,
+    periodic: bool = True,
+    noise: float = 1.0,
+    parameters: Mapping[str, float] | None = None,
+    seed: int = 0,
+    name: str = "simulated",
+) -> Recording:
+    """A recording of the nominal two-segment body in the time domain, with any effects of the library.
+
+    Parameters
+    ----------
+    effects: size of each effect by name, in the effect's unit; None, or a name alone, draws the size from its published
+        range, made smaller until the body is stable.
+    stimulus: ankle_torque, hip_torque or platform_translation. amplitude: of each trial, N m or m.
+    convention: whether amplitudes are "peak" or "peak_to_peak". cycles: stimulus periods per trial.
+    rate_hz: sampling rate, Hz. periodic: False gives every trial a random stimulus that never repeats.
+    noise: amplitude of the sensor noise relative to the paper's. parameters: values that replace nominal ones, by name.
+
+    Raises `InputError`, one line that starts with the argument, for a value outside its range; `FallsError` for a body
+    that is unstable.
+    """
+    sizes_given = dict(effects) if isinstance(effects, Mapping) else dict.fromkeys(effects)
+    amplitudes = (amplitude,) if isinstance(amplitude, int | float) else tuple(amplitude)
+    protocol = _protocol(stimulus, amplitudes, convention, cycles, rate_hz, periodic, noise)
+    Range(0, 2**63 - 1).require(seed, "seed")
+    nominal = _model(stimulus, dict(parameters or {}))
+    given, drawn = {}, []
+    for effect_name, value in sizes_given.items():
+        size = effect(effect_name).size
+        if value is None:
+            drawn.append(effect_name)
+        else:
+            given[size.name] = size.believable(float(value), f"effect {effect_name}")
+    for smaller in range(SMALLER):
+        # The streams restart every time, so that the same sizes are drawn, only smaller.
+        drawing, running = np.random.default_rng(seed).spawn(2)
+        sizes = dict(given)
+        try:
+            for effect_name in drawn:
+                sizes |= draw_case(nominal, [effect_name], drawing, 0.75**smaller, spread=0.0, attempts=20)[1]
+            what = ", ".join(f"{k} = {v:.5g}" for k, v in sizes.items()) or "no effect"
+            if smaller:
+                what += (
+                    f" (drawn from {0.75**smaller:.2g} of the published range, because the body is unstable with "
+                    "larger sizes; shorter delays, such as Td1 = 0.06 and Td2 = 0.07, may stabilize it)"
+                )
+            return simulate_recording(
+                protocol,
+                nominal.truth,
+                running,
+                effects=list(sizes_given),
+                sizes=sizes,
+                name=name,
+                provenance=f"simulated by mcstudy: {what}; seed {seed}",
+            )
+        except FallsError:
+            if not drawn:
+                raise
+    raise FallsError(
+        f"effect {', '.join(drawn)}: this body is unstable with every size that was tried; give a size or shorter "
+        "delays (such as Td1 = 0.06 and Td2 = 0.07)"
+    )
+
+
+def _protocol(
+    stimulus: str,
+    amplitudes: tuple[float, ...],
+    convention: str,
+    cycles: int,
+    rate_hz: float,
+    periodic: bool,
+    noise: float,
+) -> Protocol:
+    RATE.require(rate_hz, "rate_hz")
+    Range(1e-6, 1e6, or_zero=True).require(noise, "noise")
+    Range(1, 100_000).require(cycles, "cycles")
+    if stimulus not in STIMULI:
+        raise InputError(f"stimulus: expected one of {', '.join(STIMULI)}, got {stimulus!r}")
+    if not amplitudes:
+        raise InputError("amplitude: expected at least one number, got none")
+    for one in amplitudes:
+        AMPLITUDE.require(one, "amplitude")
+    waveform = Prts(rate_hz=rate_hz, amplitude=amplitudes[0], convention=convention)
+    if waveform.samples * cycles > MAX_SAMPLES:
+        raise InputError(
+            f"cycles: expected a trial of at most {MAX_SAMPLES} samples, got {cycles} cycles of {waveform.samples}"
+        )
+    psd = SensorNoise().psd_deg2_hz
+    return Protocol(
+        stimulus=stimulus,
+        waveform=waveform,
+        amplitudes=amplitudes,
+        cycles=cycles,
+        periodic=periodic,
+        noise=SensorNoise((psd[0] * noise**2, psd[1] * noise**2)),
+    )
+
+
+def _model(stimulus: str, values: Mapping[str, float]) -> Model:
+    """The nominal model with other values; bounds are widened to include them."""
+    model = two_segment(stimulus=stimulus)
+    if unknown := set(values) - set(model.names):
+        raise InputError(f"parameter: unknown {', '.join(sorted(unknown))}; the model has {', '.join(model.names)}")
+    for parameter, value in values.items():
+        (DELAY if parameter in model.delays else GAIN).require(value, f"parameter {parameter}")
+    theta = {p.name: float(values.get(p.name, p.value)) for p in model.parameters}
+    wide = {p.name: (min(theta[p.name], p.lower), max(theta[p.name], p.upper)) for p in model.parameters}
+    return model.with_bounds(wide).with_values(theta)

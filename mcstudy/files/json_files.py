@@ -1,0 +1,76 @@
+"""JSON documents on disk: written whole or not at all, checked against their schema on the way out and in."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mcstudy.errors import StoreError
+from mcstudy.files import schema
+from mcstudy.files.durable import write
+from mcstudy.files.untrusted import json_document, real_bytes
+
+LARGEST = 1 << 30
+"""Bytes of a JSON file that is read at most."""
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def json_text(value: Mapping[str, Any], kind: str, where: str) -> str:
+    """A document as it is printed or written, checked against the schema ``kind`` first."""
+    schema.validate(kind, value, where)
+    try:
+        return json.dumps(value, indent=1, sort_keys=False, allow_nan=False, ensure_ascii=False)
+    except ValueError:  # a schema's "number" includes them
+        raise StoreError(f"{where}: expected finite numbers, found NaN or an infinity") from None
+
+
+def write_json(path: Path, value: Mapping[str, Any], kind: str) -> str:
+    """Write JSON atomically, checked against the schema ``kind``; returns its SHA-256."""
+    return write_text(path, json_text(value, kind, str(path)))
+
+
+def write_text(path: Path, text: str) -> str:
+    """Write text and a line end atomically; returns the SHA-256 of the file."""
+    content = f"{text}\n".encode()
+    ensure_folder(path.parent)
+    try:
+        write(path, content)
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return hashlib.sha256(content).hexdigest()
+
+
+def ensure_folder(path: Path) -> None:
+    """Make a folder with its parents, if it is not there."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"{path}: expected a folder that can be made ({error.strerror})") from None
+
+
+def read_document(path: Path) -> Any:
+    """The JSON document of a file, not checked against any schema."""
+    try:
+        return json_document(real_bytes(path, LARGEST, follow=True))
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise StoreError(f"{path}: expected JSON: {' '.join(str(error).split())}") from None
+
+
+def read_json(path: Path, kind: str) -> dict[str, Any]:
+    """Read JSON checked against the schema ``kind``; `StoreError` names the file and the place."""
+    value = read_document(path)
+    schema.validate(kind, value, str(path))
+    return dict(value)

@@ -1,0 +1,170 @@
+"""Translate pydantic's errors into one plain line: ``field: expected ..., got ...``.
+
+It is used for study files, challenge files, recording sheets and the settings of `mcstudy.own_model`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from mcstudy.errors import DesignError
+
+
+def validated(model: Any, value: Any, where: str = "", whole: str = "file") -> Any:
+    """``value``, plain tables and lists, as a strict ``model`` (a class of pydantic).
+
+    Raises `DesignError`, one line that starts with the field. ``where`` is a prefix of the field; ``whole`` replaces
+    the field when the error concerns the whole document.
+    """
+    try:
+        # by way of JSON, because strict validation of JSON accepts a list for a tuple but no other conversion
+        return model.model_validate_json(json.dumps(value, default=_plain))
+    except TypeError:
+        raise DesignError(f"{where or whole}: expected numbers, text, lists and tables only (no dates)") from None
+    except ValidationError as error:
+        raise DesignError(one_line(error, model, where, whole)) from None
+    except (ValueError, RecursionError):  # pydantic's own error is a ValueError too, and came first
+        raise DesignError(f"{where or whole}: expected numbers of fewer digits, and less deep nesting") from None
+
+
+def _plain(value: Any) -> Any:
+    """A section or an array in the form it has in a file."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, Mapping):
+        return dict(value)
+    if hasattr(value, "__array__"):
+        return np.asarray(value).tolist()
+    raise TypeError(type(value).__name__)
+
+
+def one_line(error: ValidationError, model: type[BaseModel], where: str = "", whole: str = "file") -> str:
+    """The first of pydantic's errors about a ``model`` as one line; ``where`` is put before the field."""
+    errors = error.errors(include_url=False)
+    places = [e["loc"] for e in errors]
+    # pydantic also reports a list with refused items as too short
+    errors = [e for e in errors if not any(len(p) > len(e["loc"]) and p[: len(e["loc"])] == e["loc"] for p in places)]
+    first = min(errors, key=lambda e: e["type"] != "extra_forbidden")  # a misspelt key also makes another one missing
+    loc, table = _place(model, first["loc"])
+    field = ".".join([where, *loc] if where else loc) or whole
+    others = [e for e in errors if _place(model, e["loc"])[0] != loc]
+    more = f" (and {len(others)} more)" if others else ""
+    if first["type"] == "extra_forbidden":
+        keys = ", ".join(_fields(table)) if table else ""
+        return f"{field}: unknown key, expected {f'one of {keys}' if keys else 'none here'}{more}"
+    if first["type"] == "missing":
+        return f"{field}: missing{more}"
+    # A union has one error per member, all of the same field.
+    expected = dict.fromkeys(_expected(e["type"], e["msg"]) for e in errors if e not in others)
+    first_of, *alternatives = expected
+    words = " or ".join([first_of, *(a.removeprefix("expected ") for a in alternatives)])
+    return f"{field}: {words}, got {short(first['input'])}{more}"
+
+
+def shown(name: str) -> str:
+    """A name from untrusted input, unchanged unless it is too long for a line or holds control characters."""
+    return name if name.isprintable() and len(name) <= 60 else short(name)
+
+
+def short(value: object, most: int = 60) -> str:
+    """``value`` as it is written, cut to ``most`` characters."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # a number of thousands of digits, or hundreds of lists in each other
+        return "a value too long to show"
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
+_BY_TYPE = {
+    "int_parsing_size": "expected a whole number of at most 19 digits",
+    "int_from_float": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "float_parsing": "expected a number",
+    "model_type": "expected a table",
+    "dict_type": "expected a table",
+    "tuple_type": "expected a list",
+    "list_type": "expected a list",
+    "json_invalid": "expected text that UTF-8 can hold, and tables less deeply nested",
+}
+
+_WORDING = (
+    (r"^(?:Input|String|Tuple|List|Dictionary) should be(?: a valid| an?(?= ))? ", "expected a "),
+    (r"^(?:Tuple|List) should have ", "expected a list with "),
+    (r"^Dictionary should have ", "expected a table with "),
+    (r"^(?:Input|String) should have ", "expected "),
+    (r"^String should match ", "expected text matching "),
+    (r"^expected a (?=greater|less|'|\"|finite)", "expected "),
+    (r"^expected a integer", "expected a whole number"),
+    (r" after validation, not \d+$", ""),
+    (r"greater than or equal to", "at least"),
+    (r"less than or equal to", "at most"),
+    (r"^expected finite", "expected a finite"),
+)
+
+
+def _expected(kind: str, message: str) -> str:
+    if kind in _BY_TYPE:
+        return _BY_TYPE[kind]
+    if kind == "value_error":  # our own validators give the expected value
+        text = message.removeprefix("Value error, ")
+        return text if text.startswith("expected") else f"expected {text[0].lower()}{text[1:]}"
+    for theirs, ours in _WORDING:
+        message = re.sub(theirs, ours, message)
+    return message if message.startswith("expected") else f"expected {message[0].lower()}{message[1:]}"
+
+
+def _place(model: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[tuple[str, ...], type[BaseModel] | None]:
+    """The field as it stands in the file, without pydantic's names of a union's members, and the table it is in."""
+    here: Any = model
+    table: type[BaseModel] | None = None
+    out: list[str] = []
+    for part in loc:
+        if part == "[key]":
+            continue
+        members = list(_members(here))
+        inside = next((x for x in [_inside(a, part) for a in members] if x is not None), None)
+        tables = [a for a in members if isinstance(a, type) and issubclass(a, BaseModel)]
+        table = tables[0] if tables else None
+        if inside is None and not tables:
+            continue  # the name of a member of a union
+        out.append(shown(str(part)))
+        here = inside
+    return tuple(out), table
+
+
+def _members(annotation: Any) -> Iterator[Any]:
+    """The alternatives of an annotation, `Annotated` taken off."""
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        yield from _members(get_args(annotation)[0])
+    elif origin in (Union, UnionType):
+        for member in get_args(annotation):
+            yield from _members(member)
+    elif annotation is not None:
+        yield annotation
+
+
+def _fields(table: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Fields by the names that a file has for them."""
+    return {field.alias or name: field for name, field in table.model_fields.items()}
+
+
+def _inside(annotation: Any, part: int | str) -> Any:
+    """Annotation of one field or element, None when there is no such."""
+    arguments = get_args(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        field = _fields(annotation).get(str(part))
+        return field.annotation if field else None
+    if isinstance(part, int) and get_origin(annotation) in (tuple, list):
+        return arguments[part] if part < len(arguments) and Ellipsis not in arguments else arguments[0]
+    if isinstance(part, str) and get_origin(annotation) is dict:
+        return arguments[1]
+    return None

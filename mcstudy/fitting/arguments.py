@@ -1,0 +1,166 @@
+"""What the compiled fits are handed: every array under its name, so that no two can change places unseen.
+
+numba reads a NamedTuple of numbers and arrays like the numbers and arrays themselves. The compiled modules import
+this one, and it imports none, so that the code they keep is as old as these fields and no older.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Filters(NamedTuple):
+    """Filters of a model: M monomials, Q (filter, parameter) pairs.
+
+    pair: (Q, 2) int64, every parameter that a filter holds. monomial (M, 6), power (M,), coefficient (M,) and output
+    (2,): ``monomial``, ``monomial_power``, ``monomial_coefficient`` and ``output_filter`` of
+    `mcstudy.stance.feedback.Table`.
+    """
+
+    pair: np.ndarray
+    monomial: np.ndarray
+    power: np.ndarray
+    coefficient: np.ndarray
+    output: np.ndarray
+
+
+class Plan(NamedTuple):
+    """A model table at N fixed frequencies, in the form `mcstudy.fitting.kernel.evaluate` reads; see `plans.plan`.
+
+    Attributes
+    ----------
+    omega: (N,) rad/s.
+    constant: (N, 12), the terms without parameters, summed: A(s) by rows, then b(s), re and im in turn.
+    entry: (E, 10) int64, the other terms: row, order, group, first gain, second gain, index into ``sensed``, whether
+        its group carries a delay or filter parameter, and whether it is the first to reach the sum of its group and
+        of its gains.
+    weight: (E, 4), coefficient, then weights on (theta1, theta2, stimulus).
+    sensed, sensed_weight: (S,) int64 and (S, 3), row and weights of the distinct (row, sense) pairs.
+    group_delay, group_filters: (G,) and (G, 4) int64, as in `mcstudy.stance.feedback.Table`.
+    filters: of the model.
+    single: (2, W) int64, the parameters that act on one row of the equations of motion alone, by row, filled up with
+        -1 to whole tiles. both: (C,) int64, the others, among them all that act on the measured angles.
+    column: (P, 2) int64, where the torques of a (parameter, row) are kept.
+    delay_first: (G, 2) int64, whether a delay is the first to write to its place: 1 yes, 0 no, -1 nothing to add.
+    cleared: (K,) int64, the places that nobody writes to first.
+    """
+
+    omega: np.ndarray
+    constant: np.ndarray
+    entry: np.ndarray
+    weight: np.ndarray
+    sensed: np.ndarray
+    sensed_weight: np.ndarray
+    group_delay: np.ndarray
+    group_filters: np.ndarray
+    filters: Filters
+    single: np.ndarray
+    both: np.ndarray
+    column: np.ndarray
+    delay_first: np.ndarray
+    cleared: np.ndarray
+
+
+class Workspace(NamedTuple):
+    """Lanes ``w``, and the slots at which the parts begin, in their order.
+
+    x, gram: parameters (P slots) of the fits, and lower triangle of [J r]^T [J r] there, (P + 1) (P + 2) / 2 slots.
+    trial, gram_trial: the same of the step that is tried. held, step: (P). matrix: as ``gram``. damping: one slot.
+    data: 8 N, see `pack`. scratch: of the evaluation.
+    """
+
+    w: np.ndarray
+    x: int
+    trial: int
+    gram: int
+    gram_trial: int
+    held: int
+    matrix: int
+    step: int
+    damping: int
+    data: int
+    scratch: int
+
+
+class Queue(NamedTuple):
+    """M starts of R problems that share model and frequencies.
+
+    packed: (R, 8 N), data and weights, see `pack`. problem: (M,) int64, problem of each start. starts: (M, P).
+    """
+
+    packed: np.ndarray
+    problem: np.ndarray
+    starts: np.ndarray
+
+
+class Bounds(NamedTuple):
+    """Bounds of the parameters: (P,) for all starts alike, or (M, P)."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+class Options(NamedTuple):
+    """Stop rules.
+
+    tolerance: predicted decrease of the cost below which a fit has converged, relative to the cost (in a penalised
+    fit, of the deviance itself). max_iterations: most evaluations of the model with its derivatives.
+    """
+
+    tolerance: float = 1e-12
+    max_iterations: int = 1000
+
+
+class Outcomes(NamedTuple):
+    """What M fits came to: estimate (M, P), cost (M,), status (M,) int64, iterations (M,) int64."""
+
+    estimate: np.ndarray
+    cost: np.ndarray
+    status: np.ndarray
+    iterations: np.ndarray
+
+    @classmethod
+    def empty(cls, M: int, P: int) -> Outcomes:
+        """To be filled."""
+        return cls(np.full((M, P), np.nan), np.full(M, np.nan), np.zeros(M, np.int64), np.zeros(M, np.int64))
+
+
+class Prior(NamedTuple):
+    """Independent normal priors of the parameters, cut at their bounds: mean (P,), scale (P,) standard deviation."""
+
+    mean: np.ndarray
+    scale: np.ndarray
+
+
+class PenalisedFits(NamedTuple):
+    """M penalised fits: estimate (M, P), chi2 (M,), penalty (M,), information (M, P, P)."""
+
+    estimate: np.ndarray
+    chi2: np.ndarray
+    penalty: np.ndarray
+    information: np.ndarray
+
+    @classmethod
+    def empty(cls, M: int, P: int) -> PenalisedFits:
+        """To be filled."""
+        return cls(np.empty((M, P)), np.empty(M), np.empty(M), np.empty((M, P, P)))
+
+    @property
+    def objective(self) -> np.ndarray:
+        """What was minimised, (M,); inf where the model was not finite."""
+        total = self.chi2 + self.penalty
+        return np.where(np.isfinite(total), total, np.inf)
+
+
+def pack(y: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Data and weights in the kernel's order, (8 N,): per frequency y1, y2 (re, im), W11, W22 and W21 (re, im).
+
+    ``y``: (N, 2) complex. ``weight``: (N, 2, 2) complex, lower triangular with real diagonal.
+    """
+    packed = np.empty((len(y), 8))
+    packed[:, 0:4:2], packed[:, 1:4:2] = y.real, y.imag
+    packed[:, 4], packed[:, 5] = weight[:, 0, 0].real, weight[:, 1, 1].real
+    packed[:, 6], packed[:, 7] = weight[:, 1, 0].real, weight[:, 1, 0].imag
+    return packed.ravel()

@@ -1,0 +1,221 @@
+"""Starts from the linear structure of the equations of motion.
+
+With the delays fixed, each row of A(s; theta) H = b is linear in its gains, so measured FRFs in place of H give the
+gains by bounded linear least squares (`mcstudy.fitting.equation_error` states the equation and its re-weighting). One
+such step from anywhere between the bounds lands, more often than not, where the compiled solver then finds the lowest
+minimum. What remains are data so noisy that the cost has several deep minima - models with a pole pair on the other
+side of the imaginary axis, or the same gains with another delay of the hip - and no single linear problem can tell
+them apart. A start is therefore the winner of a race:
+
+1. *pool*: `POOL` points spread over the bounds, most moved by one or two linear steps (weights and delays from the
+   point itself, so the pool holds many different linearisations of the same data);
+2. *race*: a few iterations of the compiled solver on the true cost, keeping the better half, near-copies dropped;
+3. *delays*: each delay of the leaders is set to `DELAY_GRID` points of its bounds, one at a time, the gains are solved
+   again with the delays fixed, and the solver gets a few more iterations;
+4. the lowest cost wins.
+
+A start costs some 450 evaluations of the model with its derivatives, at most ten complete fits, and looks at nothing
+but data, weights and bounds. The first start of a problem is deterministic; the others ("jittered") race pools of
+random points. A start depends neither on the other problems of a call nor on the number of starts asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.errors import ModelError
+from mcstudy.fitting.arguments import Bounds, Options
+from mcstudy.fitting.equation_error import LinearTable, propose
+from mcstudy.fitting.problem import Problem
+from mcstudy.fitting.solvers import fit_many
+from mcstudy.fitting.starts import sobol, uniform
+from mcstudy.stance.feedback import Model, Table
+
+STOP = np.nan
+POOL = np.array([[STOP, STOP]] * 4 + [[0.5, 0.5]] * 6 + [[1.0, STOP]] * 6)
+"""Mix of data and model in the regressors, per pool point and linear step; `STOP`: no further step."""
+
+RACE = ((8, 8), (12, 4))
+"""Rounds of the race: iterations of the solver for every point left, and how many points stay."""
+
+LEADERS = 2
+DELAY_GRID = (0.0, 1 / 3, 2 / 3, 1.0)
+"""Positions between a delay's bounds that are tried from the `LEADERS` best points."""
+
+AGAIN = 1
+"""Linear steps on the gains after a delay was moved."""
+
+LAST = 16
+"""Iterations of the solver after a delay was moved."""
+
+APART = 0.02
+"""Points closer than this in every parameter, in widths of the bounds, are copies of each other."""
+
+SEED = 20180215
+"""Of the scrambled Sobol points of the deterministic pool; an arbitrary constant."""
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """A model whose gains enter linearly, at fixed frequencies, in the form `equation_error` reads.
+
+    ``output`` (N, 2) are the output filters, which are divided out of the data and multiplied into the weights.
+    """
+
+    model: Model
+    table: LinearTable
+    output: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, f: np.ndarray) -> LinearModel:
+        """Prepare ``model`` for frequencies ``f`` in Hz, (N,); raises `ModelError` when a gain enters nonlinearly."""
+        table = model.table
+        _require_linear(model)
+        s = 2j * np.pi * np.asarray(f, dtype=float)
+        filters = _constant_filters(table, s)
+        fixed = np.zeros((s.size, 6), dtype=complex)
+        entry, sense, factor = [], [], []
+        for (row, order, group, gain, _), (c, w1, w2, w3) in zip(table.entry, table.weight, strict=True):
+            value = c * s**order
+            for k in table.group_filters[group]:
+                if k >= 0:
+                    value = value * filters[k]
+            delay = table.group_delay[group]
+            if gain < 0 and delay < 0:
+                for column, weight in ((2 * row, w1), (2 * row + 1, w2), (4 + row, -w3)):
+                    fixed[:, column] += weight * value
+            else:
+                entry.append((row, gain, delay))
+                sense.append((w1, w2, w3))
+                factor.append(value)
+        output = np.ones((s.size, 2), dtype=complex)
+        for angle, k in enumerate(table.output_filter):
+            if k >= 0:
+                output[:, angle] = filters[k]
+        linear = LinearTable(
+            omega=s.imag.copy(),
+            fixed=fixed,
+            entry=np.array(entry, dtype=np.int64).reshape(-1, 3),
+            sense=np.array(sense, dtype=float).reshape(-1, 3),
+            factor=np.array(factor, dtype=complex).reshape(-1, s.size),
+        )
+        return cls(model, linear, output)
+
+    def steps(
+        self, problem: Problem, points: np.ndarray, mixes: np.ndarray, movable: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Points (M, P) after their linear least-squares steps within the bounds.
+
+        Parameters
+        ----------
+        problem: data and weights at this object's frequencies.
+        points: (M, P) where the weights are taken from and the delays linearised.
+        mixes: (M, K) share of the data in the regressors of each step, `STOP` ends a row.
+        movable: (P,) bool, which parameters may move; all by default.
+        """
+        out = np.array(points, dtype=float, order="C")
+        with np.errstate(invalid="ignore"):  # data that are not finite stop the steps, silently here: the fit reports
+            data, weight = problem.data / self.output, problem.weight * self.output[:, None, :]
+        movable = np.ones(out.shape[1], dtype=bool) if movable is None else movable
+        bounds, mixes = Bounds(self.model.lower, self.model.upper), np.ascontiguousarray(mixes, dtype=float)
+        propose(self.table, bounds, data, weight, movable, mixes, out)
+        return out
+
+
+def linearised(problem: Problem, rng: np.random.Generator, n: int) -> np.ndarray:
+    """``n`` starts of one problem, (n, P); the first does not depend on ``rng``.
+
+    Raises `ModelError` when the model is not linear in its gains. A longer draw from the same stream begins with a
+    shorter one. Data or weights that are not finite leave points of the pool.
+    """
+    return linearised_many([problem], [rng], n)[0]
+
+
+def linearised_many(problems: Sequence[Problem], rngs: Sequence[np.random.Generator], n: int) -> np.ndarray:
+    """Starts of R problems that share model and frequencies, (R, n, P): those of `linearised`, faster together."""
+    model = problems[0].model
+    linear = LinearModel.of(model, problems[0].f)
+    P, width = len(model.parameters), model.upper - model.lower
+    M = len(POOL)
+    pools, first = np.empty((len(problems), n, M, P)), sobol(model, np.random.default_rng(SEED), M)
+    for own, rng in zip(pools, rngs, strict=True):
+        own[:1] = first
+        own[1:] = uniform(model, rng, own[1:].size // P).reshape(own[1:].shape)
+    runners = [p for p in problems for _ in range(n)]
+    if not runners:
+        return np.empty((len(problems), n, P))
+    points = np.stack([linear.steps(p, x, POOL) for p, x in zip(runners, pools.reshape(-1, M, P), strict=True)])
+    for iterations, keep in RACE:
+        points, cost = _ahead(*_descend(runners, points, iterations), keep, width)
+    delays = np.array([model.names.index(name) for name in model.delays], dtype=np.int64)
+    if delays.size:
+        movable = np.ones(P, dtype=bool)
+        movable[delays] = False
+        moved = _moved_delays(points[:, :LEADERS], delays, model)
+        again = np.zeros((moved.shape[1], AGAIN))
+        moved = np.stack([linear.steps(p, x, again, movable) for p, x in zip(runners, moved, strict=True)])
+        moved, cost_moved = _descend(runners, moved, LAST)
+        points, cost = np.concatenate([points, moved], axis=1), np.concatenate([cost, cost_moved], axis=1)
+    best = cost.argmin(axis=1)
+    return points[np.arange(len(runners)), best].reshape(len(problems), n, P)
+
+
+def _descend(problems: Sequence[Problem], points: np.ndarray, iterations: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (R, M, P) after some iterations of the compiled solver, and their costs; infinite where it failed."""
+    fits = fit_many(problems, points, "lm", Options(max_iterations=iterations))
+    cost = np.stack([one.cost for one in fits])
+    estimate = np.stack([one.estimate for one in fits])
+    usable = np.isfinite(cost) & np.isfinite(estimate).all(axis=2)
+    return np.where(usable[..., None], estimate, points), np.where(usable, cost, np.inf)
+
+
+def _ahead(points: np.ndarray, cost: np.ndarray, keep: int, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The ``keep`` best points of each row, (R, keep, P) and (R, keep); copies only when nothing else is left."""
+    rows, M = np.arange(len(points)), points.shape[1]
+    turn = cost.argsort(axis=1, kind="stable").argsort(axis=1)
+    chosen = np.empty((len(points), keep), dtype=np.int64)
+    for k in range(keep):
+        chosen[:, k] = best = turn.argmin(axis=1)
+        copies = (np.abs(points - points[rows, best][:, None]) <= APART * width).all(axis=2)
+        turn[copies & (turn < M)] += M
+        turn[rows, best] = 3 * M
+    return np.take_along_axis(points, chosen[..., None], axis=1), np.take_along_axis(cost, chosen, axis=1)
+
+
+def _moved_delays(points: np.ndarray, delays: np.ndarray, model: Model) -> np.ndarray:
+    """Each point (R, L, P) with each delay in turn at each position of the grid, (R, L * D * grid, P)."""
+    copies = np.repeat(points[:, :, None, None], delays.size, axis=2)
+    copies = np.repeat(copies, len(DELAY_GRID), axis=3)
+    for k, p in enumerate(delays):
+        copies[:, :, k, :, p] = model.lower[p] + (model.upper[p] - model.lower[p]) * np.array(DELAY_GRID)
+    return copies.reshape(len(points), -1, points.shape[2])
+
+
+def _constant_filters(table: Table, s: np.ndarray) -> np.ndarray:
+    """Values of filters without parameters, (F, N)."""
+    sides = np.zeros((table.n_filters, 2, s.size), dtype=complex)
+    for (k, side, order, *_), c in zip(table.monomial, table.monomial_coefficient, strict=True):
+        sides[k, side] += c * s**order
+    return sides[:, 0] / sides[:, 1]
+
+
+def _require_linear(model: Model) -> None:
+    gains = {name for term in model.terms for name in term.gain}
+    for term in model.terms:
+        if len(term.gain) > 1:
+            raise ModelError(
+                f"model {model.name}: linearised starts need single gains, term {term.row} <- {term.sense} holds "
+                f"the product {' * '.join(term.gain)}"
+            )
+    for filt in model.filters:
+        for monomial in (*filt.numerator, *filt.denominator):
+            for name, _ in monomial.powers:
+                raise ModelError(
+                    f"model {model.name}: linearised starts need filters without parameters, filter {filt.name} "
+                    f"holds {name}"
+                )
+    for name in gains.intersection(model.delays):
+        raise ModelError(f"model {model.name}: linearised starts need {name} to be a gain or a delay, not both")

@@ -1,0 +1,68 @@
+"""The compiled bounded Levenberg-Marquardt solver, from `Problem`s to `Fits`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mcstudy.fitting import kernel
+from mcstudy.fitting.arguments import Bounds, Options, Outcomes, Queue, pack
+from mcstudy.fitting.lanes import WIDTH
+from mcstudy.fitting.plans import kept_plan, plan, workspace
+from mcstudy.fitting.problem import Fits, Problem
+
+
+def lm_queue(
+    problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, tolerance: float, max_iterations: int
+) -> Fits:
+    """Fit M starts of R problems that share model and frequencies, in one queue that keeps the lanes full.
+
+    Parameters
+    ----------
+    problems: R problems; their model and ``f`` must be the same.
+    which: problem of each start, (M,) int.
+    starts: (M, P).
+    tolerance: predicted relative decrease of the cost at which a fit has converged.
+    max_iterations: most evaluations of model and derivatives a fit may take.
+    """
+    model = problems[0].model
+    table = kept_plan(model, np.asarray(problems[0].f, dtype=float).tobytes())
+    out = Outcomes.empty(*starts.shape)
+    if len(starts):
+        queue = Queue(
+            packed=np.stack([pack(p.data, p.weight) for p in problems]),
+            problem=np.ascontiguousarray(which, dtype=np.int64),
+            starts=np.ascontiguousarray(starts),
+        )
+        bounds = Bounds(model.lower, model.upper)
+        kernel.levenberg_marquardt(table, workspace(table), queue, bounds, Options(tolerance, max_iterations), out)
+    return Fits.of(model, *out)
+
+
+def lm(problem: Problem, starts: np.ndarray, tolerance: float, max_iterations: int) -> Fits:
+    """Fit one problem from S starts (S, P) with the compiled kernel."""
+    return lm_queue([problem], np.zeros(len(starts), dtype=np.int64), starts, tolerance, max_iterations)
+
+
+def normal_equations(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the kernel computes at parameter vectors ``theta`` (S, P): cost (S,), J^T r (S, P), J^T J (S, P, P)."""
+    table, packed = plan(problem.model, problem.f), pack(problem.data, problem.weight)
+    work = workspace(table)
+    slots = work.w.reshape(-1, WIDTH)
+    S, P = theta.shape
+    lower = np.tril_indices(P)
+    cost, gradient, gram = np.empty(S), np.empty((S, P)), np.empty((S, P, P))
+    slots[work.data : work.data + packed.size] = packed[:, None]
+    for first in range(0, S, WIDTH):
+        batch = theta[first : first + WIDTH]
+        slots[work.trial : work.trial + P] = batch[-1][:, None]
+        slots[work.trial : work.trial + P, : len(batch)] = batch.T
+        kernel.evaluate(table, work)
+        done, found = slice(first, first + len(batch)), slots[work.gram_trial :, : len(batch)]
+        triangle = found[: P * (P + 1) // 2].T
+        gram[done][:, lower[0], lower[1]] = triangle
+        gram[done][:, lower[1], lower[0]] = triangle
+        gradient[done] = found[P * (P + 1) // 2 :][:P].T
+        cost[done] = found[(P + 1) * (P + 2) // 2 - 1]
+    return cost, gradient, gram

@@ -1,0 +1,158 @@
+"""Penalised fits: maximum a posteriori, with a normal prior on every parameter.
+
+Units. With C = E[e e^H] the log likelihood of the lines is -sum r^H C^-1 r, so the deviance chi2 = 2 sum r^H C^-1 r
+counts 4 N real degrees of freedom; every whitened vector here is real with unit variance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Prior, Queue, pack
+from mcstudy.fitting.penalised_kernel import penalised_fits
+from mcstudy.fitting.plans import plan, workspace
+from mcstudy.spectra.lines import Lines
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import frf, frf_jacobian
+
+TOLERANCE = 1e-4
+"""Decrease of chi2 below which a fit has converged."""
+
+ITERATIONS = 60
+
+
+def whiten(weight: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Whitened FRF residuals (N, 2) or derivatives (N, 2, K) as real numbers (4 N,) or (4 N, K)."""
+    z = np.einsum("nij,nj...->ni...", weight, r)
+    z = z.reshape(-1, *z.shape[2:])
+    return np.concatenate([z.real, z.imag])
+
+
+@dataclass(frozen=True)
+class Data:
+    """Lines in the form the fits read: f (N,), y (N, 2), weight (N, 2, 2) from `LineNoise.whitener`."""
+
+    f: np.ndarray
+    y: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def of(cls, lines: Lines) -> Data:
+        """From measured lines."""
+        return cls(lines.f, lines.y, lines.noise.whitener)
+
+    @property
+    def packed(self) -> np.ndarray:
+        """Data and weights in the kernel's order, (8 N,)."""
+        return pack(self.y, self.weight)
+
+    def with_y(self, y: np.ndarray) -> Data:
+        """The same lines with other responses."""
+        return replace(self, y=y)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """One penalised fit.
+
+    Attributes
+    ----------
+    model: what was fitted. prior: its prior. theta: (P,) estimate. chi2: deviance of the data. penalty: of the prior.
+    information: (P, P) J^T J of the whitened data at the estimate.
+    """
+
+    model: Model = field(repr=False)
+    prior: Prior = field(repr=False)
+    theta: np.ndarray
+    chi2: float
+    penalty: float
+    information: np.ndarray = field(repr=False)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Posterior covariance of the parameters, (P, P)."""
+        return np.linalg.inv(self.information + np.diag(self.prior.scale**-2))
+
+    @property
+    def log_evidence(self) -> float:
+        """Laplace approximation of ln p(data), up to a constant of the data; parameters on a bound are not special."""
+        curvature = self.information * np.outer(self.prior.scale, self.prior.scale) + np.eye(self.theta.size)
+        return float(-0.5 * (self.chi2 + self.penalty) - 0.5 * np.linalg.slogdet(curvature)[1])
+
+    def response(self, f: np.ndarray) -> np.ndarray:
+        """FRFs (N, 2)."""
+        return frf(self.model, self.theta, f)
+
+    def residual(self, data: Data) -> np.ndarray:
+        """Whitened residual y - model, (4 N,)."""
+        return whiten(data.weight, data.y - self.response(data.f))
+
+    def free_residual(self, data: Data) -> np.ndarray:
+        """Residual (4 N,) of the linearised fit without bounds: `residual` itself unless a bound holds the fit.
+
+        Its square never exceeds ``chi2 + penalty``, so evidence computed from it stays honest at a bound.
+        """
+        J = self.jacobian(data)
+        r = self.residual(data)
+        off = (self.theta - self.prior.mean) / self.prior.scale**2
+        return r - J @ (self.covariance @ (J.T @ r - off))
+
+    def jacobian(self, data: Data) -> np.ndarray:
+        """Whitened derivative of the model, (4 N, P)."""
+        return whiten(data.weight, frf_jacobian(self.model, self.theta, data.f)[1])
+
+
+class Fitter:
+    """Penalised fits of one model at fixed frequencies; prepared once, used for many data.
+
+    Parameters
+    ----------
+    model: what is fitted, inside its bounds. prior: of its parameters, (P,). f: frequencies, Hz, (N,).
+    """
+
+    def __init__(self, model: Model, prior: Prior, f: np.ndarray) -> None:
+        self.model, self.prior = model, prior
+        self._plan = plan(model, f)
+
+    def fits(
+        self,
+        packed: np.ndarray,
+        starts: np.ndarray,
+        problem: np.ndarray | None = None,
+        lower: np.ndarray | None = None,
+        upper: np.ndarray | None = None,
+        tolerance: float = TOLERANCE,
+    ) -> PenalisedFits:
+        """Fits from starts (S, P) of the problems (S,) among ``packed`` (R, 8 N); own bounds (S, P) if given."""
+        starts = np.ascontiguousarray(np.atleast_2d(starts), dtype=float)
+        shape, model = starts.shape, self.model
+        queue = Queue(
+            packed=np.ascontiguousarray(np.atleast_2d(packed)),
+            problem=np.zeros(len(starts), dtype=np.int64) if problem is None else np.asarray(problem, dtype=np.int64),
+            starts=starts,
+        )
+        bounds = Bounds(
+            np.ascontiguousarray(np.broadcast_to(model.lower if lower is None else lower, shape)),
+            np.ascontiguousarray(np.broadcast_to(model.upper if upper is None else upper, shape)),
+        )
+        out, options = PenalisedFits.empty(*shape), Options(tolerance, ITERATIONS)
+        penalised_fits(self._plan, workspace(self._plan), queue, bounds, self.prior, options, out)
+        return out
+
+    def best(self, data: Data, starts: np.ndarray) -> Fitted:
+        """The best of several starts on one data set."""
+        return self.pick(self.fits(data.packed, starts))
+
+    def pick(self, fits: PenalisedFits) -> Fitted:
+        """The best of several fits of one problem."""
+        k = int(np.argmin(fits.objective))
+        return Fitted(
+            self.model,
+            self.prior,
+            fits.estimate[k],
+            float(fits.chi2[k]),
+            float(fits.penalty[k]),
+            fits.information[k],
+        )

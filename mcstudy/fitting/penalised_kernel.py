@@ -1,0 +1,179 @@
+"""The compiled loop of the penalised fit: eight fits at a time over `mcstudy.fitting.kernel.evaluate`.
+
+The fits of the diagnosis differ from those of a study in three ways: a normal prior on every parameter keeps what the
+data cannot determine from running to a bound, each fit may hold some parameters (a profile over the size of an
+effect), and the Gram matrix at the minimum is wanted as well. Damped Gauss-Newton (Levenberg-Marquardt) in units of
+the prior's standard deviations, clipped to the bounds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Plan, Prior, Queue, Workspace
+from mcstudy.fitting.kernel import evaluate
+from mcstudy.fitting.lanes import WIDTH
+from mcstudy.fitting.small_linear import solve
+from mcstudy.stance.compiled import compiled
+
+DAMPING = 1e-3
+DAMPING_MOST = 1e9
+LONGEST = 0.4
+"""Longest step of one parameter, in standard deviations of its prior: longer ones end in the wrong valley."""
+
+
+@compiled
+def _step(gram, gradient, at, low, high, scale, damping, goal):  # type: ignore[no-untyped-def]
+    """Fill ``goal`` with the damped step's end inside the bounds; returns the decrease it predicts."""
+    P = at.size
+    A, b = np.empty((P, P)), np.empty(P)
+    free = np.empty(P, dtype=np.int64)
+    held = np.zeros(P, dtype=np.bool_)
+    for p in range(P):
+        outward = (at[p] <= low[p] and gradient[p] > 0.0) or (at[p] >= high[p] and gradient[p] < 0.0)
+        held[p] = low[p] >= high[p] or outward
+        goal[p] = at[p]
+    for _ in range(P + 1):
+        m = 0
+        for p in range(P):
+            if not held[p]:
+                free[m] = p
+                m += 1
+        if m == 0:
+            break
+        for a in range(m):
+            b[a] = -gradient[free[a]]
+            for p in range(P):
+                if held[p]:
+                    b[a] -= gram[free[a], p] * (goal[p] - at[p])
+            for c in range(m):
+                A[a, c] = gram[free[a], free[c]]
+            A[a, a] += damping * (gram[free[a], free[a]] + 1.0 / scale[free[a]] ** 2)
+        if not solve(A, b, m):
+            return -1.0
+        crossed = False
+        longest = 0.0
+        for a in range(m):
+            longest = max(longest, abs(b[a]) / scale[free[a]])
+        shorten = min(1.0, LONGEST / longest) if longest > 0.0 else 1.0
+        for a in range(m):
+            p = free[a]
+            goal[p] = at[p] + shorten * b[a]
+            if goal[p] < low[p] or goal[p] > high[p]:
+                goal[p] = min(max(goal[p], low[p]), high[p])
+                held[p] = True
+                crossed = True
+        if not crossed:
+            break
+    predicted = 0.0
+    for i in range(P):
+        inner = 2.0 * gradient[i]
+        for j in range(P):
+            inner += gram[i, j] * (goal[j] - at[j])
+        predicted -= inner * (goal[i] - at[i])
+    return predicted
+
+
+@compiled
+def penalised_fits(
+    plan: Plan, work: Workspace, queue: Queue, bounds: Bounds, prior: Prior, options: Options, out: PenalisedFits
+) -> None:
+    """Minimise chi2(x) + sum ((x - mean) / scale)^2 from every start, inside its own bounds (M, P), and fill ``out``.
+
+    ``out.information`` is the matrix J^T J of chi2 alone at the estimate.
+    """
+    w, packed, problem, starts = work.w, queue.packed, queue.problem, queue.starts
+    lower, upper, mean, scale, tolerance = bounds.lower, bounds.upper, prior.mean, prior.scale, options.tolerance
+    S, P = starts.shape
+    n_data = packed.shape[1]
+    fit = np.full(WIDTH, -1, dtype=np.int64)
+    fresh = np.ones(WIDTH, dtype=np.bool_)
+    x, goal = np.zeros((WIDTH, P)), np.zeros((WIDTH, P))
+    gram, gradient = np.zeros((WIDTH, P, P)), np.zeros((WIDTH, P))
+    total, value, predicted = np.zeros(WIDTH), np.zeros(WIDTH), np.zeros(WIDTH)
+    damping, growth = np.full(WIDTH, DAMPING), np.full(WIDTH, 2.0)
+    count = np.zeros(WIDTH, dtype=np.int64)
+    next_fit, running = 0, 0
+    for lane in range(WIDTH):
+        index = min(next_fit, S - 1)
+        for k in range(n_data):
+            w[(work.data + k) * WIDTH + lane] = packed[problem[index], k]
+        for p in range(P):
+            goal[lane, p] = min(max(starts[index, p], lower[index, p]), upper[index, p])
+        if next_fit < S:
+            fit[lane] = next_fit
+            next_fit += 1
+            running += 1
+    while running > 0:
+        for lane in range(WIDTH):
+            for p in range(P):
+                w[(work.trial + p) * WIDTH + lane] = goal[lane, p]
+        evaluate(plan, work)
+        for lane in range(WIDTH):
+            index = fit[lane]
+            if index < 0:
+                continue
+            count[lane] += 1
+            new = w[(work.gram_trial + (P + 1) * (P + 2) // 2 - 1) * WIDTH + lane]
+            extra = 0.0
+            for p in range(P):
+                extra += ((goal[lane, p] - mean[p]) / scale[p]) ** 2
+            done = False
+            if fresh[lane] or new + extra < total[lane]:
+                if not fresh[lane]:
+                    ratio = (total[lane] - new - extra) / predicted[lane]
+                    damping[lane] = max(damping[lane] * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-12)
+                    growth[lane] = 2.0
+                    if total[lane] - new - extra < tolerance and predicted[lane] < tolerance:
+                        done = True
+                if fresh[lane] and not np.isfinite(new):
+                    done = True
+                fresh[lane] = False
+                total[lane], value[lane] = new + extra, new
+                k = work.gram_trial
+                for i in range(P):
+                    x[lane, i] = goal[lane, i]
+                    for j in range(i + 1):
+                        gram[lane, i, j] = w[k * WIDTH + lane]
+                        gram[lane, j, i] = w[k * WIDTH + lane]
+                        k += 1
+                for p in range(P):
+                    gradient[lane, p] = w[k * WIDTH + lane] + (x[lane, p] - mean[p]) / scale[p] ** 2
+                    k += 1
+            else:
+                damping[lane] *= growth[lane]
+                growth[lane] *= 2.0
+                if damping[lane] > DAMPING_MOST:
+                    done = True
+            if not done:
+                A = gram[lane].copy()
+                for p in range(P):
+                    A[p, p] += 1.0 / scale[p] ** 2
+                predicted[lane] = _step(
+                    A, gradient[lane], x[lane], lower[index], upper[index], scale, damping[lane], goal[lane]
+                )
+                while predicted[lane] < 0.0 and damping[lane] < DAMPING_MOST:
+                    damping[lane] = max(10.0 * damping[lane], 1e-6)
+                    predicted[lane] = _step(
+                        A, gradient[lane], x[lane], lower[index], upper[index], scale, damping[lane], goal[lane]
+                    )
+                if predicted[lane] < tolerance * 1e-2 or count[lane] >= options.max_iterations:
+                    done = True
+            if done:
+                for i in range(P):
+                    out.estimate[index, i] = x[lane, i]
+                    for j in range(P):
+                        out.information[index, i, j] = gram[lane, i, j]
+                out.chi2[index], out.penalty[index] = value[lane], total[lane] - value[lane]
+                fit[lane] = -1
+                running -= 1
+                if next_fit < S:
+                    fit[lane], fresh[lane], count[lane] = next_fit, True, 0
+                    damping[lane], growth[lane] = DAMPING, 2.0
+                    if problem[next_fit] != problem[index]:
+                        for k in range(n_data):
+                            w[(work.data + k) * WIDTH + lane] = packed[problem[next_fit], k]
+                    for p in range(P):
+                        goal[lane, p] = min(max(starts[next_fit, p], lower[next_fit, p]), upper[next_fit, p])
+                    next_fit += 1
+                    running += 1

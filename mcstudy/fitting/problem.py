@@ -1,0 +1,151 @@
+"""What is fitted: a model, FRF data, and weights that make the cost.
+
+Both costs are one half-quadratic form: with W_n a 2 x 2 complex lower-triangular weight at frequency n,
+
+    cost(theta) = sum_n || W_n (H(f_n; theta) - y_n) ||^2
+
+- `paper_cost`: W = diag(1/|y1|, 1/|y2|) / sqrt(2 N), so cost is the paper's J (Goodworth & Peterka 2018, Methods).
+- `ml_cost`: W^H W = C^-1 with C the complex noise covariance of the two FRFs, so cost is V = sum r^H C^-1 r.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.fitting.status import Status
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import frf, frf_jacobian
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One least-squares problem.
+
+    Attributes
+    ----------
+    model: the model fitted; its bounds are the bounds of the fit.
+    f: frequencies, Hz, (N,).
+    data: measured FRFs of the two angles, rad per unit of stimulus, (N, 2) complex.
+    weight: W_n, (N, 2, 2) complex, lower triangular with real diagonal.
+    """
+
+    model: Model
+    f: np.ndarray
+    data: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def finite(self) -> bool:
+        """Whether data and weights can be fitted at all."""
+        return bool(np.isfinite(self.data).all() and np.isfinite(self.weight).all())
+
+    def head(self, n: int) -> Problem:
+        """The same problem on its first ``n`` frequencies (weights unchanged)."""
+        return Problem(self.model, self.f[:n], self.data[:n], self.weight[:n])
+
+    def residual(self, theta: np.ndarray) -> np.ndarray:
+        """Weighted residuals as a real vector (4 N,), whose squared norm is the cost."""
+        return _real(np.einsum("nij,nj->ni", self.weight, frf(self.model, theta, self.f) - self.data))
+
+    def jacobian(self, theta: np.ndarray) -> np.ndarray:
+        """Exact derivative of `residual`, (4 N, P)."""
+        _, dH = frf_jacobian(self.model, theta, self.f)
+        weighted = np.einsum("nij,njp->nip", self.weight, dH)
+        return np.concatenate([weighted.real.reshape(-1, dH.shape[-1]), weighted.imag.reshape(-1, dH.shape[-1])])
+
+    def cost(self, theta: np.ndarray) -> float:
+        """The cost at one parameter vector."""
+        r = self.residual(theta)
+        return float(r @ r)
+
+
+def _real(z: np.ndarray) -> np.ndarray:
+    return np.concatenate([z.real.ravel(), z.imag.ravel()])
+
+
+def paper_cost(model: Model, f: np.ndarray, data: np.ndarray) -> Problem:
+    """The paper's J: mean squared error relative to the data's own magnitude, over the model's angles."""
+    data = np.asarray(data, dtype=complex)
+    weight = np.zeros((data.shape[0], 2, 2), dtype=complex)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for k in range(model.n_angles):
+            weight[:, k, k] = 1.0 / (np.abs(data[:, k]) * np.sqrt(model.n_angles * data.shape[0]))
+    return Problem(model, np.asarray(f, dtype=float), data, weight)
+
+
+def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarray) -> Problem:
+    """Maximum likelihood: V = sum r^H C^-1 r, with ``covariance`` (N, 2, 2) Hermitian E[r r^H] of the FRF errors."""
+    data = np.asarray(data, dtype=complex)
+    weight = np.zeros((data.shape[0], 2, 2), dtype=complex)
+    angles = np.s_[:, : model.n_angles, : model.n_angles]
+    if np.isfinite(covariance).all():
+        weight[angles] = np.linalg.inv(np.linalg.cholesky(covariance[angles]))
+    else:
+        weight[angles] = np.nan
+    return Problem(model, np.asarray(f, dtype=float), data, weight)
+
+
+@dataclass(frozen=True)
+class Fits:
+    """Outcomes of S starts of one problem.
+
+    Attributes
+    ----------
+    estimate: (S, P) final parameters; cost: (S,); status: (S,) uint8 (`Status`); iterations: (S,) int32, the number
+    of evaluations of the model with its derivatives; at_bound: (S, P) int8, -1 on the lower bound, +1 on the upper.
+    """
+
+    estimate: np.ndarray
+    cost: np.ndarray
+    status: np.ndarray
+    iterations: np.ndarray
+    at_bound: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        estimate: np.ndarray,
+        cost: np.ndarray,
+        status: np.ndarray,
+        iterations: np.ndarray,
+        reach: float = 0.0,
+    ) -> Fits:
+        """Complete raw solver output with the bounds it ended on.
+
+        A parameter counts as on a bound within ``reach`` of it, in widths of its bounds: 0 for a solver that puts
+        parameters on bounds, more for one that only comes near them.
+        """
+        near = reach * (model.upper - model.lower)
+        at_bound = (estimate >= model.upper - near).astype(np.int8) - (estimate <= model.lower + near).astype(np.int8)
+        return cls(estimate, cost, status.astype(np.uint8), iterations.astype(np.int32), at_bound)
+
+    @classmethod
+    def failed(cls, starts: np.ndarray, status: Status) -> Fits:
+        """Fits that could not be attempted, all with one status."""
+        n = starts.shape[0]
+        return cls(
+            estimate=np.full(starts.shape, np.nan),
+            cost=np.full(n, np.nan),
+            status=np.full(n, status, dtype=np.uint8),
+            iterations=np.zeros(n, dtype=np.int32),
+            at_bound=np.zeros(starts.shape, dtype=np.int8),
+        )
+
+    def put(self, where: np.ndarray, other: Fits) -> None:
+        """Write the fits of ``other`` over those at indices ``where``."""
+        for name in ("estimate", "cost", "status", "iterations", "at_bound"):
+            getattr(self, name)[where] = getattr(other, name)
+
+    def take(self, where: slice) -> Fits:
+        """Some of the fits, as views."""
+        return Fits(
+            self.estimate[where], self.cost[where], self.status[where], self.iterations[where], self.at_bound[where]
+        )
+
+    @property
+    def best(self) -> int:
+        """Index of the lowest cost."""
+        return int(np.nanargmin(self.cost))

@@ -1,0 +1,109 @@
+"""Linear algebra of small matrices, compiled: handing these to BLAS threads costs more than doing them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mcstudy.stance.compiled import compiled
+
+
+@compiled
+def solve(A, b, n):  # type: ignore[no-untyped-def]
+    """Solve A x = b in place for the leading n rows, by Cholesky; False when A is not positive definite.
+
+    Reads the lower triangle of A and leaves its factor there; x is left in b.
+    """
+    for j in range(n):
+        d = A[j, j]
+        for k in range(j):
+            d -= A[j, k] * A[j, k]
+        if not d > 0.0:
+            return False
+        d = np.sqrt(d)
+        A[j, j] = d
+        for i in range(j + 1, n):
+            v = A[i, j]
+            for k in range(j):
+                v -= A[i, k] * A[j, k]
+            A[i, j] = v / d
+    for i in range(n):
+        v = b[i]
+        for k in range(i):
+            v -= A[i, k] * b[k]
+        b[i] = v / A[i, i]
+    for i in range(n - 1, -1, -1):
+        v = b[i]
+        for k in range(i + 1, n):
+            v -= A[k, i] * b[k]
+        b[i] = v / A[i, i]
+    return True
+
+
+@compiled
+def gaussian_factor(A, b, variance):  # type: ignore[no-untyped-def]
+    """ln Bayes factor (n,) of coefficients N(0, variance I) from b = F'r (K, n) and A = F'MF (K, K).
+
+    b'(A + I / v)^-1 b / 2 - ln|I + v A| / 2 by Cholesky.
+    """
+    K, n = b.shape
+    L = np.zeros((K, K))
+    log_det = 0.0
+    for j in range(K):
+        for i in range(j, K):
+            v = A[i, j]
+            if i == j:
+                v += 1.0 / variance
+            for k in range(j):
+                v -= L[i, k] * L[j, k]
+            if i == j:
+                v = max(v, 1.0 / variance)  # A is positive semidefinite, up to rounding
+                L[j, j] = np.sqrt(v)
+                log_det += np.log(variance * v)
+            else:
+                L[i, j] = v / L[j, j]
+    out = np.zeros(n)
+    x = np.empty((K, n))
+    for i in range(K):
+        for c in range(n):
+            x[i, c] = b[i, c]
+        for k in range(i):
+            f = L[i, k]
+            for c in range(n):
+                x[i, c] -= f * x[k, c]
+        for c in range(n):
+            x[i, c] /= L[i, i]
+            out[c] += x[i, c] * x[i, c]
+    return 0.5 * out - 0.5 * log_det
+
+
+@compiled
+def orthonormal(J, X, least):  # type: ignore[no-untyped-def]
+    """Orthonormal rows that span the rows of X (M, D) at right angles to those of J (P, D), and their number.
+
+    Gram-Schmidt, twice; a row that keeps less than ``least`` of its length is dropped. Rows 0 ... P - 1 of the result
+    span J; those of X follow.
+    """
+    P, D = J.shape
+    M = X.shape[0]
+    Q = np.zeros((P + M, D))
+    count, first = 0, 0
+    for m in range(P + M):
+        row = J[m].copy() if m < P else X[m - P].copy()
+        length = np.sqrt(np.sum(row * row))
+        if not length > 0.0:
+            continue
+        row /= length
+        for _ in range(2):
+            for k in range(count):
+                inner = 0.0
+                for d in range(D):
+                    inner += Q[k, d] * row[d]
+                for d in range(D):
+                    row[d] -= inner * Q[k, d]
+        left = np.sqrt(np.sum(row * row))
+        if left > (1e-9 if m < P else least):
+            Q[count] = row / left
+            count += 1
+        if m == P - 1:
+            first = count
+    return Q[first:count]

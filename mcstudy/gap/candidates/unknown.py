@@ -1,0 +1,161 @@
+"""Models of a cause outside the library: families of deviations instead of a named effect.
+
+- *Free torque*: a smooth complex torque at the ankle, at the hip, or at both. It is a Gaussian process over log
+  frequency, in units of the active torque of the loop (plus a tenth of the stimulus), with several sizes and length
+  scales.
+- *Free sensor*: the same as a relative error of a measured angle.
+- *Plain feedback*: one additional feedback path of the simplest form (any row, angle, order and delay; some resonant)
+  that the library does not have. Its evidence pays for one gain only, while a free torque pays for its flexibility.
+
+All are linear in the residual of the base fit, so their marginal likelihood has a closed form. Derived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from mcstudy.fitting.penalised import Data, Fitted, whiten
+from mcstudy.stance.response import active, system
+
+LENGTHS = (0.6, 1.2)
+"""Length scales of a free torque, in units of ln frequency."""
+
+SIZES = (0.02, 0.1, 0.4)
+"""Standard deviations of a free torque, relative to the active torque of the loop."""
+
+RANK = 14
+"""Number of smooth functions kept per length scale; the others have less than 1 % of the variance."""
+
+DELAYS_S = (0.0, 0.05, 0.12, 0.25)
+RESONANCES_HZ = (0.5, 1.0, 2.0, 3.0, 4.5, 6.5)
+
+
+@dataclass(frozen=True)
+class Family:
+    """A zero-mean Gaussian deviation.
+
+    Attributes
+    ----------
+    name: as displayed. locations: where it acts. columns: (4 N, K) whitened, scaled so that the variance of every
+        coefficient is one of ``variances``; the marginal likelihood is averaged over them.
+    """
+
+    name: str
+    locations: tuple[str, ...]
+    columns: np.ndarray
+    variances: tuple[float, ...]
+
+
+@lru_cache(maxsize=32)
+def _modes(first: float, last: float, length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Grid of ln frequency (60,), largest eigenvalues (`RANK`,) and eigenvectors (60, `RANK`) of the kernel on it."""
+    grid = np.linspace(first, last, 60)
+    value, vector = np.linalg.eigh(np.exp(-0.5 * ((grid[:, None] - grid) / length) ** 2))
+    keep = np.argsort(value)[::-1][:RANK]
+    return grid, value[keep], vector[:, keep]
+
+
+def smooth_functions(f: np.ndarray, length: float) -> np.ndarray:
+    """(N, `RANK`) orthogonal functions whose sum of squares is a unit-variance process smooth over ln f."""
+    x = np.log(f)
+    grid, value, vector = _modes(round(float(x[0]), 9), round(float(x[-1]), 9), length)
+    cross = np.exp(-0.5 * ((x[:, None] - grid) / length) ** 2)
+    return np.asarray(cross @ vector / np.sqrt(np.maximum(value, 1e-9)))
+
+
+def _complex(columns: np.ndarray) -> np.ndarray:
+    """(N, 2, 2 K): the columns and i times the columns, each with half the variance."""
+    return np.concatenate([columns, 1j * columns], axis=-1) / np.sqrt(2)
+
+
+def free_torques(fitted: Fitted, data: Data) -> list[Family]:
+    """Free torques at the ankle, the hip and both, and free relative errors of both measured angles."""
+    s = 2j * np.pi * data.f
+    model, theta = fitted.model, fitted.theta
+    A, b = system(model, theta, s)
+    H = np.linalg.solve(A, b[..., None])[..., 0]
+    inverse = np.linalg.inv(A)
+    loop = np.abs(np.einsum("nij,nj->ni", active(model, theta, s), H)) + 0.1 * np.abs(b).max(axis=1, keepdims=True)
+    y = fitted.response(data.f)
+    out = []
+    for length in LENGTHS:
+        phi = smooth_functions(data.f, length)
+        torque = {
+            row: whiten(
+                data.weight,
+                _complex(inverse[:, :, k, None] * (loop[:, k, None] * phi)[:, None, :]),
+            )
+            for k, row in enumerate(model.rows)
+        }
+        sensor = []
+        for k in (0, 1):
+            unit = np.zeros((data.f.size, 2, RANK), dtype=complex)
+            unit[:, k] = y[:, k, None] * phi
+            sensor.append(whiten(data.weight, _complex(unit)))
+        variances = tuple(v**2 for v in SIZES)
+        both = np.concatenate([torque["ankle"], torque["hip"]], axis=1)
+        out += [
+            Family("free ankle torque", ("ankle",), torque["ankle"], variances),
+            Family("free hip torque", ("hip",), torque["hip"], variances),
+            Family("free ankle and hip torque", ("ankle", "hip"), both, variances),
+            Family("free sensor error", ("sensor",), np.concatenate(sensor, axis=1), variances),
+        ]
+    return out
+
+
+def plain_feedback(fitted: Fitted, data: Data) -> list[tuple[str, tuple[str, ...], np.ndarray]]:
+    """(name, locations, whitened column (4 N,)) of all plain feedback paths, before selection."""
+    s = 2j * np.pi * data.f
+    model, theta = fitted.model, fitted.theta
+    A, b = system(model, theta, s)
+    H = np.linalg.solve(A, b[..., None])[..., 0]
+    inverse = np.linalg.inv(A)
+    senses = {"theta1": H[:, 0], "theta2": H[:, 1]}
+    shapes = [(f"s^{n} e^(-{d:g} s)", s**n * np.exp(-d * s)) for n, d in product((-1, 0, 1, 2), DELAYS_S)]
+    shapes += [(f"mode {f0:g} Hz", _mode(s, f0)) for f0 in RESONANCES_HZ]
+    shapes += [(f"corner {1 / tau:g}/s", 1 / (tau * s + 1)) for tau in (0.05, 0.2, 1.0, 4.0)]
+    out = []
+    for (k, row), (sense, z), (name, shape) in product(enumerate(model.rows), senses.items(), shapes):
+        out.append((f"{row} <- {name} {sense}", (row,), inverse[:, :, k] * (shape * z)[:, None]))
+    scale = np.abs(b).max(axis=1)
+    for (k, row), (name, shape) in product(enumerate(model.rows), shapes[:16:4]):
+        out.append((f"{row} <- {name} stimulus", (row,), inverse[:, :, k] * (shape * scale)[:, None]))
+    y = fitted.response(data.f)
+    for (i, j), n in product(product((0, 1), (0, 1)), (-1, 0, 1, 2)):
+        column = np.zeros_like(y)
+        column[:, i] = s**n * y[:, j]
+        out.append((f"measured {model.angles[i]} <- s^{n} {model.angles[j]}", ("sensor",), column))
+    return [(name, locations, whiten(data.weight, c)) for name, locations, c in out]
+
+
+def _mode(s: np.ndarray, frequency: float) -> np.ndarray:
+    """s^2 times a resonance of damping ratio 0.2."""
+    w = 2 * np.pi * frequency
+    return s**2 * w**2 / (s**2 + 0.4 * w * s + w**2)
+
+
+def strange(
+    candidates: Sequence[tuple[str, tuple[str, ...], np.ndarray]], known: np.ndarray, alike: float = 0.9
+) -> list[tuple[str, tuple[str, ...], np.ndarray]]:
+    """The candidates, as unit vectors, that are similar neither to the ``known`` unit vectors (4 N, K) nor to each
+    other.
+
+    ``candidates`` have columns with the base parameters already projected out; zero columns are dropped.
+    """
+    kept: list[tuple[str, tuple[str, ...], np.ndarray]] = []
+    basis = known
+    for name, locations, column in candidates:
+        length = np.linalg.norm(column)
+        if not length > 0:
+            continue
+        unit = column / length
+        if basis.shape[1] and np.abs(unit @ basis).max() > alike:
+            continue
+        kept.append((name, locations, unit))
+        basis = np.column_stack([basis, unit])
+    return kept

@@ -1,1 +1,0 @@
-"""A benchmark of diagnoses on withheld causes: `make` cases, `answer` them without the key, `score` with it."""

@@ -1,0 +1,1 @@
+"""The questions a diagnosis answers, one in each file."""

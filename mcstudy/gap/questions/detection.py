@@ -1,0 +1,178 @@
+"""Detection of a gap: p-value, goodness of fit, and map of standardised residuals over frequency.
+
+The test statistic is the Bayes factor of any deviation (every effect of the library, an unknown cause, an unstructured
+residual) against none. The whole squared residual V has far less power against a single effect, because it has 4 N
+degrees of freedom and the gap has one. V serves as goodness of fit and detects unstructured residuals. Null
+distributions come from null samples that include the uncertainty of the estimated covariance
+(`mcstudy.spectra.null_draws`), either through the linearised fit or with the model refitted to every sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from mcstudy.fitting.arguments import PenalisedFits
+from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
+from mcstudy.gap.candidates.scores import Scores
+from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.spectra.lines import Lines
+from mcstudy.stance.response import frf
+
+EDGES_HZ = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0, 3.0, 4.5, 6.5, np.inf)
+"""Edges of the bands in which the residual map is summed."""
+
+UNSTRUCTURED_SHARE = 0.05
+"""Prior share of unstructured gaps."""
+
+REFITS_A_TASK = 125
+"""Null samples that one Dask task refits; so many that the overhead of a task is negligible."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """One angle in one band: mean squared standardised residual, and whether it is beyond the family-wise 5 % limit."""
+
+    angle: str
+    low_hz: float
+    high_hz: float
+    level: float
+    limit: float
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the level exceeds the limit, which noise alone exceeds in any band in 1 of 20 recordings."""
+        return self.level > self.limit
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Outcome of the tests.
+
+    Attributes
+    ----------
+    p_value: of the test statistic. statistic: ln Bayes factor of any gap against none.
+    chi2, expected_chi2, fit_p_value: squared whole residual, its mean under the null, and its p-value.
+    z: (N, 2) standardised residuals, corrected for leverage, E|z|^2 = 1 under the null. z_limit: 95 % limit of max |z|.
+    bands: mean |z|^2 by band. draws: number of null samples. null_chi2: (draws,) null samples of the squared whole
+        residual. unstructured: the test for an unstructured residual, calibrated with them.
+    """
+
+    p_value: float
+    statistic: float
+    chi2: float
+    expected_chi2: float
+    fit_p_value: float
+    z: np.ndarray = field(repr=False)
+    z_limit: float
+    bands: tuple[Band, ...] = field(repr=False)
+    draws: int
+    null_chi2: np.ndarray = field(repr=False)
+    unstructured: Unstructured = field(repr=False)
+
+
+def _complex(r: np.ndarray) -> np.ndarray:
+    """(4 N, n) real whitened vectors as (N, 2, n) complex."""
+    half = r.shape[0] // 2
+    return (r[:half] + 1j * r[half:]).reshape(half // 2, 2, -1)
+
+
+def linear_null(fitted: Fitted, data: Data, noise: np.ndarray) -> np.ndarray:
+    """Residuals (4 N, n) of the linearised fit to noise (4 N, n)."""
+    J = fitted.jacobian(data)
+    return noise - J @ (fitted.covariance @ (J.T @ noise))
+
+
+def refitted_null(fitted: Fitted, fitter: Fitter, data: Data, noise: np.ndarray) -> np.ndarray:
+    """Residuals (4 N, n) of the model refitted to its own response plus every column of noise.
+
+    The refits are Dask tasks on the threads of this process. The result of a fit does not depend on its task.
+    """
+    from dask import compute, delayed  # imported here because the fast diagnosis does not need Dask
+
+    errors = np.einsum("nij,njk->kni", np.linalg.inv(data.weight), _complex(noise))
+    y = fitted.response(data.f) + errors
+    packed = np.array([data.with_y(x).packed for x in y])
+
+    def refits(some: np.ndarray) -> PenalisedFits:
+        n = some.shape[0]
+        return fitter.fits(some, np.tile(fitted.theta, (n, 1)), np.arange(n))
+
+    tasks = [delayed(refits)(packed[i : i + REFITS_A_TASK]) for i in range(0, len(packed), REFITS_A_TASK)]
+    estimate = np.concatenate([fits.estimate for fits in compute(*tasks, scheduler="threads")])
+    r = y - frf(fitted.model, estimate, data.f)
+    return whiten(data.weight, np.moveaxis(r, 0, -1))
+
+
+def detect(
+    fitted: Fitted,
+    fitter: Fitter,
+    data: Data,
+    lines: Lines,
+    scores: Scores,
+    rng: np.random.Generator,
+    draws: int,
+    refits: bool,
+) -> Detection:
+    """All tests on one fit of the base model. ``refits``: refit the model to every null sample (slower)."""
+    noise = lines.noise.draw(rng, draws)
+    null = refitted_null(fitted, fitter, data, noise) if refits else linear_null(fitted, data, noise)
+    residual = fitted.residual(data)
+    # If a refit moves far, the curvature of the model leaves a residual along the parameters of this fit. It is no
+    # deviation of interest, so the statistic projects it out of data and null samples alike.
+    chi2 = float(residual @ residual)
+    null_chi2 = (null**2).sum(axis=0)
+    unstructured = Unstructured.of(null_chi2)
+    statistic = float(_any(scores(residual, linear=refits).gap, unstructured.log_factor(np.array([chi2])))[0])
+    nulls = _any(scores(null, linear=refits).gap, unstructured.log_factor(null_chi2))
+    p_value = (1 + int((nulls >= statistic).sum())) / (1 + draws)
+    z, null_z = standardised(fitted, data, residual[:, None]), standardised(fitted, data, null)
+    return Detection(
+        p_value,
+        statistic,
+        chi2,
+        float(null_chi2.mean()),
+        (1 + int((null_chi2 >= chi2).sum())) / (1 + draws),
+        z[..., 0],
+        float(np.quantile(np.abs(null_z).max(axis=(0, 1)), 0.95)),
+        _bands(lines.f, fitted.model.angles, z[..., 0], null_z),
+        draws,
+        null_chi2,
+        unstructured,
+    )
+
+
+def _any(smooth: np.ndarray, unstructured: np.ndarray) -> np.ndarray:
+    """ln Bayes factor of a gap of either kind, smooth or unstructured."""
+    return np.asarray(np.logaddexp(np.log(1 - UNSTRUCTURED_SHARE) + smooth, np.log(UNSTRUCTURED_SHARE) + unstructured))
+
+
+def standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
+    """(N, 2, n): residuals by angle, divided by their standard deviation after the fit."""
+    colour = np.linalg.inv(data.weight)
+    J = colour @ _complex(fitted.jacobian(data))  # derivative of the FRFs, (N, 2, P)
+    variance = 2 * np.einsum("nij,nij->ni", colour, colour.conj()).real
+    taken = np.einsum("nip,pq,niq->ni", J, fitted.covariance, J.conj()).real
+    left = np.maximum(variance - taken, 0.05 * variance)
+    return np.einsum("nij,njk->nik", colour, _complex(r)) / np.sqrt(left)[..., None]
+
+
+def _bands(f: np.ndarray, angles: tuple[str, str], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
+    """Bands with a family-wise limit: noise alone exceeds it in any band in 5 % of recordings."""
+    rows, level, ratio = [], [], []
+    for low, high in pairwise(EDGES_HZ):
+        inside = (f >= low) & (f < high)
+        if not inside.any():
+            continue
+        for k, angle in enumerate(angles):
+            expected = (np.abs(null[inside, k]) ** 2).mean(axis=0)
+            rows.append((angle, float(f[inside][0]), float(f[inside][-1]), expected))
+            level.append(float((np.abs(z[inside, k]) ** 2).mean()))
+            ratio.append((expected - expected.mean()) / expected.std())
+    limit = float(np.quantile(np.max(ratio, axis=0), 0.95))
+    return tuple(
+        Band(angle, low, high, at, float(e.mean() + limit * e.std()))
+        for (angle, low, high, e), at in zip(rows, level, strict=True)
+    )

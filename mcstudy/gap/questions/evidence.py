@@ -1,0 +1,196 @@
+"""Evidence of one hypothesis: base model plus named effects, refitted and integrated over the sizes.
+
+For a single effect the size is profiled. At every size of a grid the other parameters are refitted (all sizes in
+parallel lanes), and Laplace's approximation integrates over them. The profile times the prior of the size is summed,
+which treats bounds, skewness and one-sided priors exactly. The evidence of two effects together uses Laplace's
+approximation for all parameters.
+
+Prior of a size: a mixture of two normal distributions with equal weight. One has the larger published size as standard
+deviation, the other `TYPICAL_DELTA` standard errors, a size that is well visible in these data. All but `WRONG_SIGN` of
+the probability is on the sign that occurs in people. The first standard deviation is at least the second, because a
+hypothesis describes a visible effect: an effect that the recording cannot detect gains nothing from fitting as well as
+no effect. A size may also be the result of a known mistake (`Mistake`), for example a stimulus whose peak and
+peak-to-peak amplitudes were confused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from mcstudy.effect_library import library
+from mcstudy.effect_library.declare import Size
+from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.gap.candidates.scores import TYPICAL_DELTA, WRONG_SIGN
+from mcstudy.gap.candidates.signatures import Signature
+from mcstudy.gap.fits.priors import weak_prior
+
+MISTAKE = 0.04
+"""Prior probability of each known mistake that would give the size of an effect."""
+
+MISTAKE_SD = 0.03
+"""Standard deviation of a size around the value that results from a mistake."""
+
+MISTAKE_TOLERANCE = 0.1
+"""Largest distance of an estimate from the value of a known mistake at which the mistake is named."""
+
+SPAN = 6.0
+"""Half-width of the grid of sizes in standard errors."""
+
+POINTS = 25
+
+
+@dataclass(frozen=True)
+class SizeEstimate:
+    """Estimate of one parameter of an effect: posterior mean and standard deviation, 95 % limits, unit.
+
+    ``advice``: what to check when the estimate agrees with a known mistake, else empty.
+    """
+
+    name: str
+    estimate: float
+    se: float
+    low: float
+    high: float
+    unit: str
+    advice: str = ""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects that act together, with its evidence.
+
+    Attributes
+    ----------
+    effects: names, empty for the base model. log_evidence: ln evidence up to a constant of the data. fitted: the best
+        fit. sizes: estimates of all parameters that the effects add.
+    """
+
+    effects: tuple[str, ...]
+    log_evidence: float
+    fitted: Fitted
+    sizes: tuple[SizeEstimate, ...] = ()
+
+
+def log_prior(size: Size, a: np.ndarray, se: float) -> np.ndarray:
+    """ln density of the prior of a size at values ``a``, for data that give the standard error ``se``."""
+    null = 0.0 if size.null is None else size.null
+    x = np.asarray(a, dtype=float) - null
+
+    def normal(centre: float, sd: float) -> np.ndarray:
+        return np.asarray(-0.5 * ((x - centre) / sd) ** 2 - np.log(sd * np.sqrt(2 * np.pi)))
+
+    shows = TYPICAL_DELTA * se
+    parts = [normal(0.0, max(size.published[1], shows)) + np.log(0.5), normal(0.0, shows) + np.log(0.5)]
+    out = logsumexp(parts, axis=0)
+    if not size.signed:
+        out = out + np.log(2) + np.where(x >= 0, np.log(1 - WRONG_SIGN), np.log(WRONG_SIGN))
+    if size.mistakes:
+        wrong = [normal(m.value, MISTAKE_SD) + np.log(MISTAKE) for m in size.mistakes]
+        out = logsumexp([out + np.log(1 - len(wrong) * MISTAKE), *wrong], axis=0)
+    return np.asarray(out)
+
+
+def starts_for(
+    base: Fitted, minima: np.ndarray, found: Sequence[Signature], residual: np.ndarray, name: str
+) -> np.ndarray:
+    """Start values (S, P) of a model with one effect, from its signatures at several sizes and its published sizes."""
+    e = library.effect(name)
+    rows = []
+    for s in found:
+        score = float(s.vector @ residual) / max(s.delta, 1e-9) ** 2
+        for factor in (score, 0.4 * score, 2.5 * score):
+            x = factor * s.sizes[e.size.name]
+            theta = base.theta - s.shift * np.clip(factor, -4, 4)
+            rows.append([*theta, *(x if k is e.size else s.sizes[k.name] for k in e.sizes)])
+    middle = [sum(k.published) / 2 for k in e.sizes]
+    for theta in (*minima, base.prior.mean):
+        for factor in (1.0, 0.3) if not e.size.signed else (1.0, -1.0):
+            rows.append([*theta, factor * middle[0], *middle[1:]])
+    rows += [[*base.prior.mean, m.value, *middle[1:]] for m in e.size.mistakes]
+    return np.array(rows)
+
+
+def single(
+    base: Fitted, minima: np.ndarray, data: Data, name: str, found: Sequence[Signature], residual: np.ndarray
+) -> Hypothesis:
+    """The hypothesis that one effect acts.
+
+    Fits start from its signatures at the base fit with that fit's residual, and from its published sizes on the lowest
+    ``minima`` (K, P) of the base model.
+    """
+    e = library.effect(name)
+    model = library.apply(base.model, name)
+    fitter = Fitter(model, weak_prior(model, base.model), data.f)
+    starts = np.clip(starts_for(base, minima, found, residual, name), fitter.model.lower, fitter.model.upper)
+    mode = fitter.pick(fitter.fits(data.packed, starts))
+    P = base.theta.size
+    covariance = mode.covariance
+    se = float(np.sqrt(covariance[P, P]))
+    grid = mode.theta[P] + se * np.linspace(-SPAN, SPAN, POINTS)
+    grid = np.unique(np.clip(grid, e.size.lower, e.size.upper))
+    if grid.size < 3:
+        grid = np.linspace(e.size.lower, e.size.upper, 5)
+    x = mode.theta + np.outer(grid - mode.theta[P], covariance[:, P] / covariance[P, P])
+    x[:, P] = grid
+    lower, upper = np.tile(fitter.model.lower, (grid.size, 1)), np.tile(fitter.model.upper, (grid.size, 1))
+    lower[:, P] = upper[:, P] = grid
+    fits = fitter.fits(data.packed, np.clip(x, lower, upper), lower=lower, upper=upper)
+    prior = fitter.prior
+    others = np.delete(np.arange(mode.theta.size), P)
+    scale = prior.scale[others]
+    penalty = fits.penalty - ((grid - prior.mean[P]) / prior.scale[P]) ** 2
+    curvature = fits.information[:, others[:, None], others] * np.outer(scale, scale) + np.eye(others.size)
+    log_p = -0.5 * (fits.chi2 + penalty) - 0.5 * np.linalg.slogdet(curvature)[1]
+    log_p = np.where(np.isfinite(log_p), log_p, -np.inf) + log_prior(e.size, grid, se)
+    width = np.gradient(grid)
+    width[[0, -1]] /= 2
+    log_p = log_p + np.log(width)
+    log_evidence = float(logsumexp(log_p))
+    weight = np.exp(log_p - log_evidence)
+    sizes = [_summary(e.size, grid, weight)]
+    for k, s in enumerate(e.sizes[1:], start=P + 1):
+        sd = float(np.sqrt(covariance[k, k]))
+        at = float(mode.theta[k])
+        sizes.append(SizeEstimate(s.name, at, sd, at - 1.96 * sd, at + 1.96 * sd, s.unit))
+    best = int(np.argmin(np.where(np.isfinite(fits.chi2), fits.chi2 + penalty, np.inf)))
+    if fits.chi2[best] + penalty[best] < mode.chi2 + mode.penalty - 1.0:
+        mode = fitter.best(data, fits.estimate[best])
+    return Hypothesis((name,), log_evidence, mode, tuple(sizes))
+
+
+def _summary(size: Size, grid: np.ndarray, weight: np.ndarray) -> SizeEstimate:
+    mean = float(weight @ grid)
+    sd = float(np.sqrt(weight @ (grid - mean) ** 2))
+    share = np.cumsum(weight) - weight / 2
+    low, high = np.interp((0.025, 0.975), share, grid)
+    advice = next((m.advice for m in size.mistakes if abs(mean - m.value) < MISTAKE_TOLERANCE), "")
+    return SizeEstimate(size.name, mean, sd, float(low), float(high), size.unit, advice)
+
+
+def together(base: Fitted, data: Data, names: tuple[str, str], starts: np.ndarray) -> Hypothesis:
+    """The hypothesis that two effects act together, from starts (S, P) in the order of ``apply(base, *names)``."""
+    model = library.apply(base.model, *names)
+    fitter = Fitter(model, weak_prior(model, base.model), data.f)
+    fits = fitter.fits(data.packed, np.clip(starts, fitter.model.lower, fitter.model.upper))
+    mode = fitter.pick(fits)
+    sizes = {s.name: s for n in names for s in library.effect(n).sizes}
+    covariance = mode.covariance
+    prior, log_p, estimates = mode.prior, -0.5 * mode.chi2, []
+    scale = prior.scale.copy()
+    for k, name in enumerate(mode.model.names):
+        size = sizes.get(name)
+        if size is None or size.is_shape:
+            log_p -= 0.5 * ((mode.theta[k] - prior.mean[k]) / prior.scale[k]) ** 2
+        else:
+            se = float(np.sqrt(covariance[k, k]))
+            log_p += float(log_prior(size, mode.theta[k], se)) + 0.5 * np.log(2 * np.pi) + np.log(scale[k])
+        if size is not None:
+            at, se = float(mode.theta[k]), float(np.sqrt(covariance[k, k]))
+            estimates.append(SizeEstimate(name, at, se, at - 1.96 * se, at + 1.96 * se, size.unit))
+    curvature = mode.information * np.outer(scale, scale) + np.eye(scale.size)
+    log_p -= 0.5 * float(np.linalg.slogdet(curvature)[1])
+    return Hypothesis(tuple(names), float(log_p), mode, tuple(estimates))

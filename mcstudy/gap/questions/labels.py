@@ -1,0 +1,154 @@
+"""Check of the channel labels of a recording against the responses that every standing body must have.
+
+Above about 2 Hz the stimulus acts on inertia alone, so the responses approach M^-1 b for every controller. Below, they
+stay within a small factor of the nominal model. A mislabelled channel (degrees for radians, theta1 and theta2
+exchanged, a wrong sign, the angle of the trunk in space instead of the hip angle) multiplies the responses by a known
+2 x 2 matrix T. Each possible labelling, called a reading, is scored by the likelihood of the band means of the measured
+FRFs around T H0. H0 is the nominal model; the spread is its error (`MODEL_ERROR`) plus the measured covariance. The
+result is the log odds of the reading against the labels as given. Derived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+
+import numpy as np
+
+from mcstudy.errors import InputError, RecordingError
+from mcstudy.recordings.recording import Recording, Suspicion
+from mcstudy.spectra.lines import Lines
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import frf
+
+EDGES_HZ = (0.05, 0.15, 0.3, 0.5, 0.8, 1.3, 2.0, 3.0, 4.5, 6.5, 9.0)
+"""Edges of the bands that are compared; the model error counts as independent between bands."""
+
+MODEL_ERROR = ((0.05, 0.9), (0.8, 0.8), (2.0, 0.5), (4.5, 0.35), (9.0, 0.35))
+"""(frequency in Hz, relative error of the nominal model for any person), interpolated in log frequency."""
+
+CERTAIN = 12.0
+"""Log odds from which a recording is refused; between `DOUBTFUL` and this it gets a warning."""
+
+DOUBTFUL = 4.0
+
+NOTED = ("stuck", "amplitude")
+"""Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording."""
+
+_DEG = 180 / np.pi
+
+READINGS: dict[str, tuple[tuple[tuple[float, float], tuple[float, float]], str, str]] = {
+    "degrees": (((_DEG, 0), (0, _DEG)), "theta1, theta2", "in deg but declared rad"),
+    "radians": (((1 / _DEG, 0), (0, 1 / _DEG)), "theta1, theta2", "in rad but declared deg"),
+    "degrees_theta1": (((_DEG, 0), (0, 1)), "theta1", "in deg but declared rad"),
+    "degrees_theta2": (((1, 0), (0, _DEG)), "theta2", "in deg but declared rad"),
+    "radians_theta1": (((1 / _DEG, 0), (0, 1)), "theta1", "in rad but declared deg"),
+    "radians_theta2": (((1, 0), (0, 1 / _DEG)), "theta2", "in rad but declared deg"),
+    "swapped": (
+        ((0, 1), (1, 0)),
+        "theta1, theta2",
+        "exchanged (theta1 must be the lower body angle, theta2 the hip angle)",
+    ),
+    "sign": (((-1, 0), (0, -1)), "stimulus or theta1, theta2", "of opposite sign to each other"),
+    "sign_theta1": (((-1, 0), (0, 1)), "theta1", "of the wrong sign"),
+    "sign_theta2": (((1, 0), (0, -1)), "theta2", "of the wrong sign"),
+    "space_angle": (((1, 0), (1, 1)), "theta2", "the angle of the upper body in space; expected the hip angle"),
+}
+"""Per reading: matrix T that multiplies the true responses, channel, and text of the message."""
+
+
+def band_means(lines: Lines, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies (B,), measured and nominal FRFs (B, 2) and covariance (B, 2, 2), by band.
+
+    Each line is divided by the nominal magnitude and averaged with inverse-variance weights."""
+    H = frf(model, model.truth, lines.f)
+    f, y, h, C = [], [], [], []
+    for low, high in pairwise(EDGES_HZ):
+        inside = (lines.f >= low) & (lines.f < high)
+        if not inside.any():
+            continue
+        scale = np.abs(H[inside])
+        noise = lines.noise.variance[inside] / scale**2
+        w = 1 / (noise.mean(axis=1) + 1e-300)
+        w /= w.sum()
+        # Without rotation by the nominal phase of the first angle, lines of different phase would cancel in the mean.
+        turn = np.exp(-1j * np.angle(H[inside, :1]))
+        f.append(float(w @ lines.f[inside]))
+        y.append(w @ (lines.y[inside] * turn / scale.mean(axis=1, keepdims=True)))
+        h.append(w @ (H[inside] * turn / scale.mean(axis=1, keepdims=True)))
+        C.append(np.einsum("n,nij->ij", w**2 / scale.mean(axis=1) ** 2, lines.noise.C[inside]))
+    return np.array(f), np.array(y), np.array(h), np.array(C)
+
+
+def readings(recording: Recording, lines: Lines) -> dict[str, float]:
+    """Log likelihood of every reading, "as_labelled" included."""
+    f, y, h, C = band_means(lines, recording.base_model())
+    at, size = np.array(MODEL_ERROR).T
+    error = np.interp(np.log(f), np.log(at), size)
+    out = {}
+    for name, T in [("as_labelled", np.eye(2)), *((n, np.array(t)) for n, (t, _, _) in READINGS.items())]:
+        expected = np.einsum("ij,nj->ni", T, h)
+        spread = np.einsum("ij,nj,kj->nik", T, (error[:, None] * np.abs(h)) ** 2, T)
+        S = C + spread
+        r = y - expected
+        misfit = np.einsum("ni,nij,nj->n", r.conj(), np.linalg.inv(S), r).real
+        # Heavy tails, so that one band with a wrong nominal model does not decide.
+        out[name] = float(-(np.log(np.linalg.det(S).real) + 4 * np.log1p(misfit / 4)).sum())
+    return out
+
+
+def plausibility(recording: Recording, lines: Lines) -> tuple[Suspicion, ...]:
+    """Readings that explain the responses better than the labels do, best first, then those of single trials.
+
+    A single mislabelled trial is tested alone, because the mean over correct and wrong trials matches no reading. It
+    is reported only when it is certain (`CERTAIN`) and the whole recording does not have the same reading.
+    """
+    found = _doubts(readings(recording, lines), recording.name, DOUBTFUL)
+    trials = np.unique(lines.trial)
+    for k in trials if trials.size > 1 else ():
+        own = _doubts(readings(recording, lines.subset(lines.trial == k)), f"{recording.name}: trial {k + 1}", CERTAIN)
+        found += [s for s in own[:1] if s.code not in {f.code for f in found}]
+    return tuple(found)
+
+
+def _doubts(score: dict[str, float], where: str, least: float) -> list[Suspicion]:
+    """Readings with log odds of at least ``least`` over the labels as given, best first."""
+    base = score.pop("as_labelled")
+    found = []
+    for name in sorted(score, key=lambda n: -score[n]):
+        odds = score[name] - base
+        if odds < least:
+            break
+        _, channel, words = READINGS[name]
+        found.append(Suspicion(name, channel, f"{where}: {channel}: seems to be {words}", odds))
+    return found
+
+
+def merged(*found: Iterable[Suspicion]) -> tuple[Suspicion, ...]:
+    """All suspicions in the order found; each message once, with its largest odds."""
+    strongest: dict[str, Suspicion] = {}
+    for s in (s for some in found for s in some):
+        if s.message not in strongest or s.odds > strongest[s.message].odds:
+            strongest[s.message] = s
+    return tuple(strongest.values())
+
+
+def refuse(suspicions: Iterable[Suspicion], accept: Iterable[str] = ()) -> None:
+    """Raise `RecordingError` for channels that are certainly mislabelled, strongest suspicion first.
+
+    ``accept``: codes of suspicions that the user has checked; every suspicion needs its own. Raises `InputError` for an
+    unknown code.
+    """
+    accepted = {accept} if isinstance(accept, str) else set(accept)
+    if unknown := accepted - {*READINGS, *NOTED}:
+        raise InputError(
+            f"accept: expected codes among {', '.join((*READINGS, *NOTED))}, got {', '.join(sorted(unknown))}"
+        )
+    left = [s for s in suspicions if s.code in READINGS and s.code not in accepted and s.odds >= CERTAIN]
+    if left:
+        left.sort(key=lambda s: -s.odds)
+        codes = " and ".join(dict.fromkeys(repr(s.code) for s in left))
+        first = left[0]
+        raise RecordingError(
+            f"{first.message} (odds 10^{first.odds / np.log(10):.0f} to 1); accept {codes} to keep the labels"
+        )

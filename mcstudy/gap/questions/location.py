@@ -1,0 +1,37 @@
+"""Location of the gap in the body: probabilities with abstention, and the torque that would close the gap.
+
+The probability of a location is the posterior probability of the causes that act there. An effect that acts at two
+locations counts half for each. The probability without a location (an unknown cause that may act anywhere, or no
+missing effect) is assigned to none. The torque tau = A (y - H) that would close the gap is for illustration only: after
+refitting, up to 94 % of an ankle cause can be explained as a hip torque.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mcstudy.effect_library.declare import LOCATIONS
+from mcstudy.effect_library.library import effect
+from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.gap.questions.posterior import Explanation
+from mcstudy.stance.response import system
+
+
+def locations(explanation: Explanation) -> tuple[dict[str, float], float]:
+    """Probability of every location, and the probability that is assigned to none."""
+    out: dict[str, float] = dict.fromkeys(LOCATIONS, 0.0)
+    for hypothesis, probability in explanation.hypotheses:
+        where = [p for n in hypothesis.effects for p in effect(n).place]
+        for p in where:
+            out[p] += probability / len(where)
+    for place, share in explanation.unknown_locations.items():
+        if place in out:
+            out[place] += share
+    # Rounding may carry a sum of probabilities past 1.
+    return {k: min(float(v), 1.0) for k, v in out.items()}, max(0.0, 1.0 - float(sum(out.values())))
+
+
+def missing_torque(fitted: Fitted, data: Data) -> np.ndarray:
+    """A(s) (y - H), the torque per stimulus by row (hip, ankle) that would close the gap, (N, 2) complex."""
+    A, _ = system(fitted.model, fitted.theta, 2j * np.pi * data.f)
+    return np.einsum("nij,nj->ni", A, data.y - fitted.response(data.f))

@@ -1,0 +1,71 @@
+"""Parameters of the model without and with the leading cause, and whether data, prior or bounds determine them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.fitting.penalised import Fitted
+
+MOSTLY_PRIOR = 0.7
+"""Standard error relative to the prior standard deviation from which a value counts as determined by the prior."""
+
+SOURCES = {"data": "", "prior": "mostly prior", "bound": "at bound"}
+"""What determines the value of a parameter, and the text for it in a table."""
+
+SOURCES_EXPLAINED = (
+    f"mostly prior: the standard error is at least {MOSTLY_PRIOR:g} times the prior standard deviation, so the prior "
+    "determines the value more than the data do; at bound: the fit ends on a bound, so the standard error means little."
+)
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A base parameter with and without the leading cause: estimates and standard errors in ``unit``.
+
+    ``without_from``, ``added_from``: what determines the values, keys of `SOURCES`.
+    """
+
+    name: str
+    unit: str
+    without: float
+    without_se: float
+    added: float | None
+    added_se: float | None
+    without_from: str = "data"
+    added_from: str | None = None
+
+    @property
+    def source(self) -> str:
+        """Source of the value of the base fit and, if different, of the fit with the leading cause, as text."""
+        own = SOURCES[self.without_from]
+        if self.added_from is None or self.added_from == self.without_from:
+            return own
+        return f"{own or 'data'}; with the cause {SOURCES[self.added_from] or 'data'}"
+
+
+def sources(fitted: Fitted) -> tuple[str, ...]:
+    """Per parameter of a fit, a key of `SOURCES`."""
+    model, prior = fitted.model, fitted.prior
+    share = np.sqrt(np.diag(fitted.covariance)) / prior.scale
+    near = 1e-6 * (model.upper - model.lower)
+    on_bound = (fitted.theta <= model.lower + near) | (fitted.theta >= model.upper - near)
+    return tuple(
+        "bound" if bound else "prior" if s >= MOSTLY_PRIOR else "data" for bound, s in zip(on_bound, share, strict=True)
+    )
+
+
+def shifts(base: Fitted, added: Fitted | None) -> tuple[Shift, ...]:
+    """Estimates of all base parameters by the base fit and, if there is a leading cause, by the fit with it."""
+    se = np.sqrt(np.diag(base.covariance))
+    added_se = None if added is None else np.sqrt(np.diag(added.covariance))
+    origin = sources(base)
+    added_origin = None if added is None else sources(added)
+    out = []
+    for k, p in enumerate(base.model.parameters):
+        value = None if added is None else float(added.theta[k])
+        error = None if added_se is None else float(added_se[k])
+        origins = origin[k], None if added_origin is None else added_origin[k]
+        out.append(Shift(p.name, p.unit, float(base.theta[k]), float(se[k]), value, error, *origins))
+    return tuple(out)

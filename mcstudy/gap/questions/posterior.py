@@ -1,0 +1,235 @@
+"""Which effect is missing: posterior over none, single effects, pairs, amplitude dependence, drift and the unknown.
+
+Prior probabilities: `NONE` for no missing effect; `SINGLE`, divided among the causes of the library; `PAIR`, divided
+among their pairs; `UNKNOWN` for a cause outside the library; `BESIDE` for such a cause together with a named effect.
+Effects that this recording cannot distinguish (`mcstudy.gap.candidates.signatures`) form one group with one
+probability.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import logsumexp
+
+from mcstudy.effect_library import library
+from mcstudy.effect_library.declare import Effect
+from mcstudy.fitting.penalised import Data, Fitted, whiten
+from mcstudy.gap.candidates.scores import Scores
+from mcstudy.gap.candidates.signatures import Signature
+from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.questions.contrasts import Contrast
+from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, single, together
+from mcstudy.short_repr import Summary
+from mcstudy.stance.response import frf
+
+NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.52, 0.03, 0.11, 0.04
+
+UNSTRUCTURED_SHARE = 0.25
+"""Share of the unknown that is unstructured (`mcstudy.gap.candidates.unstructured`)."""
+
+LEADERS = 3
+"""Number of leading single effects that are combined with other effects and with the unknown."""
+
+PARTNERS = 10
+"""Number of pairs that are refitted."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One effect, or two that act together, each representing its ambiguity group.
+
+    Attributes
+    ----------
+    effects: the most probable member of every group. alternatives: all members, per effect. probability: of the group.
+    sizes: of ``effects``. fitted: the refitted model.
+    """
+
+    effects: tuple[str, ...]
+    alternatives: tuple[tuple[str, ...], ...]
+    probability: float
+    sizes: tuple[SizeEstimate, ...]
+    fitted: Fitted = field(repr=False)
+
+
+@dataclass(frozen=True, repr=False)
+class Explanation(Summary):
+    """The posterior: named ``causes`` by decreasing probability, and the probabilities of ``none`` and ``unknown``.
+
+    ``unknown_locations``: probability of the unknown by location, "" without one. ``hypotheses``: every refitted
+    hypothesis with its posterior probability.
+    """
+
+    causes: tuple[Cause, ...]
+    none: float
+    unknown: float
+    unknown_locations: dict[str, float]
+    hypotheses: tuple[tuple[Hypothesis, float], ...]
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        leading = [(" and ".join(c.effects), c.probability) for c in self.causes[:3]]
+        entries = [*leading, ("outside the library", self.unknown), ("no missing effect", self.none)]
+        return [(name, f"{100 * p:.0f} %") for name, p in entries]
+
+
+def explain(
+    base: Fitted,
+    minima: np.ndarray,
+    data: Data,
+    effects: Sequence[Effect],
+    found: Sequence[Signature],
+    groups: Sequence[tuple[str, ...]],
+    scores: Scores,
+    unstructured: Unstructured,
+    contrasts: Sequence[Contrast],
+) -> Explanation:
+    """The posterior for one recording; effects are also fitted from the lowest ``minima`` (K, P) of the base model."""
+    residual = base.residual(data)
+    none = Hypothesis((), base.log_evidence, base)
+    of = {e.name: [s for s in found if s.effect == e.name] for e in effects}
+    singles = [single(base, minima, data, e.name, of[e.name], residual) for e in effects]
+    families: dict[str, int] = {}
+    for e in effects:
+        families[e.cause] = families.get(e.cause, 0) + 1
+    changes = [(c, k) for c in contrasts for k in c.changes]
+    n_causes = len(families) + len(changes)
+    weighted: list[tuple[Hypothesis, float]] = [(none, np.log(NONE))]
+    for h, e in zip(singles, effects, strict=True):
+        weighted.append((h, np.log(SINGLE / n_causes / families[e.cause])))
+    leaders = sorted(singles, key=lambda h: -h.log_evidence)[:LEADERS]
+    group_of = {n: k for k, g in enumerate(groups) for n in g}
+    n_pairs = n_causes * (n_causes - 1) / 2
+    if leaders and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + np.log(NONE) - 3:
+        for h in pairs(data, base, leaders, effects, of, group_of):
+            weighted.append((h, np.log(PAIR / n_pairs)))
+    for c, k in changes:
+        size = library.effect(k.effect).size
+        estimate = k.gain if k.size is None else k.size
+        se = k.se if k.size is None else abs(k.size / k.gain) * k.se if k.gain else k.se
+        name = f"change of active gains between {c.kind}s" if k.size is None else size.name
+        sizes = (SizeEstimate(name, estimate, se, estimate - 1.96 * se, estimate + 1.96 * se, size.unit),)
+        weighted.append(
+            (
+                Hypothesis((k.effect,), base.log_evidence + k.log_factor, base, sizes),
+                np.log(SINGLE / n_causes),
+            )
+        )
+        for h in leaders[:1]:
+            weighted.append(
+                (
+                    Hypothesis((*h.effects, k.effect), h.log_evidence + k.log_factor, h.fitted, (*h.sizes, *sizes)),
+                    np.log(PAIR / n_pairs),
+                )
+            )
+    log_named = np.array([h.log_evidence + w for h, w in weighted])
+    strange = _unknown(none, leaders, data, scores, unstructured, n_causes)
+    log_unknown = np.array([x for x, _ in strange])
+    total = logsumexp(np.concatenate([log_named, log_unknown]))
+    probability = np.exp(log_named - total)
+    unknown_locations: dict[str, float] = {}
+    for x, locations in strange:
+        for place, share in locations.items():
+            unknown_locations[place] = unknown_locations.get(place, 0.0) + float(np.exp(x - total)) * share
+    return Explanation(
+        causes=_grouped([(h, p) for (h, _), p in zip(weighted[1:], probability[1:], strict=True)], groups, group_of),
+        none=float(probability[0]),
+        unknown=float(np.exp(logsumexp(log_unknown) - total)),
+        unknown_locations=unknown_locations,
+        hypotheses=tuple((h, float(p)) for (h, _), p in zip(weighted, probability, strict=True)),
+    )
+
+
+def _grouped(
+    posterior: Sequence[tuple[Hypothesis, float]], groups: Sequence[tuple[str, ...]], group_of: dict[str, int]
+) -> tuple[Cause, ...]:
+    """Hypotheses merged by ambiguity group, most probable first."""
+    merged: dict[tuple[object, ...], list[tuple[Hypothesis, float]]] = {}
+    for h, p in posterior:
+        key = tuple(sorted(str(group_of.get(n, n)) for n in h.effects))
+        merged.setdefault(key, []).append((h, p))
+    causes = []
+    for members in merged.values():
+        best = max(members, key=lambda m: m[1])[0]
+        alternatives = tuple(groups[group_of[n]] if n in group_of else (n,) for n in best.effects)
+        causes.append(Cause(best.effects, alternatives, float(sum(p for _, p in members)), best.sizes, best.fitted))
+    return tuple(sorted(causes, key=lambda c: -c.probability))
+
+
+def pairs(
+    data: Data,
+    base: Fitted,
+    leaders: Sequence[Hypothesis],
+    effects: Sequence[Effect],
+    of: dict[str, list[Signature]],
+    group_of: dict[str, int],
+) -> list[Hypothesis]:
+    """The most promising pairs, refitted. The score of each other effect at a leading one ranks them."""
+    candidates: dict[frozenset[str], tuple[float, tuple[str, str], np.ndarray]] = {}
+    for h in leaders:
+        P = h.fitted.theta.size
+        r, J = h.fitted.residual(data), h.fitted.jacobian(data)
+        for e in effects:
+            first = h.effects[0]
+            if group_of.get(first) == group_of.get(e.name):
+                continue
+            model = library.apply(base.model, first, e.name)
+            for s in of[e.name]:
+                own = np.array([s.sizes[k.name] for k in e.sizes])
+                step = whiten(
+                    data.weight,
+                    frf(model, np.concatenate([h.fitted.theta, own]), data.f) - h.fitted.response(data.f),
+                )
+                slope = -h.fitted.covariance @ (J.T @ step)
+                left = step + J @ slope
+                length = float(left @ left)
+                if not length > 1e-6 or not np.isfinite(length):
+                    continue
+                factor = float(np.clip(left @ r / length, -3, 3))
+                gain = float(left @ r) ** 2 / length
+                if not e.size.signed and factor < 0:
+                    gain *= 0.2
+                starts = []
+                for k in (factor, 0.4 * factor, 2.0 * factor):
+                    shifted = h.fitted.theta + np.clip(k, -1, 1) * slope
+                    starts.append(np.concatenate([shifted, [own[0] * k], own[1:]]))
+                key = frozenset((first, e.name))
+                rank = gain + 2 * h.log_evidence
+                if key not in candidates or rank > candidates[key][0]:
+                    assert len(starts[0]) == P + len(own)
+                    candidates[key] = (rank, (first, e.name), np.array(starts))
+    chosen = sorted(candidates.values(), key=lambda c: -c[0])[:PARTNERS]
+    return [together(base, data, names, starts) for _, names, starts in chosen]
+
+
+def _unknown(
+    none: Hypothesis,
+    leaders: Sequence[Hypothesis],
+    data: Data,
+    scores: Scores,
+    unstructured: Unstructured,
+    n_causes: int,
+) -> list[tuple[float, dict[str, float]]]:
+    """(ln(prior times evidence), shares of the locations) of the unknown added to the base model and to each leader."""
+    out = []
+    settings = [(none, scores, np.log(UNKNOWN))]
+    for h in leaders:
+        settings.append((h, Scores(h.fitted, data, [], []), np.log(BESIDE / n_causes)))
+    for h, at, weight in settings:
+        scored = at(h.fitted.free_residual(data))
+        smooth = np.log(1 - UNSTRUCTURED_SHARE) + float(scored.unknown[0])
+        scattered = np.log(UNSTRUCTURED_SHARE) + float(unstructured.log_factor(np.array(h.fitted.chi2)))
+        log = h.log_evidence + weight + smooth
+        plain, free = scored.plain[:, 0], scored.free[:, 0]
+        terms = [(x - np.log(2 * len(plain)), p) for x, (_, p, _) in zip(plain, at.plain, strict=True)]
+        terms += [(x - np.log(2 * len(free)), f.locations) for x, f in zip(free, at.families, strict=True)]
+        share = np.exp(np.array([x for x, _ in terms]) - float(scored.unknown[0]))
+        locations: dict[str, float] = {}
+        for s, (_, where) in zip(share / share.sum(), terms, strict=True):
+            place = where[0] if len(where) == 1 else ""
+            locations[place] = locations.get(place, 0.0) + float(s)
+        out.append((log, locations))
+        out.append((h.log_evidence + weight + scattered, {"": 1.0}))
+    return out

@@ -1,0 +1,88 @@
+"""A Monte Carlo study of a model declared in Python, without a study file.
+
+A study file names one of the registered models. Here, any declared model (`mcstudy.stance.feedback.Model`) is studied
+with the same random streams, data, fits and arrays. The result is a Dataset in memory, which every function of
+`mcstudy.analysis` reads like a group of a cube.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from pydantic import TypeAdapter
+
+import mcstudy.analysis.accessors  # noqa: F401 - the result has its .mc methods
+from mcstudy.files.plain_errors import validated
+from mcstudy.stance.feedback import Model
+from mcstudy.study.checks import check_group
+from mcstudy.study.design import Group
+from mcstudy.study.experiment import Experiment
+from mcstudy.study.layout import Chunk
+from mcstudy.study.readable import readable
+from mcstudy.study.store import GroupStore
+from mcstudy.study.tasks import fill
+from mcstudy.study.unstable import refuse_unstable_model
+
+
+def run_model(
+    model: Model,
+    *,
+    realizations: int,
+    starts: int,
+    fmax: tuple[float, ...],
+    amplitude: tuple[float, ...],
+    seed: int = 0,
+    allow_unstable: bool = False,
+    **sections: dict[str, Any],
+) -> xr.Dataset:
+    """Simulate and fit a model, as for one group of a study file.
+
+    Parameters
+    ----------
+    model: simulated as the subject and fitted to the data; it holds its own true values and bounds.
+    realizations, starts, fmax (Hz), amplitude (units of the model's stimulus): as in ``[group.NAME]``.
+    seed: as in ``[study]``.
+    allow_unstable: whether the closed loop of the model's true parameters may be unstable.
+    sections: the tables ``stimulus``, ``noise``, ``spectra``, ``fit`` of a study file, as dicts, and ``simulator``.
+
+    Returns
+    -------
+    Dataset with the variables, dimensions, units and attributes of a group of a cube (results_schema/README.md); the
+    model names the coordinates of ``angle``. Attribute ``declared_model`` holds the model as JSON for
+    `mcstudy.analysis`; the section ``model`` of the design does not apply to it.
+
+    Raises
+    ------
+    DesignError: for the same mistakes as in a study file; one line that starts with the field.
+    """
+    axes = {"realizations": realizations, "starts": starts, "fmax": fmax, "amplitude": amplitude}
+    group: Group = validated(Group, {**axes, **sections}, whole="settings")
+    check_group(group, model)
+    refuse_unstable_model(model, group.simulator, allow_unstable)
+    experiment = Experiment(group, seed, model)
+    # Used only for its layout: a store touches the disk only when it is written to.
+    store = GroupStore(Path(), model.name, experiment, group.realizations, "")
+    arrays = store.layout.arrays
+    parts = []
+    for position in range(len(group.amplitude)):
+        chunk = Chunk(position, 0)
+        data = store.layout.empty(chunk)
+        fill(store, chunk, data, stopped=lambda: False)
+        parts.append(xr.Dataset({name: (arrays[name].dims, data[name]) for name in store.layout.results}))
+    out = xr.concat(parts, dim="amplitude")
+    for name, spec in arrays.items():
+        if spec.values is not None:
+            out[name] = (spec.dims, spec.values.astype(str if spec.dtype == "string" else spec.dtype))
+        out[name].attrs = dict(spec.attributes)
+    out.attrs = {
+        "design": group.model_dump(mode="json"),
+        "declared_model": TypeAdapter(Model).dump_python(model, mode="json"),
+        "model": model.name,
+        "truth_provenance": model.provenance,
+        "stimulus_unit": model.stimulus_unit,
+        "seed": seed,
+    }
+    angles = {dim: list(model.angles) for dim in ("angle", "angle_2") if dim in out.dims}
+    return readable(out.assign_coords({dim: (dim, names, arrays[dim].attributes) for dim, names in angles.items()}))

@@ -1,0 +1,237 @@
+"""Checks of a recording: complete, uniform in time, in the stated units, periodic as stated.
+
+Every check raises `RecordingError` naming the trial and the field. `mcstudy.gap.questions.labels` in
+addition compares the responses with those that a standing body can have.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mcstudy.errors import RecordingError
+from mcstudy.recordings.columns import LARGEST_NUMBER
+from mcstudy.recordings.recording import (
+    MINIMUM_CYCLES,
+    MOST_CYCLES,
+    MOST_CYCLES_IN_ALL,
+    RATE_HZ,
+    Recording,
+    Suspicion,
+    Trial,
+)
+
+SMALLEST_SWAY = 1e-9
+"""Smallest half range of an angle, rad; less means that it was not measured."""
+
+SMALLEST_STIMULUS = {"N m": 1e-6, "m": 1e-9}
+"""Smallest half range of a stimulus, per unit; less means that there was no stimulus."""
+
+LARGEST_SWAY = 1.0
+"""Largest half range of an angle, rad (57 deg)."""
+
+LARGEST_STIMULUS = {"N m": 300.0, "m": 1.0}
+"""Largest half range of a stimulus, per unit; more means that the stated unit is wrong."""
+
+PERIODIC = 0.05
+"""Largest RMS difference between periods, relative to the RMS stimulus, of a periodic stimulus."""
+
+AMPLITUDE = 0.10
+"""Largest accepted relative difference between stated and measured amplitude; nominal values are rounded."""
+
+STUCK_S = 2.0
+"""An angle that is constant for longer than this, s, indicates a stuck sensor."""
+
+
+def rate_of(time: np.ndarray, stated: float | None, where: str) -> float:
+    """Sampling rate (Hz) of a time column (n,), s; it must be uniform and agree with the stated rate.
+
+    Raises `RecordingError` for a value that is not a number, time that does not increase, a gap, or another rate.
+    """
+    if not np.isfinite(time).all():
+        row = int(np.flatnonzero(~np.isfinite(time))[0])
+        raise RecordingError(f"{where}: time: not a number in row {row + 1}")
+    if time.size < 10:
+        raise RecordingError(f"{where}: time: expected at least 10 samples, got {time.size}")
+    if np.abs(time).max() > LARGEST_NUMBER:
+        raise RecordingError(f"{where}: time: expected at most {LARGEST_NUMBER:g} s, got {np.abs(time).max():g} s")
+    if stated is not None and (fault := RATE_HZ.fault(stated)):
+        raise RecordingError(f"{where}: rate_hz: {fault}")
+    steps = np.diff(time)
+    if (steps <= 0).any():
+        row = int(np.flatnonzero(steps <= 0)[0])
+        raise RecordingError(f"{where}: time: does not increase after t = {time[row]:g} s (row {row + 1})")
+    span = float(time[-1] - time[0])
+    step = float(np.median(steps))
+    wide = np.flatnonzero(steps > 1.5 * step)
+    if wide.size:
+        row = int(wide[0])
+        raise RecordingError(
+            f"{where}: time: gap of {steps[row]:g} s after t = {time[row]:g} s; expected steps of {step:g} s"
+        )
+    drift = time - np.linspace(time[0], time[-1], time.size)
+    if np.abs(drift).max() > 1.5 * step:
+        raise RecordingError(
+            f"{where}: time: not uniform; it deviates by up to {np.abs(drift).max():g} s from a constant rate"
+        )
+    if not RATE_HZ.low * span <= time.size - 1 <= RATE_HZ.high * span:
+        raise RecordingError(
+            f"{where}: time: expected a rate from {RATE_HZ.low:g} to {RATE_HZ.high:g} Hz, "
+            f"got {time.size} samples in {span:g} s"
+        )
+    rate = (time.size - 1) / span
+    if stated is not None and abs(rate / stated - 1) > 1e-3:
+        raise RecordingError(f"{where}: rate_hz: stated {stated:g} Hz, but the time column has {rate:.6g} Hz")
+    return stated or (round(rate) if abs(rate / round(rate) - 1) < 1e-4 else rate)
+
+
+def check(recording: Recording) -> tuple[Suspicion, ...]:
+    """Raise `RecordingError` for a recording that cannot be analysed; return data quality warnings."""
+    suspicions: list[Suspicion] = []
+    if (cycles := sum(recording.cycles)) > MOST_CYCLES_IN_ALL:
+        raise RecordingError(f"{recording.name}: trials: expected at most {MOST_CYCLES_IN_ALL} cycles, got {cycles}")
+    for k, trial in enumerate(recording.trials, start=1):
+        where = f"{recording.name}: trial {k}"
+        for name, values in _channels(trial):
+            _numbers(values, recording.rate_hz, f"{where}: {name}")
+        for name, values in _channels(trial):
+            if np.ptp(values) == 0:
+                raise RecordingError(f"{where}: {name}: constant ({values[0]:g}) over the whole trial")
+        if np.array_equal(trial.theta[:, 0], trial.theta[:, 1]):
+            raise RecordingError(f"{where}: theta2: identical to theta1")
+        _ranges(recording, trial, where)
+        suspicions += _stuck(recording, trial, where)
+        _periodic(recording, trial, where)
+        suspicions += _amplitude(recording, trial, where)
+    return tuple(suspicions)
+
+
+def _channels(trial: Trial) -> tuple[tuple[str, np.ndarray], ...]:
+    return ("stimulus", trial.stimulus), ("theta1", trial.theta[:, 0]), ("theta2", trial.theta[:, 1])
+
+
+def _numbers(values: np.ndarray, rate: float, where: str) -> None:
+    if values.size < 10:
+        raise RecordingError(f"{where}: expected at least 10 samples, got {values.size}")
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise RecordingError(
+            f"{where}: {bad.size} of {values.size} values are not numbers, the first at t = {bad[0] / rate:g} s"
+        )
+    largest = float(np.abs(values).max())
+    if largest > LARGEST_NUMBER:
+        raise RecordingError(f"{where}: expected numbers up to {LARGEST_NUMBER:g}, got {largest:g}")
+
+
+def _ranges(recording: Recording, trial: Trial, where: str) -> None:
+    for c, name in enumerate(("theta1", "theta2")):
+        half = np.ptp(trial.theta[:, c]) / 2
+        if half > LARGEST_SWAY:
+            raise RecordingError(
+                f"{where}: {name}: sways ±{half:.3g} rad (±{np.rad2deg(half):.3g} deg), which no standing person does; "
+                "are the values in deg but declared rad?"
+            )
+        if half < SMALLEST_SWAY:
+            raise RecordingError(
+                f"{where}: {name}: sways ±{half:.3g} rad; expected at least {SMALLEST_SWAY:g} rad; is the unit right?"
+            )
+    limit = LARGEST_STIMULUS[recording.stimulus_unit]
+    if trial.peak > limit:
+        raise RecordingError(
+            f"{where}: stimulus: reaches ±{trial.peak:.3g} {recording.stimulus_unit}; expected less than {limit:g} "
+            f"for {recording.stimulus}; is the unit right?"
+        )
+    least = SMALLEST_STIMULUS[recording.stimulus_unit]
+    if trial.peak < least:
+        raise RecordingError(
+            f"{where}: stimulus: reaches ±{trial.peak:.3g} {recording.stimulus_unit}; expected at least {least:g} "
+            f"for {recording.stimulus}; is the unit right?"
+        )
+
+
+def _stuck(recording: Recording, trial: Trial, where: str) -> list[Suspicion]:
+    found = []
+    for c, name in enumerate(("theta1", "theta2")):
+        changes = np.flatnonzero(np.diff(trial.theta[:, c]) != 0)
+        edges = np.concatenate([[0], changes + 1, [trial.samples]])
+        longest = np.diff(edges).max() / recording.rate_hz
+        if longest > STUCK_S:
+            found.append(Suspicion("stuck", name, f"{where}: {name}: is constant for {longest:.1f} s"))
+    return found
+
+
+def _periodic(recording: Recording, trial: Trial, where: str) -> None:
+    period = recording.period
+    if period is None or recording.period_s is None:
+        return
+    cycles = trial.samples / period
+    if cycles < MINIMUM_CYCLES:
+        raise RecordingError(
+            f"{where}: period_s: expected at least {MINIMUM_CYCLES} cycles of {recording.period_s:g} s, "
+            f"got {cycles:.2f}"
+        )
+    if cycles > MOST_CYCLES:
+        raise RecordingError(
+            f"{where}: period_s: expected at most {MOST_CYCLES} cycles of {recording.period_s:g} s, got {cycles:.0f}; "
+            "leave period_s out, or cut the trial"
+        )
+    u = trial.stimulus - trial.stimulus.mean()
+    size = np.sqrt(np.mean(u**2))
+    difference = np.sqrt(np.mean((u[period:] - u[:-period]) ** 2) / 2) / size
+    if difference > PERIODIC:
+        found = _true_period(u)
+        hint = f"it repeats every {found / recording.rate_hz:g} s" if found else "no period found; leave period_s out"
+        raise RecordingError(
+            f"{where}: period_s: the stimulus does not repeat every {recording.period_s:g} s "
+            f"(periods differ by {100 * difference:.0f} %); {hint}"
+        )
+    for divisor in range(2, 9):
+        part = period // divisor
+        if part * divisor == period and np.sqrt(np.mean((u[part:] - u[:-part]) ** 2) / 2) / size < 0.01:
+            raise RecordingError(
+                f"{where}: period_s: {recording.period_s:g} s contains {divisor} periods of the stimulus; "
+                f"expected {recording.period_s / divisor:g} s"
+            )
+
+
+def _true_period(u: np.ndarray) -> int | None:
+    """Lag in samples at which a zero-mean stimulus repeats, or None."""
+    n = u.size
+    spectrum = np.fft.rfft(u, 2 * n)
+    lags = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
+    energy = np.cumsum(u**2)
+    overlap = np.sqrt(np.maximum(energy[::-1] * (energy[-1] - np.concatenate([[0.0], energy[:-1]])), 1e-300))
+    agreement = (lags / overlap)[: int(n * 0.75)]
+    below = np.flatnonzero(agreement < 0.5)
+    if below.size == 0:
+        return None
+    candidates = np.flatnonzero(agreement[below[0] :] > 0.995) + below[0]
+    if candidates.size == 0:
+        return None
+    first = candidates[0]
+    near = candidates[candidates < first + max(2, first // 50)]
+    return int(near[np.argmax(agreement[near])])
+
+
+def _amplitude(recording: Recording, trial: Trial, where: str) -> list[Suspicion]:
+    """Compare the stated amplitude with the waveform under both conventions, peak and peak to peak."""
+    stated = trial.amplitude
+    if stated is None:
+        return []
+    unit = recording.stimulus_unit
+    u = trial.stimulus - np.median(trial.stimulus)
+    peaks = {"peak": (float(np.abs(u).max()), trial.peak), "peak_to_peak": (2 * trial.peak,)}
+
+    def fits(convention: str) -> bool:
+        return any(abs(p / stated - 1) < AMPLITUDE for p in peaks[convention])
+
+    if fits(recording.convention):
+        return []
+    other = "peak" if recording.convention == "peak_to_peak" else "peak_to_peak"
+    waveform = f"the waveform has a peak of {trial.peak:.4g} {unit} (peak to peak {2 * trial.peak:.4g})"
+    if fits(other):
+        raise RecordingError(
+            f"{where}: amplitude: {stated:g} {unit} is stated as {recording.convention}, but {waveform}; "
+            f"the convention is {other}"
+        )
+    message = f"{where}: amplitude: {stated:g} {unit} is stated as {recording.convention}, but {waveform}"
+    return [Suspicion("amplitude", "stimulus", message)]

@@ -1,0 +1,121 @@
+"""A published FRF as a recording: responses with their covariance and no time series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mcstudy.errors import RecordingError
+from mcstudy.recordings.recording import LEAST_LINES
+from mcstudy.short_repr import Summary, shortened
+from mcstudy.stance.body import Body, one_segment, two_segment
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.ranges import Range
+
+F_HZ = Range(1e-4, 1e3, "Hz")
+"""Frequencies of a published FRF."""
+
+GAIN = Range(0.0, 1e3, "rad per unit of the stimulus")
+"""Gains of a published FRF."""
+
+SD = Range(1e-12, 1e3, "rad per unit of the stimulus")
+"""Standard deviations of a published FRF."""
+
+
+@dataclass(frozen=True, repr=False)
+class FrfRecording(Summary):
+    """FRFs of one person or a group at N frequencies, with their covariance.
+
+    Attributes
+    ----------
+    f: (N,) Hz, increasing. y: (N, 2) complex FRFs, rad per unit of the stimulus. C: (N, 2, 2) complex covariance of
+    ``y``, E[error error^H]. stimulus: kind; body: inertia and gravity.
+    single: whether only the first angle (a centre-of-mass or leg angle) was published; the one-segment model is then
+        the base, and the second angle is zero in data and model.
+
+    Raises `RecordingError` for shapes that do not fit, values that are not finite or out of range, or a covariance
+    that is not positive definite.
+    """
+
+    f: np.ndarray
+    y: np.ndarray
+    C: np.ndarray
+    stimulus: str = "ankle_torque"
+    body: Body = field(default_factory=Body)
+    single: bool = False
+    name: str = "frf"
+    provenance: str = ""
+
+    def __post_init__(self) -> None:
+        f, y, C, name = self.f, self.y, self.C, self.name
+        n = f.size
+        if f.shape != (n,) or y.shape != (n, 2) or C.shape != (n, 2, 2) or n < LEAST_LINES:
+            raise RecordingError(f"{name}: expected at least {LEAST_LINES} lines, f (N,), y (N, 2), C (N, 2, 2)")
+        for label, values in (("f", f), ("y", y), ("C", C)):
+            if not np.isfinite(values).all():
+                raise RecordingError(f"{name}: {label}: a value is not finite")
+        variance = np.einsum("nii->ni", C).real
+        sd = np.sqrt(np.maximum(variance, 0.0))
+        for label, allowed, of_lines in (("f", F_HZ, f), ("gain", GAIN, np.abs(y)), ("sd", SD, sd)):
+            for value in (float(of_lines.min()), float(of_lines.max())):
+                if fault := allowed.fault(value):
+                    raise RecordingError(f"{name}: {label}: {fault}")
+        if (np.diff(f) <= 0).any():
+            raise RecordingError(f"{name}: f: frequencies must be positive and increasing")
+        if (np.abs(C[:, 0, 1]) ** 2 >= (1 - 1e-9) * variance.prod(axis=1)).any():
+            raise RecordingError(
+                f"{name}: C: the covariance must be positive definite; expected |c12| below the product of the sd"
+            )
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        f = self.f
+        facts = [
+            ("name", shortened(self.name)),
+            ("stimulus", self.stimulus),
+            ("lines", f"{f.size}, {f[0]:.4g} to {f[-1]:.4g} Hz" if f.size else "0"),
+            ("angles", "theta1" if self.single else "theta1, theta2"),
+            ("body", f"m g h = {self.body.mgh:.4g} N m/rad"),
+        ]
+        return facts + ([("provenance", shortened(self.provenance))] if self.provenance else [])
+
+    def base_model(self) -> Model:
+        """The model without effects for these data."""
+        return one_segment(self.body) if self.single else two_segment(self.body, self.stimulus)
+
+
+def frf_of_columns(
+    columns: dict[str, np.ndarray], scale: float, name: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+    """f (N,), y (N, 2) and C (N, 2, 2) of a `FrfRecording` from named columns, and whether only one angle is there.
+
+    Columns: ``f``; per angle k = 1, 2 either ``re<k>`` and ``im<k>`` or ``gain<k>`` and ``phase<k>`` (deg); ``sd<k>``,
+    the root of E|error|^2 of the mean; optionally ``c12_re`` and ``c12_im``, the cross-covariance. ``scale`` turns
+    the FRFs' angle unit into rad. Raises `RecordingError` naming a missing column.
+    """
+
+    def need(key: str) -> np.ndarray:
+        if key not in columns:
+            raise RecordingError(f"{name}: column {key!r} is missing; found {', '.join(columns)}")
+        if not np.isfinite(columns[key]).all():
+            raise RecordingError(f"{name}: {key}: a value is not finite")
+        return columns[key]
+
+    single = not {"re2", "gain2"} & set(columns)
+    f = need("f")
+    y, C = np.zeros((f.size, 2), dtype=complex), np.zeros((f.size, 2, 2), dtype=complex)
+    C[:, 1, 1] = 1.0
+    for k in (1,) if single else (1, 2):
+        if f"re{k}" in columns:
+            y[:, k - 1] = scale * (need(f"re{k}") + 1j * need(f"im{k}"))
+        else:
+            y[:, k - 1] = scale * need(f"gain{k}") * np.exp(1j * np.deg2rad(need(f"phase{k}")))
+        sd = need(f"sd{k}")
+        if not (sd > 0).all():
+            raise RecordingError(f"{name}: sd{k}: expected positive numbers, got {sd[~(sd > 0)][0]:g}")
+        C[:, k - 1, k - 1] = (scale * sd) ** 2
+    if not single and "c12_re" in columns:
+        C[:, 0, 1] = scale**2 * (need("c12_re") + 1j * need("c12_im"))
+        C[:, 1, 0] = C[:, 0, 1].conj()
+    return f, y, C, single

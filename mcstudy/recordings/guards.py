@@ -1,0 +1,156 @@
+"""Untrusted recordings: they may not name files elsewhere, or declare more memory than is allowed.
+
+HDF5 files can hold links to other files and datasets whose bytes lie in other files; Zarr stores name their codecs;
+TOML files name data files. All of these are checked before any data is read.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import stat
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+from numcodecs import Zstd
+
+from mcstudy.errors import RecordingError, StoreError
+from mcstudy.files.untrusted import LARGEST_METADATA, check_chunk, real_bytes, refuse_links, sealed
+
+LARGEST = 1 << 31
+"""Bytes a recording may hold in memory; a header that declares more is refused before anything is read."""
+
+CODECS = ("bytes", "zstd", "crc32c")
+"""Codecs of a Zarr recording: those that xarray writes and whose memory use can be limited."""
+
+FILTERS = ("gzip", "lzf", None)
+
+MOST_CHUNKS = 100_000
+"""Most chunk files of an array of a Zarr recording."""
+
+CHUNK = re.compile(r"(?:c|c/|c\.)?\d*(?:[/.]\d+)*")
+"""Names of chunks inside the folder of an array."""
+
+
+def regular(path: str | Path) -> None:
+    """Raise `RecordingError` unless the path is a regular file or a folder; opening a pipe would block."""
+    try:
+        mode = Path(path).stat().st_mode
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise RecordingError(f"{path}: expected a regular file or a Zarr folder, found a pipe, socket or device")
+
+
+def inside(folder: str | Path, name: str, where: str) -> Path:
+    """The file ``name`` of ``folder``; `RecordingError` when it lies elsewhere."""
+    folder = Path(folder)
+    path = folder / name
+    try:
+        within = path.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):
+        within = False
+    if not within:
+        raise RecordingError(f"{where}: file: expected a name inside {folder}, got {name!r}"[:500])
+    return path
+
+
+def check_hdf5(path: str | Path) -> None:
+    """Refuse a NetCDF file that links to other files, or declares too large a size."""
+    with h5py.File(path, "r") as file:
+        for name in file:
+            link = file.get(name, getlink=True)
+            if not isinstance(link, h5py.HardLink):
+                raise RecordingError(f"{path}: {name}: expected data, found a link")
+            data = file[name]
+            if isinstance(data, h5py.Dataset):
+                _check_dataset(data, f"{path}: {name}")
+
+
+def _check_dataset(data: Any, where: str) -> None:
+    if data.external or data.is_virtual:
+        raise RecordingError(f"{where}: expected data in this file, found a reference to another one")
+    if data.compression not in FILTERS:
+        raise RecordingError(f"{where}: compression: expected gzip, lzf or none, found {data.compression!r}")
+    _check_size(data.shape or (), data.chunks or (), data.dtype.itemsize, where)
+
+
+def check_zarr(path: str | Path) -> None:
+    """Refuse a Zarr store with links in it, of another format or other codecs, or that declares too large a size."""
+    path = Path(path)
+    try:
+        refuse_links(path)
+        for folder in sorted(p for p in path.iterdir() if p.is_dir()):
+            _check_array(folder, json.loads(real_bytes(folder / "zarr.json", LARGEST_METADATA)))
+    except StoreError as error:
+        raise RecordingError(str(error)) from None
+
+
+def _check_array(folder: Path, document: Any) -> None:
+    where = f"{folder.parent}: {folder.name}"
+    shape, codecs = document["shape"], [codec["name"] for codec in document["codecs"]]
+    chunks = document["chunk_grid"]["configuration"]["chunk_shape"]
+    if not set(codecs) <= set(CODECS):
+        raise RecordingError(f"{where}: codecs: expected {', '.join(CODECS)}, found {', '.join(map(str, codecs))}")
+    itemsize = _item_bytes(document["data_type"], where)
+    _check_size(shape, chunks, itemsize, where)
+    # Zarr reads chunks in parallel; if one fails, errors of the others would follow the one-line message.
+    for file in _chunk_files(folder, where):
+        _check_decodes(file, codecs, itemsize * math.prod(int(n) for n in chunks))
+
+
+def _chunk_files(folder: Path, where: str) -> Iterator[Path]:
+    count = 0
+    for parent, folders, files in os.walk(folder):
+        folders.sort()
+        for name in (*folders, *sorted(files)):
+            path = Path(parent, name)
+            if path.is_symlink():
+                raise RecordingError(f"{path}: expected a file or a folder, found a link")
+        for name in sorted(files):
+            path = Path(parent, name)
+            if CHUNK.fullmatch(path.relative_to(folder).as_posix()):
+                yield path
+                count += 1
+        if count > MOST_CHUNKS:
+            raise RecordingError(f"{where}: expected at most {MOST_CHUNKS} chunks")
+
+
+def _check_decodes(path: Path, codecs: Sequence[str], size: int) -> None:
+    """Refuse a chunk that does not decode to ``size`` bytes."""
+    try:
+        content = real_bytes(path)
+        check_chunk(path, content)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    for codec in reversed(codecs[1:]):
+        if codec == "crc32c":
+            if not sealed(content):
+                raise RecordingError(f"{path}: checksum does not match (a changed byte or a truncated file)")
+            content = content[:-4]
+        else:
+            try:
+                content = Zstd().decode(content)
+            except (RuntimeError, ValueError) as error:
+                raise RecordingError(f"{path}: cannot be decoded: {error}") from error
+    if len(content) != size:
+        raise RecordingError(f"{path}: expected a chunk of {size} bytes, found {len(content)}")
+
+
+def _item_bytes(kind: Any, where: str) -> int:
+    number = re.fullmatch(r"(?:float|u?int)(8|16|32|64)", kind) if isinstance(kind, str) else None
+    if number:
+        return int(number[1]) // 8
+    if isinstance(kind, dict) and kind.get("name") == "fixed_length_utf32":
+        return int(kind["configuration"]["length_bytes"])
+    raise RecordingError(f"{where}: data_type: expected numbers, found {kind!r}"[:300])
+
+
+def _check_size(shape: Any, chunks: Any, itemsize: int, where: str) -> None:
+    declared = itemsize * max(math.prod(int(n) for n in shape), math.prod(int(n) for n in chunks))
+    if declared > LARGEST:
+        raise RecordingError(f"{where}: declares {declared} bytes; expected less than {LARGEST}")

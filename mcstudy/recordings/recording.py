@@ -1,0 +1,240 @@
+"""A recording: one or more trials with a known stimulus and two sway angles, and the body of the person.
+
+Inside the program angles are in rad, the stimulus is in the unit of its kind (`mcstudy.stance.body.STIMULI`), and the
+columns of ``theta`` are the joint angles (theta1, theta2): lower body in space and hip. `mcstudy.recordings.io`
+reads and writes recordings; `mcstudy.recordings.checks` checks them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from mcstudy.errors import RecordingError
+from mcstudy.short_repr import Summary, shortened
+from mcstudy.stance.body import STIMULI, Body, two_segment
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.ranges import Range
+from mcstudy.stance.stimulus import CONVENTIONS
+
+MINIMUM_CYCLES = 3
+"""Fewest periods of a periodic stimulus that can be analysed (one is lost to the transient)."""
+
+LEAST_LINES = 4
+"""Fewest lines that can be analysed."""
+
+MOST_TRIALS = 1000
+"""Most trials of a recording; a body does not stay in one state for more."""
+
+MOST_SAMPLES = 20_000_000
+"""Most samples of a recording over all trials, more than a day at 200 Hz."""
+
+MOST_CYCLES = 1000
+"""Most periods of a trial. The noise is well known from so many, and computing time grows with their cube."""
+
+MOST_CYCLES_IN_ALL = 10_000
+"""Most periods of a recording."""
+
+RATE_HZ = Range(1.0, 1e5, "Hz")
+"""Sampling rates."""
+
+PERIOD_S = Range(0.1, 1e5, "s")
+"""Periods of a stimulus."""
+
+AMPLITUDE = {"N m": Range(1e-4, 600.0, "N m"), "m": Range(1e-6, 2.0, "m")}
+"""Range of the stated amplitude of a trial by unit of the stimulus; a peak-to-peak value may be twice a peak."""
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """A possible error in a recording, which must not be interpreted as physiology.
+
+    Attributes
+    ----------
+    code: kind of error in one word: "swapped", "degrees", "radians", "sign", "space_angle", "amplitude", "stuck", ...
+    channel: the field concerned.
+    message: one line of text.
+    odds: natural logarithm of the odds against the labels as given; inf when the error is certain.
+    """
+
+    code: str
+    channel: str
+    message: str
+    odds: float = math.inf
+
+
+@dataclass(frozen=True, repr=False)
+class Trial(Summary):
+    """One uninterrupted record.
+
+    Attributes
+    ----------
+    stimulus: (n,) in the unit of its kind; theta: (n, 2) joint angles, rad.
+    amplitude: amplitude as stated for the trial, in the unit of the stimulus, or None.
+    """
+
+    stimulus: np.ndarray
+    theta: np.ndarray
+    amplitude: float | None = None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples, n."""
+        return int(self.stimulus.shape[0])
+
+    @cached_property
+    def peak(self) -> float:
+        """Half the range of the stimulus, which is its amplitude as a peak value."""
+        return float(np.ptp(self.stimulus) / 2)
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        sway = np.ptp(self.theta, axis=0) / 2 if self.samples else np.full(2, np.nan)
+        peak = self.peak if self.samples else np.nan
+        return [
+            ("samples", str(self.samples)),
+            (
+                "stimulus",
+                f"±{peak:.4g}, stated amplitude {'none' if self.amplitude is None else f'{self.amplitude:g}'}",
+            ),
+            ("theta1, theta2", ", ".join(f"±{x:.3g} rad" for x in sway)),
+        ]
+
+
+def refuse_size(trials: int, samples: int, where: str) -> None:
+    """Raise `RecordingError` for more trials or samples than a recording may have."""
+    if trials > MOST_TRIALS:
+        raise RecordingError(f"{where}: trials: expected at most {MOST_TRIALS}, got {trials}")
+    if samples > MOST_SAMPLES:
+        raise RecordingError(f"{where}: trials: expected at most {MOST_SAMPLES} samples in all, got {samples}")
+
+
+@dataclass(frozen=True, repr=False)
+class Recording(Summary):
+    """Trials of one person with one kind of stimulus.
+
+    Attributes
+    ----------
+    trials: at least one.
+    rate_hz: sampling rate of every trial, Hz.
+    period_s: period of the stimulus, s; None when it is not periodic.
+    stimulus: kind of stimulus, a key of `mcstudy.stance.body.STIMULI`.
+    body: inertia and gravity of the person.
+    convention: meaning of the trials' amplitudes, "peak" or "peak_to_peak".
+    name, provenance: for people.
+    suspicions: possible errors that the checks found but could not prove; see `mcstudy.recordings.checks`.
+
+    Raises `RecordingError` when shapes or fields contradict each other.
+    """
+
+    trials: tuple[Trial, ...]
+    rate_hz: float = field(metadata={"within": RATE_HZ})
+    period_s: float | None = field(metadata={"within": PERIOD_S})
+    stimulus: str = "ankle_torque"
+    body: Body = field(default_factory=Body)
+    convention: str = "peak"
+    name: str = "recording"
+    provenance: str = ""
+    suspicions: tuple[Suspicion, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.trials:
+            raise RecordingError(f"{self.name}: trials: expected at least one")
+        if self.stimulus not in STIMULI:
+            raise RecordingError(
+                f"{self.name}: stimulus kind: expected one of {', '.join(STIMULI)}, got {self.stimulus!r}"
+            )
+        if self.convention not in CONVENTIONS:
+            raise RecordingError(
+                f"{self.name}: convention: expected one of {', '.join(CONVENTIONS)}, got {self.convention!r}"
+            )
+        refuse_size(len(self.trials), sum(t.samples for t in self.trials), self.name)
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if "within" in f.metadata and value is not None and (fault := f.metadata["within"].fault(value)):
+                raise RecordingError(f"{self.name}: {f.name}: {fault}")
+        for k, trial in enumerate(self.trials, start=1):
+            if trial.amplitude is not None and (fault := AMPLITUDE[self.stimulus_unit].fault(trial.amplitude)):
+                raise RecordingError(f"{self.name}: trial {k}: amplitude: {fault}")
+            if trial.stimulus.ndim != 1 or trial.theta.shape != (trial.samples, 2):
+                raise RecordingError(
+                    f"{self.name}: trial {k}: expected a stimulus (n,) and angles (n, 2), "
+                    f"got {trial.stimulus.shape} and {trial.theta.shape}"
+                )
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        period = "not periodic" if self.period_s is None else f"period {self.period_s:g} s"
+        noted = "; ".join(s.message for s in self.suspicions)
+        facts = [
+            ("name", shortened(self.name)),
+            ("stimulus", f"{self.stimulus} ({self.stimulus_unit}), {period}, amplitudes stated as {self.convention}"),
+            ("trials", f"{len(self.trials)}, {self.duration_s:g} s in all at {self.rate_hz:g} Hz"),
+            ("amplitudes", f"{spread(self.amplitudes)} {self.stimulus_unit} (peak)"),
+            ("body", f"m g h = {self.body.mgh:.4g} N m/rad"),
+        ]
+        facts += [("provenance", shortened(self.provenance))] if self.provenance else []
+        return facts + ([("odd", shortened(noted, 600))] if noted else [])
+
+    @property
+    def stimulus_unit(self) -> str:
+        """Unit of the stimulus."""
+        return STIMULI[self.stimulus]
+
+    @property
+    def period(self) -> int | None:
+        """Samples in a period, None when the stimulus is not periodic; `RecordingError` when it is not whole."""
+        if self.period_s is None:
+            return None
+        samples = self.period_s * self.rate_hz
+        if abs(samples - round(samples)) > 0.01 or round(samples) < 2:
+            raise RecordingError(
+                f"{self.name}: period_s: {self.period_s:g} s is {samples:.3f} samples at {self.rate_hz:g} Hz; "
+                "expected a whole number"
+            )
+        return round(samples)
+
+    @property
+    def cycles(self) -> tuple[int, ...]:
+        """Whole periods in every trial; zeros when the stimulus is not periodic."""
+        period = self.period
+        return tuple(t.samples // period if period else 0 for t in self.trials)
+
+    @property
+    def duration_s(self) -> float:
+        """Total duration, s."""
+        return sum(t.samples for t in self.trials) / self.rate_hz
+
+    @property
+    def amplitudes(self) -> np.ndarray:
+        """Amplitude of every trial as a peak, in the unit of the stimulus, (trials,), from the waveform itself."""
+        return np.array([t.peak for t in self.trials])
+
+    def base_model(self) -> Model:
+        """The 12-parameter model on this body and stimulus, its gains scaled to the body's weight.
+
+        Gains and their bounds are those of `two_segment` times the ratio of m g h to the paper's.
+        """
+        model = two_segment(self.body, self.stimulus)
+        ratio = self.body.mgh / Body().mgh
+        scaled = tuple(
+            p
+            if p.name in model.delays
+            else replace(p, value=p.value * ratio, lower=p.lower * ratio, upper=p.upper * ratio)
+            for p in model.parameters
+        )
+        return replace(model, parameters=scaled)
+
+    def select(self, trials: tuple[int, ...]) -> Recording:
+        """The recording with some of its trials."""
+        return replace(self, trials=tuple(self.trials[k] for k in trials))
+
+
+def spread(values: Iterable[float]) -> str:
+    """Values by their range: "3 to 5", or "5" when all are equal to four digits."""
+    texts = [f"{v:.4g}" for v in sorted(values)]
+    return texts[0] if len(set(texts)) == 1 else f"{texts[0]} to {texts[-1]}"

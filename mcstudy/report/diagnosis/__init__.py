@@ -1,0 +1,1 @@
+"""The page of one diagnosis: its data, figures, tables and sections."""

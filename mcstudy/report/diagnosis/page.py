@@ -1,0 +1,116 @@
+"""A diagnosis as a page, in the style of a study's: verdict, responses, where, which, how far, sway in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mcstudy.errors import InputError
+from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.tables import tables
+from mcstudy.gap.verdict import words
+from mcstudy.recordings.recording import Recording
+from mcstudy.report.diagnosis.data import GapData
+from mcstudy.report.diagnosis.sections import response_figures, time_figure, which_figures, z_figure
+from mcstudy.report.diagnosis.traces import SwayTraces
+from mcstudy.report.document import document
+from mcstudy.report.figure import Figure, Missing, figure, missing
+from mcstudy.report.html import Table, details, escape, table
+
+
+def gap_page(diagnosis: Diagnosis, command: str = "mcstudy gap report REC -o page.html") -> str:
+    """The page of a diagnosis; ``command``: the command that makes this page, as displayed on it."""
+    data = GapData(diagnosis)
+    printed = _diagnose_command(command)
+    where = [*response_figures(data), z_figure(data)]
+    parts = [
+        ("responses", "Measured and modelled responses", _figures(where, command)),
+        ("which", "Which effect, where, and how far", _figures(which_figures(diagnosis), command)),
+        ("sway", "Sway", _figures([_time(data)], command)),
+        ("numbers", "In numbers", _numbers(diagnosis) + f'<p class="how">Made by <code>{escape(printed)}</code></p>'),
+        ("made", "How this was made", _provenance(data, command)),
+    ]
+    return document(
+        f"Diagnosis of {diagnosis.name}",
+        _introduction(data),
+        parts,
+        "Bands and intervals cover 95 %; ± is one standard error. Probabilities are posterior probabilities given "
+        "this recording: of the effects of the library, of a cause outside it, and of no missing effect.",
+    )
+
+
+def _time(data: GapData) -> Figure | Missing:
+    try:
+        return time_figure(data, SwayTraces.of(data))
+    except InputError as error:
+        return Missing("", "Sway in time", str(error))
+
+
+def _introduction(data: GapData) -> str:
+    d = data.diagnosis
+    leading = data.leading
+    if leading is None:
+        after = "No gap was detected, so no effect was added and the figures show the base model only."
+    elif data.added is None:
+        after = (
+            f"The leading cause, {' and '.join(words(e) for e in leading.effects)}, changes the response with "
+            "amplitude or over time but not the mean response, so the figures show the base model only."
+        )
+    else:
+        after = f"With the cause: the base model with {' and '.join(words(e) for e in leading.effects)}, refitted."
+    return (
+        f'<p class="truth"><strong>Verdict.</strong> {escape(d.verdict())}</p>'
+        f"<p>Base model: {escape(data.model.name.replace('_', ' '))}, fitted to this recording. {escape(after)}</p>"
+    )
+
+
+def _numbers(d: Diagnosis) -> str:
+    """All tables, indistinguishable effects, and data quality warnings."""
+    warnings = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
+    groups = "; ".join(", ".join(words(n) for n in g) for g in d.groups if len(g) > 1)
+    return (
+        "".join(
+            table(Table(t.title, t.header, t.rows)) + (f"<p>{escape(t.note)}</p>" if t.note else "") for t in tables(d)
+        )
+        + (f"<p>Effects that this recording cannot distinguish: {escape(groups)}.</p>" if groups else "")
+        + (f"<h3>Data quality warnings</h3><ul>{warnings}</ul>" if warnings else "")
+    )
+
+
+def _figures(items: Sequence[Figure | Missing], command: str) -> str:
+    shown = "".join(figure(f, "", command) for f in items if isinstance(f, Figure))
+    return shown + missing(f for f in items if isinstance(f, Missing))
+
+
+def _diagnose_command(command: str) -> str:
+    """The command that prints the numbers of the page that ``command`` makes."""
+    return command.replace("gap report", "gap diagnose").split(" -o ")[0] + " --json"
+
+
+def _provenance(data: GapData, command: str) -> str:
+    d, r = data.diagnosis, data.diagnosis.recording
+    rows = [["recording", d.name]]
+    if r is not None:
+        rows += [["origin", r.provenance or "not stated"], ["stimulus", r.stimulus]]
+    if isinstance(r, Recording):
+        peaks = ", ".join(f"{a:.3g}" for a in r.amplitudes)
+        rows += [
+            ["trials", f"{len(r.trials)}, {r.duration_s:.0f} s together at {r.rate_hz:g} Hz"],
+            ["amplitudes (peak)", f"{peaks} {r.stimulus_unit}"],
+            ["period", "none" if r.period_s is None else f"{r.period_s:g} s"],
+        ]
+    rows += [["lines", f"{len(data.lines)}, {data.lines.f[0]:.3g} to {data.lines.f[-1]:.3g} Hz"]]
+    rows += [[k, str(v)] for k, v in d.method.items()]
+    commands = "\n".join(
+        [
+            f"{command}    # this page",
+            f"{_diagnose_command(command)}    # every number of it",
+            "python    # any figure of it",
+            ">>> import mcstudy as mc",
+            '>>> diagnosis = mc.diagnose(mc.read_recording("REC"))',
+        ]
+    )
+    return (
+        f"<pre><code>{escape(commands)}</code></pre>"
+        + table(Table("This recording and diagnosis", ["", ""], rows), "facts")
+        + details("Effects that were tested", "<p><code>mcstudy gap effects</code> lists them with equations.</p>")
+    )

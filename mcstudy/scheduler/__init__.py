@@ -1,0 +1,1 @@
+"""Starting workers, handing out tasks to them, showing progress and stopping."""

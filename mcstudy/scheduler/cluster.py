@@ -1,0 +1,221 @@
+"""The scheduler that a run submits to: threads of this process, or a running Dask cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import logging
+import math
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import dask
+from distributed import Client, Scheduler, SpecCluster, Worker
+from distributed.security import Security
+
+from mcstudy.errors import InputError
+
+CONNECT_S = 10
+
+RESTART_S = 20
+
+COUNT_S = 2.0
+"""Seconds between two counts of the threads of all workers."""
+
+DASHBOARD_PORT = 8787
+
+
+@dataclass(frozen=True)
+class ClusterOptions:
+    """Where to run.
+
+    Attributes
+    ----------
+    workers: threads of the local scheduler; None for one per core.
+    scheduler: address of a running scheduler, or None for the local one.
+    dashboard: whether the local scheduler serves its dashboard, on 127.0.0.1 only.
+    insecure: whether an unencrypted scheduler on another machine is accepted.
+    tls_ca, tls_cert, tls_key: certificate files for a ``tls://`` scheduler.
+    block_timeout: seconds a block may run; None for no limit.
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+    dashboard: bool = False
+    insecure: bool = False
+    tls_ca: Path | None = None
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+    block_timeout: float | None = None
+
+    @property
+    def threads(self) -> int:
+        """Threads of the local scheduler."""
+        return self.workers or cores()
+
+
+def cores() -> int:
+    """Number of cores this process may use; all cores where the system does not tell (macOS)."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _loopback(host: str) -> bool:
+    try:
+        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
+    except OSError:
+        return False
+    return bool(addresses) and all(ipaddress.ip_address(a).is_loopback for a in addresses)
+
+
+def _security(options: ClusterOptions) -> Security | None:
+    files = {"--tls-ca": options.tls_ca, "--tls-cert": options.tls_cert, "--tls-key": options.tls_key}
+    if not any(files.values()):
+        return None
+    for flag, file in files.items():
+        if file is None or not file.is_file():
+            raise InputError(f"{flag}: expected a readable PEM file, got {file}")
+    return Security(
+        tls_ca_file=str(options.tls_ca),
+        tls_client_cert=str(options.tls_cert),
+        tls_client_key=str(options.tls_key),
+        require_encryption=True,
+    )
+
+
+class _Worker(Worker):
+    """A worker that ends without waiting for a fit in progress; its files are complete or absent anyway."""
+
+    async def close(self, *args: Any, **kwargs: Any) -> Any:
+        """Close; see `distributed.Worker.close`."""
+        return await super().close(*args, **{**kwargs, "executor_wait": False})
+
+
+def _free(port: int) -> int:
+    """``port`` if nobody listens on it, else 0: any."""
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return 0
+    return port
+
+
+def dashboard_url(client: Client) -> str:
+    """Address of the local scheduler's dashboard."""
+    cluster: Any = client.cluster
+    return f"http://127.0.0.1:{cluster.scheduler.http_server.port}/status"
+
+
+@contextlib.contextmanager
+def _local(threads: int, dashboard: bool) -> Iterator[Client]:
+    """A scheduler and one worker in this process; both listen on 127.0.0.1 only.
+
+    By default Dask starts an HTTP server for each of them on all interfaces, even without a dashboard.
+    """
+    quiet: dict[str, Any] = {"distributed.worker.http.routes": []}
+    if not dashboard:
+        quiet["distributed.scheduler.http.routes"] = []
+        # Dask's profiler samples the stack of every thread 100 times per second for the dashboard.
+        quiet["distributed.worker.profile.enabled"] = False
+    # Blocks have their own limit of attempts. The scheduler's limit would also fail blocks that only waited on the
+    # same worker. A worker in this process is silent only when the whole process is, for instance while the machine is
+    # suspended; it must not be given up then.
+    limits = {"distributed.scheduler.allowed-failures": 1_000_000, "distributed.scheduler.worker-ttl": None}
+    scheduler = {
+        "cls": Scheduler,
+        "options": {
+            "protocol": "inproc://",
+            "dashboard": dashboard,
+            "dashboard_address": f"127.0.0.1:{_free(DASHBOARD_PORT) if dashboard else 0}",
+        },
+    }
+    worker: dict[str, Any] = {
+        "cls": _Worker,
+        "options": {"nthreads": threads, "dashboard": False, "dashboard_address": "127.0.0.1:0", "memory_limit": 0},
+    }
+    spare = {**worker, "options": {**worker["options"], "nthreads": 1}}
+    with (
+        dask.config.set({**quiet, **limits}),
+        SpecCluster({0: worker}, scheduler, spare, silence_logs=logging.CRITICAL) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+def more_threads(client: Client) -> None:
+    """Add one thread to the local scheduler, to replace a thread that a block never releases."""
+    cluster: Any = client.cluster
+    cluster.scale(len(cluster.worker_spec) + 1)
+
+
+def restart_worker(client: Client, address: str) -> None:
+    """Restart a worker that hangs: its nanny starts a new one; without a nanny the worker is only closed."""
+    try:
+        client.restart_workers([address], timeout=RESTART_S, raise_for_error=False)
+    except ValueError:  # no nanny, or the worker has gone already
+        client.retire_workers([address], close_workers=True, remove=True)
+
+
+class Capacity:
+    """Number of threads of a scheduler's workers, counted again from time to time because workers come and go.
+
+    ``say``: called with a message when there are no workers.
+    """
+
+    def __init__(self, client: Client, say: Callable[[str], None]) -> None:
+        self._client, self._say = client, say
+        self._counted, self._threads, self._warned = -math.inf, 1, False
+
+    def threads(self) -> int:
+        """The latest count, at least 1."""
+        now = time.monotonic()
+        if now > self._counted + COUNT_S:
+            try:
+                found = sum(self._client.nthreads().values())
+            except OSError:  # the connection is being lost; the client's status will show it
+                return self._threads
+            if not found and not self._warned:
+                self._say("the scheduler has no workers; waiting for workers (Ctrl-C stops; the run can be resumed)")
+            self._counted, self._threads, self._warned = now, max(1, found), not found
+        return self._threads
+
+
+@contextlib.contextmanager
+def connect(options: ClusterOptions, say: Callable[[str], None] | None = None) -> Iterator[Client]:
+    """A client of the local or the given scheduler; raises `InputError` when the latter is not usable.
+
+    ``say``: told where the local one's dashboard is, if it has one.
+    """
+    # Dask's own messages are silenced: problems with workers and schedulers are reported here, one line each.
+    for name in [n for n in logging.root.manager.loggerDict if n.split(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    if options.scheduler is None:
+        with _local(options.threads, options.dashboard) as client:
+            if options.dashboard and say:
+                say(f"dashboard: {dashboard_url(client)}")
+            yield client
+        return
+    address = urlsplit(options.scheduler)
+    if address.scheme not in ("tcp", "tls") or not address.hostname or not address.port:
+        raise InputError(f"--scheduler: expected tcp://HOST:PORT or tls://HOST:PORT, got {options.scheduler}")
+    if address.scheme == "tcp" and not options.insecure and not _loopback(address.hostname):
+        raise InputError(
+            f"--scheduler: expected tls:// for {address.hostname}, which is another machine "
+            "(anyone who can reach an unencrypted scheduler can run code; --insecure accepts this risk)"
+        )
+    security = _security(options)
+    try:
+        client = Client(options.scheduler, security=security, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, TypeError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"--scheduler: expected a running scheduler at {options.scheduler} ({reason})") from None
+    with client:
+        yield client

@@ -1,0 +1,125 @@
+"""Apply one function to many items on the scheduler: few items in flight at a time, results in order of completion."""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import dask.array  # noqa: F401  # xarray imports it on first use, which two threads must not do at once
+from distributed import KilledWorker
+
+from mcstudy.errors import Interrupted
+from mcstudy.scheduler.cluster import ClusterOptions, connect
+from mcstudy.scheduler.progress import Progress
+from mcstudy.scheduler.stopping import stop_requests
+from mcstudy.scheduler.window import Item, Window
+
+PROCESS = uuid.uuid4().hex
+"""Identifies the process that submitted an item."""
+
+
+class _Local:
+    """Items that threads of this process are working on; no item begins after `close`.
+
+    The scheduler does not wait for its threads when it closes. A thread that is still computing when the interpreter
+    ends crashes the process, because it may be inside compiled code that cannot be interrupted.
+    """
+
+    def __init__(self) -> None:
+        self._busy, self._closed, self._changed = 0, False, threading.Condition()
+
+    def begin(self) -> bool:
+        """Return whether one more item may begin."""
+        with self._changed:
+            self._busy += not self._closed
+            return not self._closed
+
+    def end(self) -> None:
+        """One item is done."""
+        with self._changed:
+            self._busy -= 1
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Let no further item begin."""
+        with self._changed:
+            self._closed = True
+
+    def wait(self, seconds: float) -> int:
+        """Wait for a while; return the number of items still in progress."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._busy, seconds)
+            return self._busy
+
+
+_LOCAL: dict[str, _Local] = {}
+
+
+def _one(process: str, fan: str, work: Callable[[Item], Any], item: Item) -> Any:
+    """Result of one item; None when the process that submitted it runs it and has been told to stop."""
+    if process != PROCESS:
+        return work(item)
+    local = _LOCAL.get(fan)
+    if local is None or not local.begin():
+        return None
+    try:
+        return work(item)
+    finally:
+        local.end()
+
+
+def fan_out(
+    work: Callable[[Item], Any], items: Sequence[Item], options: ClusterOptions, what: str
+) -> Iterator[tuple[Item, Any]]:
+    """Yield (item, result) in the order of completion; ``work`` must return, not raise, failures of a single item.
+
+    Raises whatever ``work`` raises, after the items in progress in this process have ended. Raises `Interrupted` at
+    once on Ctrl-C, SIGTERM, SIGHUP, a lost scheduler, or an item that kills its workers. The caller keeps what was
+    yielded until then.
+    """
+    if not items:
+        return
+    progress = Progress(len(items), unit="cases")
+    fan, local = uuid.uuid4().hex, _Local()
+
+    def interrupted(why: str) -> Interrupted:
+        return Interrupted(progress.how_far(what, why))
+
+    with stop_requests(partial(progress.how_far, what)) as stop, connect(options, progress.say) as client:
+        window = Window[Item](client, progress.say, interrupted)
+        waiting = iter(items)
+        _LOCAL[fan] = local
+        try:
+            while progress.done < len(items):
+                if stop.is_set():
+                    raise interrupted("stopped")
+                window.check()
+                while window.has_room() and (item := next(waiting, None)) is not None:
+                    window.submit(item, _one, PROCESS, fan, work, item)
+                progress.show()
+                if not (ended := window.ended()):
+                    continue
+                item, future = ended
+                try:
+                    result = window.result(future)
+                except KilledWorker as error:
+                    raise interrupted(f"workers kept dying ({error})") from None
+                progress.add(1, 0)
+                yield item, result
+            progress.show(last=True)
+        except (Interrupted, KeyboardInterrupt):
+            raise
+        except BaseException as error:
+            local.close()
+            if busy := local.wait(1.0):
+                progress.say(f"waiting for {busy} cases in progress (press Ctrl-C to quit at once)")
+            while local.wait(0.2):
+                if stop.is_set() and not isinstance(error, GeneratorExit):
+                    raise interrupted("stopped") from None
+            raise
+        finally:
+            local.close()
+            del _LOCAL[fan]

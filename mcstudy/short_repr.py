@@ -1,0 +1,35 @@
+"""Short display of a record at a prompt and in a notebook: a few facts instead of its arrays."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from html import escape
+from typing import ClassVar
+
+
+class Summary(ABC):
+    """A short ``repr`` and a notebook table from `facts`; for dataclasses that are declared with ``repr=False``."""
+
+    shown_as: ClassVar[str] = ""
+    """What the record is called, its class' name when empty."""
+
+    @abstractmethod
+    def facts(self) -> list[tuple[str, str]]:
+        """Pairs (name, value) in display order; few and short."""
+
+    def __repr__(self) -> str:
+        facts = self.facts()
+        width = max(len(name) for name, _ in facts)
+        return "\n".join(
+            [self.shown_as or type(self).__name__, *(f"  {name:{width}}  {value}" for name, value in facts)]
+        )
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><th scope='row'>{escape(n)}</th><td>{escape(v)}</td></tr>" for n, v in self.facts())
+        return f"<table><caption>{escape(self.shown_as or type(self).__name__)}</caption><tbody>{rows}</tbody></table>"
+
+
+def shortened(text: str, most: int = 200) -> str:
+    """A text on one line, cut when it is long."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else line[: most - 1] + "…"

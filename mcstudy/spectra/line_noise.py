@@ -1,0 +1,62 @@
+"""The noise of measured lines: covariance and degrees of freedom of its estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mcstudy.short_repr import Summary
+from mcstudy.spectra.null_draws import NullDraws, Pooling
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LineNoise(Summary):
+    """Covariance of the errors of FRFs at N lines, and its uncertainty.
+
+    Attributes
+    ----------
+    C: (N, 2, 2) complex Hermitian, unbiased estimate of E[e e^H].
+    dof: (N,) complex degrees of freedom of ``C`` (a complex Wishart matrix of that many outer products).
+    pooling: how the estimates at neighbouring lines share data; None for a known covariance.
+    """
+
+    C: np.ndarray
+    dof: np.ndarray
+    pooling: Pooling | None = None
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        known = "known" if self.pooling is None else f"{self.dof.min():.3g} to {self.dof.max():.3g} degrees of freedom"
+        return [("lines", str(self.dof.size)), ("covariance", known)]
+
+    @property
+    def variance(self) -> np.ndarray:
+        """E|e|^2 of each angle, (N, 2)."""
+        return np.asarray(np.einsum("nii->ni", self.C).real)
+
+    @property
+    def whitener(self) -> np.ndarray:
+        """W (N, 2, 2), lower triangular: W^H W / 2 is the unbiased estimate of the precision.
+
+        The inverse of an estimate with nu degrees of freedom is too large on average by nu / (nu - 2) (complex
+        Wishart, two channels).
+        """
+        nu = np.maximum(self.dof, 3.0)
+        return np.linalg.inv(np.linalg.cholesky(self.C)) * np.sqrt(2 * (nu - 2) / nu)[:, None, None]
+
+    def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        """``n`` random errors (4 N, n), whitened with a covariance estimate of the same uncertainty."""
+        return NullDraws(self.dof, self.pooling)(rng, n)
+
+    def times(self, factor: np.ndarray) -> LineNoise:
+        """The noise of responses with ``factor`` (N,) times the variance."""
+        return replace(self, C=self.C * factor[:, None, None])
+
+    def plus(self, other: LineNoise) -> LineNoise:
+        """The noise of a difference of two responses whose covariances come from one estimate."""
+        return replace(self, C=self.C + other.C)
+
+    def at(self, keep: np.ndarray) -> LineNoise:
+        """At some of the lines."""
+        return LineNoise(self.C[keep], self.dof[keep], None if self.pooling is None else self.pooling.at_lines(keep))

@@ -1,0 +1,79 @@
+"""Frequency lines (`Lines`) of a recording of any kind."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mcstudy.errors import RecordingError
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.recording import LEAST_LINES, Recording
+from mcstudy.spectra.line_noise import LineNoise
+from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.periodic import periodic_lines
+from mcstudy.spectra.segments import segment_lines
+
+LARGE_DOF = 1e6
+"""Degrees of freedom of a published covariance, which was not estimated here."""
+
+LEAST_NOISE = 1e-5
+"""Smallest plausible standard error of a response relative to its magnitude, median over lines; the resolution of
+a 20-bit sensor gives more."""
+
+LEAST_NOISE_OF_A_LINE = 1e-8
+"""The same for any single line."""
+
+
+def measure(recording: Recording | FrfRecording, fmax: float = 8.0, discard: int = 1) -> Lines:
+    """Lines of a recording up to ``fmax`` (Hz); ``discard`` transient cycles are left out of a periodic one.
+
+    A periodic stimulus gives its excited lines, any other the lines of overlapping segments, a published FRF itself.
+    Raises `RecordingError` when the recording is too short, or has fewer than `LEAST_LINES` lines up to ``fmax``.
+    """
+    if not (math.isfinite(fmax) and fmax > 0):
+        raise RecordingError(f"{recording.name}: fmax: expected a positive number of Hz, got {fmax!r}")
+    if isinstance(recording, FrfRecording):
+        lines = _published(recording).below(fmax)
+    elif recording.period_s is None:
+        lines = segment_lines(recording, fmax)
+    else:
+        lines = periodic_lines(recording, fmax, discard)
+    if len(lines) < LEAST_LINES:
+        raise RecordingError(
+            f"{recording.name}: expected at least {LEAST_LINES} lines up to fmax = {fmax:g} Hz, got {len(lines)}"
+        )
+    return lines
+
+
+def require_noise(lines: Lines, name: str) -> None:
+    """Raise `RecordingError` for responses without noise or with a singular noise covariance."""
+    variance, C = lines.noise.variance, lines.noise.C
+    size = np.abs(lines.y)
+    if not (np.isfinite(C).all() and np.isfinite(size).all() and (variance > 0).all() and size.any()):
+        raise RecordingError(f"{name}: theta1, theta2: expected responses with measurement noise, found none")
+    relative = (np.sqrt(variance) / np.maximum(size, 1e-300)).min(axis=1)  # an unpublished angle is zero
+    if np.median(relative) < LEAST_NOISE or relative.min() < LEAST_NOISE_OF_A_LINE:
+        raise RecordingError(
+            f"{name}: theta1, theta2: expected noise of at least {LEAST_NOISE:g} of the responses, with which a gap is "
+            f"compared ({LEAST_NOISE_OF_A_LINE:g} at any line), got {np.median(relative):.1g} ({relative.min():.1g})"
+        )
+    if (1 - np.abs(C[:, 0, 1]) ** 2 / variance.prod(axis=1) < LEAST_NOISE_OF_A_LINE).any():
+        raise RecordingError(f"{name}: theta1, theta2: one is a multiple of the other; their covariance is singular")
+
+
+def _published(frf: FrfRecording) -> Lines:
+    """Lines with a single repeat (no cross-validation possible) and unknown amplitude and power."""
+    one = np.ones(frf.f.size)
+    y = frf.y.astype(complex)
+    return Lines(
+        f=frf.f,
+        y=y,
+        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * one),
+        repeats=y[None],
+        weight=one[None],
+        trial=np.zeros(1, dtype=int),
+        cycle=np.zeros(1, dtype=int),
+        amplitude=np.array([np.nan]),
+        power=np.nan * one,
+    )

@@ -1,0 +1,106 @@
+"""Null samples: random whitened errors, Gaussian errors divided by a covariance that is itself an estimate.
+
+Given the estimate S of the covariance of a line, the error whitened with S is L^-1 z. Here z is unit Gaussian and
+L L^H = S~ is an estimate of the identity from equally few lines. The estimates at neighbouring lines use mostly the
+same lines, so S~ is simulated with the same windows. Every null distribution thus includes the finite degrees of
+freedom, line by line and jointly; a chi-squared distribution would reject far too often. Derived.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mcstudy.spectra.colour import Colour
+from mcstudy.spectra.window import parabolic
+
+
+@dataclass(frozen=True, eq=False)
+class Pooling:
+    """Which data the covariance estimates at N lines are averages of.
+
+    Attributes
+    ----------
+    at, half_width: (N,) position of each line among the even lines, and half-width of the averaging window.
+    records: number of independent records averaged; None: the number that the degrees of freedom imply.
+    colour_records: number of further records from which the colour of the noise is estimated; None without this step.
+    """
+
+    at: np.ndarray
+    half_width: np.ndarray
+    records: int | None = None
+    colour_records: int | None = None
+
+    def at_lines(self, keep: np.ndarray) -> Pooling:
+        """At some of the lines."""
+        return replace(self, at=self.at[keep], half_width=self.half_width[keep])
+
+
+def pooled(dof: np.ndarray, trials: int) -> Pooling:
+    """Pooling for estimates with ``dof`` (N,) from neighbouring lines of ``trials``, when nothing else is known."""
+    at = 2.0 * np.arange(dof.size) + 1.0
+    return Pooling(at, np.maximum(1.2 * np.maximum(dof, 3.0) / trials, 2.1), records=trials)
+
+
+class NullDraws:
+    """Null samples (4 N, n) for covariances with ``dof`` (N,) degrees of freedom; known ones if ``pooling`` is None."""
+
+    def __init__(self, dof: np.ndarray, pooling: Pooling | None) -> None:
+        self._dof = np.maximum(dof, 3.0)
+        self._pooling = pooling
+        self._colour = None
+        if pooling is None:
+            return
+        at, width = pooling.at, pooling.half_width
+        top = int(1.1 * at[-1] + min(width[-1], 60.0))
+        even = np.arange(2, max(top, 10) + 1, 2)
+        self._window = parabolic(at, even, width)
+        own = 1.0 / (self._window**2).sum(axis=1)
+        self._records = pooling.records or max(1, round(float(np.median(self._dof / own))))
+        if pooling.colour_records is not None:
+            self._further = pooling.colour_records
+            self._colour = Colour(even, at, (self._records, self._further))
+
+    def __call__(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        """``n`` null samples, (4 N, n), in the order and units of `mcstudy.fitting.penalised.whiten`."""
+        N = self._dof.size
+        z = (rng.standard_normal((N, 2, n)) + 1j * rng.standard_normal((N, 2, n))) / np.sqrt(2)
+        if self._pooling is not None:
+            z = self._divided(z, rng)
+        z *= np.sqrt(2 * (self._dof - 2) / self._dof)[:, None, None]
+        z = z.reshape(2 * N, n)
+        return np.concatenate([z.real, z.imag])
+
+    def _divided(self, z: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """L^-1 z for random S~ = L L^H."""
+        E, n = self._window.shape[1], z.shape[-1]
+        products = np.zeros((4, E, n))
+        for _ in range(self._records):
+            x = rng.standard_normal((4, E, n)) * np.sqrt(0.5)
+            products[0] += x[0] ** 2 + x[1] ** 2
+            products[1] += x[2] ** 2 + x[3] ** 2
+            products[2] += x[2] * x[0] + x[3] * x[1]
+            products[3] += x[3] * x[0] - x[2] * x[1]
+        products /= self._records
+        if self._colour is None:
+            s11, s22, re, im = np.einsum("le,pen->pln", self._window, products, optimize=True)
+        else:
+            s11, s22, re, im = self._continued(self._colour, products, rng)
+        l11 = np.sqrt(s11)
+        l21 = (re + 1j * im) / l11
+        l22 = np.sqrt(np.maximum(s22 - np.abs(l21) ** 2, 1e-12))
+        first = z[:, 0] / l11
+        return np.stack([first, (z[:, 1] - l21 * first) / l22], axis=1)
+
+    def _continued(self, colour: Colour, products: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Products (4, E, n) at the lines, (4, L, n), with a slope that is estimated for every sample.
+
+        One angle is simulated, because the flatter of the two determines the slope and they differ by far more than
+        their scatter.
+        """
+        mean = products[0, : colour.used].T
+        between = rng.standard_gamma(self._further, mean.shape)
+        exponent = colour.exponent(np.stack([mean, between])[:, None])[0]
+        level, restored = colour.levelled(exponent).T ** 2, colour.restored(exponent).T ** 2
+        return restored * np.asarray(np.einsum("le,pen->pln", self._window, products * level, optimize=True))

@@ -1,0 +1,160 @@
+"""Every schema is listed and sound; what does not conform is neither written nor read, and is told in one line."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from mcstudy.analysis.show import tables
+from mcstudy.challenge import files
+from mcstudy.cli import gap as gap_verb
+from mcstudy.cli import main
+from mcstudy.errors import StoreError
+from mcstudy.exits import Exit
+from mcstudy.files import json_files, schema
+from mcstudy.files.untrusted import json_document
+from mcstudy.study import store
+from mcstudy.study.study_file import parse_study
+
+FOLDER = Path(__file__).parents[2] / "results_schema"
+NAMES = sorted(p.stem for p in (FOLDER / schema.VERSION).glob("*.json"))
+
+
+def test_the_page_lists_every_schema() -> None:
+    listed = re.findall(rf"^\| `{re.escape(schema.VERSION)}/(\w+)\.json` \|", (FOLDER / "README.md").read_text(), re.M)
+    assert sorted(listed) == NAMES
+    assert len(NAMES) >= 9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_schema_is_one_and_is_called_what_its_file_is(name: str) -> None:
+    Draft202012Validator.check_schema(schema.load(name))
+    assert schema.identifier(name) == f"mcstudy:{name}:{schema.VERSION}"
+
+
+class Unsound:
+    """In place of a diagnosis."""
+
+    def verdict(self) -> str:
+        return "a gap"
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"schema": schema.identifier("diagnosis"), "p_value": 2.0}
+
+
+def test_a_diagnosis_that_does_not_conform_is_neither_written_nor_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(gap_verb, "_diagnosed", lambda _: Unsound())
+    monkeypatch.setattr("mcstudy.gap.tables.text", lambda _: "")
+    for more in (["-o", str(tmp_path / "out")], ["--json"]):
+        assert main(["gap", "diagnose", "a.nc", *more]) == Exit.BAD_INPUT
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert "(diagnosis 1.0.0)" in said.err
+        assert said.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_cube_that_does_not_conform_is_not_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny: str) -> None:
+    monkeypatch.setattr(store, "describe", lambda _: {"attributes": {}, "groups": {}})
+    with pytest.raises(StoreError, match=r"out\.zarr: .* \(study_cube 1\.0\.0\)"):
+        store.Cube.create(tmp_path / "out.zarr", parse_study(tiny))
+    assert not (tmp_path / "out.zarr").exists()
+
+
+def test_tables_that_do_not_conform_are_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tables, "StudyView", lambda tree: tree)
+    monkeypatch.setattr(tables, "show_data", lambda *_: {"schema": schema.identifier("show")})
+    with pytest.raises(StoreError, match=r"show: .*: missing \(show 1\.0\.0\)"):
+        tables.report_of(None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["challenge_manifest", "challenge_key", "challenge_answers", "challenge_score"])
+def test_a_file_of_a_challenge_that_does_not_conform_is_neither_written_nor_read(tmp_path: Path, kind: str) -> None:
+    file = tmp_path / "a.json"
+    with pytest.raises(StoreError, match=rf"a\.json: .*\({kind} 1\.0\.0\)"):
+        json_files.write_json(file, {"schema": schema.identifier(kind)}, kind)
+    assert not file.exists()
+    file.write_text(json.dumps({"schema": schema.identifier(kind)}))
+    with pytest.raises(StoreError, match=rf"a\.json: .*\({kind} 1\.0\.0\)"):
+        json_files.read_json(file, kind)
+
+
+@pytest.mark.parametrize("kind", files.PARTS)
+def test_a_part_that_does_not_conform_is_neither_written_nor_read(tmp_path: Path, kind: str) -> None:
+    out = tmp_path / "a.json"
+    with pytest.raises(StoreError, match=rf"case1\.json: .*: missing \({kind} 1\.0\.0\)"):
+        files.write_part(out, kind, {}, {"name": "case1", "seconds": 0.0})
+    assert not list(tmp_path.iterdir())
+    files.partial_folder(out).mkdir()
+    (files.partial_folder(out) / "case1.json").write_text(json.dumps({files.PARTS[kind][0]: {"name": "case1"}}))
+    assert files.read_parts(out, kind) == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"method": 3}, "method: expected text, found 3"),
+        ({"manifest_sha256": "x"}, "manifest_sha256: expected text matching ^[0-9a-f]{64}$, found 'x'"),
+        ({"schema": "other"}, "schema: expected 'mcstudy:challenge_answers:1.0.0', found 'other'"),
+        (
+            {"by": "me"},
+            "top level: expected only the keys schema, challenge, manifest_sha256, method, answers, found 'by'",
+        ),
+        ({"answers": {}}, "answers: expected a list, found {}"),
+        ({"answers": [{"name": "case1"}]}, "answers.0.seconds: missing"),
+        (
+            {"answers": [{"name": "one", "seconds": 0, "error": ""}]},
+            "answers.0.name: expected text matching ^case[0-9]+$, found 'one'",
+        ),
+        (
+            {"answers": [{"name": "case1", "seconds": -1, "error": ""}]},
+            "answers.0.seconds: expected at least 0, found -1",
+        ),
+        ({"answers": [{"name": "case1", "seconds": 0, "error": 5}]}, "answers.0.error: expected text, found 5"),
+        (
+            {"answers": [{"name": "case1", "seconds": 0, "detected": 5}]},
+            "answers.0.detected: expected true or false, found 5",
+        ),
+    ],
+)
+def test_what_does_not_conform_is_told_with_place_expectation_and_find(change: dict[str, Any], message: str) -> None:
+    answers = {"schema": schema.identifier("challenge_answers"), "challenge": "c", "manifest_sha256": "0" * 64}
+    with pytest.raises(StoreError) as caught:
+        schema.validate("challenge_answers", answers | {"method": "m", "answers": []} | change, "a.json")
+    assert str(caught.value) == f"a.json: {message} (challenge_answers 1.0.0)"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "Expecting value"),
+        (b"\xff", "expected UTF-8 text"),
+        (b"[NaN]", "expected finite numbers, found NaN"),
+        (b"[-Infinity]", "expected finite numbers, found -Infinity"),
+        (b"[1e400]", "expected finite numbers, found 1e400"),
+        (b"[" + b"9" * 5000 + b"]", "at most 20 digits, found 5000 digits"),
+        (b'{"a": 1, "a": 2}', "expected every key once in a table, found 'a' twice"),
+        (b'"\\ud800"', "one half of a surrogate pair"),
+        (b"[" * 70 + b"]" * 70, "nesting of at most 64 levels"),
+        (b"[" * 100_000, "nesting of at most 64 levels"),
+        (b'{"a":' * 900 + b"1" + b"}" * 900, "nesting of at most 64 levels"),
+    ],
+    ids=["nothing", "bytes", "nan", "infinity", "1e400", "digits", "twice", "half", "deep", "deeper", "tables"],
+)
+def test_what_is_no_json_of_ours_is_told_in_one_line(content: bytes, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        json_document(content)
+    assert "\n" not in str(caught.value)
+
+
+def test_json_of_ours_is_read_as_it_is() -> None:
+    value = {"a": [1, -2.5, 2**63, None, True], "b": {"c": "\N{GREEK SMALL LETTER THETA}\u20ac"}}
+    assert json_document(json.dumps(value).encode()) == value
+    assert json_document(b"[" * 64 + b"]" * 64)

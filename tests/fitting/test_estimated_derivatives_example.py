@@ -1,0 +1,43 @@
+"""`pipelines/examples/estimated_derivatives.py`: solvers of the same cost, few fits unless told otherwise."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from mcstudy.analysis.paper.explanations import _REASONS
+
+EXAMPLE = Path(__file__).parents[2] / "pipelines" / "examples" / "estimated_derivatives.py"
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("estimated_derivatives", EXAMPLE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_default_is_few_fits_and_the_figures_name_the_command_that_makes_them(example: ModuleType) -> None:
+    small = example.arguments().parse_args([])
+    assert small.realizations * small.starts <= 2
+    commands = {c for why in _REASONS.values() for c in re.findall(r"estimated_derivatives\.py([^)]*)\)", why)}
+    (full,) = (example.arguments().parse_args(command.split()) for command in commands)
+    assert (full.realizations, full.starts) == (6, 10)
+    assert "`--realizations 6 --starts 10`" in (EXAMPLE.parent / "README.md").read_text(encoding="utf-8")
+
+
+def test_with_estimated_derivatives_the_same_minimum_is_reached_in_units_of_the_bounds(example: ModuleType) -> None:
+    rng = np.random.default_rng(5)
+    data, _ = example.experiment.frf(example.experiment.realization(rng), example.AMPLITUDE)
+    problem = example.paper_cost(example.model, example.points.f, data)
+    lowest = example.exact(problem, example.uniform(example.model, rng, 100)).min()
+    near = example.model.truth + 0.05 * example.WIDTH * rng.uniform(-1, 1, (2, example.WIDTH.size))
+    costs = example.SOLVERS["SLSQP, differences, units of the bounds"](problem, near)
+    assert costs.min() == pytest.approx(lowest, rel=1e-3)
+    assert (costs >= lowest * (1 - 1e-6)).all()

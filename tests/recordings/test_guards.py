@@ -1,0 +1,396 @@
+"""Recordings from strangers: nothing outside their folder is read, nothing huge is allocated, nothing is run."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mcstudy.errors import InputError, RecordingError
+from mcstudy.files.untrusted import ZSTD_MAGIC
+from mcstudy.recordings import recording as limits
+from mcstudy.recordings.io import read_recording, write_recording
+from mcstudy.recordings.netcdf_zarr import ANGLES, read_dataset, to_dataset
+from mcstudy.recordings.recording import Recording, Trial
+
+FUZZ = settings(
+    max_examples=int(os.environ.get("MCSTUDY_FUZZ", "60")),
+    deadline=None,
+    derandomize="MCSTUDY_FUZZ" not in os.environ,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+"""Longer, and with new random numbers: ``MCSTUDY_FUZZ=5000 pytest tests/gap/test_stranger.py``."""
+
+FORMATS = ("a.nc", "a.zarr", "a")
+
+
+@pytest.fixture(scope="module")
+def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One short recording in every format, under the names of `FORMATS`."""
+    folder, rng = tmp_path_factory.mktemp("honest"), np.random.default_rng(0)
+    trials = tuple(Trial(rng.standard_normal(64), rng.standard_normal((64, 2)), 5.0) for _ in range(2))
+    for name in FORMATS:
+        write_recording(Recording(trials, 10.0, 1.6), folder / name)
+    return folder
+
+
+@pytest.fixture
+def copy(tmp_path: Path, honest: Path) -> Path:
+    return shutil.copytree(honest, tmp_path / "copy")
+
+
+def refused(path: Path, *words: str) -> None:
+    with pytest.raises(RecordingError) as caught:
+        read_recording(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert not [word for word in words if word not in message], message
+
+
+def reads_or_refuses(path: Path) -> None:
+    """Either a recording, or one line; never another error."""
+    said = ""
+    try:
+        read_recording(path)
+    except InputError as error:
+        said = str(error)
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("name", ["../secret.csv", "/etc/hostname", "link.csv", "a/../../secret.csv", "x\0y"])
+def test_a_sheet_names_no_file_outside_its_folder(copy: Path, name: str) -> None:
+    sheet = copy / "a" / "recording.toml"
+    (copy / "secret.csv").write_text("time,stimulus,theta1,theta2\n0,1,2,3\n")
+    (copy / "a" / "link.csv").symlink_to(copy / "secret.csv")
+    sheet.write_text(sheet.read_text().replace('"trial1.csv"', json.dumps(name)))
+    refused(sheet, "expected a name inside")
+
+
+def test_a_sheet_of_endless_keys_is_refused(copy: Path) -> None:
+    sheet = copy / "a" / "recording.toml"
+    sheet.write_text("a" + ".a" * 200_000 + " = 1")
+    refused(sheet, "keys of at most")
+
+
+def soft(file: h5py.File) -> None:
+    del file["theta"]
+    file["theta"] = h5py.SoftLink("/stimulus")
+
+
+def external_link(file: h5py.File) -> None:
+    del file["theta"]
+    file["theta"] = h5py.ExternalLink("other.nc", "/theta")
+
+
+def external_bytes(file: h5py.File) -> None:
+    del file["theta"]
+    file.create_dataset("theta", (2, 64, 2), "f8", external=[("/etc/passwd", 0, 2048)])
+
+
+def virtual(file: h5py.File) -> None:
+    del file["theta"]
+    layout = h5py.VirtualLayout((2, 64, 2), "f8")
+    layout[:] = h5py.VirtualSource("other.nc", "theta", (2, 64, 2))
+    file.create_virtual_dataset("theta", layout)
+
+
+def huge_time(file: h5py.File) -> None:
+    del file["time"]
+    file.create_dataset("time", (10**12,), "f8", chunks=(1000,))
+
+
+def huge_chunk(file: h5py.File) -> None:
+    del file["samples"]
+    file.create_dataset("samples", (2,), "f8", chunks=(2**28 + 1,), maxshape=(None,))
+
+
+def huge_string(file: h5py.File) -> None:
+    del file["angle"]
+    file.create_dataset("angle", (2,), "S2000000000", chunks=(1,))
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (soft, "link"),
+        (external_link, "link"),
+        (external_bytes, "reference"),
+        (virtual, "reference"),
+        (huge_time, "declares"),
+        (huge_chunk, "declares"),
+        (huge_string, "declares"),
+    ],
+)
+def test_a_netcdf_file_that_refers_elsewhere_or_claims_too_much_is_refused(
+    copy: Path, change: Callable[[h5py.File], None], word: str
+) -> None:
+    with h5py.File(copy / "a.nc", "a") as file:
+        change(file)
+    refused(copy / "a.nc", word)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "word"),
+    [
+        ("codecs", [{"name": "bytes"}, {"name": "gzip", "configuration": {"level": 1}}], "codecs"),
+        ("codecs", [{"name": "numcodecs.pickle"}], "codecs"),
+        ("shape", [10**12], "declares"),
+        ("data_type", "object", "data_type"),
+        ("data_type", {"name": "fixed_length_utf32", "configuration": {"length_bytes": 2**40}}, "declares"),
+        ("chunk_grid", {"name": "regular", "configuration": {"chunk_shape": [2**40]}}, "declares"),
+    ],
+)
+def test_a_zarr_store_with_other_codecs_or_that_claims_too_much_is_refused(
+    copy: Path, key: str, value: object, word: str
+) -> None:
+    file = copy / "a.zarr" / "time" / "zarr.json"
+    document = json.loads(file.read_text())
+    document[key] = value
+    file.write_text(json.dumps(document))
+    refused(copy / "a.zarr", word)
+
+
+def test_a_zarr_store_with_a_link_or_a_bomb_in_it_is_refused(copy: Path) -> None:
+    store = copy / "a.zarr"
+    (chunk,) = [p for p in (store / "stimulus" / "c").rglob("*") if p.is_file()]
+    chunk.write_bytes(ZSTD_MAGIC + bytes([0b1110_0000]) + (1 << 50).to_bytes(8, "little") + bytes(8))
+    refused(store, "expected a chunk of at most")
+    chunk.unlink()
+    chunk.symlink_to("/dev/zero")
+    refused(store)
+    (store / "theta").rename(copy / "elsewhere")
+    (store / "theta").symlink_to(copy / "elsewhere")
+    refused(store, "link")
+
+
+def test_a_zarr_v2_store_is_refused(copy: Path) -> None:
+    shutil.rmtree(copy / "a.zarr")
+    (copy / "a.zarr").mkdir()
+    (copy / "a.zarr" / ".zgroup").write_text('{"zarr_format": 2}')
+    refused(copy / "a.zarr")
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def standard_input(path: Path) -> None:
+    path.symlink_to("/dev/stdin")
+
+
+def listening_socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as s:
+        here = Path.cwd()
+        os.chdir(path.parent)  # the name of a socket may have no more than about a hundred characters
+        try:
+            s.bind(path.name)
+        finally:
+            os.chdir(here)
+
+
+def folder(path: Path) -> None:
+    path.mkdir()
+
+
+REPLACED = {
+    "a.nc": "a.nc",
+    "a.h5": "a.h5",
+    "a/recording.toml": "a/recording.toml",
+    "a/trial1.csv": "a/recording.toml",
+    "a/recording.toml beside a table": "a/recording.csv",
+    "a.zarr": "a.zarr",
+    "a.zarr/stimulus/zarr.json": "a.zarr",
+    "a.zarr/stimulus/c/0/0": "a.zarr",
+}
+"""What is replaced by something else, and what is read then."""
+
+READ_ALL = """
+import resource, sys
+from mcstudy.errors import RecordingError
+from mcstudy.recordings.io import read_recording
+resource.setrlimit(resource.RLIMIT_AS, (1 << 33, 1 << 33))
+for path in sys.argv[1:]:
+    try:
+        print("read", path, read_recording(path), flush=True)
+    except RecordingError as error:
+        print("refused", path, error, flush=True)
+"""
+
+
+def test_what_is_no_regular_file_is_refused_and_never_waited_for(tmp_path: Path, honest: Path) -> None:
+    """In a process of its own: a library that waits for the writer of a pipe can only be killed."""
+    reads = []
+    for make in (pipe, device, standard_input, listening_socket, folder):
+        for k, (replaced, read) in enumerate(REPLACED.items()):
+            own = shutil.copytree(honest, tmp_path / make.__name__ / str(k))
+            (own / "a" / "recording.csv").touch()
+            path = own / replaced.split(" ")[0]
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+            make(path)
+            reads.append(str(own / read))
+    command = [sys.executable, "-c", READ_ALL, *reads]
+    # Its standard input stays open, so that reading it would wait, too.
+    with (
+        (tmp_path / "said").open("w+") as said,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said) as process,
+    ):
+        try:
+            process.wait(120)
+        except subprocess.TimeoutExpired:
+            process.kill()
+        lines = (tmp_path / "said").read_text().splitlines()
+    assert [line.split(" ")[:2] for line in lines] == [["refused", read] for read in reads]
+
+
+def many_chunks(path: Path) -> list[Path]:
+    """A store of several hundred chunks; returns those of the stimulus."""
+    rng = np.random.default_rng(0)
+    trials = tuple(Trial(rng.standard_normal(2000), rng.standard_normal((2000, 2)), 5.0) for _ in range(4))
+    dataset = to_dataset(Recording(trials, 10.0, 50.0)).drop_vars("angle").assign_attrs(angles=list(ANGLES))
+    encoding = {"stimulus": {"chunks": (1, 40)}, "theta": {"chunks": (1, 40, 2)}}
+    dataset.to_zarr(path, mode="w", zarr_format=3, consolidated=False, encoding=encoding)
+    return sorted(p for p in (path / "stimulus" / "c").rglob("*") if p.is_file())
+
+
+def linked(chunk: Path) -> None:
+    chunk.unlink()
+    chunk.symlink_to("/dev/zero")
+
+
+def cut(chunk: Path) -> None:
+    chunk.write_bytes(chunk.read_bytes()[:-9])
+
+
+@pytest.mark.parametrize(("damage", "word"), [(linked, "link"), (cut, "decoded")])
+def test_a_damaged_store_of_many_chunks_gets_one_line_and_no_noise_behind_it(
+    tmp_path: Path, damage: Callable[[Path], None], word: str
+) -> None:
+    for chunk in many_chunks(tmp_path / "many.zarr")[::3]:
+        damage(chunk)
+    command = [sys.executable, "-m", "mcstudy", "gap", "diagnose", "--fast", str(tmp_path / "many.zarr")]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert ran.returncode == 2
+    assert len(ran.stderr.splitlines()) == 1, ran.stderr[:2000]
+    assert word in ran.stderr
+
+
+def test_a_store_of_many_honest_chunks_is_read(tmp_path: Path) -> None:
+    many_chunks(tmp_path / "many.zarr")
+    assert len(read_dataset(tmp_path / "many.zarr").trials) == 4
+
+
+def test_a_recording_of_endless_trials_is_refused_before_they_are_read(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sheet = copy / "a" / "recording.toml"
+    head = sheet.read_text().split("\n[[trials]]")[0]
+    sheet.write_text(head + '\n[[trials]]\nfile = "trial1.csv"\n' * 20_000)
+    refused(sheet, "trials: expected at most 1000, got 20000")
+    sheet.write_text(head + '\n[[trials]]\nfile = "trial1.csv"\n' * 3)
+    monkeypatch.setattr(limits, "MOST_SAMPLES", 100)
+    refused(sheet, "trials: expected at most 100 samples in all, got 128")
+    refused(copy / "a.nc", "samples in all, got 128")
+    refused(copy / "a.zarr", "samples in all, got 128")
+    monkeypatch.setattr(limits, "MOST_TRIALS", 1)
+    refused(copy / "a.nc", "trials: expected at most 1, got 2")
+
+
+changes = st.lists(
+    st.tuples(st.floats(0, 1), st.binary(min_size=0, max_size=8), st.integers(0, 8)), min_size=1, max_size=6
+)
+
+
+def mutated(content: bytes, edits: list[tuple[float, bytes, int]]) -> bytes:
+    """The content with some places overwritten, grown or shortened."""
+    for where, new, gone in edits:
+        at = int(where * len(content))
+        content = content[:at] + new + content[at + gone :]
+    return content
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@FUZZ
+@given(which=st.integers(0, 100), edits=changes)
+def test_a_mutated_recording_is_read_or_refused_in_one_line(
+    copy: Path, honest: Path, name: str, which: int, edits: list[tuple[float, bytes, int]]
+) -> None:
+    source = honest / name
+    files = sorted(p for p in source.rglob("*") if p.is_file()) if source.is_dir() else [source]
+    file = files[which % len(files)]
+    target = copy / file.relative_to(honest)
+    target.write_bytes(mutated(file.read_bytes(), edits))
+    reads_or_refuses(copy / name if name != "a" else copy / "a" / "recording.toml")
+    target.write_bytes(file.read_bytes())
+
+
+@pytest.mark.parametrize("name", ["b.nc", "b.toml", "b.csv", "b.zarr/zarr.json"])
+@FUZZ
+@given(content=st.binary(max_size=400) | st.text(max_size=200).map(str.encode))
+def test_any_bytes_are_refused_in_one_line(copy: Path, name: str, content: bytes) -> None:
+    file = copy / name
+    file.parent.mkdir(exist_ok=True)
+    shutil.copy(copy / "a" / "recording.toml", copy / "b.toml")
+    file.write_bytes(content)
+    reads_or_refuses(copy / name.split("/")[0])
+
+
+keys = st.sampled_from(
+    [
+        "name",
+        "rate_hz",
+        "period_s",
+        "stimulus",
+        "convention",
+        "units",
+        "body",
+        "trials",
+        "frf",
+        "file",
+        "column",
+        "J1",
+        "g",
+    ]
+)
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just("trial1.csv"),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=3),
+    max_leaves=6,
+)
+
+
+def literal(value: object) -> str:
+    """TOML for a JSON-like value."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k} = {literal(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(literal, value)) + "]"
+    return "0" if value is None else json.dumps(value).replace("NaN", "nan").replace("Infinity", "inf")
+
+
+@FUZZ
+@given(sheet=st.dictionaries(keys, values, max_size=6))
+def test_any_sheet_is_read_or_refused_in_one_line(copy: Path, sheet: dict[str, object]) -> None:
+    honest = (copy / "a" / "recording.toml").read_text().split("\n[[trials]]")[0].splitlines()
+    kept = [line for line in honest if line.split(" ")[0] not in sheet]
+    file = copy / "a" / "sheet.toml"
+    trials = "" if "trials" in sheet else '\n[[trials]]\nfile = "trial1.csv"\n'
+    file.write_text("\n".join([*kept, *(f"{k} = {literal(v)}" for k, v in sheet.items())]) + trials)
+    reads_or_refuses(file)

@@ -1,0 +1,380 @@
+"""Recordings survive every format, and what cannot be analysed is refused in one line that names the field."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mcstudy.errors import RecordingError
+from mcstudy.files import schema
+from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.gap.questions.labels import READINGS
+from mcstudy.recordings.columns import TextTable
+from mcstudy.recordings.guards import check_hdf5, check_zarr, inside, regular
+from mcstudy.recordings.io import read_recording, write_recording
+from mcstudy.recordings.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
+from mcstudy.recordings.recording import Recording, Trial
+from mcstudy.recordings.sheet import read_sheet
+from mcstudy.stance.body import Body, two_segment
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway
+from mcstudy.stance.stimulus import Prts
+
+PRTS = Prts(rate_hz=100.0)
+
+
+def sway(trials: int = 1, cycles: int = 3, seed: int = 0, kind: str = "ankle_torque", scale: float = 1.0) -> Recording:
+    """Sway of the nominal model in steady state at 100 Hz."""
+    model, u = two_segment(stimulus=kind), scale * PRTS.waveform()
+    evoked = stimulus_sway(model, model.truth, u, PRTS.rate_hz)
+    n = cycles * PRTS.samples
+    noise = NoiseSway(model, model.truth, SensorNoise(), 2 * n, PRTS.rate_hz)
+    rng = np.random.default_rng(seed)
+    records = tuple(
+        Trial(np.tile(u, cycles), np.tile(evoked, (cycles, 1)) + noise.sample(rng)[:n], scale * PRTS.amplitude)
+        for _ in range(trials)
+    )
+    return Recording(records, PRTS.rate_hz, PRTS.period_s, kind, name="sway", provenance="test")
+
+
+SWAY = sway()
+
+
+def changed(change: Callable[[np.ndarray], object], recording: Recording = SWAY) -> Recording:
+    """The recording after ``change`` on a copy of its first trial's columns (stimulus, theta1, theta2)."""
+    first = recording.trials[0]
+    x = np.column_stack([first.stimulus, first.theta])
+    change(x)
+    return replace(recording, trials=(Trial(x[:, 0], x[:, 1:], first.amplitude), *recording.trials[1:]))
+
+
+def mixed(matrix: tuple[tuple[float, float], tuple[float, float]], recording: Recording = SWAY) -> Recording:
+    """The recording with its channels mixed by a 2 x 2 matrix."""
+    T = np.array(matrix)
+    return replace(recording, trials=tuple(replace(t, theta=t.theta @ T.T) for t in recording.trials))
+
+
+@pytest.mark.parametrize("name", ["sway.nc", "sway.zarr", "sway"])
+def test_a_recording_survives_every_format(tmp_path: Path, name: str) -> None:
+    recording = replace(sway(trials=2, scale=0.6), body=Body(J1=51.0))
+    shorter = replace(
+        recording.trials[1], stimulus=recording.trials[1].stimulus[:-7], theta=recording.trials[1].theta[:-7]
+    )
+    extended = np.tile(recording.trials[0].stimulus, 2), np.tile(recording.trials[0].theta, (2, 1))
+    recording = replace(recording, trials=(Trial(*extended, 3.0), replace(shorter, amplitude=None)))
+    recording = replace(recording, trials=(recording.trials[0], replace(recording.trials[0], amplitude=None)))
+    back = read_recording(write_recording(recording, tmp_path / name))
+    assert isinstance(back, Recording)
+    assert (back.name, back.rate_hz, back.period_s, back.stimulus) == ("sway", 100.0, PRTS.period_s, "ankle_torque")
+    assert back.body == recording.body
+    assert back.provenance == "test"
+    assert back.suspicions == ()
+    for a, b in zip(back.trials, recording.trials, strict=True):
+        assert a.amplitude == b.amplitude
+        np.testing.assert_allclose(a.stimulus, b.stimulus, rtol=1e-11, atol=1e-14)
+        np.testing.assert_allclose(a.theta, b.theta, rtol=1e-10, atol=1e-14)
+
+
+def test_trials_of_unequal_length_are_padded_and_cut_again(tmp_path: Path) -> None:
+    longer = sway(cycles=4).trials[0]
+    recording = replace(SWAY, trials=(SWAY.trials[0], longer))
+    back = read_recording(write_recording(recording, tmp_path / "r.nc"))
+    assert isinstance(back, Recording)
+    assert back.cycles == (3, 4)
+
+
+def test_a_written_file_is_labelled_without_this_program(tmp_path: Path) -> None:
+    write_recording(SWAY, tmp_path / "r.zarr")
+    dataset = xr.open_zarr(tmp_path / "r.zarr", consolidated=False, decode_timedelta=False)
+    assert dataset["theta"].dims == ("trial", "time", "angle")
+    assert dataset["theta"].attrs["units"] == "rad"
+    assert dataset["stimulus"].attrs["units"] == "N m"
+
+
+def test_the_schema_describes_what_is_written_and_refuses_another_unit() -> None:
+    described = header(to_dataset(SWAY))
+    schema.validate("recording", described, "r")
+    described["variables"]["theta"]["units"] = "cm"
+    with pytest.raises(Exception, match=r"variables\.theta\.units"):
+        schema.validate("recording", described, "r")
+
+
+def gap_in_the_values(x: np.ndarray) -> None:
+    x[500:520, 2] = np.nan
+
+
+def infinite_stimulus(x: np.ndarray) -> None:
+    x[3, 0] = np.inf
+
+
+def constant_angle(x: np.ndarray) -> None:
+    x[:, 1] = 0.1
+
+
+def copied_angle(x: np.ndarray) -> None:
+    x[:, 2] = x[:, 1]
+
+
+def degrees(x: np.ndarray) -> None:
+    x[:, 1:] *= 180 / np.pi
+
+
+def other_period(x: np.ndarray) -> None:
+    x[:, 0] = np.resize(x[:4000, 0], x.shape[0])
+
+
+def stuck_sensor(x: np.ndarray) -> None:
+    x[1000:1400, 2] = x[1000, 2]
+
+
+@pytest.mark.parametrize(
+    ("recording", "message"),
+    [
+        (changed(gap_in_the_values), "trial 1: theta2: 20 of 13116 values are not numbers, the first at t = 5 s"),
+        (changed(infinite_stimulus), "stimulus: 1 of"),
+        (changed(constant_angle), "theta1: constant"),
+        (changed(copied_angle), "theta2: identical to theta1"),
+        (changed(degrees), "theta1, theta2: seems to be in deg but declared rad"),
+        (sway(cycles=2), "period_s: expected at least 3 cycles of 43.72 s, got 2.00"),
+        (replace(SWAY, period_s=41.0), "does not repeat every 41 s .*it repeats every 43.72 s"),
+        (replace(SWAY, period_s=41.003), "41.003 s is 4100.300 samples at 100 Hz; expected a whole number"),
+        (replace(sway(cycles=6), period_s=2 * 43.72), "87.44 s contains 2 periods"),
+        (changed(other_period), "period_s: the stimulus does not repeat every 43.72 s .*every 40 s"),
+        (replace(SWAY, convention="peak_to_peak"), "amplitude: 5 N m is stated as peak_to_peak.* convention is peak"),
+        (mixed(((0, 1), (1, 0))), "theta1, theta2: seems to be exchanged"),
+        (mixed(((1, 0), (0, -1))), "theta2: seems to be of the wrong sign"),
+        (mixed(((np.pi / 180, 0), (0, np.pi / 180))), "in rad but declared deg"),
+        (mixed(((1, 0), (0, 180 / np.pi))), "theta2: (sways|seems to be in deg)"),
+    ],
+)
+def test_what_cannot_be_analysed_is_refused_by_name(recording: Recording, message: str) -> None:
+    with pytest.raises(RecordingError, match=message) as caught:
+        checked_lines(recording)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["ankle_torque", "hip_torque", "platform_translation"])
+def test_every_mislabelled_channel_is_recognised(kind: str) -> None:
+    recording = sway(kind=kind, scale=0.01 if kind == "platform_translation" else 1.0)
+    assert checked_lines(recording)[0].suspicions == ()
+    for name, (matrix, _, _) in READINGS.items():
+        if name == "space_angle":
+            continue  # the hip is half the trunk's angle: told apart only by the fit
+        if "degrees" in name:
+            with pytest.raises(RecordingError, match="deg"):
+                checked_lines(mixed(matrix, recording))
+            continue
+        found = checked_lines(mixed(matrix, recording), accept=READINGS)[0].suspicions
+        assert found[0].code == name
+
+
+def test_an_amplitude_that_matches_no_convention_is_noted_not_refused() -> None:
+    odd = replace(SWAY, trials=(replace(SWAY.trials[0], amplitude=3.7),))
+    assert [s.code for s in checked_lines(odd)[0].suspicions] == ["amplitude"]
+
+
+def test_a_stuck_sensor_is_noted() -> None:
+    assert [(s.code, s.channel) for s in checked_lines(changed(stuck_sensor))[0].suspicions] == [("stuck", "theta2")]
+
+
+# --- files ---
+
+
+def sheet(folder: Path, text: str = "", rows: str | None = None) -> Path:
+    t = np.arange(0, 30, 0.01)
+    table = np.column_stack([t, np.sin(t), 0.01 * np.cos(t), 0.01 * np.sin(2 * t)])
+    body = rows if rows is not None else "\n".join(",".join(f"{v:.6f}" for v in row) for row in table)
+    (folder / "a.csv").write_text("time,stimulus,theta1,theta2\n" + body + "\n")
+    base = 'body = {reference = "goodworth2018"}\n[[trials]]\nfile = "a.csv"\n'
+    path = folder / "a.toml"
+    path.write_text(text or base)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("rate_hz = 50\nbody = {reference = 'goodworth2018'}\n[[trials]]\nfile = 'a.csv'\n", "rate_hz: stated 50 Hz"),
+        ("rate = 50\n", r"a\.toml: rate: unknown key, expected one of name, "),
+        ("[[trials]]\nfile = 'a.csv'\n", "body: expected J1"),
+        ("body = {J1 = 50}\n[[trials]]\nfile = 'a.csv'\n", "body: J2, C1, C2, A1, A2 missing"),
+        ("body = {reference = 'goodworth2018'}\n", "trials: expected at least one"),
+        ("body = {reference = 'goodworth2018'}\n[[trials]]\nfile = 'b.csv'\n", r"b\.csv: cannot be read"),
+        ("stimulus = 'tilt'\nbody = {reference = 'goodworth2018'}\n", "stimulus: expected one of ankle_torque"),
+        (
+            "body = {reference = 'goodworth2018'}\n[[trials]]\nfile = 'a.csv'\ntheta2 = {column = 'hip'}\n",
+            "column 'hip' is missing; found time, stimulus, theta1, theta2",
+        ),
+        (
+            "units = {angle = 'grad'}\nbody = {reference = 'goodworth2018'}\n[[trials]]\nfile = 'a.csv'\n",
+            "theta1: unit: expected one of rad",
+        ),
+        ("rate_hz = \n", "expected TOML"),
+        ("[study]\nname = 'x'\nseed = 1\n", "this is a study file .*; expected a recording"),
+        ("[challenge]\nname = 'x'\nseed = 1\n", "this is a challenge file .*; expected a recording"),
+        ("[group.theory]\nrealizations = 1\n", "this is a study file .*; expected a recording"),
+        (
+            "body = {J1 = 10, J2 = 7.08, C1 = 11.93, C2 = 19.01, A1 = 50, A2 = 14}\n[[trials]]\nfile = 'a.csv'\n",
+            r"a\.toml: body: expected J1, J2, C1, C2 of a body \(positive definite inertia\)",
+        ),
+        (
+            "body = {m1 = -25, h1 = 0.55, I1 = 1, m2 = 52, h2 = 0.3, I2 = 2, L1 = 0.9}\n[[trials]]\nfile = 'a.csv'\n",
+            r"a\.toml: body\.m1: ",
+        ),
+    ],
+)
+def test_a_bad_sheet_gets_one_clear_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_recording(sheet(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("0,1,2,3\n0.01,1,x,3\n", "line 3, column 'theta1': expected a number, got 'x'"),
+        ("0,1,2,3\n0.01,1,3\n", "line 3: expected 4 columns, got 3"),
+        ("\n".join(f"{t},1,2,{t}" for t in [*range(20), *range(25, 40)]), "gap of 6 s after t = 19 s"),
+        ("\n".join(f"{t},1,2,{t}" for t in [*range(20), 5, *range(25, 40)]), "does not increase after t = 19 s"),
+        ("", "expected rows of numbers under the header"),
+        ("0,1,2,1_000\n1,1,2,3\n", "line 2, column 'theta2': expected a number, got '1_000'"),
+        ("0,1,2,٣\n1,1,2,3\n", "line 2, column 'theta2': expected a number, got '٣'"),
+        ("0,1,2,3\n1,1,1e16,3\n", r"line 3, column 'theta1': expected numbers up to 1e\+15, got 1e\+16"),
+    ],
+)
+def test_a_bad_table_gets_one_clear_line(tmp_path: Path, rows: str, message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        read_recording(sheet(tmp_path, rows=rows))
+
+
+def test_files_that_are_not_recordings_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.nc").write_bytes(b"not a file")
+    with pytest.raises(RecordingError, match=r"a\.nc: expected NetCDF or Zarr"):
+        read_recording(tmp_path / "a.nc")
+    (tmp_path / "a.zarr").mkdir()
+    with pytest.raises(RecordingError, match=r"a\.zarr: expected NetCDF or Zarr"):
+        read_recording(tmp_path / "a.zarr")
+    with pytest.raises(RecordingError, match="no such file"):
+        read_recording(tmp_path / "b.nc")
+    (tmp_path / "a.pkl").write_bytes(b"")
+    with pytest.raises(RecordingError, match="expected a name ending in"):
+        read_recording(tmp_path / "a.pkl")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.drop_vars("theta"), "theta: missing; found"),
+        (lambda d: d.drop_attrs(deep=False), "attribute 'stimulus_kind' is missing"),
+        (lambda d: d.assign_attrs(body="{}"), "body: expected JSON with J1"),
+        (lambda d: d.assign_attrs(period_s="1_000"), "period_s: expected a number, got '1_000'"),
+        (lambda d: d.assign(samples=d.samples - 0.5), r"samples: trial 1 states 13115\.5 of 13116"),
+        (lambda d: d.assign_attrs(stimulus_kind="tilt"), "stimulus_kind: expected one of"),
+        (lambda d: d.assign_attrs(rate_hz=99.0), "rate_hz: stated 99 Hz, but the time column has 100"),
+        (lambda d: d.assign_coords(angle=["theta2", "theta1"]), "angle: expected theta1, theta2"),
+        (lambda d: d.assign(theta=d.theta.astype(str)), "theta: expected numbers"),
+        (lambda d: d.assign(theta=d.theta.drop_attrs()), "theta: unit: expected one of rad"),
+    ],
+)
+def test_a_bad_dataset_gets_one_clear_line(
+    tmp_path: Path, change: Callable[[xr.Dataset], xr.Dataset], message: str
+) -> None:
+    path = tmp_path / "a.nc"
+    change(to_dataset(SWAY)).to_netcdf(path, engine="h5netcdf")
+    with pytest.raises(RecordingError, match=message):
+        read_recording(path)
+
+
+def test_every_function_that_takes_a_path_takes_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.nc", "a.zarr", "a"):
+        assert str(read_recording(str(write_recording(SWAY, name)), data="a" if name == "a" else None)).startswith(
+            "Rec"
+        )
+    write_netcdf(SWAY, "b.nc")
+    write_zarr(SWAY, "b.zarr")
+    check_hdf5("b.nc")
+    check_zarr("b.zarr")
+    regular("b.nc")
+    for name in ("b.nc", "b.zarr"):
+        assert read_dataset(name).cycles == (3,)
+    sheet_path = write_csv(SWAY, "b")
+    assert isinstance(read_sheet(str(sheet_path), "b"), Recording)
+    assert TextTable("b/trial1.csv").names[0] == "time"
+    assert inside("b", "trial1.csv", "b.toml").is_file()
+
+
+def test_a_recording_shows_itself_in_a_few_lines() -> None:
+    odd = replace(checked_lines(changed(stuck_sensor))[0], provenance="long " * 1000)
+    for shown in (odd, odd.trials[0]):
+        assert len(repr(shown)) < 2000
+        assert shown._repr_html_().count("<tr>") == len(shown.facts())
+    assert "is constant for" in repr(odd)
+    assert "ankle_torque" in repr(odd)
+
+
+def test_a_header_that_claims_terabytes_is_refused_before_reading(tmp_path: Path) -> None:
+    import zarr
+
+    store = tmp_path / "a.zarr"
+    write_recording(SWAY, store)
+    group = zarr.open_group(store, mode="r+")
+    for name, shape in (("stimulus", (1, 10**12)), ("theta", (1, 10**12, 2)), ("time", (10**12,))):
+        array = group[name]
+        assert isinstance(array, zarr.Array)
+        array.resize(shape)
+    with pytest.raises(RecordingError, match="stimulus: declares 8000000000000 bytes"):
+        read_recording(store)
+
+
+def test_a_published_frf_is_a_recording_too(tmp_path: Path) -> None:
+    (tmp_path / "frf.csv").write_text(
+        "f,gain1,phase1,sd1\n" + "\n".join(f"{f},{0.1 / f},-{30 * f},0.01" for f in (0.1, 0.2, 0.5, 1.0)) + "\n"
+    )
+    path = tmp_path / "frf.toml"
+    path.write_text('units = {angle = "deg"}\nbody = {reference = "goodworth2018"}\nfrf = {file = "frf.csv"}\n')
+    recording = read_recording(path)
+    assert not isinstance(recording, Recording)
+    assert recording.single
+    assert len(repr(recording)) < 2000
+    assert "4, 0.1 to 1 Hz" in recording._repr_html_()
+    assert recording.base_model().name == "one_segment"
+    np.testing.assert_allclose(np.abs(recording.y[:, 0]), np.deg2rad([1, 0.5, 0.2, 0.1]))
+    np.testing.assert_allclose(recording.C[:, 0, 0].real, np.deg2rad(0.01) ** 2)
+    (tmp_path / "frf.csv").write_text("f,gain1,phase1\n0.1,1,2\n")
+    with pytest.raises(RecordingError, match="column 'sd1' is missing"):
+        read_recording(path)
+
+
+WANG = Path(__file__).parents[3] / "shared" / "real" / "wang"
+
+WANG_SHEET = """
+name = "one person on a translating platform"
+rate_hz = 100
+stimulus = "platform_translation"
+units = {angle = "deg"}
+body = {file = "Para_Winter_Subj05.txt", order = ["L1", "h1", "h2", "m1", "m2", "I1", "I2"]}
+[[trials]]
+time = {file = "Sway0003.txt", column = 0}
+stimulus = {file = "Sway0003.txt", column = 1}
+theta1 = {file = "JointsGF0003.txt", column = 1}
+theta2 = {file = "JointsGF0003.txt", column = 2}
+"""
+
+
+@pytest.mark.skipif(not WANG.is_dir(), reason="the recording of Wang & van den Bogert is not in ../shared/real/wang")
+def test_a_real_person_on_a_platform_is_read_and_plausible(tmp_path: Path) -> None:
+    path = tmp_path / "wang.toml"
+    path.write_text(WANG_SHEET)
+    recording = read_recording(path, data=WANG)
+    assert isinstance(recording, Recording)
+    assert recording.period_s is None
+    assert recording.suspicions == ()
+    assert recording.trials[0].samples == 31002
+    assert recording.amplitudes[0] == pytest.approx(0.05, rel=0.02)
+    assert recording.body.mgh == pytest.approx(661, rel=0.01)

@@ -1,0 +1,146 @@
+"""The page of a diagnosis shows the diagnosis, and the recording as it was diagnosed."""
+
+from __future__ import annotations
+
+import html
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from mcstudy.cli import main
+from mcstudy.errors import InputError
+from mcstudy.exits import Exit
+from mcstudy.fitting.penalised import Data
+from mcstudy.gap.diagnose import diagnose_fast
+from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.tables import SHOWN
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.io import read_recording
+from mcstudy.recordings.recording import Recording
+from mcstudy.report.diagnosis.data import GapData
+from mcstudy.report.diagnosis.page import gap_page as page_of
+from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
+from mcstudy.report.diagnosis.traces import SwayTraces
+
+
+@pytest.fixture(scope="module")
+def recording(lagging_recording: Path) -> Recording:
+    read = read_recording(lagging_recording)
+    assert isinstance(read, Recording)
+    return read
+
+
+@pytest.fixture(scope="module")
+def diagnosis(recording: Recording) -> Diagnosis:
+    return diagnose_fast(recording)
+
+
+@pytest.fixture(scope="module")
+def data(diagnosis: Diagnosis) -> GapData:
+    return GapData(diagnosis)
+
+
+def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Path, diagnosis: Diagnosis) -> None:
+    text = gap_page.read_text(encoding="utf-8")
+    assert diagnosis.verdict() in html.unescape(text)
+    for key in ("frf", "misfit", "zmap", "causes", "closed", "traces"):
+        assert f'<figure id="{key}"' in text, key
+    shown = [c for c in diagnosis.causes if c.probability >= SHOWN]
+    assert shown
+    for cause in shown:
+        assert f"{cause.probability:.3f}" in text
+    assert diagnosis.closed is not None
+    assert f"{diagnosis.closed.low:.3f} to {diagnosis.closed.high:.3f}" in text
+    assert len(text.encode()) < 3e6
+    assert "http://" not in re.sub(r'xmlns="http://www.w3.org/2000/svg"', "", text)
+
+
+def test_every_figure_says_which_command_made_it(gap_page: Path, lagging_recording: Path) -> None:
+    text = gap_page.read_text(encoding="utf-8")
+    command = f"mcstudy gap report {lagging_recording} --fast -o {gap_page}"
+    assert text.count(f"Made by <code>{command}</code>") == text.count("<figure ")
+
+
+def test_the_model_before_is_the_one_whose_misfit_was_tested(data: GapData, diagnosis: Diagnosis) -> None:
+    lines = Data.of(data.lines)
+    r = np.einsum("nij,nj->ni", lines.weight, data.lines.y - data.before(data.lines.f))
+    assert (np.abs(r) ** 2).sum() == pytest.approx(diagnosis.detection.chi2, rel=1e-9)
+
+
+def test_the_true_cause_takes_the_residuals_down_to_noise(data: GapData) -> None:
+    assert data.z_after is not None
+    before, after = (np.sqrt(np.mean(z**2)) for z in (data.z_before, data.z_after))
+    assert before > 1.2
+    assert after == pytest.approx(1.0, abs=0.15)
+
+
+def test_averages_scatter_about_the_model_after_as_their_errors_say(data: GapData) -> None:
+    a = data.averages
+    z = np.abs(a.ratio - a.after) / a.sd
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.35)
+    assert np.sqrt(np.mean((np.abs(a.ratio - 1) / a.sd) ** 2)) > 1.5
+
+
+def test_errors_of_predicted_sway_are_those_of_the_diagnosis(data: GapData, diagnosis: Diagnosis) -> None:
+    """In time as in frequency, up to lines that the stimulus excites too little to be diagnosed."""
+    traces = SwayTraces.of(data)
+    assert traces.after is not None
+    for predicted, stage in ((traces.before, "before"), (traces.after, "after")):
+        error = np.sqrt(((traces.measured - predicted) ** 2).sum(axis=1).mean())
+        assert error == pytest.approx(diagnosis.sway_rms_deg[stage], rel=0.15), stage
+
+
+def test_the_true_cause_leaves_of_sway_what_noise_leaves(data: GapData) -> None:
+    traces = SwayTraces.of(data)
+    assert traces.after is not None
+    left = np.sqrt(np.mean((traces.measured - traces.after) ** 2, axis=0))
+    assert (left < 4 * traces.error).all()
+    assert (np.sqrt(np.mean((traces.measured - traces.before) ** 2, axis=0)) > 2 * left).any()
+
+
+def test_without_a_period_predicted_sway_follows_the_measured_one(recording: Recording) -> None:
+    aperiodic = replace(recording, period_s=None)
+    traces = SwayTraces.of(GapData(diagnose_fast(aperiodic)))
+    assert traces.after is not None
+    for k in range(2):
+        before, after = (np.corrcoef(traces.measured[:, k], x[:, k])[0, 1] for x in (traces.before, traces.after))
+        assert after > max(before, 0.7)
+
+
+def test_a_figure_that_a_diagnosis_cannot_fill_is_refused_in_one_line(diagnosis: Diagnosis) -> None:
+    bare = replace(diagnosis, recording=None, closed=None, sway_rms_deg=dict.fromkeys(diagnosis.sway_rms_deg))
+    plot = DiagnosisWithFigures.of(bare).plot
+    for draw, message in (
+        (plot.sway, "expected a diagnosis of time series, got one of lines alone"),
+        (plot.gap_closed, "no gap was detected"),
+        (plot.sway_error, "expected a diagnosis of time series"),
+    ):
+        with pytest.raises(InputError, match=message):
+            draw()
+
+
+def test_every_call_that_the_page_prints_draws_its_figure(gap_page: Path, diagnosis: Diagnosis) -> None:
+    calls = re.findall(r"in Python <code>(.*?)</code>", gap_page.read_text(encoding="utf-8"))
+    assert len(calls) == 6
+    for call in calls:
+        axes = eval(html.unescape(call), {"diagnosis": DiagnosisWithFigures.of(diagnosis)})
+        assert axes.get_lines() or axes.patches, call
+        plt.close(axes.figure)
+
+
+def test_a_published_frf_has_a_page_without_sway(data: GapData) -> None:
+    text = page_of(diagnose_fast(FrfRecording(data.lines.f, data.lines.y, data.lines.noise.C)))
+    assert "published FRF" in text
+    assert '<figure id="zmap"' in text
+    assert '<figure id="traces"' not in text
+
+
+def test_a_page_that_cannot_be_written_is_told_before_the_diagnosis(
+    lagging_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["gap", "report", str(lagging_recording), "-o", str(tmp_path / "no" / "page.html")]) == Exit.BAD_INPUT
+    assert "expected a writable file" in capsys.readouterr().err

@@ -1,0 +1,152 @@
+"""What is shown while a study runs: on a terminal, in a plain stream, in a notebook."""
+
+from __future__ import annotations
+
+import io
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mcstudy.scheduler import progress as module
+from mcstudy.scheduler.display import Display
+from mcstudy.scheduler.progress import Progress, duration
+from mcstudy.study.run import run_study
+from mcstudy.study.store import Cube
+from mcstudy.study.study_file import parse_study
+from mcstudy.study.watch import Watch
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def screen(text: str) -> list[str]:
+    """What a terminal shows after the control sequences the display uses."""
+    lines, row = [""], 0
+    position = 0
+    while position < len(text):
+        if text.startswith("\033[J", position):
+            del lines[row:]
+            lines.append("")
+            position += 3
+        elif text.startswith("\033[", position):
+            end = text.index("A", position)
+            row -= int(text[position + 2 : end])
+            position = end + 1
+        elif text[position] == "\n":
+            row += 1
+            if row == len(lines):
+                lines.append("")
+            position += 1
+        elif text[position] == "\r":
+            position += 1
+        else:
+            lines[row] += text[position]
+            position += 1
+    return [line for line in lines if line]
+
+
+def test_the_line_says_blocks_fits_speed_time_left_and_failures(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    progress = Progress(1000, io.StringIO(), blocks=4)
+    progress.add(250, 3)
+    clock[0] += 5.0
+    assert progress.line() == "1/4 blocks  250/1000 fits (25 %)  50 fits/s  15 s left  3 failed"
+
+
+def test_what_had_to_be_done_before_the_first_unit_is_in_no_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    progress = Progress(100, io.StringIO())
+    clock[0] += 40.0
+    progress.begin()
+    clock[0] += 5.0
+    progress.add(50, 0)
+    assert progress.line() == "50/100 fits (50 %)  10 fits/s  5 s left  0 failed"
+    assert progress.seconds == 5.0
+
+
+def test_the_line_counts_in_the_unit_of_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    progress = Progress(8, io.StringIO(), unit="cases")
+    progress.add(1, 0)
+    clock[0] += 0.5
+    assert progress.line() == "1/8 cases (12 %)  2 cases/s  4 s left  0 failed"
+
+
+def test_a_terminal_shows_the_latest_lines_below_all_messages() -> None:
+    stream = Terminal()
+    display = Display(stream)
+    display.show(["one", "two"])
+    display.say("something happened")
+    display.show(["three", "four"])
+    display.show(["five"])
+    assert screen(stream.getvalue()) == ["something happened", "five"]
+
+
+def test_a_line_wider_than_the_terminal_is_taken_back_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "30")
+    stream = Terminal()
+    display = Display(stream)
+    display.show(["a long line of words " * 5])
+    assert max(map(len, screen(stream.getvalue()))) < 30
+    display.show(["end"])
+    assert screen(stream.getvalue()) == ["end"]
+
+
+def test_a_plain_stream_gets_no_control_sequences() -> None:
+    stream = io.StringIO()
+    progress = Progress(10, stream)
+    progress.add(10, 0)
+    progress.show(last=True)
+    progress.say("done")
+    assert "\033" not in stream.getvalue()
+    assert stream.getvalue().endswith("0 failed\ndone\n")
+
+
+def test_a_notebook_cell_is_updated_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Any] = []
+    cell = types.SimpleNamespace(update=shown.append)
+    made: list[Any] = []
+
+    def display(content: Any, *, display_id: bool) -> Any:
+        made.append((content, display_id))
+        return cell
+
+    ipython, ipython_display = types.ModuleType("IPython"), types.ModuleType("IPython.display")
+    ipython.get_ipython = lambda: types.SimpleNamespace(kernel=object())  # type: ignore[attr-defined]
+    ipython_display.display = display  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "IPython", ipython)
+    monkeypatch.setitem(sys.modules, "IPython.display", ipython_display)
+    progress = Progress(10)
+    progress.add(10, 0)
+    progress.show(last=True)
+    assert len(made) == 1
+    assert "10/10 fits (100 %)" in shown[-1]._repr_html_()
+    assert "10/10 fits (100 %)" in repr(shown[-1])
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_headlines_are_shown_while_a_study_runs(
+    tiny: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, "LOOK_EVERY_S", -1.0)
+    monkeypatch.setattr(module, "LOOK_SHARE", 1e9)
+    out = tmp_path / "out.zarr"
+    run_study(parse_study(tiny), out)
+    text = capsys.readouterr().err
+    watch = Watch(Cube.open(out))
+    watch.look()
+    assert watch.headlines()
+    for line in watch.headlines():
+        assert line in text
+
+
+def test_durations_are_for_people() -> None:
+    assert [duration(s) for s in (41.6, 200, 18750)] == ["42 s", "3 min 20 s", "5 h 12 min"]

@@ -1,1 +1,1 @@
-"""Speed and quality of the fits beside their peers, and what a study costs: ``python -m benchmarks``."""
+"""Speed and quality of the fits compared with other packages, and the cost of a study: ``python -m benchmarks``."""

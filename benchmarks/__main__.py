@@ -23,9 +23,15 @@ def main(arguments: list[str] | None = None) -> int:
 
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--only", action="append", choices=list(BENCHMARKS), metavar="NAME", help=", ".join(BENCHMARKS))
-    parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that everything runs, measures little")
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="write figures of what has one (needs matplotlib)")
-    parser.add_argument("--json", nargs="?", const="-", metavar="FILE", help="JSON to FILE, or instead of the tables")
+    parser.add_argument(
+        "--quick", action="store_true", help="tiny sizes: a test that everything runs, not a measurement"
+    )
+    parser.add_argument(
+        "--figures", type=Path, metavar="DIR", help="write figures of benchmarks that have one (needs matplotlib)"
+    )
+    parser.add_argument(
+        "--json", nargs="?", const="-", metavar="FILE", help="write JSON to FILE, or print it instead of the tables"
+    )
     args = parser.parse_args(arguments)
     document: dict[str, object] = {"machine": machine(), "quick": args.quick}
     details = {}
@@ -48,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _json(document: dict[str, object]) -> str:
-    """As JSON, where what is not finite (the starts needed by a solver that never hit) is null."""
+    """JSON text; numbers that are not finite (starts needed by a solver that never succeeded) become null."""
     return json.dumps(_plain(document), indent=1, allow_nan=False)
 
 

@@ -1,4 +1,4 @@
-"""The problems everyone solves: cells of the paper's study, made by the study's own experiment."""
+"""The problems that all solvers solve: cells of the paper's study, made by the study's own experiment."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from mcstudy.fit.problem import Problem
+from mcstudy.fitting.problem import Problem
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.study_file import parse_study
 
@@ -47,7 +47,7 @@ class Case:
 def experiment(starts: int) -> Experiment:
     """The paper's accuracy group at the benchmark's Fmax."""
     study = parse_study(study_text(1, starts))
-    return Experiment(study.group["accuracy"], study.study.seed)
+    return Experiment(study.groups["accuracy"], study.study.seed)
 
 
 def cases(realizations: int, starts: int) -> list[Case]:

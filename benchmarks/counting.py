@@ -1,9 +1,9 @@
 """Floating-point operations of the kernel, counted by running its own source with lanes that count.
 
-The kernel's source is executed as plain Python: its compiler is replaced by nothing, and its lanes by arrays of eight
-numbers that add one to a counter per addition, subtraction, multiplication, division or root, and two per fused
-multiply-add. Comparisons, roundings, sign changes, loads and the few operations on single lanes count nothing. So the
-count follows every change of the kernel, and is exact for the model and the frequencies it is given.
+The kernel's source is executed as plain Python, without its compiler. Its lanes are arrays of eight numbers that add
+one to a counter per addition, subtraction, multiplication, division or root, and two per fused multiply-add.
+Comparisons, roundings, sign changes, loads and the few operations on single lanes are not counted. So the count follows
+every change of the kernel and is exact for the given model and frequencies.
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from mcstudy.fit import kernel, lanes
-from mcstudy.fit.lm import Plan, _pack
-from mcstudy.fit.problem import Problem
+from mcstudy.fitting import kernel, lanes
+from mcstudy.fitting.arguments import Bounds, Options, Outcomes, Queue, pack
+from mcstudy.fitting.plans import plan, workspace
+from mcstudy.fitting.problem import Problem
 
 WIDTH = lanes.WIDTH
 COMPILERS = {
     "from numba import njit": "njit = lambda *a, **k: a[0] if a else (lambda f: f)",
-    "from mcstudy.stance.compiled import compiled": "compiled = lambda f: f",
+    "from mcstudy.stance.compiled import compiled": "compiled = lambda f, **_: f",
 }
-"""Lines of the kernel's source that bring in its compiler, and what leaves it plain Python."""
+"""Lines of the kernel's source that import its compiler, and their replacements in plain Python."""
 
 
 class Counter:
@@ -109,20 +110,21 @@ def counting_kernel() -> types.SimpleNamespace:
 
 def evaluation(problem: Problem, theta: np.ndarray) -> tuple[int, np.ndarray]:
     """Operations of one evaluation of cost, gradient and Gram matrix a fit, and what the kernel computed."""
-    plan = Plan.of(problem.model, problem.f)
-    w, (at_x, _, at_gram, *_, at_data, at_scratch) = plan.workspace()
-    slots, packed, P = w.reshape(-1, WIDTH), _pack(problem), theta.size
-    slots[at_data : at_data + packed.size] = packed[:, None]
-    slots[at_x : at_x + P] = theta[:, None]
+    table, packed, P = plan(problem.model, problem.f), pack(problem.data, problem.weight), theta.size
+    work = workspace(table)
+    slots = work.w.reshape(-1, WIDTH)
+    slots[work.data : work.data + packed.size] = packed[:, None]
+    slots[work.trial : work.trial + P] = theta[:, None]
     Counter.flops = 0
-    counting_kernel().evaluate(w, at_x, at_gram, at_data, at_scratch, P, *plan.tables())
-    return Counter.flops, slots[at_gram : at_gram + (P + 1) * (P + 2) // 2, 0]
+    counting_kernel().evaluate(table, work)
+    return Counter.flops, slots[work.gram_trial : work.gram_trial + (P + 1) * (P + 2) // 2, 0]
 
 
 def whole(problem: Problem, starts: np.ndarray, tolerance: float, most: int) -> tuple[int, int]:
     """Operations per lane of fits from ``starts`` (multiples of eight keep the lanes busy), and passes of the lanes."""
-    plan = Plan.of(problem.model, problem.f)
-    w, layout = plan.workspace()
+    model, table = problem.model, plan(problem.model, problem.f)
+    queue = Queue(pack(problem.data, problem.weight)[None], np.zeros(len(starts), dtype=np.int64), starts)
+    bounds, options, out = Bounds(model.lower, model.upper), Options(tolerance, most), Outcomes.empty(*starts.shape)
     space, passes = counting_kernel(), [0]
     evaluate = space.levenberg_marquardt.__globals__["evaluate"]
 
@@ -131,23 +133,7 @@ def whole(problem: Problem, starts: np.ndarray, tolerance: float, most: int) -> 
         evaluate(*arguments)
 
     space.levenberg_marquardt.__globals__["evaluate"] = counted
-    S, P = starts.shape
     Counter.flops = 0
     with np.errstate(all="ignore"):
-        space.levenberg_marquardt(
-            w,
-            layout,
-            _pack(problem)[None],
-            starts,
-            np.zeros(S, dtype=np.int64),
-            problem.model.lower,
-            problem.model.upper,
-            tolerance,
-            most,
-            np.empty((S, P)),
-            np.empty(S),
-            np.empty(S, dtype=np.int64),
-            np.empty(S, dtype=np.int64),
-            *plan.tables(),
-        )
+        space.levenberg_marquardt(table, workspace(table), queue, bounds, options, out)
     return Counter.flops, passes[0]

@@ -1,7 +1,7 @@
-"""What carrying the fits costs: the study's runner beside xyzpy and joblib, the same cells with the same solver.
+"""Overhead of scheduling and storing fits: the study's runner compared with xyzpy and joblib, with the same solver.
 
-Each framework maps one function over realizations and stores what it returns. The function's own time, measured in a
-plain loop, is taken off; what remains, per fit, is the framework's.
+Each framework maps one function over realizations and stores the results. The function's own time, measured in a plain
+loop, is subtracted; the remainder per fit is the overhead of the framework.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 
 from benchmarks.cases import AMPLITUDE, FMAX, experiment, study_text
 from benchmarks.report import Result, Sizes
-from mcstudy.fit.solvers import fit
+from mcstudy.fitting.solvers import fit
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.stability import growth_rate
-from mcstudy.study.cluster import ClusterOptions
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study
 
@@ -25,7 +25,7 @@ STARTS = 50
 
 
 def cell(realization: int) -> tuple[np.ndarray, ...]:
-    """All fits of one realization, as a study's task makes them: what the frameworks carry."""
+    """All fits of one realization, as in a task of a study; the unit of work of the frameworks."""
     paper = experiment(STARTS)
     data = paper.measure(AMPLITUDE, realization)
     out = []

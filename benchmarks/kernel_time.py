@@ -13,9 +13,9 @@ from benchmarks import counting
 from benchmarks.cases import cases
 from benchmarks.measure import timed
 from benchmarks.report import Result, Sizes
-from mcstudy.fit.lanes import WIDTH, fma, load, splat, store
-from mcstudy.fit.lm import lm
-from mcstudy.fit.starts import uniform
+from mcstudy.fitting.lanes import WIDTH, fma, load, splat, store
+from mcstudy.fitting.lm import lm
+from mcstudy.fitting.starts import uniform
 
 CHAINS = 16
 
@@ -38,7 +38,7 @@ def _multiply_add(w, n):
 
 
 def peak_flops(rounds: int) -> float:
-    """Most double-precision operations a second of this core, best of ``rounds``."""
+    """Peak of double-precision operations per second of this core, best of ``rounds``."""
     w, n = np.full((CHAINS + 1) * WIDTH, 0.999), 200_000
     _multiply_add(w, 1)
     best = min(timed(_multiply_add, w, n)[1] for _ in range(rounds))
@@ -46,7 +46,7 @@ def peak_flops(rounds: int) -> float:
 
 
 def run(sizes: Sizes) -> Result:
-    """Per Fmax: microseconds and operations an iteration, and the fraction of the peak; timed in turn."""
+    """For each Fmax: microseconds and operations per iteration, and the fraction of the peak; timed alternately."""
     result = Result("kernel")
     repeats, n_starts = 5 * sizes.repeats, 64 if sizes.starts < 50 else 256
     problems = [case for case in cases(1, 8) if case.realization == 0]

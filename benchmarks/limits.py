@@ -1,4 +1,4 @@
-"""What limits a study of a billion fits: scheduler, files, bytes."""
+"""Limits for a study of a billion fits: scheduler, files, bytes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from distributed import Client
 from benchmarks.cases import study_text
 from benchmarks.report import Result, Sizes
 from benchmarks.studies import cluster
-from mcstudy.fit.status import Status
-from mcstudy.study.cluster import ClusterOptions, connect
-from mcstudy.study.durable import write
+from mcstudy.files.durable import write
+from mcstudy.fitting.status import Status
+from mcstudy.scheduler.cluster import ClusterOptions, connect
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.tasks import fill
@@ -34,7 +34,7 @@ def _tasks_a_second(client: Client, n: int) -> float:
 
 
 def run(sizes: Sizes) -> Result:
-    """Empty tasks a second, synced files a second, seconds and bytes of one chunk."""
+    """Empty tasks per second, synced files per second, seconds and bytes of one chunk."""
     result = Result("limits")
     with connect(ClusterOptions(workers=2)) as client:
         rates = [_tasks_a_second(client, sizes.tasks) for _ in range(sizes.repeats)]

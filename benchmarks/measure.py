@@ -1,7 +1,7 @@
-"""Clocks, peaks of memory, and processes to measure.
+"""Measurement of time, peak memory and processes.
 
-Wall time on a shared machine says little, so what is compared is CPU time of this thread, and what is compared with
-each other runs alternately.
+Wall-clock time on a shared machine has little meaning, so CPU times of this thread are compared, and the methods to be
+compared run alternately.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import psutil
 
-from mcstudy.study.cluster import cores
+from mcstudy.scheduler.cluster import cores
 
 T = TypeVar("T")
 

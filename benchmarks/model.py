@@ -1,4 +1,4 @@
-"""Residual and Jacobian for the peers, compiled, so that they are compared for their solvers and not for their model.
+"""Compiled residual and Jacobian for the other packages, so that solvers are compared and not models.
 
 Reads the same term table as the kernel, one fit at a time and in complex arithmetic. Terms through filters are left
 out: the benchmark's model has none.
@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mcstudy.fit.lm import Plan
-from mcstudy.fit.problem import Problem
+from mcstudy.fitting.plans import plan
+from mcstudy.fitting.problem import Problem
 
 
 @njit(cache=True, error_model="numpy")
@@ -72,11 +72,11 @@ class Compiled:
     """
 
     def __init__(self, problem: Problem) -> None:
-        model, plan = problem.model, Plan.of(problem.model, problem.f)
+        model, table = problem.model, plan(problem.model, problem.f)
         if model.table.n_filters:
             raise ValueError("the benchmark's compiled model has no filters")
         self.lower, self.width = model.lower, model.upper - model.lower
-        tables = (plan.omega, plan.constant, plan.entry, plan.weight, model.table.group_delay)
+        tables = (table.omega, table.constant, table.entry, table.weight, table.group_delay)
         self.tables = (*tables, np.ascontiguousarray(problem.data), np.ascontiguousarray(problem.weight))
         self.evaluations = 0
         self._at = np.full(self.lower.size, np.nan)

@@ -24,8 +24,9 @@ import numpy as np
 from scipy.optimize import BFGS, Bounds, least_squares, minimize
 
 from benchmarks.model import Compiled
-from mcstudy.fit.problem import Problem
-from mcstudy.fit.solvers import Options, fit
+from mcstudy.fitting.arguments import Options
+from mcstudy.fitting.problem import Problem
+from mcstudy.fitting.solvers import fit
 
 TOLERANCE = 1e-12
 XTOL = 1e-15

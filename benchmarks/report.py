@@ -1,4 +1,4 @@
-"""What a benchmark returns, how large it is, and how it is printed."""
+"""Results and sizes of benchmarks, and their printing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much is run.
+    """Sizes of the benchmarks.
 
     ``realizations`` x 2 Fmax cells with ``starts`` each for the solvers; peers that take a second a start get
     ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``.

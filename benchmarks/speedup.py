@@ -1,4 +1,4 @@
-"""Fits per second of core time beside the peers, and whether the fits are as good."""
+"""Fits per second of CPU time compared with other packages, and the quality of the fits."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def run(sizes: Sizes) -> Result:
     result.keys["fit.hit_rate"] = rows[0]["hit rate"]
     result.table = rows
     result.notes.append(
-        f"medians over {len(problems)} cells; hit: cost within {SAME:g} of the best anyone found; "
-        "own hit rate is mcstudy's on the very starts of the peer"
+        f"medians over {len(problems)} cells; hit: cost within {SAME:g} of the lowest that any solver found; "
+        "own hit rate: that of mcstudy from the same starts as the other package"
     )
     for name in peers.missing():
         result.notes.append(f"{name}: package not installed, left out")

@@ -1,7 +1,8 @@
 """How many starts reach the lowest minimum with 95 % certainty: every kind of start with every solver.
 
-Per pool (one realization, amplitude and Fmax): the fraction of starts within 1e-6 of the lowest cost that anyone
-found, and from it the starts needed. A linearised start costs some twenty fits itself; the last column counts that.
+For each pool (one realization, amplitude and Fmax): the fraction of starts within 1e-6 of the lowest cost that any
+solver found, and the resulting number of starts needed. A linearised start itself costs about twenty fits, which the
+last column includes.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from benchmarks.cases import FMAX, experiment
 from benchmarks.measure import timed
 from benchmarks.report import Result, Sizes
 from benchmarks.speedup import SAME, needed
-from mcstudy.fit.linearised import linearised
-from mcstudy.fit.problem import Problem
-from mcstudy.fit.starts import STARTS
-from mcstudy.study.streams import stream
+from mcstudy.fitting.linearised import linearised
+from mcstudy.fitting.problem import Problem
+from mcstudy.fitting.starts import STARTS
+from mcstudy.streams import stream
 
 AMPLITUDES = (3.0, 5.0)
 DRAWN = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 500)
@@ -89,7 +90,7 @@ def run(sizes: Sizes) -> Result:
 
 
 def _draw(table: list[dict[str, Any]], file: Path) -> None:
-    """One panel a Fmax: probability that the lowest minimum has been found, against starts drawn."""
+    """One panel per Fmax: probability that the lowest minimum has been found, against the number of starts."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 4.5), layout="constrained")
@@ -105,7 +106,7 @@ def _draw(table: list[dict[str, Any]], file: Path) -> None:
                 ax.plot(
                     list(row["curve"]), list(row["curve"].values()), label=f"{row['solver']}, {row['starts']}", **style
                 )
-        ax.set(xscale="log", xlabel="starts drawn", title=f"Fmax {fmax:g} Hz", ylim=(0, 1.02))
+        ax.set(xscale="log", xlabel="number of starts", title=f"Fmax {fmax:g} Hz", ylim=(0, 1.02))
         ax.axhline(0.95, color="0.7", lw=0.8)
     axes[0].set_ylabel("lowest minimum found")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize="x-small")

@@ -22,7 +22,7 @@ from mcstudy.study.study_file import read_study
 
 PIPELINES = Path(__file__).parents[1] / "pipelines"
 LIBRARIES = "import numpy, numba, distributed, zarr, pydantic"
-"""What any program of this kind loads before it can do anything."""
+"""Libraries that every program of this kind must load first."""
 
 LARGE = {"fmax": (0.41, 1.2, 8.0), "starts": 50}
 
@@ -148,7 +148,7 @@ def cluster(workers: int) -> Iterator[str]:
 
 
 def workers(sizes: Sizes) -> Result:
-    """One against two workers: threads of one process, and processes of a cluster; wall time less start-up."""
+    """Two workers compared with one: threads of one process, and processes of a cluster; wall time minus start-up."""
     result = Result("workers")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -188,7 +188,7 @@ def workers(sizes: Sizes) -> Result:
 
 
 def planner(sizes: Sizes) -> Result:
-    """What `mcstudy plan` says against what `mcstudy run` then takes: seconds, bytes, Monte Carlo errors."""
+    """Predictions of `mcstudy plan` compared with `mcstudy run`: seconds, bytes, Monte Carlo errors."""
     result = Result("plan")
     over: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as name:

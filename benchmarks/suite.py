@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from benchmarks import diagnosis, framework, kernel_time, limits, speedup, starts_needed, studies
+from benchmarks import diagnosis, framework, kernel_time, latency, limits, speedup, starts_needed, studies
 from benchmarks.report import Result, Sizes
 
 BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
@@ -18,4 +18,5 @@ BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "workers": studies.workers,
     "framework": framework.run,
     "diagnosis": diagnosis.run,
+    "latency": latency.run,
 }

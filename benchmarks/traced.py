@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 PARTS = {
-    "kernel": [("mcstudy.fit.kernel", None, "levenberg_marquardt")],
+    "kernel": [("mcstudy.fitting.kernel", None, "levenberg_marquardt")],
     "stability": [("mcstudy.study.tasks", None, "growth_rate")],
     "data": [("mcstudy.study.experiment", "Experiment", "measure")],
     "starts": [("mcstudy.study.experiment", "Experiment", "starts")],

@@ -18,7 +18,7 @@ LOCK_S = 0.2
 """Seconds that an ending process waits for a file that is just being created."""
 
 TRIES = 5
-"""Number of attempts to remove a folder into which other threads may still write."""
+"""Number of attempts to remove a folder into which another thread was just writing."""
 
 _changing = threading.Lock()
 _unfinished: set[Path] = set()
@@ -74,7 +74,13 @@ def _remove(path: Path) -> None:
         return
     import shutil  # already imported if any folder was created
 
+    # Under another name, other threads that write into the folder by its path no longer find it.
+    aside = path.with_name(path.name + ".removed")
+    try:
+        path.rename(aside)
+    except OSError:
+        aside = path
     for _ in range(TRIES):
-        shutil.rmtree(path, ignore_errors=True)
-        if not os.path.lexists(path):
+        shutil.rmtree(aside, ignore_errors=True)
+        if not os.path.lexists(aside):
             return

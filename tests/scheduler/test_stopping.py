@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -82,3 +83,19 @@ def test_what_fails_while_it_is_made_is_removed(tmp_path: Path) -> None:
     with unfinished.scratch_folder("mcstudy-test-") as folder:
         (folder / "inside").mkdir()
     assert not folder.exists()
+
+
+def test_a_thread_that_writes_while_its_folder_is_removed_no_longer_finds_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However fast it writes: the folder has another name before its first file is removed."""
+    rmtree = shutil.rmtree
+    found = []
+
+    def writes_first(folder: Path, **options: bool) -> None:
+        found.append((path / "inside").exists())
+        rmtree(folder, **options)
+
+    with unfinished.scratch_folder("mcstudy-test-") as path:
+        (path / "inside").mkdir()
+        monkeypatch.setattr(shutil, "rmtree", writes_first)
+    assert found == [False]
+    assert not list(path.parent.glob(f"{path.name}*"))

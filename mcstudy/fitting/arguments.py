@@ -128,10 +128,30 @@ class Outcomes(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Independent normal priors of the parameters, cut at their bounds: mean (P,), scale (P,) standard deviation."""
+    """Independent normal priors of the parameters, cut at their bounds: mean (P,), scale (P,) standard deviation.
+
+    ``weight``: 1, or 0 for a fit without a prior, whose steps are still scaled with ``scale``.
+    """
 
     mean: np.ndarray
     scale: np.ndarray
+    weight: float = 1.0
+
+
+class Restraint(NamedTuple):
+    """Added to the deviance of each of M fits: weight (direction . x - target)^2; none for arrays of length 0.
+
+    direction: (M, P). target, weight: (M,).
+    """
+
+    direction: np.ndarray
+    target: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def none(cls, P: int) -> Restraint:
+        """No restraint on any fit of P parameters."""
+        return cls(np.zeros((0, P)), np.zeros(0), np.zeros(0))
 
 
 class PenalisedFits(NamedTuple):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Prior, Queue, pack
+from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Prior, Queue, Restraint, pack
 from mcstudy.fitting.penalised_kernel import penalised_fits
 from mcstudy.fitting.plans import plan, workspace
 from mcstudy.spectra.lines import Lines
@@ -73,7 +73,7 @@ class Fitted:
     @property
     def covariance(self) -> np.ndarray:
         """Posterior covariance of the parameters, (P, P)."""
-        return np.linalg.inv(self.information + np.diag(self.prior.scale**-2))
+        return np.linalg.inv(self.information + self.prior.weight * np.diag(self.prior.scale**-2))
 
     @property
     def log_evidence(self) -> float:
@@ -124,6 +124,8 @@ class Fitter:
         lower: np.ndarray | None = None,
         upper: np.ndarray | None = None,
         tolerance: float = TOLERANCE,
+        max_iterations: int = ITERATIONS,
+        restraint: Restraint | None = None,
     ) -> PenalisedFits:
         """Fits from starts (S, P) of the problems (S,) among ``packed`` (R, 8 N); own bounds (S, P) if given."""
         starts = np.ascontiguousarray(np.atleast_2d(starts), dtype=float)
@@ -137,8 +139,9 @@ class Fitter:
             np.ascontiguousarray(np.broadcast_to(model.lower if lower is None else lower, shape)),
             np.ascontiguousarray(np.broadcast_to(model.upper if upper is None else upper, shape)),
         )
-        out, options = PenalisedFits.empty(*shape), Options(tolerance, ITERATIONS)
-        penalised_fits(self._plan, workspace(self._plan), queue, bounds, self.prior, options, out)
+        out, options = PenalisedFits.empty(*shape), Options(tolerance, max_iterations)
+        held = Restraint.none(shape[1]) if restraint is None else restraint
+        penalised_fits(self._plan, workspace(self._plan), queue, bounds, self.prior, held, options, out)
         return out
 
     def best(self, data: Data, starts: np.ndarray) -> Fitted:

@@ -1,16 +1,17 @@
 """The compiled loop of the penalised fit: eight fits at a time over `mcstudy.fitting.kernel.evaluate`.
 
 The fits of the diagnosis differ from those of a study in three ways: a normal prior on every parameter keeps what the
-data cannot determine from running to a bound, each fit may hold some parameters (a profile over the size of an
-effect), and the Gram matrix at the minimum is wanted as well. Damped Gauss-Newton (Levenberg-Marquardt) in units of
-the prior's standard deviations, clipped to the bounds.
+data cannot determine from running to a bound, each fit may hold some parameters or pull a linear function of them to a
+target (profiles), and the Gram matrix at the minimum is wanted as well. Damped Gauss-Newton (Levenberg-Marquardt) in
+units of the prior's standard deviations, clipped to the bounds.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
-from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Plan, Prior, Queue, Workspace
+from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Plan, Prior, Queue, Restraint, Workspace
 from mcstudy.fitting.kernel import evaluate
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.small_linear import solve
@@ -23,8 +24,11 @@ LONGEST = 0.4
 
 
 @compiled
-def _step(gram, gradient, at, low, high, scale, damping, goal):  # type: ignore[no-untyped-def]
-    """Fill ``goal`` with the damped step's end inside the bounds; returns the decrease it predicts."""
+def _step(gram, ridge, gradient, at, low, high, scale, damping, goal):  # type: ignore[no-untyped-def]
+    """Fill ``goal`` with the damped step's end inside the bounds; returns the decrease it predicts.
+
+    ``ridge``: (P,), times ``damping`` it is added to the diagonal of ``gram``.
+    """
     P = at.size
     A, b = np.empty((P, P)), np.empty(P)
     free = np.empty(P, dtype=np.int64)
@@ -48,7 +52,7 @@ def _step(gram, gradient, at, low, high, scale, damping, goal):  # type: ignore[
                     b[a] -= gram[free[a], p] * (goal[p] - at[p])
             for c in range(m):
                 A[a, c] = gram[free[a], free[c]]
-            A[a, a] += damping * (gram[free[a], free[a]] + 1.0 / scale[free[a]] ** 2)
+            A[a, a] += damping * ridge[free[a]]
         if not solve(A, b, m):
             return -1.0
         crossed = False
@@ -74,24 +78,41 @@ def _step(gram, gradient, at, low, high, scale, damping, goal):  # type: ignore[
     return predicted
 
 
+@njit(nogil=True, inline="always")
+def _off(x, restraint: Restraint, index):  # type: ignore[no-untyped-def]
+    """Distance of the restrained function from its target."""
+    total = -restraint.target[index]
+    for p in range(x.size):
+        total += restraint.direction[index, p] * x[p]
+    return total
+
+
 @compiled
 def penalised_fits(
-    plan: Plan, work: Workspace, queue: Queue, bounds: Bounds, prior: Prior, options: Options, out: PenalisedFits
+    plan: Plan,
+    work: Workspace,
+    queue: Queue,
+    bounds: Bounds,
+    prior: Prior,
+    restraint: Restraint,
+    options: Options,
+    out: PenalisedFits,
 ) -> None:
-    """Minimise chi2(x) + sum ((x - mean) / scale)^2 from every start, inside its own bounds (M, P), and fill ``out``.
+    """Minimise chi2(x) + sum ((x - mean) / scale)^2 + the restraint from every start, inside its own bounds (M, P).
 
-    ``out.information`` is the matrix J^T J of chi2 alone at the estimate.
+    Fills ``out``; ``out.information`` is the matrix J^T J of chi2 alone at the estimate.
     """
     w, packed, problem, starts = work.w, queue.packed, queue.problem, queue.starts
     lower, upper, mean, scale, tolerance = bounds.lower, bounds.upper, prior.mean, prior.scale, options.tolerance
     S, P = starts.shape
+    restrained = restraint.target.size > 0
     n_data = packed.shape[1]
     fit = np.full(WIDTH, -1, dtype=np.int64)
     fresh = np.ones(WIDTH, dtype=np.bool_)
     x, goal = np.zeros((WIDTH, P)), np.zeros((WIDTH, P))
     gram, gradient = np.zeros((WIDTH, P, P)), np.zeros((WIDTH, P))
     total, value, predicted = np.zeros(WIDTH), np.zeros(WIDTH), np.zeros(WIDTH)
-    damping, growth = np.full(WIDTH, DAMPING), np.full(WIDTH, 2.0)
+    damping, growth, ridge = np.full(WIDTH, DAMPING), np.full(WIDTH, 2.0), np.empty(P)
     count = np.zeros(WIDTH, dtype=np.int64)
     next_fit, running = 0, 0
     for lane in range(WIDTH):
@@ -117,7 +138,10 @@ def penalised_fits(
             new = w[(work.gram_trial + (P + 1) * (P + 2) // 2 - 1) * WIDTH + lane]
             extra = 0.0
             for p in range(P):
-                extra += ((goal[lane, p] - mean[p]) / scale[p]) ** 2
+                extra += prior.weight * ((goal[lane, p] - mean[p]) / scale[p]) ** 2
+            if restrained:
+                off = _off(goal[lane], restraint, index)
+                extra += restraint.weight[index] * off * off
             done = False
             if fresh[lane] or new + extra < total[lane]:
                 if not fresh[lane]:
@@ -138,8 +162,12 @@ def penalised_fits(
                         gram[lane, j, i] = w[k * WIDTH + lane]
                         k += 1
                 for p in range(P):
-                    gradient[lane, p] = w[k * WIDTH + lane] + (x[lane, p] - mean[p]) / scale[p] ** 2
+                    gradient[lane, p] = w[k * WIDTH + lane] + prior.weight * (x[lane, p] - mean[p]) / scale[p] ** 2
                     k += 1
+                if restrained:
+                    off = _off(x[lane], restraint, index)
+                    for p in range(P):
+                        gradient[lane, p] += restraint.weight[index] * off * restraint.direction[index, p]
             else:
                 damping[lane] *= growth[lane]
                 growth[lane] *= 2.0
@@ -148,14 +176,20 @@ def penalised_fits(
             if not done:
                 A = gram[lane].copy()
                 for p in range(P):
-                    A[p, p] += 1.0 / scale[p] ** 2
+                    A[p, p] += prior.weight / scale[p] ** 2
+                    ridge[p] = A[p, p] + 1.0 / scale[p] ** 2  # a restraint must not slow the steps along it
+                if restrained:
+                    for p in range(P):
+                        pull = restraint.weight[index] * restraint.direction[index, p]
+                        for q in range(P):
+                            A[p, q] += pull * restraint.direction[index, q]
                 predicted[lane] = _step(
-                    A, gradient[lane], x[lane], lower[index], upper[index], scale, damping[lane], goal[lane]
+                    A, ridge, gradient[lane], x[lane], lower[index], upper[index], scale, damping[lane], goal[lane]
                 )
                 while predicted[lane] < 0.0 and damping[lane] < DAMPING_MOST:
                     damping[lane] = max(10.0 * damping[lane], 1e-6)
                     predicted[lane] = _step(
-                        A, gradient[lane], x[lane], lower[index], upper[index], scale, damping[lane], goal[lane]
+                        A, ridge, gradient[lane], x[lane], lower[index], upper[index], scale, damping[lane], goal[lane]
                     )
                 if predicted[lane] < tolerance * 1e-2 or count[lane] >= options.max_iterations:
                     done = True

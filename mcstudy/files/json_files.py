@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from mcstudy.errors import StoreError
 from mcstudy.files import schema
@@ -74,3 +77,18 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
     value = read_document(path)
     schema.validate(kind, value, str(path))
     return dict(value)
+
+
+def plain(x: Any) -> Any:
+    """Convert to builtin types; numbers that are not finite become None."""
+    if isinstance(x, dict):
+        return {str(k): plain(v) for k, v in x.items()}
+    if isinstance(x, list | tuple):
+        return [plain(v) for v in x]
+    if isinstance(x, np.ndarray):
+        return plain(x.tolist())
+    if isinstance(x, np.generic):
+        return plain(x.item())
+    if isinstance(x, float) and not math.isfinite(x):
+        return None
+    return x

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from html import escape
 from typing import Any, ClassVar
@@ -10,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mcstudy.files import schema
+from mcstudy.files.json_files import plain
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap import tables, verdict
 from mcstudy.gap.questions.closure import Closure
@@ -114,7 +114,7 @@ class Diagnosis(Summary):
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON data, valid under ``results_schema/1.0.0/diagnosis.json``."""
         d, closed = self.detection, self.closed
-        return _plain(
+        return plain(
             {
                 "schema": schema.identifier("diagnosis"),
                 "name": self.name,
@@ -165,18 +165,3 @@ class Diagnosis(Summary):
 def _of(record: object, names: str) -> dict[str, Any]:
     """Some attributes of a record, under their names."""
     return {name: getattr(record, name) for name in names.split()}
-
-
-def _plain(x: Any) -> Any:
-    """Convert to builtin types; numbers that are not finite become None."""
-    if isinstance(x, dict):
-        return {str(k): _plain(v) for k, v in x.items()}
-    if isinstance(x, list | tuple):
-        return [_plain(v) for v in x]
-    if isinstance(x, np.ndarray):
-        return _plain(x.tolist())
-    if isinstance(x, np.generic):
-        return _plain(x.item())
-    if isinstance(x, float) and not math.isfinite(x):
-        return None
-    return x

@@ -49,6 +49,10 @@ class LineNoise(Summary):
         """``n`` random errors (4 N, n), whitened with a covariance estimate of the same uncertainty."""
         return NullDraws(self.dof, self.pooling)(rng, n)
 
+    def joint_draws(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """Errors and estimates of their precision together; see `NullDraws.joint`."""
+        return NullDraws(self.dof, self.pooling).joint(rng, n)
+
     def times(self, factor: np.ndarray) -> LineNoise:
         """The noise of responses with ``factor`` (N,) times the variance."""
         return replace(self, C=self.C * factor[:, None, None])

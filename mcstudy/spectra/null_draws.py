@@ -65,16 +65,36 @@ class NullDraws:
     def __call__(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """``n`` null samples, (4 N, n), in the order and units of `mcstudy.fitting.penalised.whiten`."""
         N = self._dof.size
-        z = (rng.standard_normal((N, 2, n)) + 1j * rng.standard_normal((N, 2, n))) / np.sqrt(2)
+        z = self._errors(rng, n)
         if self._pooling is not None:
-            z = self._divided(z, rng)
+            l11, l21, l22 = self._factors(rng, n)
+            first = z[:, 0] / l11
+            z = np.stack([first, (z[:, 1] - l21 * first) / l22], axis=1)
         z *= np.sqrt(2 * (self._dof - 2) / self._dof)[:, None, None]
         z = z.reshape(2 * N, n)
         return np.concatenate([z.real, z.imag])
 
-    def _divided(self, z: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """L^-1 z for random S~ = L L^H."""
-        E, n = self._window.shape[1], z.shape[-1]
+    def joint(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """``n`` unit Gaussian errors (N, 2, n), and roots R (N, 2, 2, n) of estimates of their precision, R^H R.
+
+        The precision is unbiased; with a known covariance R is the identity.
+        """
+        z = self._errors(rng, n)
+        root = np.zeros((len(z), 2, 2, n), dtype=complex)
+        if self._pooling is None:
+            root[:, [0, 1], [0, 1]] = 1.0
+            return z, root
+        l11, l21, l22 = self._factors(rng, n)
+        root[:, 0, 0], root[:, 1, 1], root[:, 1, 0] = 1 / l11, 1 / l22, -l21 / (l11 * l22)
+        return z, root * np.sqrt((self._dof - 2) / self._dof)[:, None, None, None]
+
+    def _errors(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        N = self._dof.size
+        return (rng.standard_normal((N, 2, n)) + 1j * rng.standard_normal((N, 2, n))) / np.sqrt(2)
+
+    def _factors(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Elements (N, n) of L = [[l11, 0], [l21, l22]] for random S~ = L L^H."""
+        E = self._window.shape[1]
         products = np.zeros((4, E, n))
         for _ in range(self._records):
             x = rng.standard_normal((4, E, n)) * np.sqrt(0.5)
@@ -89,9 +109,7 @@ class NullDraws:
             s11, s22, re, im = self._continued(self._colour, products, rng)
         l11 = np.sqrt(s11)
         l21 = (re + 1j * im) / l11
-        l22 = np.sqrt(np.maximum(s22 - np.abs(l21) ** 2, 1e-12))
-        first = z[:, 0] / l11
-        return np.stack([first, (z[:, 1] - l21 * first) / l22], axis=1)
+        return l11, l21, np.sqrt(np.maximum(s22 - np.abs(l21) ** 2, 1e-12))
 
     def _continued(self, colour: Colour, products: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Products (4, E, n) at the lines, (4, L, n), with a slope that is estimated for every sample.

@@ -44,7 +44,9 @@ def base_fit(fitter: Fitter, data: Data, seed: int) -> tuple[Fitted, np.ndarray]
     ``fitter``: of the base model at the frequencies of ``data``.
     """
     model = fitter.model
-    first = fitter.fits(data.packed, np.vstack([_linearised(model, data, seed), drawn_starts(model, seed, DRAWN)]))
+    first = fitter.fits(
+        data.packed, np.vstack([linearised_starts(model, data, seed), drawn_starts(model, seed, DRAWN)])
+    )
     leading = _distinct(first.estimate[np.argsort(first.objective)], fitter.prior.scale)
     second = fitter.fits(data.packed, np.clip(_moved(model, leading), model.lower, model.upper))
     estimate = np.concatenate([first.estimate, second.estimate])
@@ -63,7 +65,7 @@ def drawn_starts(model: Model, seed: int, n: int) -> np.ndarray:
     return np.clip(draws, model.lower, model.upper)
 
 
-def _linearised(model: Model, data: Data, seed: int) -> np.ndarray:
+def linearised_starts(model: Model, data: Data, seed: int) -> np.ndarray:
     """Start values (K, P) from the linear structure; none for a model without it."""
     near = model.with_bounds(
         {

@@ -1,8 +1,8 @@
 """Monte Carlo studies of identifiability, and diagnosis of the gap between model and body.
 
 Studies: `Study` (or `read_study`), `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
-Recordings: `read_recording`, `simulate`, `write_recording`; `diagnose` says what a model lacks; `effects` are what it
-may lack, by name.
+Recordings: `read_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with intervals;
+`diagnose` says what a model lacks; `effects` are what it may lack, by name.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ if TYPE_CHECKING:
     from typing import Any
 
     from mcstudy.analysis.results import open_results
-    from mcstudy.api.recordings import diagnose
+    from mcstudy.api.recordings import diagnose, fit
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
     from mcstudy.effect_library.simulated import simulate
     from mcstudy.errors import InputError, Interrupted
+    from mcstudy.identification.result import FitResult
     from mcstudy.own_model import run_model
     from mcstudy.recordings.frf import FrfRecording
     from mcstudy.recordings.io import read_recording, write_recording
@@ -33,6 +34,7 @@ _FROM = {
     "Body": "stance.body",
     "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
     "Effect": "effect_library.declare",
+    "FitResult": "identification.result",
     "FrfRecording": "recordings.frf",
     "InputError": "errors",
     "Interrupted": "errors",
@@ -41,6 +43,7 @@ _FROM = {
     "Trial": "recordings.recording",
     "diagnose": "api.recordings",
     "effects": "effect_library.library:LIBRARY",
+    "fit": "api.recordings",
     "open_results": "analysis.results",
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
@@ -56,6 +59,7 @@ __all__ = [
     "Body",
     "Diagnosis",
     "Effect",
+    "FitResult",
     "FrfRecording",
     "InputError",
     "Interrupted",
@@ -65,6 +69,7 @@ __all__ = [
     "__version__",
     "diagnose",
     "effects",
+    "fit",
     "open_results",
     "read_recording",
     "read_study",

@@ -1,13 +1,16 @@
-"""Recordings: their diagnosis, from paths or in memory. It needs nothing of studies, nor of what runs them."""
+"""Recordings: parameters and diagnosis, from paths or in memory. Nothing here needs studies, or what runs them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
+from mcstudy.identification.fit import fit as fit_recording
+from mcstudy.identification.result import FitResult
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
@@ -44,8 +47,7 @@ def diagnose(
     """
     if fast and bootstrap is not None:
         raise InputError("bootstrap: expected without fast, which does not use it")
-    given = [recording] if isinstance(recording, AnyRecording) else list(recording)
-    read = [read_recording(r) if isinstance(r, str | Path) else r for r in given]
+    read = _read(recording)
     if fast:
         found = diagnose_fast(read, seed=seed, model=model, fmax=fmax, discard=discard, accept=accept)
     else:
@@ -59,3 +61,49 @@ def diagnose(
             accept=accept,
         )
     return DiagnosisWithFigures.of(found)
+
+
+def fit(
+    recording: AnyRecording | Sequence[AnyRecording],
+    *,
+    quantities: Sequence[str] | Mapping[str, Any] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    level: float = 0.95,
+    model: Model | None = None,
+    fmax: float = 8.0,
+    discard: int = 1,
+    accept: Iterable[str] = (),
+    seed: int = 0,
+) -> FitResult:
+    """Parameters of the person in a recording, with profile likelihood intervals and no prior.
+
+    Parameters
+    ----------
+    recording: what `read_recording` or `simulate` returned, a path, or several of one person, which are pooled.
+    quantities: further quantities beside the parameters and K11 + Kpas1, K22 + Kpas2: expressions such as
+        ``"K11 + Kpas1 - 490"``, or a mapping from names to expressions and functions of a mapping of parameters.
+    bounds: of parameters by name, in their unit; by default gains from 0 to 5 times the value that is typical of the
+        recording's body, delays from 0.01 to 0.3 s.
+    level: of the intervals. model: the two-segment model of the recording's body when None.
+    fmax: highest frequency, Hz. discard: transient cycles left out of every trial.
+    accept: codes of warnings about mislabelled channels that are to be accepted. seed: random seed.
+
+    Returns estimates by name (``result["K11"].low``), ``text()``, ``to_xarray()`` and ``to_dict()``. Raises
+    `RecordingError` for recordings that cannot be analysed, `InputError` for a wrong argument.
+    """
+    return fit_recording(
+        _read(recording),
+        wanted=quantities,
+        bounds=bounds,
+        level=level,
+        model=model,
+        fmax=fmax,
+        discard=discard,
+        accept=accept,
+        seed=seed,
+    )
+
+
+def _read(recording: AnyRecording | Sequence[AnyRecording]) -> list[Recording | FrfRecording]:
+    given = [recording] if isinstance(recording, AnyRecording) else list(recording)
+    return [read_recording(r) if isinstance(r, str | Path) else r for r in given]

@@ -23,6 +23,7 @@ VERBS = {
     "show": "print the tables of a results cube",
     "report": "write one HTML page with tables and figures of a results cube",
     "simulate": "simulate a recording of a standing body, optionally with effects that the model lacks",
+    "fit": "estimate the parameters of the person in a recording, with confidence intervals",
     "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
     "warm": "compile the kernels ahead of the first run",
 }

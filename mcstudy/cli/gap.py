@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.cli.recording_options import add_recording_arguments, read_recordings, with_names
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -31,26 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     report.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE", help="the page to write (.html)")
     report.set_defaults(run=_report)
     for verb in (diagnose, report):
-        verb.add_argument(
-            "recordings", nargs="+", type=Path, metavar="REC", help="recording: .nc, .zarr, .toml or .csv"
-        )
+        add_recording_arguments(verb)
         verb.add_argument("--fast", action="store_true", help="asymptotic statistics instead of the bootstrap")
         verb.add_argument("--bootstrap", type=int, metavar="N", help="number of bootstrap samples (default 1000)")
-        verb.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
-        verb.add_argument("--fmax", type=float, default=8.0, metavar="HZ", help="highest frequency used (default 8)")
-        verb.add_argument(
-            "--discard", type=int, default=1, metavar="N", help="cycles left out at the start of each trial (default 1)"
-        )
-        verb.add_argument(
-            "--data", type=Path, metavar="DIR", help="folder of the data files named in a .toml (default: its own)"
-        )
-        verb.add_argument(
-            "--accept",
-            action="append",
-            default=[],
-            metavar="CODE",
-            help="accept the labels of the data despite the warning CODE; may be repeated",
-        )
 
     challenge = verbs.add_parser("challenge", help="benchmark the diagnosis on recordings with hidden causes")
     _challenge_arguments(challenge)
@@ -109,9 +93,8 @@ def _effects(_: argparse.Namespace) -> Exit:
 
 
 def _diagnosed(args: argparse.Namespace) -> Diagnosis:
-    from mcstudy.errors import InputError, RecordingError
+    from mcstudy.errors import InputError
     from mcstudy.gap.diagnose import diagnose, diagnose_fast
-    from mcstudy.recordings.io import read_recording
 
     if args.fast and args.bootstrap is not None:
         raise InputError("--bootstrap: not used with --fast; give one of the two")
@@ -119,12 +102,9 @@ def _diagnosed(args: argparse.Namespace) -> Diagnosis:
     if args.bootstrap is not None:
         options["bootstrap"] = args.bootstrap
     run = diagnose_fast if args.fast else diagnose
-    read = [read_recording(path, data=args.data) for path in args.recordings]
-    try:
+    read = read_recordings(args)
+    with with_names(args):
         return run(read, **options)
-    except RecordingError as error:
-        where = ", ".join(map(str, args.recordings))
-        raise RecordingError(f"{where}: {error}") from error
 
 
 def _diagnose(args: argparse.Namespace) -> Exit:

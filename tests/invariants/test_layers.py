@@ -23,6 +23,7 @@ LAYERS = (
     ("effect_library",),
     ("scheduler",),
     ("study", "gap"),
+    ("identification",),
     ("analysis",),
     ("challenge",),
     ("adaptive", "own_model"),

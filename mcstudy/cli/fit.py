@@ -1,0 +1,67 @@
+"""``mcstudy fit``: parameters of the person in a recording, with confidence intervals."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from mcstudy.cli.recording_options import add_recording_arguments, read_recordings, with_names
+from mcstudy.exits import Exit
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_recording_arguments(parser)
+    parser.add_argument(
+        "--quantity",
+        action="append",
+        default=[],
+        metavar="EXPRESSION",
+        help="a further quantity, e.g. 'K11 + Kpas1 - 490'; may be repeated",
+    )
+    parser.add_argument(
+        "--bounds",
+        action="append",
+        default=[],
+        metavar="NAME=LOW:HIGH",
+        help="bounds of a parameter (default: gains 0 to 5 times typical values, delays 0.01:0.3 s); may be repeated",
+    )
+    parser.add_argument("--level", type=float, default=0.95, help="level of the intervals (default 0.95)")
+    parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write fit.json and fit.txt")
+    parser.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
+
+
+def main(args: argparse.Namespace) -> Exit:
+    """Fit and print; returns the exit code."""
+    from mcstudy.files.json_files import json_text, write_json, write_text
+    from mcstudy.identification.fit import fit
+
+    bounds = dict(_bounds(given) for given in args.bounds)
+    read = read_recordings(args)
+    with with_names(args):
+        result = fit(
+            read,
+            wanted=args.quantity,
+            bounds=bounds,
+            level=args.level,
+            fmax=args.fmax,
+            discard=args.discard,
+            accept=args.accept,
+            seed=args.seed,
+        )
+    if args.out:
+        write_json(args.out / "fit.json", result.to_dict(), "fit")
+        write_text(args.out / "fit.txt", result.text())
+    print(json_text(result.to_dict(), "fit", "fit") if args.json else result.text())
+    return Exit.DONE
+
+
+def _bounds(given: str) -> tuple[str, tuple[float, float]]:
+    from mcstudy.errors import InputError
+
+    name, _, values = given.partition("=")
+    try:
+        low, high = map(float, values.split(":"))
+    except ValueError:
+        raise InputError(f"--bounds {given}: expected NAME=LOW:HIGH, e.g. Kpas1=0:600") from None
+    return name.strip(), (low, high)

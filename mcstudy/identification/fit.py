@@ -1,0 +1,176 @@
+"""The fit of one recording: from lines to estimates with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from mcstudy.errors import InputError, RecordingError
+from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.identification.correction import correction
+from mcstudy.identification.minimum import MISSED, search, without_prior
+from mcstudy.identification.profile import Profile, profiles, tangents
+from mcstudy.identification.quantities import Quantity, quantities
+from mcstudy.identification.result import BANDS_HZ, Estimate, FitResult
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.recording import Recording
+from mcstudy.spectra.lines import Lines
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import frf_jacobian
+from mcstudy.stance.stability import growth_rate
+from mcstudy.streams import stream
+
+GAIN_UPTO = 5.0
+"""Default upper bound of a gain, times its nominal value; the lower one is zero."""
+
+DELAY_S = (0.01, 0.3)
+"""Default bounds of a delay, s."""
+
+
+def fit(
+    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
+    *,
+    wanted: Sequence[str] | Mapping[str, Any] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    level: float = 0.95,
+    model: Model | None = None,
+    fmax: float = 8.0,
+    discard: int = 1,
+    accept: Iterable[str] = (),
+    seed: int = 0,
+) -> FitResult:
+    """Parameters of the person in a recording, or in several that are pooled; see `mcstudy.fit`.
+
+    Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong argument.
+    """
+    one, lines = checked_lines(recording, fmax, discard, accept)
+    result = fit_lines(
+        lines, model or one.base_model(), wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name
+    )
+    noted = tuple(s.message for s in one.suspicions) if isinstance(one, Recording) else ()
+    method = {**result.method, "fmax": fmax, "discard": discard}
+    return replace(result, recording=one, warnings=(*noted, *result.warnings), method=method)
+
+
+def fit_lines(
+    lines: Lines,
+    nominal: Model,
+    *,
+    wanted: Sequence[str] | Mapping[str, Any] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    level: float = 0.95,
+    seed: int = 0,
+    name: str = "lines",
+) -> FitResult:
+    """The fit of measured lines. ``nominal``: model with values of the order of magnitude of a person's."""
+    if not 0.5 <= level < 1:
+        raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
+    model = bounded(nominal, bounds or {})
+    if 4 * len(lines) <= len(model.parameters):
+        raise RecordingError(f"{name}: expected more than {len(model.parameters) // 4} lines, got {len(lines)}")
+    data, of = Data.of(lines), quantities(model, wanted)
+    fitter = Fitter(model, without_prior(model), lines.f)
+    minima = search(fitter, data, seed)
+    theta = minima.theta[0]
+    free = (theta > model.lower) & (theta < model.upper)
+    jacobian = whiten(data.weight, frf_jacobian(model, theta, lines.f)[1])
+    gradients = np.array([q.gradient(theta) for q in of])
+    corrected = correction(jacobian[:, free], gradients[:, free], lines.noise, stream(seed, "fit correction"))
+    null = corrected.null_chi2
+    worse = max(1.0, float(minima.chi2[0] / null.mean()))  # Birge (1932): residuals above the noise widen the intervals
+    found = profiles(fitter, data, minima, of, worse * corrected.threshold(level), stream(seed, "fit profiles"))
+    tangent, variance = tangents(minima.information[0], gradients, free)
+    error = ndtri(0.5 + level / 2) * np.sqrt(variance)
+    share = _information(jacobian @ tangent.T, lines.f)
+    return FitResult(
+        name=name,
+        level=level,
+        estimates=tuple(_estimate(q, theta, p, e, s) for q, p, e, s in zip(of, found, error, share, strict=True)),
+        theta=theta,
+        chi2=float(minima.chi2[0]),
+        expected_chi2=float(null.mean()),
+        p_value=float((1 + (null >= minima.chi2[0]).sum()) / (1 + null.size)),
+        growth_rate=float(growth_rate(model, theta)),
+        correlation=_correlation(minima.information[0], free),
+        minima=minima,
+        model=model,
+        lines=lines,
+        warnings=_warnings(minima.missed),
+        method={"cost": "ml", "seed": seed},
+    )
+
+
+def bounded(model: Model, given: Mapping[str, tuple[float, float]]) -> Model:
+    """The model with the bounds of a fit to a person, the ``given`` ones among them.
+
+    By default gains lie between zero and `GAIN_UPTO` times the nominal value, delays in `DELAY_S`. A nominal value
+    outside its bounds is moved between them. Raises `InputError` for an unknown parameter or impossible bounds.
+    """
+    for name, ends in given.items():
+        if name not in model.names:
+            raise InputError(f"bounds: expected parameters of the model ({', '.join(model.names)}), got {name!r}")
+        least = 0.0 if name in model.delays else -np.inf
+        if not (len(ends) == 2 and np.isfinite(ends).all() and least <= ends[0] < ends[1]):
+            raise InputError(f"bounds of {name}: expected a lower and a larger upper value, got {ends}")
+    bounds = {**_default_bounds(model), **given}
+    parameters = []
+    for p in model.parameters:
+        low, high = bounds[p.name]
+        value = p.value if low <= p.value <= high else (low + high) / 2
+        parameters.append(replace(p, value=value, lower=low, upper=high))
+    return replace(model, parameters=tuple(parameters))
+
+
+def _default_bounds(model: Model) -> dict[str, tuple[float, float]]:
+    low, high = DELAY_S
+    return {
+        p.name: (min(low, p.value), max(high, p.value))
+        if p.name in model.delays
+        else (min(0.0, GAIN_UPTO * p.value), max(0.0, GAIN_UPTO * p.value))
+        for p in model.parameters
+    }
+
+
+def _estimate(q: Quantity, theta: np.ndarray, p: Profile, error: float, share: np.ndarray) -> Estimate:
+    value = q.value(theta)
+    return Estimate(
+        name=q.name,
+        unit=q.unit,
+        estimate=value,
+        low=p.low,
+        high=p.high,
+        low_from=p.low_from,
+        high_from=p.high_from,
+        wald_low=value - error,
+        wald_high=value + error,
+        information=tuple(map(float, share)),
+        profile=p,
+    )
+
+
+def _information(sensitivity: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Share (K, bands) of the information on K quantities; ``sensitivity`` (4 N, K) of the whitened responses."""
+    by_line = (sensitivity.reshape(2, f.size, 2, -1) ** 2).sum(axis=(0, 2))
+    band = np.searchsorted(BANDS_HZ, f, side="right") - 1
+    share = np.array([by_line[band == b].sum(axis=0) for b in range(len(BANDS_HZ) - 1)]).T
+    total = share.sum(axis=1, keepdims=True)
+    return np.asarray(np.divide(share, total, out=np.full_like(share, np.nan), where=total > 0))
+
+
+def _correlation(information: np.ndarray, free: np.ndarray) -> np.ndarray:
+    out = np.full(information.shape, np.nan)
+    covariance = np.linalg.pinv(information[np.ix_(free, free)], hermitian=True)
+    scale = np.sqrt(np.diag(covariance))
+    out[np.ix_(free, free)] = covariance / np.outer(scale, scale)
+    return out
+
+
+def _warnings(missed: float) -> tuple[str, ...]:
+    if missed <= MISSED:
+        return ()
+    return (f"one start in {1 / missed:.0f} would end in a minimum not seen yet; a lower one may have been missed",)

@@ -1,0 +1,94 @@
+"""The best fit of many starts, and how likely it is that a lower minimum was missed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.fitting.arguments import Prior
+from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.gap.fits.base_fit import drawn_starts, linearised_starts
+from mcstudy.gap.fits.priors import weak_prior
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.stability import growth_rate
+
+BATCH, MOST = 96, 1920
+"""Random starts per round, and the most that are drawn."""
+
+MISSED = 0.01
+"""Wanted chance that one further start would end in a minimum not seen yet."""
+
+TOLERANCE, ITERATIONS = 1e-7, 300
+"""Decrease of the deviance at which a fit has converged, and the most evaluations of one fit."""
+
+APART = 1e-3
+"""Fits whose deviances differ by less are of one minimum."""
+
+
+@dataclass(frozen=True)
+class Minima:
+    """Distinct minima of the deviance that S random starts found, the lowest first.
+
+    Minima with an unstable closed loop are left out, unless all are: the person stood.
+
+    Attributes
+    ----------
+    theta: (K, P). chi2: (K,). information: (K, P, P), J^T J of the whitened data. hits: (K,) random starts that ended
+    there; a minimum found only from a linearised start has none. starts: S. found: minima that they reached, unstable
+    ones among them. waterfall: (S,) deviances, ascending.
+    """
+
+    theta: np.ndarray
+    chi2: np.ndarray
+    information: np.ndarray
+    hits: np.ndarray
+    starts: int
+    found: int
+    waterfall: np.ndarray
+
+    @property
+    def missed(self) -> float:
+        """Expected share of starts that would end in a minimum not seen yet, W (W + 1) / (S (S - 1)).
+
+        W is ``found`` (Boender & Rinnooy Kan 1987, uniform prior on their
+        number and shares).
+        """
+        w, s = self.found, self.starts
+        return min(1.0, w * (w + 1) / (s * (s - 1)))
+
+
+def without_prior(model: Model) -> Prior:
+    """No prior; steps are scaled with what is typical of people."""
+    return weak_prior(model, model)._replace(weight=0.0)
+
+
+def search(fitter: Fitter, data: Data, seed: int) -> Minima:
+    """Starts from the linear structure and at random, until `Minima.missed` is below `MISSED` or `MOST` are drawn."""
+    model, drawn = fitter.model, drawn_starts(fitter.model, seed, MOST)
+    aimed = linearised_starts(model, data, seed)
+    fits = [fitter.fits(data.packed, aimed, tolerance=TOLERANCE, max_iterations=ITERATIONS)] if len(aimed) else []
+    for first in range(0, MOST, BATCH):
+        starts = drawn[first : first + BATCH]
+        fits.append(fitter.fits(data.packed, starts, tolerance=TOLERANCE, max_iterations=ITERATIONS))
+        theta, chi2, information = (
+            np.concatenate([getattr(f, n) for f in fits]) for n in ("estimate", "chi2", "information")
+        )
+        found = _distinct(model, theta, np.where(np.isfinite(chi2), chi2, np.inf), information, len(aimed))
+        if found.missed < MISSED:
+            break
+    return found
+
+
+def _distinct(model: Model, theta: np.ndarray, chi2: np.ndarray, information: np.ndarray, aimed: int) -> Minima:
+    order = np.argsort(chi2)
+    order = order[np.isfinite(chi2[order])]
+    group = np.cumsum(np.diff(chi2[order], prepend=chi2[order[0]]) > APART)
+    first = np.searchsorted(group, np.arange(group[-1] + 1))
+    hits = np.bincount(group, weights=order >= aimed).astype(int)
+    best, reached = order[first], int((hits > 0).sum())
+    stable = growth_rate(model, theta[best]) < 0
+    if stable.any():  # the person stood
+        best, hits = best[stable], hits[stable]
+    waterfall = np.sort(chi2[aimed:])
+    return Minima(theta[best], chi2[best], information[best], hits, len(waterfall), reached, waterfall)

@@ -1,0 +1,90 @@
+"""Profile intervals are what an independent optimiser finds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import mcstudy as mc
+from mcstudy.fitting.penalised import Data, whiten
+from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.stance.response import frf, frf_jacobian
+
+STARTS = 2
+
+
+@pytest.fixture(scope="module")
+def fitted() -> FitResult:
+    return mc.fit(mc.simulate(seed=3, cycles=3), fmax=2.0, quantities=["sqrt(B11 * B22)"])
+
+
+def constrained(fitted: FitResult, e: Estimate, side: int) -> float:
+    """The largest (``side`` 1) or smallest value of a quantity with at most the deviance at the end of its interval.
+
+    By SLSQP, with its own cost and derivatives, from the end and from points around it.
+    """
+    model, data = fitted.model, Data.of(fitted.lines)
+    scale = np.where(fitted.theta > 0, fitted.theta, model.truth)
+    end = e.profile.low_theta if side < 0 else e.profile.high_theta
+    names = model.names
+
+    def value(x: np.ndarray) -> float:
+        return float(eval(e.name, {"sqrt": np.sqrt}, dict(zip(names, x * scale, strict=True))))
+
+    def deviance(x: np.ndarray) -> float:
+        return float((whiten(data.weight, data.y - frf(model, x * scale, data.f)) ** 2).sum())
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        H, dH = frf_jacobian(model, x * scale, data.f)
+        return -2 * whiten(data.weight, data.y - H) @ whiten(data.weight, dH) * scale
+
+    allowed = fitted.chi2 + e.profile.rise[0 if side < 0 else -1]
+    rng, found = np.random.default_rng(0), []
+    for start in range(STARTS):
+        outcome = minimize(
+            lambda x: -side * value(x) / abs(e.estimate),
+            np.clip(end / scale * (1 + 0.02 * bool(start) * rng.standard_normal(end.size)), 0, None),
+            constraints={"type": "ineq", "fun": lambda x: allowed - deviance(x), "jac": lambda x: -slope(x)},
+            bounds=[(p.lower / s, p.upper / s) for p, s in zip(model.parameters, scale, strict=True)],
+            method="SLSQP",
+            options={"ftol": 1e-13, "maxiter": 400},
+        )
+        if outcome.success and deviance(outcome.x) <= allowed + 1e-6:
+            found.append(value(outcome.x))
+    return max(found, key=lambda v: side * v)
+
+
+@pytest.mark.parametrize("name", ["K12", "K11 + Kpas1", "sqrt(B11 * B22)"])
+def test_an_interval_ends_where_another_optimiser_says(fitted: FitResult, name: str) -> None:
+    e = fitted[name]
+    assert (e.low_from, e.high_from) == ("data", "data")
+    for side, end in ((-1, e.low), (1, e.high)):
+        assert constrained(fitted, e, side) == pytest.approx(end, abs=1e-4 * (e.high - e.low))
+
+
+def test_the_deviance_at_both_ends_is_the_threshold_and_lower_between(fitted: FitResult) -> None:
+    for e in fitted.estimates:
+        if (e.low_from, e.high_from) == ("data", "data"):
+            assert e.profile.rise[0] == pytest.approx(e.profile.rise[-1], rel=1e-4)
+            assert e.profile.rise.max() <= e.profile.rise[0] * (1 + 1e-4)
+            assert e.profile.rise[0] >= 3.841  # chi-squared with one degree of freedom, or more
+
+
+def test_the_parameters_at_an_end_have_the_value_and_the_deviance_of_the_end(fitted: FitResult) -> None:
+    data, model = Data.of(fitted.lines), fitted.model
+    for e in fitted.estimates[: len(model.names)]:
+        k = model.names.index(e.name)
+        for theta, end, rise in (
+            (e.profile.low_theta, e.low, e.profile.rise[0]),
+            (e.profile.high_theta, e.high, e.profile.rise[-1]),
+        ):
+            assert theta[k] == end
+            r = whiten(data.weight, data.y - frf(model, theta, data.f))
+            assert r @ r - fitted.chi2 == pytest.approx(rise, abs=1e-6)
+
+
+def test_bounds_end_an_interval_that_the_data_leave_open(fitted: FitResult) -> None:
+    e = fitted["Kpas1"]
+    assert e.low == fitted.model.lower[fitted.model.names.index("Kpas1")] == 0
+    assert (e.low_from, e.verdict) == ("bound", "not identifiable" if e.high_from == "bound" else "upper limit only")

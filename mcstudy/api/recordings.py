@@ -66,6 +66,7 @@ def diagnose(
 def fit(
     recording: AnyRecording | Sequence[AnyRecording],
     *,
+    effects: Sequence[str] = (),
     quantities: Sequence[str] | Mapping[str, Any] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: float = 0.95,
@@ -80,6 +81,7 @@ def fit(
     Parameters
     ----------
     recording: what `read_recording` or `simulate` returned, a path, or several of one person, which are pooled.
+    effects: linear effects of `mcstudy.effects` that are added to the model, by name; their sizes are estimated too.
     quantities: further quantities beside the parameters and K11 + Kpas1, K22 + Kpas2: expressions such as
         ``"K11 + Kpas1 - 490"``, or a mapping from names to expressions and functions of a mapping of parameters.
     bounds: of parameters by name, in their unit; by default gains from 0 to 5 times the value that is typical of the
@@ -93,6 +95,7 @@ def fit(
     """
     return fit_recording(
         _read(recording),
+        effects=effects,
         wanted=quantities,
         bounds=bounds,
         level=level,

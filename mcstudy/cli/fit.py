@@ -13,6 +13,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_recording_arguments(parser)
     parser.add_argument(
+        "--with",
+        dest="effects",
+        action="append",
+        default=[],
+        metavar="EFFECT",
+        help="add a linear effect to the model (`mcstudy gap effects` lists them); may be repeated",
+    )
+    parser.add_argument(
         "--quantity",
         action="append",
         default=[],
@@ -41,6 +49,7 @@ def main(args: argparse.Namespace) -> Exit:
     with with_names(args):
         result = fit(
             read,
+            effects=args.effects,
             wanted=args.quantity,
             bounds=bounds,
             level=args.level,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
+from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.gap.checked_lines import checked_lines
@@ -35,6 +36,7 @@ DELAY_S = (0.01, 0.3)
 def fit(
     recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
     *,
+    effects: Sequence[str] = (),
     wanted: Sequence[str] | Mapping[str, Any] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: float = 0.95,
@@ -49,8 +51,9 @@ def fit(
     Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong argument.
     """
     one, lines = checked_lines(recording, fmax, discard, accept)
+    nominal = model or one.base_model()
     result = fit_lines(
-        lines, model or one.base_model(), wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name
+        lines, nominal, effects=effects, wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name
     )
     noted = tuple(s.message for s in one.suspicions) if isinstance(one, Recording) else ()
     method = {**result.method, "fmax": fmax, "discard": discard}
@@ -61,20 +64,26 @@ def fit_lines(
     lines: Lines,
     nominal: Model,
     *,
+    effects: Sequence[str] = (),
     wanted: Sequence[str] | Mapping[str, Any] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: float = 0.95,
     seed: int = 0,
     name: str = "lines",
 ) -> FitResult:
-    """The fit of measured lines. ``nominal``: model with values of the order of magnitude of a person's."""
+    """The fit of measured lines.
+
+    Parameters
+    ----------
+    nominal: model with values of the order of magnitude of a person's. effects: linear effects that are added to it.
+    """
     if not 0.5 <= level < 1:
         raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
-    model = bounded(nominal, bounds or {})
+    model = bounded(apply(nominal, *effects), nominal, bounds or {})
     if 4 * len(lines) <= len(model.parameters):
         raise RecordingError(f"{name}: expected more than {len(model.parameters) // 4} lines, got {len(lines)}")
     data, of = Data.of(lines), quantities(model, wanted)
-    fitter = Fitter(model, without_prior(model), lines.f)
+    fitter = Fitter(model, without_prior(model, nominal), lines.f)
     minima = search(fitter, data, seed)
     theta = minima.theta[0]
     free = (theta > model.lower) & (theta < model.upper)
@@ -101,15 +110,25 @@ def fit_lines(
         model=model,
         lines=lines,
         warnings=_warnings(minima.missed),
-        method={"cost": "ml", "seed": seed},
+        method={"cost": "ml", "seed": seed, "effects": list(effects)},
+        without_chi2=_without(lines, nominal, bounds or {}, seed) if effects else None,
     )
 
 
-def bounded(model: Model, given: Mapping[str, tuple[float, float]]) -> Model:
+def _without(lines: Lines, nominal: Model, given: Mapping[str, tuple[float, float]], seed: int) -> float:
+    """Deviance of the best fit without effects."""
+    known = {name: ends for name, ends in given.items() if name in nominal.names}
+    model = bounded(nominal, nominal, known)
+    return float(search(Fitter(model, without_prior(model, nominal), lines.f), Data.of(lines), seed).chi2[0])
+
+
+def bounded(model: Model, base: Model, given: Mapping[str, tuple[float, float]]) -> Model:
     """The model with the bounds of a fit to a person, the ``given`` ones among them.
 
-    By default gains lie between zero and `GAIN_UPTO` times the nominal value, delays in `DELAY_S`. A nominal value
-    outside its bounds is moved between them. Raises `InputError` for an unknown parameter or impossible bounds.
+    By default gains of ``base`` lie between zero and `GAIN_UPTO` times the nominal value, its delays in `DELAY_S`, and
+    sizes of effects within their own bounds. A nominal value outside its bounds is moved between them.
+
+    Raises `InputError` for an unknown parameter or impossible bounds.
     """
     for name, ends in given.items():
         if name not in model.names:
@@ -117,10 +136,10 @@ def bounded(model: Model, given: Mapping[str, tuple[float, float]]) -> Model:
         least = 0.0 if name in model.delays else -np.inf
         if not (len(ends) == 2 and np.isfinite(ends).all() and least <= ends[0] < ends[1]):
             raise InputError(f"bounds of {name}: expected a lower and a larger upper value, got {ends}")
-    bounds = {**_default_bounds(model), **given}
+    bounds = {**_default_bounds(base), **given}
     parameters = []
     for p in model.parameters:
-        low, high = bounds[p.name]
+        low, high = bounds.get(p.name, (p.lower, p.upper))
         value = p.value if low <= p.value <= high else (low + high) / 2
         parameters.append(replace(p, value=value, lower=low, upper=high))
     return replace(model, parameters=tuple(parameters))

@@ -58,9 +58,9 @@ class Minima:
         return min(1.0, w * (w + 1) / (s * (s - 1)))
 
 
-def without_prior(model: Model) -> Prior:
-    """No prior; steps are scaled with what is typical of people."""
-    return weak_prior(model, model)._replace(weight=0.0)
+def without_prior(model: Model, base: Model) -> Prior:
+    """No prior; steps are scaled with what is typical of people. ``base``: ``model`` without effects."""
+    return weak_prior(model, base)._replace(weight=0.0)
 
 
 def search(fitter: Fitter, data: Data, seed: int) -> Minima:

@@ -75,6 +75,7 @@ class FitResult(Summary):
     theta: (P,) the best fit. chi2: its deviance; expected_chi2, p_value: what noise alone would give.
     growth_rate: of the closed loop at the estimate, 1/s, negative is stable.
     correlation: (P, P) of the Gauss-Newton errors; nan for a parameter on a bound.
+    without_chi2: deviance of the best fit without effects, None if none were added.
     minima: distinct minima; `missed` tells how likely another one is. model: with the bounds of the fit.
     lines: what was fitted. warnings: about the recording and the fit. method: settings.
     """
@@ -93,6 +94,7 @@ class FitResult(Summary):
     lines: Lines
     warnings: tuple[str, ...]
     method: dict[str, Any]
+    without_chi2: float | None = None
     recording: Recording | FrfRecording | None = None
 
     def __getitem__(self, name: str) -> Estimate:
@@ -152,6 +154,7 @@ class FitResult(Summary):
                     "expected": self.expected_chi2,
                     "p_value": self.p_value,
                     "lines": len(self.lines),
+                    "without_effects": self.without_chi2,
                     "growth_rate": self.growth_rate,
                 },
                 "search": {

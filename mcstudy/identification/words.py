@@ -59,6 +59,9 @@ def sentences(r: FitResult) -> list[str]:
     ]
     if r.p_value < 0.05:
         out.append("The intervals hold only if the model is right; `mcstudy gap diagnose` says what it may lack.")
+    if r.without_chi2 is not None:
+        added = ", ".join(r.method["effects"])
+        out.append(f"With {added} the squared residual falls from {r.without_chi2:.0f} to {r.chi2:.0f}.")
     state = "stable" if r.growth_rate < 0 else "unstable"
     out.append(f"The closed loop is {state} at the estimate (slowest mode {r.growth_rate:.2g} 1/s).")
     out += _undetermined(r)

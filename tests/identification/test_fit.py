@@ -140,3 +140,15 @@ def test_the_coverage_example_counts_intervals(
     assert len(held) == 14
     assert set(held) <= {0.0, 100.0}
     assert float(mean.split()[1]) == pytest.approx(np.mean(held), abs=0.06)
+
+
+def test_an_added_effect_has_a_size_with_an_interval() -> None:
+    recording = mc.simulate({"passive_damping_ankle": 60.0}, cycles=3, seed=2)
+    fitted = mc.fit(recording, fmax=3.0, effects=["passive_damping_ankle"])
+    size = fitted[mc.effects["passive_damping_ankle"].size.name]
+    assert size.low < 60 < size.high
+    assert fitted.without_chi2 is not None
+    assert fitted.chi2 < fitted.without_chi2
+    assert "With passive_damping_ankle the squared residual falls" in fitted.text()
+    with pytest.raises(mc.InputError, match="no closed form"):
+        mc.fit(recording, effects=["dead_zone"])

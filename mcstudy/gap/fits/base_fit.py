@@ -73,6 +73,7 @@ def linearised_starts(model: Model, data: Data, seed: int) -> np.ndarray:
             if p.name in model.delays
             else (p.value - abs(p.value), p.value + 1.5 * abs(p.value))
             for p in model.parameters
+            if p.value  # the size of an effect keeps its bounds
         }
     )
     try:

@@ -28,6 +28,11 @@ def with_error(value: float | None, mcse: float | None) -> str:
     return f"{value:.{decimals}f} ± {mcse:.{decimals}f}"
 
 
+def counted(n: int, what: str) -> str:
+    """``1 start``, ``2 starts``."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, of_text: bool = False) -> str:
     """A text table with columns of minimal width; the first is left-aligned, the others are right-aligned.
 

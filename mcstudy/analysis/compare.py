@@ -20,6 +20,7 @@ import xarray as xr
 
 from mcstudy.analysis import accuracy
 from mcstudy.analysis.labels import PERCENT, labelled
+from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.montecarlo import Moments, Statistic, jackknife
 from mcstudy.analysis.paper.published import VARIANTS, Expectation, Variant
 from mcstudy.analysis.view import GroupView, StudyView
@@ -32,30 +33,6 @@ LEAST = 3
 """Smallest number of common realizations for a standard error of a difference."""
 
 GROUP, MEASURE = "group", "measure"
-
-
-@dataclass(frozen=True)
-class Measure:
-    """One compared quantity: its key, the header of its column, and its meaning; all are in percent."""
-
-    key: str
-    head: str
-    meaning: str
-
-
-MEASURES: dict[str, Measure] = {
-    m.key: m
-    for m in (
-        Measure("bias", "|bias|", "mean |bias| of the parameters, % of the truth"),
-        Measure("spread", "spread", "mean SD of the parameters, % of the truth"),
-        Measure("rmse", "RMSE", "mean root mean squared error of the parameters, % of the truth"),
-        Measure("unstable", "unstable", "best fits that are unstable, %"),
-        Measure("on_bound", "on bound", "estimates that lie on a bound, %"),
-        Measure("hits", "success", "starts that reach the lowest cost of their cell, %"),
-        Measure("frf_error", "FRF error", "mean distance of the mean FRF from the closed form, % of its magnitude"),
-        Measure("frf_spread", "FRF spread", "mean SD of the FRF, % of its magnitude"),
-    )
-}
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--json", action="store_true", help="print JSON")
+    how.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
     how.add_argument("--watch", action="store_true", help="follow a run from another terminal until it is complete")
     parser.add_argument(
         "--every", type=seconds, default=2.0, metavar="SECONDS", help="update interval of --watch (default 2)"
@@ -36,15 +36,17 @@ def main(args: argparse.Namespace) -> Exit:
 
 
 def _once(cube: Cube, as_json: bool) -> Exit:
-    import json
-
+    from mcstudy.files.json_files import json_text
+    from mcstudy.files.schema import identifier
     from mcstudy.fitting.status import Status
     from mcstudy.study.failures import account
 
     by_group, failed = account(cube)
     if as_json:
         groups = {name: {s.name.lower(): c[s] for s in Status} for name, c in by_group.items()}
-        print(json.dumps({"study": cube.study.study.name, "fingerprint": cube.study.fingerprint, "groups": groups}))
+        study, fingerprint = cube.study.study.name, cube.study.fingerprint
+        document = {"schema": identifier("status"), "study": study, "fingerprint": fingerprint, "groups": groups}
+        print(json_text(document, "status", "status"))
         return Exit.FITS_FAILED if failed else Exit.DONE
     print(f"{cube.path}: study {cube.study.study.name}, seed {cube.study.study.seed}")
     print(f"fingerprint {cube.study.fingerprint}")

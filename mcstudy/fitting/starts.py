@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mcstudy.fitting.sobol import sobol_points
 from mcstudy.stance.feedback import Model
 
 
@@ -24,12 +25,7 @@ def sobol(model: Model, rng: np.random.Generator, n: int) -> np.ndarray:
 
     The stream draws the scrambling alone, so a longer draw from the same stream begins with a shorter one.
     """
-    from scipy.stats import qmc  # a second to import, which every reader of a cube would wait for
-
-    P = len(model.parameters)
-    if n == 0:
-        return np.empty((0, P))
-    return _between(model, qmc.Sobol(P, seed=rng).random_base2((n - 1).bit_length())[:n])
+    return _between(model, sobol_points(len(model.parameters), rng, n))
 
 
 def latin_hypercube(model: Model, rng: np.random.Generator, n: int) -> np.ndarray:
@@ -38,7 +34,7 @@ def latin_hypercube(model: Model, rng: np.random.Generator, n: int) -> np.ndarra
     The slices depend on ``n``: a longer draw from the same stream has other points, so a study that grows its number
     of starts must fit all of them again.
     """
-    from scipy.stats import qmc
+    from scipy.stats import qmc  # half a second to import, which every other kind of start would wait for
 
     return _between(model, qmc.LatinHypercube(len(model.parameters), seed=rng).random(n))
 

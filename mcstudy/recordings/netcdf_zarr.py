@@ -1,4 +1,7 @@
-"""Recordings as labelled datasets: NetCDF (through h5netcdf) and Zarr, written and read by xarray.
+"""Recordings as labelled datasets: NetCDF (through h5netcdf) and Zarr, written by xarray.
+
+xarray also reads Zarr and packed NetCDF. A NetCDF file whose numbers are stored as they are, which is how recordings
+are written here, is read by h5netcdf alone: importing xarray takes as long as a third of a fast diagnosis.
 
 Dimensions ``trial, time, angle``; variables ``stimulus (trial, time)``, ``theta (trial, time, angle)``, ``amplitude
 (trial)`` and ``samples (trial)``, the length of every trial (shorter ones are padded with nan). Files
@@ -9,12 +12,13 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from functools import partial as bound
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from mcstudy.errors import ModelError, RecordingError
 from mcstudy.files import schema
@@ -28,11 +32,17 @@ from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, Body
 from mcstudy.stance.feedback import ANGLES
 
+if TYPE_CHECKING:
+    import h5netcdf
+    import xarray as xr
+
 BODY = ("J1", "J2", "C1", "C2", "A1", "A2", "g")
 
 
 def to_dataset(recording: Recording) -> xr.Dataset:
     """The recording as a dataset, angles in rad."""
+    import xarray as xr
+
     n = max(t.samples for t in recording.trials)
     stimulus = np.full((len(recording.trials), n), np.nan)
     theta = np.full((len(recording.trials), n, 2), np.nan)
@@ -137,27 +147,61 @@ def write_csv(recording: Recording, folder: str | Path) -> Path:
     return path
 
 
+@dataclass(frozen=True)
+class Variable:
+    """A variable of a file. Its dims, shape, dtype and attributes are known, its values are read on demand.
+
+    ``chunk``: shape of the pieces it is stored in, empty if it is stored in one.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    attrs: Mapping[str, Any]
+    chunk: tuple[int, ...]
+    read: Callable[[], np.ndarray]
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Length along every dimension; one trial where the file has no trials."""
+        return {"trial": 1, **dict(zip(self.dims, self.shape, strict=True))}
+
+    def along(self, *dims: str) -> np.ndarray:
+        """The values with these dims, among which are all of its own; one trial where the file has no trials."""
+        values, own = np.asarray(self.read()), self.dims
+        if "trial" not in own:
+            values, own = values[None], ("trial", *own)
+        return values.transpose([own.index(d) for d in dims])
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """The variables and attributes of a file."""
+
+    variables: Mapping[str, Variable]
+    attrs: Mapping[str, Any]
+
+    def coordinate(self, name: str) -> Variable | None:
+        """The coordinate of a dimension; None where there is none."""
+        found = self.variables.get(name)
+        return found if found is not None and found.dims == (name,) else None
+
+
 def read_dataset(path: str | Path) -> Recording:
     """Read a NetCDF file or a Zarr store (by its name's ending); structure and units, `RecordingError` otherwise."""
     path = Path(path)
-    # No indexes, because building one would read a coordinate before its size is checked.
-    options: dict[str, Any] = {
-        "decode_times": False,
-        "decode_timedelta": False,
-        "create_default_indexes": False,
-    }
     try:
         if path.suffix == ".zarr" or path.is_dir():
-            from mcstudy.files.guarded_store import GuardedStore  # imports Zarr, which NetCDF does not need
-
             check_zarr(path)
-            store: Any = GuardedStore(path, read_only=True)
-            dataset = xr.open_zarr(store, consolidated=False, zarr_format=3, chunks=None, **options)
-        else:
-            check_hdf5(path)
-            dataset = xr.open_dataset(path, engine="h5netcdf", **options)
-        with dataset:
-            return from_dataset(dataset, str(path))
+            return _by_xarray(path)
+        check_hdf5(path)
+        import h5netcdf
+
+        with h5netcdf.File(path, "r", decode_vlen_strings=True) as file:
+            if all(map(_stored_as_is, file.variables.values())):
+                return _recording(_of_netcdf(file), str(path))
+        return _by_xarray(path)
     except RecordingError:
         raise
     except Exception as error:  # the libraries raise different errors for files that are not recordings
@@ -165,32 +209,93 @@ def read_dataset(path: str | Path) -> Recording:
         raise RecordingError(f"{path}: expected NetCDF or Zarr: {reason}") from error
 
 
-def from_dataset(dataset: xr.Dataset, where: str = "dataset") -> Recording:
-    """A recording from a dataset, opened lazily or in memory; `RecordingError` names what is missing or wrong."""
-    stimulus = _variable(dataset, "stimulus", ("time",), where)
-    theta = _variable(dataset, "theta", ("time", "angle"), where)
-    for dim, size in {"trial": stimulus.sizes["trial"], "time": stimulus.sizes["time"], "angle": 2}.items():
+CODED = {"scale_factor", "add_offset", "missing_value", "_Unsigned", "_Encoding", "dtype"}
+"""Attributes by which the CF conventions, or xarray, say that a variable is stored in another form."""
+
+
+def _stored_as_is(variable: h5netcdf.Variable) -> bool:
+    """Whether a variable holds numbers, or text, that need no decoding."""
+    import h5py
+
+    fill = variable.attrs.get("_FillValue")
+    kept = fill is None or (variable.dtype.kind == "f" and bool(np.isnan(fill).all()))
+    text = h5py.check_string_dtype(variable.dtype)
+    plain = variable.dtype.kind in "fiu" if text is None else text.length is None
+    return plain and kept and CODED.isdisjoint(variable.attrs)
+
+
+def _of_netcdf(file: h5netcdf.File) -> Labelled:
+    def values(variable: h5netcdf.Variable) -> np.ndarray:
+        return np.asarray(variable[...])
+
+    variables = {
+        name: Variable(name, v.dimensions, v.shape, v.dtype, _text(v.attrs), v.chunks or (), bound(values, v))
+        for name, v in file.variables.items()
+    }
+    return Labelled(variables, _text(file.attrs))
+
+
+def _text(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes with bytes as text."""
+    return {k: v.decode("utf-8", "replace") if isinstance(v, bytes) else v for k, v in attributes.items()}
+
+
+def _by_xarray(path: Path) -> Recording:
+    import xarray as xr
+
+    # No indexes, because building one would read a coordinate before its size is checked.
+    options: dict[str, Any] = {"decode_times": False, "decode_timedelta": False, "create_default_indexes": False}
+    if path.suffix == ".zarr" or path.is_dir():
+        from mcstudy.files.guarded_store import GuardedStore  # imports Zarr, which NetCDF does not need
+
+        store: Any = GuardedStore(path, read_only=True)
+        opened = xr.open_zarr(store, consolidated=False, zarr_format=3, chunks=None, **options)
+    else:
+        opened = xr.open_dataset(path, engine="h5netcdf", **options)
+    with opened as dataset:
+        return _recording(_of_xarray(dataset), str(path))
+
+
+def _of_xarray(dataset: xr.Dataset) -> Labelled:
+    def values(variable: xr.Variable) -> np.ndarray:
+        return np.asarray(variable.values)
+
+    def of(name: str, v: xr.Variable) -> Variable:
+        chunk = v.encoding.get("chunks") or v.encoding.get("chunksizes") or ()
+        return Variable(name, tuple(map(str, v.dims)), v.shape, v.dtype, v.attrs, tuple(chunk), bound(values, v))
+
+    return Labelled({str(name): of(str(name), v) for name, v in dataset.variables.items()}, dict(dataset.attrs))
+
+
+def _recording(file: Labelled, where: str) -> Recording:
+    """The recording in a file; `RecordingError` names what is missing or wrong."""
+    stimulus = _variable(file, "stimulus", ("time",), where)
+    theta = _variable(file, "theta", ("time", "angle"), where)
+    count, length = stimulus.sizes["trial"], stimulus.sizes["time"]
+    for dim, size in {"trial": count, "time": length, "angle": 2}.items():
         if theta.sizes[dim] != size:
             raise RecordingError(f"{where}: theta: expected {size} along {dim}, got {theta.sizes[dim]}")
-    named = tuple(map(str, theta["angle"].values)) if "angle" in theta.coords else ANGLES
+    angle = file.coordinate("angle")
+    named = ANGLES if angle is None else tuple(map(str, angle.read()))
     if named != ANGLES:
         raise RecordingError(f"{where}: angle: expected {', '.join(ANGLES)}, got {', '.join(named)}")
-    attrs = dataset.attrs
+    attrs = file.attrs
     kind = str(_attribute(attrs, "stimulus_kind", where))
     if kind not in STIMULI:
         raise RecordingError(f"{where}: stimulus_kind: expected one of {', '.join(STIMULI)}, got {kind!r}")
-    count, length = stimulus.sizes["trial"], stimulus.sizes["time"]
     refuse_size(count, 0, where)
-    samples = _per_trial(dataset, "samples", count, float(length), where)
+    samples = _per_trial(file, "samples", count, float(length), where)
     for k, n in enumerate(samples, start=1):
         if not (1 <= n <= length and n == round(n)):
             raise RecordingError(f"{where}: samples: trial {k} states {n:g} of {length}")
     refuse_size(count, int(samples.sum()), where)
-    u = _values(stimulus, where) * factor(
+    u = _values(stimulus, ("trial", "time"), where) * factor(
         str(stimulus.attrs.get("units", "missing")), STIMULI[kind], f"{where}: stimulus"
     )
-    y = _values(theta, where) * factor(str(theta.attrs.get("units", "missing")), "rad", f"{where}: theta")
-    stated = _per_trial(dataset, "amplitude", count, np.nan, where)
+    y = _values(theta, ("trial", "time", "angle"), where) * factor(
+        str(theta.attrs.get("units", "missing")), "rad", f"{where}: theta"
+    )
+    stated = _per_trial(file, "amplitude", count, np.nan, where)
     trials = [
         Trial(u[k, :n], y[k, :n], None if np.isnan(stated[k]) else float(stated[k]))
         for k, n in enumerate(samples.astype(int))
@@ -199,7 +304,7 @@ def from_dataset(dataset: xr.Dataset, where: str = "dataset") -> Recording:
     try:
         return Recording(
             tuple(trials),
-            _rate(dataset, attrs, where),
+            _rate(file, where),
             None if period is None else _number(period, "period_s", where),
             kind,
             _body(attrs, where),
@@ -211,42 +316,40 @@ def from_dataset(dataset: xr.Dataset, where: str = "dataset") -> Recording:
         raise RecordingError(str(error) if str(error).startswith(where) else f"{where}: {error}") from error
 
 
-def _variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], where: str) -> xr.DataArray:
-    if name not in dataset:
-        raise RecordingError(f"{where}: {name}: missing; found {', '.join(map(str, dataset.data_vars)) or 'nothing'}")
-    array = dataset[name]
-    if array.dtype.kind not in "fiu":
-        raise RecordingError(f"{where}: {name}: expected numbers, got {array.dtype}")
-    if "trial" not in array.dims:
-        array = array.expand_dims("trial")
-    if set(array.dims) != {"trial", *dims}:
-        raise RecordingError(f"{where}: {name}: expected dimensions trial, {', '.join(dims)}, got {array.dims}")
-    chunks = array.encoding.get("chunks") or array.encoding.get("chunksizes") or ()
-    declared = 8 * max(array.size, math.prod(int(c) for c in chunks))
+def _variable(file: Labelled, name: str, dims: tuple[str, ...], where: str) -> Variable:
+    if name not in file.variables:
+        others = ", ".join(n for n in file.variables if file.coordinate(n) is None)
+        raise RecordingError(f"{where}: {name}: missing; found {others or 'nothing'}")
+    found = file.variables[name]
+    if found.dtype.kind not in "fiu":
+        raise RecordingError(f"{where}: {name}: expected numbers, got {found.dtype}")
+    if {"trial", *found.dims} != {"trial", *dims} or len(set(found.dims)) < len(found.dims):
+        raise RecordingError(f"{where}: {name}: expected dimensions trial, {', '.join(dims)}, got {found.dims}")
+    declared = 8 * max(math.prod(found.shape), math.prod(int(c) for c in found.chunk))
     if declared > LARGEST:
         raise RecordingError(f"{where}: {name}: declares {declared} bytes; expected less than {LARGEST}")
-    if array.size == 0:
+    if 0 in found.shape:
         raise RecordingError(f"{where}: {name}: empty")
-    return array.transpose("trial", *dims)
+    return found
 
 
-def _values(array: xr.DataArray, where: str) -> np.ndarray:
+def _values(variable: Variable, dims: tuple[str, ...], where: str) -> np.ndarray:
     try:
-        return np.asarray(array.values, dtype=float)
+        return np.asarray(variable.along(*dims), dtype=float)
     except (OSError, ValueError, RuntimeError, KeyError, MemoryError) as error:
-        raise RecordingError(f"{where}: {array.name}: cannot be read: {str(error).splitlines()[0]}") from error
+        raise RecordingError(f"{where}: {variable.name}: cannot be read: {str(error).splitlines()[0]}") from error
 
 
-def _per_trial(dataset: xr.Dataset, name: str, n: int, default: float, where: str) -> np.ndarray:
-    if name not in dataset:
+def _per_trial(file: Labelled, name: str, n: int, default: float, where: str) -> np.ndarray:
+    found = file.variables.get(name)
+    if found is None:
         return np.full(n, default)
-    array = dataset[name]
-    if array.dtype.kind not in "fiu" or array.size != n:
+    if found.dtype.kind not in "fiu" or math.prod(found.shape) != n:
         raise RecordingError(f"{where}: {name}: expected one number per trial ({n})")
-    return np.asarray(array.values, dtype=float).ravel()
+    return np.asarray(found.read(), dtype=float).ravel()
 
 
-def _attribute(attrs: dict[Any, Any], name: str, where: str) -> Any:
+def _attribute(attrs: Mapping[str, Any], name: str, where: str) -> Any:
     if name not in attrs:
         raise RecordingError(f"{where}: attribute {name!r} is missing; found {', '.join(map(str, attrs)) or 'none'}")
     return attrs[name]
@@ -261,18 +364,18 @@ def _number(value: Any, name: str, where: str) -> float:
         raise RecordingError(f"{where}: {name}: expected a number, got {value!r}"[:300]) from None
 
 
-def _rate(dataset: xr.Dataset, attrs: dict[Any, Any], where: str) -> float:
-    stated = None if "rate_hz" not in attrs else _number(attrs["rate_hz"], "rate_hz", where)
-    if "time" not in dataset.coords or dataset["time"].dtype.kind != "f":
+def _rate(file: Labelled, where: str) -> float:
+    stated = None if "rate_hz" not in file.attrs else _number(file.attrs["rate_hz"], "rate_hz", where)
+    time = file.coordinate("time")
+    if time is None or time.dtype.kind != "f":
         if stated is None:
             raise RecordingError(f"{where}: rate_hz: expected an attribute or a time coordinate in s")
         return stated
-    time = np.asarray(dataset["time"].values, dtype=float)
-    unit = str(dataset["time"].attrs.get("units", "s"))
-    return rate_of(time * factor(unit, "s", f"{where}: time"), stated, where)
+    unit = str(time.attrs.get("units", "s"))
+    return rate_of(np.asarray(time.read(), dtype=float) * factor(unit, "s", f"{where}: time"), stated, where)
 
 
-def _body(attrs: dict[Any, Any], where: str) -> Body:
+def _body(attrs: Mapping[str, Any], where: str) -> Body:
     text = _attribute(attrs, "body", where)
     try:
         given = json.loads(text) if isinstance(text, str) else dict(text)

@@ -21,10 +21,10 @@ LAYERS = ("stance", "files", "recordings", "spectra", "fitting", "study", "strea
 
 
 @cache
-def source() -> str:
+def source(layers: tuple[str, ...] = LAYERS) -> str:
     """SHA-256 of the source that computes the numbers; unlike a version number, it detects an edited copy."""
     package, digest = Path(__file__).resolve().parent.parent, sha256()
-    for layer in LAYERS:
+    for layer in layers:
         at = package / layer
         for file in [at] if at.is_file() else sorted(at.rglob("*.py")):
             digest.update(file.relative_to(package).as_posix().encode())

@@ -16,6 +16,7 @@ from tiny_studies import EIGHT_FITS as STUDY
 from mcstudy.cli import VERBS, main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
+from mcstudy.files import schema
 from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.status import Status
 from mcstudy.report.document import write_page
@@ -123,9 +124,11 @@ def test_status_counts_fits_by_outcome(cube: Path, capsys: pytest.CaptureFixture
     text = capsys.readouterr().out
     assert "noisy" in text
     assert main(["status", str(cube), "--json"]) == Exit.DONE
-    counts = json.loads(capsys.readouterr().out)["groups"]["noisy"]
+    printed = json.loads(capsys.readouterr().out)
+    counts = printed["groups"]["noisy"]
     assert sum(counts.values()) == 8
     assert counts["pending"] == 0
+    schema.validate("status", printed, "status")
 
 
 def test_failed_fits_are_listed_and_exit_4(

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from mcstudy.analysis.show import tables
+from mcstudy.analysis import view
+from mcstudy.analysis.show import summary, tables
 from mcstudy.challenge import files
 from mcstudy.cli import gap as gap_verb
 from mcstudy.cli import main
@@ -69,8 +70,8 @@ def test_a_cube_that_does_not_conform_is_not_made(tmp_path: Path, monkeypatch: p
 
 
 def test_tables_that_do_not_conform_are_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tables, "StudyView", lambda tree: tree)
-    monkeypatch.setattr(tables, "show_data", lambda *_: {"schema": schema.identifier("show")})
+    monkeypatch.setattr(view, "StudyView", lambda tree: tree)
+    monkeypatch.setattr(summary, "show_data", lambda *_: {"schema": schema.identifier("show")})
     with pytest.raises(StoreError, match=r"show: .*: missing \(show 1\.0\.0\)"):
         tables.report_of(None)  # type: ignore[arg-type]
 

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
+from mcstudy.fitting.sobol import DIRECTIONS, sobol_points
 from mcstudy.fitting.starts import STARTS
 from mcstudy.stance.body import one_segment, two_segment
 
@@ -33,6 +35,14 @@ def test_a_stream_decides_the_starts(kind: str) -> None:
 @pytest.mark.parametrize(("short", "long"), [(1, 2), (5, 8), (8, 9), (50, 500)])
 def test_a_longer_draw_begins_with_a_shorter_one(kind: str, short: int, long: int) -> None:
     assert draw(kind, short).tobytes() == draw(kind, long)[:short].tobytes()
+
+
+@pytest.mark.parametrize("dimensions", range(1, len(DIRECTIONS) + 3))
+@pytest.mark.parametrize("n", [1, 2, 64, 1000])
+def test_sobol_points_are_scipys_to_the_last_bit(dimensions: int, n: int) -> None:
+    seed = 100 * dimensions + n
+    expected = qmc.Sobol(dimensions, seed=np.random.default_rng(seed)).random_base2((n - 1).bit_length())[:n]
+    assert sobol_points(dimensions, np.random.default_rng(seed), n).tobytes() == expected.tobytes()
 
 
 def test_a_latin_hypercube_does_not_grow() -> None:

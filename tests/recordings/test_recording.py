@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from mcstudy.errors import RecordingError
 from mcstudy.files import schema
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.questions.labels import READINGS
+from mcstudy.recordings import netcdf_zarr
 from mcstudy.recordings.columns import TextTable
 from mcstudy.recordings.guards import check_hdf5, check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
@@ -288,6 +290,46 @@ def test_a_bad_dataset_gets_one_clear_line(
     change(to_dataset(SWAY)).to_netcdf(path, engine="h5netcdf")
     with pytest.raises(RecordingError, match=message):
         read_recording(path)
+
+
+def _equal(a: Recording, b: Recording) -> None:
+    assert replace(a, trials=b.trials) == b
+    for one, other in zip(a.trials, b.trials, strict=True):
+        assert one.amplitude == other.amplitude
+        assert one.stimulus.tobytes() == other.stimulus.tobytes()
+        assert one.theta.tobytes() == other.theta.tobytes()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d,
+        lambda d: d.isel(trial=0, drop=True).drop_vars(("samples", "amplitude")),
+        lambda d: d.transpose("angle", "time", "trial"),
+        lambda d: d.astype("f4"),
+        lambda d: d.drop_vars(("angle", "time", "trial")),
+    ],
+    ids=["as written", "one trial", "transposed", "single precision", "no coordinates"],
+)
+def test_a_netcdf_file_is_read_without_xarray_as_with_it(
+    tmp_path: Path, change: Callable[[xr.Dataset], xr.Dataset], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.nc"
+    change(to_dataset(SWAY)).to_netcdf(path, engine="h5netcdf")
+    expected = netcdf_zarr._by_xarray(path)
+    monkeypatch.delattr(netcdf_zarr, "_by_xarray")
+    _equal(read_dataset(path), expected)
+
+
+@pytest.mark.parametrize(
+    "encoding", [{"dtype": "i2", "scale_factor": 1e-5, "_FillValue": -(2**15)}, {"dtype": "f8", "_FillValue": -999.0}]
+)
+def test_packed_numbers_and_other_marks_of_missing_ones_are_decoded(tmp_path: Path, encoding: dict[str, Any]) -> None:
+    path = tmp_path / "a.nc"
+    dataset = to_dataset(SWAY)
+    dataset.to_netcdf(path, engine="h5netcdf", encoding={"theta": encoding})
+    (found, *_), (trial, *_) = read_dataset(path).trials, SWAY.trials
+    np.testing.assert_allclose(found.theta, trial.theta, atol=6e-6)
 
 
 def test_every_function_that_takes_a_path_takes_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

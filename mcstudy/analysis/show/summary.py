@@ -16,10 +16,9 @@ from mcstudy.analysis.montecarlo import Statistic, fraction, quantiles
 from mcstudy.analysis.notes import notes
 from mcstudy.analysis.paper.published import PAPER
 from mcstudy.analysis.paper.rows import Row, rows
+from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
-
-SCHEMA = "show"
 
 _FLAGS = ("applies", "held")
 """Variables of a result that are true or false."""

@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import xarray as xr
-
-from mcstudy.analysis.results import open_results
-from mcstudy.analysis.show.summary import SCHEMA, show_data
+from mcstudy.analysis.kept import kept
 from mcstudy.analysis.show.text import render
-from mcstudy.analysis.view import StudyView
 from mcstudy.files.schema import validate
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SCHEMA = "show"
 
 
 @dataclass(frozen=True)
@@ -34,17 +35,28 @@ class Report:
 def show(path: str | Path, reference: str | Path | None = None) -> Report:
     """Tables of the cube at ``path``, which may be incomplete (missing fits are counted as left out).
 
-    ``reference``: another cube; if given, groups are compared with its groups of the same name.
+    ``reference``: another cube; if given, groups are compared with its groups of the same name. The statistics are
+    computed once and kept (`mcstudy.analysis.kept`).
     Raises `StoreError` when one is not a cube of this version, `InputError` when none of their groups can be compared.
     """
-    tree = open_results(path, lazy=None)
-    if reference is None:
-        return report_of(tree)
-    return report_of(tree, open_results(reference, lazy=None), str(reference))
+
+    def compute() -> dict[str, Any]:
+        from mcstudy.analysis.results import open_results  # slow to import, and not needed for kept statistics
+
+        tree = open_results(path, lazy=None)
+        if reference is None:
+            return report_of(tree).data
+        return report_of(tree, open_results(reference, lazy=None), str(reference)).data
+
+    others = [] if reference is None else [str(reference)]
+    return Report(kept(SCHEMA, [Path(path), *map(Path, others)], others, compute))
 
 
 def report_of(tree: xr.DataTree, reference: xr.DataTree | None = None, name: str = "the reference") -> Report:
     """Tables of an open cube; ``reference``: another cube to compare with, called ``name``."""
+    from mcstudy.analysis.show.summary import show_data  # imports every statistic
+    from mcstudy.analysis.view import StudyView
+
     data = show_data(StudyView(tree), None if reference is None else StudyView(reference), name)
     validate(SCHEMA, data, "show")
     return Report(data)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
-from mcstudy.analysis.compare import MEASURES
-from mcstudy.text_tables import number, table, with_error
+from mcstudy.analysis.measures import MEASURES
+from mcstudy.text_tables import counted, number, table, with_error
 
 WIDTH = 118
 _HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}
@@ -91,7 +91,8 @@ def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
             claims.append(_claims(c))
     lines = [textwrap.fill(header, WIDTH), "", table(["", "Fmax", *(m.head for m in MEASURES.values())], rows), ""]
     for c in all_of_them:
-        what = f"{c['group']}: {'; '.join(c['differences']) or 'same setting'}; {c['realizations']} realizations"
+        how_many = counted(c["realizations"], "realization")
+        what = f"{c['group']}: {'; '.join(c['differences']) or 'same setting'}; {how_many}"
         lines.append(textwrap.fill(what, WIDTH, subsequent_indent="    "))
     return "\n".join([*lines, *claims])
 
@@ -110,10 +111,10 @@ def _claims(comparison: dict[str, Any]) -> str:
 
 def _group(name: str, group: dict[str, Any]) -> str:
     d = group["design"]
-    what = "realizations" if d["noise"] else "pools"
+    what = counted(d["realizations"], "realization" if d["noise"] else "pool")
     fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in group["fits"].items() if n)
     head = (
-        f"Group {name}: {d['realizations']} {what} x {d['starts']} starts; model {d['model']}, cost {d['cost']}, "
+        f"Group {name}: {what} x {counted(d['starts'], 'start')}; model {d['model']}, cost {d['cost']}, "
         f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
     )
     if group["differences"]:
@@ -183,14 +184,12 @@ def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float
         rows.append(line)
     without = efficient and any(_efficiency(p) == "-" for c in here for p in c["parameters"])
     fixed = any(_efficiency(p) == "fixed" for c in here for p in c["parameters"])
-    fixed = any(_efficiency(p) == "fixed" for c in here for p in c["parameters"])
-    return table(header, rows) + (_NO_BOUND if without else "") + (_FIXED if fixed else "") + (_FIXED if fixed else "")
+    return table(header, rows) + (_NO_BOUND if without else "") + (_FIXED if fixed else "")
 
 
 _NO_BOUND = (
     "\nefficiency '-': the Cramér-Rao bound does not apply (more than one fit in ten is on some bound) or is not known."
 )
-_FIXED = "\nefficiency 'fixed': the bounds determine the parameter; within them, the data do not."
 _FIXED = "\nefficiency 'fixed': the bounds determine the parameter; within them, the data do not."
 
 

@@ -1,0 +1,123 @@
+"""Statistics of a cube that are kept, so that the next look at the same cube need not compute them again.
+
+They lie in ``OUT.log/statistics/``, next to the cube and not part of it; whoever deletes them loses nothing but time.
+The name of a file is a hash of everything that the numbers depend on: every byte of the cube and of its run log, the
+source of this package, versions, CPU and threads. So a changed or damaged cube, another program and another machine
+do not find it, and what is found under a name was computed from exactly these bytes, which were checked then.
+
+A file is written whole or not at all and starts with its checksum. A file that is damaged, or that cannot be read or
+written (a read-only folder), is as if it were not there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import stat
+from collections.abc import Callable, Sequence
+from hashlib import file_digest, sha256
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from mcstudy.errors import StoreError
+from mcstudy.files import schema
+from mcstudy.files.durable import log_folder, write
+from mcstudy.files.untrusted import json_document, real_bytes
+from mcstudy.study.environment import environment, source
+
+MOST = 8
+"""Files that are kept per cube; the oldest are removed."""
+
+LARGEST = 1 << 28
+"""Bytes of a file that is read at most."""
+
+PACKAGES = ("xarray", "pandas")
+"""Libraries of the statistics whose versions `environment` does not hold."""
+
+
+def folder(cube: Path) -> Path:
+    """Where the statistics of a cube are kept."""
+    return log_folder(cube) / "statistics"
+
+
+def kept(
+    kind: str, cubes: Sequence[Path], words: Sequence[str], compute: Callable[[], dict[str, Any]]
+) -> dict[str, Any]:
+    """What ``compute`` returns, a JSON value that conforms to the schema ``kind``; computed only if it is not kept.
+
+    ``cubes``: all that it is computed from; it is kept beside the first. ``words``: what else it depends on.
+    """
+    key = _key(kind, cubes, words)
+    if key is None:
+        return compute()
+    file = folder(cubes[0]) / key
+    found = _read(file, kind)
+    if found is None:
+        found = compute()
+        if _key(kind, cubes, words) == key:  # no run has changed the cube meanwhile
+            _write(file, found)
+    return found
+
+
+def _key(kind: str, cubes: Sequence[Path], words: Sequence[str]) -> str | None:
+    """Hash of everything that the statistics depend on; None for a cube that cannot be read."""
+    try:
+        content = [_content(cube) for cube in cubes]
+    except OSError:
+        return None
+    versions = {name: version(name) for name in PACKAGES}
+    parts = [kind, content, list(words), environment(), versions, source((".",))]
+    return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def _content(cube: Path) -> str:
+    """SHA-256 of everything in a cube's folder, and of its run log; `OSError` for more than plain files and folders."""
+    digest = sha256()
+
+    def add(path: str) -> None:
+        mode = os.lstat(path).st_mode
+        digest.update(os.fsencode(os.path.relpath(path, cube)) + b"\0")
+        if stat.S_ISREG(mode):
+            with open(path, "rb") as file:
+                digest.update(file_digest(file, "sha256").digest())
+        elif not stat.S_ISDIR(mode):
+            raise OSError(f"{path}: expected a file or a folder")
+
+    def fail(error: OSError) -> None:
+        raise error
+
+    for place, folders, files in os.walk(cube, onerror=fail):
+        folders.sort()
+        for name in sorted([*folders, *files]):
+            add(os.path.join(place, name))
+    log = log_folder(cube) / "runs.jsonl"  # it tells which chunks must be there
+    if os.path.lexists(log):
+        add(str(log))
+    return digest.hexdigest()
+
+
+def _read(file: Path, kind: str) -> dict[str, Any] | None:
+    with contextlib.suppress(OSError, ValueError, StoreError):
+        seal, _, text = real_bytes(file, LARGEST).partition(b"\n")
+        if seal == _seal(file.name, text):
+            value = json_document(text)
+            schema.validate(kind, value, str(file))
+            return dict(value)
+    return None
+
+
+def _write(file: Path, value: dict[str, Any]) -> None:
+    with contextlib.suppress(OSError, ValueError):  # a read-only or full disk, or numbers that JSON cannot hold
+        text = json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write(file, _seal(file.name, text) + b"\n" + text)
+        newest = sorted(file.parent.iterdir(), key=lambda f: f.stat().st_mtime_ns, reverse=True)
+        for old in newest[MOST:]:
+            old.unlink(missing_ok=True)
+
+
+def _seal(key: str, text: bytes) -> bytes:
+    """Checksum of a file's text and name, so that a file under another name is not taken for its own."""
+    return sha256(key.encode() + b"\n" + text).hexdigest().encode()

@@ -23,7 +23,7 @@ def with_error(value: float | None, mcse: float | None) -> str:
     if not 1e-3 <= max(abs(value), mcse) < 1e5:
         return f"{number(value, 2)} ± {number(mcse, 2)}"
     decimals = max(1 - math.floor(math.log10(mcse)), 0)
-    if decimals > 4:
+    if decimals > 5:
         return f"{number(value)} ± {number(mcse, 2)}"
     return f"{value:.{decimals}f} ± {mcse:.{decimals}f}"
 

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb and of its sub-verbs."""
     verbs = parser.add_subparsers(dest="gap", metavar="VERB", required=True)
     effects = verbs.add_parser(
-        "effects", help="list the effects that a model may lack, with equations and published sizes"
+        "effects", help="list the effects that a model may lack, with equations, usual sizes and their sources"
     )
     effects.set_defaults(run=_effects)
 
@@ -88,7 +88,7 @@ def main(args: argparse.Namespace) -> Exit:
 def _effects(_: argparse.Namespace) -> Exit:
     from mcstudy.effect_library.library import table_text
 
-    print(table_text())
+    print(table_text(_width()))
     return Exit.DONE
 
 
@@ -110,14 +110,24 @@ def _diagnosed(args: argparse.Namespace) -> Diagnosis:
 def _diagnose(args: argparse.Namespace) -> Exit:
     from mcstudy.files.json_files import json_text, write_json, write_text
     from mcstudy.gap.tables import text
+    from mcstudy.gap.verdict import WIDTH, wrapped
+
+    def words(width: int) -> str:
+        return f"{wrapped(diagnosis, width)}\n\n{text(diagnosis, width)}"
 
     diagnosis = _diagnosed(args)
-    words = f"{diagnosis.verdict()}\n\n{text(diagnosis)}"
     if args.out:
         write_json(args.out / "diagnosis.json", diagnosis.to_dict(), "diagnosis")
-        write_text(args.out / "diagnosis.txt", words)
-    print(json_text(diagnosis.to_dict(), "diagnosis", "diagnosis") if args.json else words)
+        write_text(args.out / "diagnosis.txt", words(WIDTH))
+    print(json_text(diagnosis.to_dict(), "diagnosis", "diagnosis") if args.json else words(_width()))
     return Exit.DONE
+
+
+def _width() -> int:
+    """Width of the terminal; 100 characters where there is none."""
+    import shutil
+
+    return shutil.get_terminal_size((100, 24)).columns
 
 
 def _report(args: argparse.Namespace) -> Exit:

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME[=SIZE]",
-        help="an effect listed by `mcstudy gap effects`, of size SIZE or drawn from its published range (and reduced "
+        help="an effect listed by `mcstudy gap effects`, of size SIZE or drawn from its usual range (and reduced "
         "until the body is stable); may be repeated",
     )
     parser.add_argument(

@@ -8,6 +8,7 @@ diagnosis then treats like the others.
 from __future__ import annotations
 
 import contextlib
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -16,7 +17,6 @@ from mcstudy.effect_library.published import DECLARATIONS
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.rules import Rules
-from mcstudy.text_tables import table
 
 
 class Library(Mapping[str, Effect]):
@@ -127,13 +127,41 @@ def _apply(model: Model, effects: list[Effect], sizes: Iterable[Size]) -> Model:
     return model
 
 
-def table_text() -> str:
-    """The library as a text table for `mcstudy gap effects`."""
-    header = ("effect", "location", "size", "published", "equation")
-    rows = []
-    for e in LIBRARY.values():
-        low, high = e.size.published
-        sign = "±" if e.size.signed else ""
-        size = f"{e.size.name} [{e.size.unit}]" if e.size.unit else e.size.name
-        rows.append((e.name, ", ".join(e.place), size, f"{sign}{low:.3g} … {high:.3g}", e.equation))
-    return table(header, rows, of_text=True)
+def usual_size(parameter: str) -> tuple[float, float] | None:
+    """The usual magnitude of a parameter that an effect adds; None for a name that no effect has."""
+    return next((s.published for e in LIBRARY.values() for s in e.sizes if s.name == parameter), None)
+
+
+def shape_parameters() -> set[str]:
+    """Names of the parameters that shape an effect without being its size."""
+    return {s.name for e in LIBRARY.values() for s in e.sizes if s.is_shape}
+
+
+def table_text(width: int = 100) -> str:
+    """The library as text for `mcstudy gap effects`, in lines of at most ``width`` characters.
+
+    One block per effect: name, location, size with its usual range, equation, and where that range comes from.
+    """
+
+    def lines(label: str, content: str) -> str:
+        return textwrap.fill(
+            content, max(width, 40), initial_indent=f"  {label}  ", subsequent_indent=" " * (len(label) + 4)
+        )
+
+    return "\n\n".join(
+        "\n".join(
+            [
+                f"{e.name}  ({', '.join(e.place)})",
+                lines("size    ", f"{e.size.name}, {size_text(e.size)}: {e.size.meaning}"),
+                lines("equation", e.equation),
+                lines("source  ", e.source),
+            ]
+        )
+        for e in LIBRARY.values()
+    )
+
+
+def size_text(size: Size) -> str:
+    """The usual range of a size with its unit."""
+    low, high = size.published
+    return f"{'±' if size.signed else ''}{low:.3g} to {high:.3g} {size.unit}".rstrip()

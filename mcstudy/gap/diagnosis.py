@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 from typing import Any, ClassVar
 
@@ -10,9 +11,9 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
-from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap import tables, verdict
-from mcstudy.gap.questions.closure import Closure
+from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.detection import Detection
 from mcstudy.gap.questions.parameters import Shift
@@ -22,6 +23,7 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines
+from mcstudy.streams import stream
 
 LEVEL = 0.05
 """Significance level of the test for a gap."""
@@ -42,8 +44,8 @@ class Diagnosis(Summary):
     credible_set: the smallest set of causes, "unknown" and "none" with a probability of 95 %, as indices into
         ``causes`` or words.
     closed: share of the gap that the leading cause closes (None without a gap). sway_rms_deg: RMS error of predicted
-        sway before and after adding the cause, and its noise floor, deg. undetectable: effects below the detection
-        limit.
+        sway of the base model ("before") and with the leading cause ("after"), and its noise floor, deg.
+        undetectable: effects below the detection limit.
     detection: tests, residual map and bands. contrasts: comparisons between amplitudes and over time. shifts: parameter
         estimates. groups: effects that this recording cannot distinguish. f: lines, Hz. torque: (N, 2) complex, torque
         per stimulus by row (hip, ankle) that would close the gap; for illustration only.
@@ -80,11 +82,33 @@ class Diagnosis(Summary):
     more: ClassVar[str] = "verdict(), to_dict()"
     """Further methods, named in the representation at a prompt."""
 
+    @property
+    def leading(self) -> Cause | None:
+        """The most probable named cause, which was added to the model; None when no gap was detected."""
+        return self.causes[0] if self.detected and self.causes else None
+
+    @property
+    def added(self) -> Fitted | None:
+        """The fit with the leading cause; None without a gap, or when that cause leaves the mean response unchanged."""
+        leading = self.leading
+        return None if leading is None or leading.fitted.model.names == self.base.model.names else leading.fitted
+
+    @cached_property
+    def sway_noise_deg(self) -> tuple[float, float] | None:
+        """Range of the error of predicted sway in 95 % of recordings with noise alone, deg; None without time series.
+
+        It is that of the model with the leading cause, if one was added.
+        """
+        if self.sway_rms_deg["floor"] is None:
+            return None
+        fitted = self.base if self.added is None else self.added
+        rng = stream(int(self.method["seed"]), "gap sway")
+        return noise_rms_deg(fitted, Data.of(self.lines), self.lines, rng)
+
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
-        words = verdict.words
         found = "a gap beyond noise" if self.detected else "no gap beyond noise"
-        causes = [(c.probability, words(" and ".join(c.effects))) for c in self.causes]
+        causes = [(c.probability, verdict.effects_of(c)) for c in self.causes]
         causes += [
             (self.unknown_probability, "a cause outside the library"),
             (self.none_probability, "no missing effect"),
@@ -97,7 +121,7 @@ class Diagnosis(Summary):
             ("causes", "; ".join(f"{name} {100 * p:.0f} %" for p, name in leading)),
             ("location", f"{place} {100 * self.place[place]:.0f} %"),
         ]
-        if self.closed is not None:
+        if self.closed is not None and self.added is not None:
             c = self.closed
             facts.append(("closed", f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}] of the gap"))
         if self.warnings:
@@ -141,6 +165,7 @@ class Diagnosis(Summary):
                     "trials_needed": closed.trials_needed,
                 },
                 "sway_rms_deg": self.sway_rms_deg,
+                "sway_noise_deg": self.sway_noise_deg,
                 "undetectable": [_of(u, "effect reason size_needed unit trials_needed") for u in self.undetectable],
                 "fit": {
                     "chi2": d.chi2,

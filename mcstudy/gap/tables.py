@@ -5,9 +5,15 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from mcstudy import text_tables
-from mcstudy.gap.questions.parameters import SOURCES_EXPLAINED
-from mcstudy.gap.verdict import named, undetected, words
+from mcstudy.effect_library.library import usual_size
+from mcstudy.gap.questions.contrasts import DRAWS
+from mcstudy.gap.questions.parameters import SOURCES, SOURCES_EXPLAINED
+from mcstudy.gap.questions.posterior import Cause
+from mcstudy.gap.questions.power import FOUND
+from mcstudy.gap.verdict import WIDTH, added_name, effects_of, not_a_body, p_value, undetected, wrap
 from mcstudy.text_tables import number, with_error
 
 if TYPE_CHECKING:
@@ -15,6 +21,15 @@ if TYPE_CHECKING:
 
 SHOWN = 0.01
 """Causes with a probability below this share one row."""
+
+MOST_TRIALS = 100
+"""Larger numbers of trials are not written out."""
+
+MEASURES_EXPLAINED = (
+    "The share counts every line by its precision, less the noise. The error of predicted sway counts every line by "
+    "its sway, so the lowest frequencies, where sway and its noise are largest, dominate it; it shows a gap only when "
+    "it leaves the range that noise alone gives."
+)
 
 
 class Table(NamedTuple):
@@ -28,13 +43,16 @@ class Table(NamedTuple):
 
 def tables(d: Diagnosis) -> list[Table]:
     """The tables of a diagnosis that are not empty."""
-    found = [_causes(d), _locations(d), _gap(d), _parameters(d), _contrasts(d), _undetectable(d)]
+    found = [evidence(d), _causes(d), _sizes(d), _locations(d), closing(d), _parameters(d), _contrasts(d)]
+    found.append(_undetectable(d))
     return [t for t in found if t.rows]
 
 
-def text(d: Diagnosis) -> str:
-    """All tables as plain text."""
-    return "\n\n".join(text_tables.table(t.header, t.rows) + (f"\n{t.note}" if t.note else "") for t in tables(d))
+def text(d: Diagnosis, width: int = WIDTH) -> str:
+    """All tables as plain text; the notes below them in lines of at most ``width`` characters."""
+    return "\n\n".join(
+        text_tables.table(t.header, t.rows) + (f"\n{wrap(t.note, width)}" if t.note else "") for t in tables(d)
+    )
 
 
 def html(d: Diagnosis) -> str:
@@ -55,22 +73,52 @@ def _causes(d: Diagnosis) -> Table:
     def yes(cause: int | str) -> str:
         return "yes" if cause in d.credible_set else ""
 
+    notes: list[str] = []
     rows = []
     for k, c in enumerate(d.causes):
         if c.probability >= SHOWN:
-            sizes = "; ".join(f"{s.name} {with_error(s.estimate, s.se)} {s.unit}".rstrip() for s in c.sizes)
-            rows.append((c.probability, [named(c), f"{c.probability:.3f}", sizes, yes(k)]))
+            rows.append((c.probability, [_marked(c, notes), f"{c.probability:.3f}", yes(k)]))
     rows += [
-        (d.none_probability, ["no missing effect", f"{d.none_probability:.3f}", "", yes("none")]),
-        (
-            d.unknown_probability,
-            ["a cause outside the library", f"{d.unknown_probability:.3f}", "", yes("unknown")],
-        ),
+        (d.none_probability, ["no missing effect", f"{d.none_probability:.3f}", yes("none")]),
+        (d.unknown_probability, ["a cause outside the library", f"{d.unknown_probability:.3f}", yes("unknown")]),
     ]
     lines = [cells for _, cells in sorted(rows, key=lambda row: -row[0])]
     others = sum(c.probability for c in d.causes if c.probability < SHOWN)
-    lines.append(["all other causes", f"{others:.3f}", "", ""])
-    return Table("Causes", ["cause", "probability", "size ± standard error", "in the 95 % credible set"], lines)
+    lines.append(["all other causes", f"{others:.3f}", ""])
+    note = " ".join(f"[{i}] cannot be told from {others}." for i, others in enumerate(notes, 1))
+    return Table("Causes", ["cause", "probability", "in the 95 % set"], lines, note)
+
+
+def _marked(cause: Cause, notes: list[str]) -> str:
+    """The effects of a cause; a number refers to the indistinguishable effects, which are added to ``notes``."""
+    parts = []
+    for effect, group in zip(cause.effects, cause.alternatives, strict=True):
+        others = ", ".join(n for n in group if n != effect)
+        if others and others not in notes:
+            notes.append(others)
+        parts.append(f"{effect} [{notes.index(others) + 1}]" if others else effect)
+    return " and ".join(parts)
+
+
+def _sizes(d: Diagnosis) -> Table:
+    """Sizes of the leading cause and of the other named ones in the 95 % set."""
+    rows = []
+    for cause in (d.causes[k] for k in d.credible_set if isinstance(k, int)):
+        for s in cause.sizes:
+            usual = usual_size(s.name)
+            rows.append(
+                [
+                    s.name,
+                    with_error(s.estimate, s.se),
+                    f"{number(s.low)} to {number(s.high)}",
+                    "-" if usual is None else f"{usual[0]:.3g} to {usual[1]:.3g}",
+                    s.unit,
+                    effects_of(cause),
+                ]
+            )
+    header = ["size", "estimate ± standard error", "95 % interval", "usual size", "unit", "of"]
+    note = "usual size: magnitude in people; `mcstudy gap effects` states where each comes from."
+    return Table("Sizes of the causes in the 95 % set", header, rows, note)
 
 
 def _locations(d: Diagnosis) -> Table:
@@ -78,50 +126,98 @@ def _locations(d: Diagnosis) -> Table:
     return Table("Location", ["location", "probability"], [*rows, ["no single location", f"{d.place_abstained:.3f}"]])
 
 
-def _gap(d: Diagnosis) -> Table:
+def evidence(d: Diagnosis) -> Table:
+    """What the decision that there is a gap, or none, rests on."""
     t = d.detection
+    least = 1 / (1 + t.draws)
+    limit = float(np.quantile(t.null_statistic, 0.95))
+    low, high = np.quantile(t.null_chi2, (0.025, 0.975))
     rows = [
-        ["squared residual, expected from noise alone", f"{t.chi2:.0f}, {t.expected_chi2:.0f}"],
-        ["p-value of the whole residual (goodness of fit)", number(t.fit_p_value, 2)],
-        ["p-value of any gap", number(d.p_value, 2)],
+        [
+            "deviations of known shape (ln Bayes factor)",
+            number(t.statistic),
+            f"below {number(limit, 2)}",
+            p_value(t.p_value, least),
+        ],
+        [
+            "squared residual of all lines",
+            f"{t.chi2:.0f}",
+            f"{low:.0f} to {high:.0f}, mean {t.expected_chi2:.0f}",
+            p_value(t.fit_p_value, least),
+        ],
     ]
+    for c in d.contrasts:
+        if c.changes:
+            name = "change of gains with amplitude" if c.kind == "amplitude" else "change of gains over the recording"
+            rows.append([name, "", "", p_value(c.p_value, 1 / (1 + DRAWS))])
+    rows.append(["any gap", "", "", p_value(d.p_value, d.p_least)])
+    return Table("Is there a gap", ["test", "observed", "noise alone, 95 %", "p-value"], rows, _why(d))
+
+
+def _why(d: Diagnosis) -> str:
+    t = d.detection
+    note = (
+        "The squared residual of all lines is a goodness of fit: it adds the noise of every line, in which a gap of "
+        "one shape can be lost. The first test looks only along the deviations that effects of the library or a smooth "
+        "unknown torque would leave, so it finds much smaller gaps. “Any gap” combines all tests, with a margin for "
+        "noise of another colour."
+    )
+    if d.detected and t.p_value > d.p_value:
+        return f"{note} Here the change of gains decides: the residual of the mean response shows nothing."
+    if d.leading is None or d.added is None:
+        return note
+    fall, parameters = d.base.chi2 - d.added.chi2, d.added.theta.size - d.base.theta.size
+    return (
+        f"{note} Here, adding {effects_of(d.leading)} lowers the squared residual by {number(fall)}, where noise alone "
+        f"would lower it by about {parameters}; the sum over all lines scatters by ± {t.null_chi2.std():.0f} (SD)."
+    )
+
+
+def closing(d: Diagnosis) -> Table:
+    """Both measures of how far the leading cause closes the gap, with what noise alone leaves of each."""
+    low, high = np.quantile(d.detection.null_chi2, (0.025, 0.975))
+    rows = [["squared residual of all lines", f"{d.base.chi2:.0f}", "", f"{low:.0f} to {high:.0f}"]]
+    if d.sway_noise_deg is not None:
+        low, high = d.sway_noise_deg
+        noise = f"{number(low, 2)} to {number(high, 2)}"
+        rows.append(["error of predicted sway (deg RMS)", number(d.sway_rms_deg["before"]), "", noise])
+    title, header = "How far the gap closes", ["measure", "base model", added_name(d), "noise alone, 95 %"]
+    if d.added is None:
+        return Table(title, header[:2] + header[3:], [[*row[:2], row[3]] for row in rows])
+    for row, value in zip(rows, (f"{d.added.chi2:.0f}", number(d.sway_rms_deg["after"])), strict=False):
+        row[2] = value
     if d.closed is not None:
         c = d.closed
         share = f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
-        rows.append([f"closed by {words(' and '.join(d.causes[0].effects))}", share])
-    for key, name in (("before", "base model"), ("after", "with the leading cause"), ("floor", "noise floor")):
-        value = d.sway_rms_deg[key]
-        if value is not None:
-            rows.append([f"error of predicted sway (RMS), {name}", f"{value:.3g} deg"])
-    return Table("Size of the gap", ["gap", ""], rows)
+        rows.append(["share of the gap closed", "0 %", share, "-"])
+    return Table(title, header, rows, MEASURES_EXPLAINED)
 
 
 def _parameters(d: Diagnosis) -> Table:
-    header = ["parameter", "base model", "with the leading cause", "unit", "value from"]
     rows = [
         [
             s.name,
-            with_error(s.without, s.without_se),
-            "-" if s.added is None else with_error(s.added, s.added_se),
+            _value(s.without, s.without_se, s.without_from),
+            *([] if d.added is None else [_value(s.added, s.added_se, s.added_from)]),
             s.unit,
-            s.source,
         ]
         for s in d.shifts
     ]
-    title = "Parameters without and with the leading cause, ± standard error"
-    if not any(s.source for s in d.shifts):
-        return Table(title, header[:-1], [row[:-1] for row in rows])
-    return Table(title, header, rows, SOURCES_EXPLAINED)
+    header = ["parameter", "base model", *([] if d.added is None else [added_name(d)]), "unit"]
+    marked = any(SOURCES.get(s.without_from) or SOURCES.get(s.added_from or "") for s in d.shifts)
+    note = " ".join(x for x in (SOURCES_EXPLAINED if marked else "", not_a_body(d)) if x)
+    return Table("Parameters ± standard error", header, rows, note)
+
+
+def _value(value: float | None, se: float | None, source: str | None) -> str:
+    """A parameter with what its value comes from; no standard error on a bound."""
+    shown = number(value) if source == "bound" else with_error(value, se)
+    return f"{shown} {SOURCES.get(source or '', '')}".rstrip()
 
 
 def _contrasts(d: Diagnosis) -> Table:
     rows = [
-        [
-            f"{c.kind}, {words(k.effect)}",
-            with_error(100 * k.gain, 100 * k.se),
-            f"{k.z:.2f}",
-            number(c.p_value, 2),
-        ]
+        [f"{c.kind}, {k.effect}", with_error(100 * k.gain, 100 * k.se), f"{k.z:.2f}", number(c.p_value, 2)]
         for c in d.contrasts
         for k in c.changes
     ]
@@ -133,17 +229,24 @@ def _contrasts(d: Diagnosis) -> Table:
 
 
 def _undetectable(d: Diagnosis) -> Table:
+    def trials(needed: int | None) -> str:
+        return "-" if needed is None else f"> {MOST_TRIALS}" if needed > MOST_TRIALS else str(needed)
+
     rows = [
         [
-            words(u.effect),
-            "-" if u.size_needed is None else f"{number(u.size_needed, 2)} {u.unit}".rstrip(),
-            "-" if u.trials_needed is None else str(u.trials_needed),
+            u.effect,
             u.reason,
+            "-" if u.size_needed is None else f"{number(u.size_needed, 2)} {u.unit}".rstrip(),
+            trials(u.trials_needed),
         ]
         for u in undetected(d)
     ]
     return Table(
         "Effects below the detection limit of these data",
-        ["below the detection limit", "size needed", "trials needed (in all)", "expected detectability"],
+        ["below the detection limit", "expected z, or why not", "size needed", "trials needed"],
         rows,
+        f"expected z: usual size of the effect (middle of its range), divided by the standard error with which these "
+        f"data would estimate it. At z = {FOUND:g} an effect is detected in about 80 % of recordings. size needed: the "
+        f"smallest size with z = {FOUND:g} in these data. trials needed: how many trials like these, in all (now: "
+        f"{d.method['trials']}), give the usual size z = {FOUND:g}. -: none within the bounds would do.",
     )

@@ -1,27 +1,53 @@
-"""The outcome of a diagnosis as text."""
+"""The outcome of a diagnosis in words.
+
+Effects have the names under which the library lists them, so that any of them can be given to ``mcstudy simulate``.
+"""
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.gap.questions.parameters import sources
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import Undetectable
+from mcstudy.text_tables import number, with_error
 
 if TYPE_CHECKING:
     from mcstudy.gap.diagnosis import Diagnosis
 
+WIDTH = 100
+"""Widest line of text."""
 
-def words(name: str) -> str:
-    """The name of an effect for display, with spaces."""
-    return name.replace("_", " ")
+WIDE = 0.3
+"""Width of the interval of the share closed from which the number of trials that narrows it is stated."""
+
+ON_BOUNDS = 2
+"""Number of parameters on bounds from which the fit is said to describe no body."""
+
+SHARED = 0.25
+"""Probability from which a location is named, if those named have more than half of it together."""
+
+
+def effects_of(cause: Cause) -> str:
+    """The effects of a cause by name."""
+    return " and ".join(cause.effects)
+
+
+def added_name(d: Diagnosis) -> str:
+    """What the model with the leading cause is called in tables and figures."""
+    if d.leading is None:
+        return "with a cause"
+    return f"with {d.leading.effects[0]}" if len(d.leading.effects) == 1 else "with both effects"
 
 
 def named(cause: Cause) -> str:
     """Names of the effects of a cause, each with the effects that the recording cannot distinguish from it."""
     parts = []
     for effect, group in zip(cause.effects, cause.alternatives, strict=True):
-        others = [words(n) for n in group if n != effect]
-        parts.append(words(effect) + (f" (cannot be told from {', '.join(others)})" if others else ""))
+        others = [n for n in group if n != effect]
+        parts.append(effect + (f" (cannot be told from {', '.join(others)})" if others else ""))
     return " and ".join(parts)
 
 
@@ -43,49 +69,108 @@ def where(d: Diagnosis) -> str:
     return "in " + ", and in ".join(parts) if parts else "no single frequency band stands out"
 
 
+def p_value(p: float, least: float) -> str:
+    """A p-value; ``least`` is the smallest one that this number of null samples can give."""
+    return f"< {least:.2g}" if p <= 1.01 * least else f"{p:.2g}"
+
+
 def p_words(p: float, least: float) -> str:
-    """A p-value as text; ``least`` is the smallest one that this number of null samples can give."""
-    return f"p < {least:.2g}" if p <= 1.01 * least else f"p = {p:.2g}"
+    """A p-value in a sentence; see `p_value`."""
+    text = p_value(p, least)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
 def verdict(d: Diagnosis) -> str:
-    """One paragraph: whether there is a gap, where, its cause, how much it closes, and what cannot be ruled out."""
+    """All sentences as one paragraph."""
+    return " ".join(sentences(d))
+
+
+def wrapped(d: Diagnosis, width: int = WIDTH) -> str:
+    """The sentences in lines of at most ``width`` characters; each part of the verdict begins a line."""
+    return "\n".join(wrap(part, width) for part in sentences(d))
+
+
+def wrap(text: str, width: int = WIDTH) -> str:
+    """A paragraph in lines of at most ``width`` characters. Names, and numbers with their errors, stay whole."""
+    whole = text.replace(" %", "\xa0%").replace(" ± ", "\xa0±\xa0")
+    lines = textwrap.fill(whole, max(20, min(width, WIDTH)), break_on_hyphens=False, break_long_words=False)
+    return lines.replace("\xa0", " ")
+
+
+def sentences(d: Diagnosis) -> list[str]:
+    """The parts of the verdict: whether there is a gap, where, its cause, how much it closes, what stays open."""
     p = p_words(d.p_value, d.p_least)
-    parts = []
-    if not d.detected:
-        parts.append(f"No gap beyond noise ({p}): the model without further effects describes this recording.")
+    if d.detected:
+        parts = [f"A gap beyond noise ({p}); {where(d)}."]
     else:
-        parts.append(f"A gap beyond noise ({p}), {where(d)}.")
-        parts += _cause(d)
-        if d.closed is not None:
-            c = d.closed
-            best = words(" and ".join(d.causes[0].effects))
-            parts.append(
-                (
-                    f"The best-fitting effect of the library, {best}, would close"
-                    if _unnamed(d)
-                    else f"Adding {best} closes"
-                )
-                + f" {100 * c.fraction:.0f} % "
-                f"[{100 * c.low:.0f}, {100 * c.high:.0f}] of the gap"
-                + (", down to the noise floor." if c.at_noise_floor else ".")
-                + (
-                    f" With about {c.trials_needed} such trials in all this share would be known to ±15 percentage "
-                    "points."
-                    if c.high - c.low > 0.3
-                    else ""
-                )
-            )
+        parts = [f"No gap beyond noise ({p}): the model without further effects describes this recording."]
+    if d.leading is not None:
+        parts += [_cause(d, d.leading), share_closed(d), sway(d)]
+    parts.append(not_a_body(d))
     for contrast in d.contrasts:
         if contrast.p_value < 0.01 and contrast.changes:
             largest = max(contrast.changes, key=lambda k: k.log_factor)
             what = "with amplitude" if contrast.kind == "amplitude" else "over the recording"
-            parts.append(f"The active gains change {what} by {100 * largest.gain:+.0f} % (± {100 * largest.se:.0f}).")
-    missed = [words(u.effect) for u in undetected(d)]
+            change = with_error(100 * largest.gain, 100 * largest.se)
+            parts.append(f"The active gains change {what} by {change} %.")
+    missed = [u.effect for u in undetected(d)]
     if missed:
         parts.append(f"These data can neither confirm nor rule out: {', '.join(missed)}.")
     parts += [f"Note: {w}." for w in d.warnings]
-    return " ".join(parts)
+    return [part for part in parts if part]
+
+
+def undetected(d: Diagnosis) -> list[Undetectable]:
+    """Effects below the detection limit, except those of the leading cause and of the 95 % set, which these data show.
+
+    Without a gap nothing is shown, so every effect below the limit is meant.
+    """
+    shown: set[str] = set()
+    if d.leading is not None:
+        causes = [d.leading, *(d.causes[k] for k in d.credible_set if isinstance(k, int))]
+        shown = {e for c in causes for group in c.alternatives for e in group}
+    return [u for u in d.undetectable if u.effect not in shown]
+
+
+def sway(d: Diagnosis) -> str:
+    """What adding the leading cause does to the error of predicted sway, compared with noise; empty without numbers."""
+    before, after, noise = d.sway_rms_deg["before"], d.sway_rms_deg["after"], d.sway_noise_deg
+    if d.leading is None or d.added is None or before is None or after is None or noise is None:
+        return ""
+    low, high = (number(x, 2) for x in noise)
+    what = f"The error of predicted sway is {number(before)} deg RMS with the base model and {number(after)} deg with"
+    what += f" {effects_of(d.leading)}; noise alone leaves {low} to {high} deg in 95 % of recordings."
+    if after > noise[1]:
+        return f"{what} Even then, predicted sway is worse than noise allows."
+    if before > noise[1]:
+        return f"{what} Predicted sway is then as good as noise allows."
+    return f"{what} Both are within noise: this error is too coarse to show the gap."
+
+
+def not_a_body(d: Diagnosis) -> str:
+    """A warning about each model with several parameters on their bounds; empty when there is none."""
+    parts = [_not_a_body(d.base, "The base model", d.base.theta.size)]
+    if d.leading is not None and d.added is not None:
+        parts.append(_not_a_body(d.added, f"The model with {effects_of(d.leading)}", d.base.theta.size))
+    return " ".join(part for part in parts if part)
+
+
+def _not_a_body(fitted: Fitted, model: str, n: int) -> str:
+    """The warning about one fit, from its first ``n`` parameters, those of the base model."""
+    parameters = list(zip(fitted.model.parameters, fitted.theta, sources(fitted), strict=True))[:n]
+    on_bound = [p.name for p, _, source in parameters if source == "bound"]
+    if len(on_bound) < ON_BOUNDS:
+        return ""
+    negative = [p.name for p, x, _ in parameters if x < 0 < p.value]
+    also = f", and {_and(negative)} {'is' if len(negative) == 1 else 'are'} negative" if negative else ""
+    return (
+        f"{model} describes no body: {_and(on_bound)} end on a bound{also}. These values make up for what the model "
+        "lacks; do not read them as this person's."
+    )
+
+
+def _and(names: list[str]) -> str:
+    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
 
 
 def _unnamed(d: Diagnosis) -> bool:
@@ -93,22 +178,29 @@ def _unnamed(d: Diagnosis) -> bool:
     return d.unknown_probability > d.causes[0].probability
 
 
-def undetected(d: Diagnosis) -> list[Undetectable]:
-    """Effects below the detection limit, except those named as causes, which these data do show."""
-    said = _said(d) if d.detected else set()
-    return [u for u in d.undetectable if u.effect not in said]
+def share_closed(d: Diagnosis) -> str:
+    """The share of the gap that the leading cause closes, with its interval; empty without a gap."""
+    c, leading = d.closed, d.leading
+    if c is None or leading is None:
+        return ""
+    if d.added is None:
+        return (
+            f"{effects_of(leading)} changes the response with amplitude or over time, not the mean response, so no "
+            "share of the gap closed and no better prediction of sway is stated."
+        )
+    adding = "The best-fitting effect of the library, {}, would close" if _unnamed(d) else "Adding {} closes"
+    share = f"{adding.format(effects_of(leading))} {100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
+    share += f" of the gap{', down to the noise floor' if c.at_noise_floor else ''}."
+    if c.high - c.low > WIDE:
+        trials = int(d.method["trials"])
+        share += (
+            f" With about {c.trials_needed} such trials in all (this recording has {trials}) this share would be known "
+            "to ±15 percentage points."
+        )
+    return share
 
 
-def _said(d: Diagnosis) -> set[str]:
-    """Effects that the sentences about causes name."""
-    causes = [d.causes[0]]
-    if not _unnamed(d):
-        causes += [d.causes[k] for k in d.credible_set if isinstance(k, int)]
-    return {e for c in causes for group in c.alternatives for e in group}
-
-
-def _cause(d: Diagnosis) -> list[str]:
-    first = d.causes[0]
+def _cause(d: Diagnosis, first: Cause) -> str:
     if _unnamed(d):
         out = [
             f"No effect of the library explains the gap; a cause outside it is more probable "
@@ -117,7 +209,7 @@ def _cause(d: Diagnosis) -> list[str]:
         if first.probability > 0.05:
             out.append(f"The nearest named cause is {named(first)} ({100 * first.probability:.0f} %).")
     else:
-        sizes = "; ".join(f"{s.name} = {s.estimate:.3g} ± {s.se:.2g} {s.unit}".rstrip() for s in first.sizes)
+        sizes = "; ".join(f"{s.name} = {with_error(s.estimate, s.se)} {s.unit}".rstrip() for s in first.sizes)
         out = [f"Most likely cause: {named(first)} ({100 * first.probability:.0f} %; {sizes})."]
         out += [s.advice for s in first.sizes if s.advice]
         others = [
@@ -129,9 +221,11 @@ def _cause(d: Diagnosis) -> list[str]:
             others.append(f"a cause outside the library ({100 * d.unknown_probability:.0f} %)")
         if others:
             out.append(f"Also possible: {', '.join(others)}.")
-    best = max(d.place, key=lambda k: d.place[k])
-    if d.place[best] > 0.5:
-        out.append(f"Location: {best} ({100 * d.place[best]:.0f} %).")
-    else:
-        out.append("Location: uncertain.")
-    return out
+    return " ".join([*out, _location(d)])
+
+
+def _location(d: Diagnosis) -> str:
+    likely = sorted(((p, place) for place, p in d.place.items() if p >= SHARED), reverse=True)
+    if sum(p for p, _ in likely) <= 0.5:
+        return "Location: uncertain."
+    return f"Location: {', '.join(f'{place} ({100 * p:.0f} %)' for p, place in likely)}."

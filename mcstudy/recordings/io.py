@@ -5,15 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from mcstudy.errors import RecordingError
+from mcstudy.errors import RecordingError, StoreError
+from mcstudy.files.untrusted import json_document, real_bytes
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.guards import regular
-from mcstudy.recordings.netcdf_zarr import read_dataset, write_csv, write_netcdf, write_zarr
-from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.netcdf_zarr import SHEET, read_dataset, write_csv, write_netcdf, write_zarr
+from mcstudy.recordings.recording import EXPECTED, Recording
 from mcstudy.recordings.sheet import read_sheet
 
 NETCDF = (".nc", ".nc4", ".h5")
+
+NAMELESS = ("recording", "frf", "simulated")
+"""Names that stand for none; such a recording has the name of its file."""
 
 
 def read_recording(path: str | Path, data: str | Path | None = None) -> Recording | FrfRecording:
@@ -25,10 +29,13 @@ def read_recording(path: str | Path, data: str | Path | None = None) -> Recordin
     data: folder of the files a TOML file names; its own folder when None.
 
     Data quality warnings are in ``suspicions``. The diagnosis, which estimates the responses, checks whether channels
-    are mislabelled. Raises `RecordingError`, one line that names file and field.
+    are mislabelled. A recording without a name has that of its file. Raises `RecordingError`, one line that names file
+    and field.
     """
     path = Path(path)
     recording = _structure(path, None if data is None else Path(data))
+    if recording.name in NAMELESS:
+        recording = replace(recording, name=path.resolve().parent.name if path.name == SHEET else path.stem)
     if isinstance(recording, FrfRecording):
         return recording
     try:
@@ -50,9 +57,28 @@ def _structure(path: Path, data: Path | None) -> Recording | FrfRecording:
         return read_sheet(sheet, data)
     if path.suffix == ".toml":
         return read_sheet(path, data)
+    if _is_cube(path):
+        raise RecordingError(f"{path}: this is a results cube (for mcstudy show and mcstudy report); {EXPECTED}")
+    if path.is_dir() and path.suffix != ".zarr":
+        raise RecordingError(f"{path}: this is a folder{_within(path)}; {EXPECTED}")
     if path.suffix in NETCDF or path.suffix == ".zarr":
         return read_dataset(path)
-    raise RecordingError(f"{path}: expected a name ending in {', '.join(NETCDF)}, .zarr, .toml or .csv")
+    raise RecordingError(f"{path}: expected a name ending in {', '.join(NETCDF)}, .zarr, .toml or .csv; {EXPECTED}")
+
+
+def _within(folder: Path) -> str:
+    """The recordings that a folder seems to hold, as a hint."""
+    held = sorted(p.name for p in folder.iterdir() if p.suffix in (*NETCDF, ".zarr", ".toml"))
+    return f" with {', '.join(held[:3])}{' ...' if len(held) > 3 else ''}" if held else ""
+
+
+def _is_cube(path: Path) -> bool:
+    """Whether a Zarr store says of itself that it holds the results of a study."""
+    try:
+        document = json_document(real_bytes(path / "zarr.json"))
+        return str(document["attributes"]["schema"]).startswith("mcstudy:study_cube:")
+    except (OSError, StoreError, ValueError, KeyError, TypeError):
+        return False
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:

@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 
 BODY = ("J1", "J2", "C1", "C2", "A1", "A2", "g")
 
+SHEET = "recording.toml"
+"""Description of the CSV files in a folder."""
+
 
 def to_dataset(recording: Recording) -> xr.Dataset:
     """The recording as a dataset, angles in rad."""
@@ -142,7 +145,7 @@ def write_csv(recording: Recording, folder: str | Path) -> Path:
         table = np.column_stack([time, trial.stimulus, np.rad2deg(trial.theta)])
         header = "time,stimulus,theta1,theta2"
         np.savetxt(folder / name, table, fmt="%.12g", delimiter=",", header=header, comments="")
-    path = folder / "recording.toml"
+    path = folder / SHEET
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 

@@ -21,6 +21,12 @@ from mcstudy.stance.feedback import Model
 from mcstudy.stance.ranges import Range
 from mcstudy.stance.stimulus import CONVENTIONS
 
+EXPECTED = (
+    "expected a recording (a stimulus and two sway angles over time): .nc, .zarr, or a .toml that describes .csv "
+    "files; to describe your own see mcstudy/recordings/README.md, to simulate one: mcstudy simulate -o rec.nc"
+)
+"""What a recording is, for somebody who gave something else."""
+
 MINIMUM_CYCLES = 3
 """Fewest periods of a periodic stimulus that can be analysed (one is lost to the transient)."""
 

@@ -37,7 +37,7 @@ from mcstudy.recordings.checks import rate_of
 from mcstudy.recordings.columns import TextTable
 from mcstudy.recordings.frf import FrfRecording, frf_of_columns
 from mcstudy.recordings.guards import inside
-from mcstudy.recordings.recording import Recording, Trial, refuse_size
+from mcstudy.recordings.recording import EXPECTED, Recording, Trial, refuse_size
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import SEGMENTS, STIMULI, Body
 
@@ -150,7 +150,7 @@ def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | 
         raise RecordingError(f"{path}: expected TOML: {error}") from error
     for section, kind in OTHER_FILES.items():
         if isinstance(text.get(section), dict):
-            raise RecordingError(f"{path}: this is a {kind}; expected a recording: a file with trials and a body")
+            raise RecordingError(f"{path}: this is a {kind}; {EXPECTED}")
     try:
         sheet = Sheet.model_validate(text)
     except ValidationError as error:

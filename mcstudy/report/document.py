@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -22,7 +23,9 @@ def document(title: str, introduction: str, parts: Sequence[tuple[str, str, str]
     parts: (id, heading, HTML) of every section; sections without HTML are left out.
     """
     held = [part for part in parts if part[2]]
-    contents = "".join(f'<li><a href="#{key}">{escape(heading)}</a></li>' for key, heading, _ in held)
+    contents = "".join(
+        f'<li><a href="#{key}">{escape(heading)}</a>{_figures_of(content)}</li>' for key, heading, content in held
+    )
     body = "".join(
         f'<section id="{key}" aria-labelledby="{key}-h"><h2 id="{key}-h">{escape(heading)}</h2>{content}</section>'
         for key, heading, content in held
@@ -37,6 +40,15 @@ def document(title: str, introduction: str, parts: Sequence[tuple[str, str, str]
         f'<nav aria-label="Contents"><ul>{contents}</ul></nav><main id="main" tabindex="-1">{body}</main>'
         f"<footer><p>{escape(footer)}</p></footer></body></html>\n"
     )
+
+
+_FIGURE = re.compile(r'<figure id="([^"]+)"[^>]*><h3[^>]*>(.*?)</h3>')
+
+
+def _figures_of(content: str) -> str:
+    """The figures of a section as a list of links."""
+    links = "".join(f'<li><a href="#{key}">{heading}</a></li>' for key, heading in _FIGURE.findall(content))
+    return f"<ul>{links}</ul>" if links else ""
 
 
 def write_page(path: str | Path, text: Callable[[], str]) -> Path:

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Table:
-    """A table; the first column names its rows."""
+    """A table; the first column names its rows. ``kind``: its class on the page, see `table`."""
 
     caption: str
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
+    kind: str = "numbers"
 
 
 def escape(text: object) -> str:
@@ -21,11 +22,21 @@ def escape(text: object) -> str:
     return html.escape(str(text))
 
 
-def table(content: Table, kind: str = "numbers") -> str:
-    """A table in a box of its own that scrolls when the window is narrow."""
+def table(content: Table, kind: str = "") -> str:
+    """A table in a box of its own that scrolls when the window is narrow.
+
+    ``kind``: its class instead of the table's own. Tables of kind "rows" wrap long cells; those of kind "wide" also
+    show their cells one below another on a telephone.
+    """
+    kind = kind or content.kind
+
+    def cell(heading: str, text: str) -> str:
+        label = f' data-label="{escape(heading)}"' if kind == "wide" and text else ""
+        return f"<td{label}>{escape(text)}</td>"
+
     head = "".join(f'<th scope="col">{escape(h)}</th>' for h in content.header)
     body = "".join(
-        f'<tr><th scope="row">{escape(row[0])}</th>' + "".join(f"<td>{escape(c)}</td>" for c in row[1:]) + "</tr>"
+        f'<tr><th scope="row">{escape(row[0])}</th>' + "".join(map(cell, content.header[1:], row[1:])) + "</tr>"
         for row in content.rows
     )
     return (

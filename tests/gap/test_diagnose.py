@@ -15,8 +15,7 @@ from mcstudy.files import schema
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose, diagnose_fast
 from mcstudy.gap.questions.labels import refuse
-from mcstudy.gap.questions.parameters import MOSTLY_PRIOR, SOURCES, SOURCES_EXPLAINED, Shift, sources
-from mcstudy.gap.questions.power import Undetectable
+from mcstudy.gap.questions.parameters import MOSTLY_PRIOR, SOURCES, SOURCES_EXPLAINED, sources
 from mcstudy.gap.tables import text
 from mcstudy.recordings.recording import Recording, Suspicion, Trial
 from mcstudy.spectra.measure import measure
@@ -51,24 +50,9 @@ def test_json_conforms_to_its_schema_and_says_what_the_object_says(lagging: Reco
     assert [p["name"] for p in plain["parameters"]] == list(MODEL.names)
     said = out.verdict()
     assert said.startswith("A gap beyond noise")
-    assert "sensor lag theta1" in said
+    assert "sensor_lag_theta1" in said
+    assert plain["sway_noise_deg"][0] < plain["sway_rms_deg"]["floor"] < plain["sway_noise_deg"][1]
     assert "<table>" in out._repr_html_()
-
-
-def test_what_is_named_as_a_cause_is_not_also_said_to_be_invisible(lagging: Recording) -> None:
-    """At its typical size an effect may be hard to see, and yet be what these data show."""
-    out = diagnose_fast(lagging)
-    leading = out.causes[0].effects[0]
-    missed = (Undetectable(leading, "delta 1.0", None, "s", None), Undetectable("dead_zone", "why", None, "rad", None))
-    last = replace(out, undetectable=missed).verdict().split("neither confirm nor rule out")[1]
-    assert "dead zone" in last
-    assert leading.replace("_", " ") not in last
-    limits = text(replace(out, undetectable=missed)).split("below the detection limit")[1]
-    assert "dead zone" in limits
-    assert leading.replace("_", " ") not in limits
-    without = replace(out, undetectable=missed, detected=False, closed=None)
-    nothing = without.verdict().split("neither confirm nor rule out")[1]
-    assert leading.replace("_", " ") in nothing
 
 
 def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording) -> None:
@@ -111,7 +95,7 @@ def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recor
     shown_text = repr(out)
     assert "lagging" in shown_text
     assert "a gap beyond noise (p <" in shown_text
-    assert re.search(r"sensor lag theta1 \d+ %", shown_text)
+    assert re.search(r"sensor_lag_theta1 \d+ %", shown_text)
 
 
 def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging: Recording) -> None:
@@ -125,15 +109,14 @@ def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging:
     assert by_name["Kpas1"].without_from == "prior"
     assert by_name["K11"].added_from is None  # no gap at 1.2 Hz, so no leading cause
     assert {s.added_from for s in diagnose_fast(lagging, seed=3).shifts} <= set(SOURCES)
-    assert re.search(r"Kpas1 .* N m/rad +mostly prior", text(out))
-    assert SOURCES_EXPLAINED in text(out)
+    assert re.search(r"Kpas1 .* mostly prior +N m/rad", text(out))
+    assert SOURCES_EXPLAINED in " ".join(text(out).split())
     assert "mostly prior" in out._repr_html_()
     plain = out.to_dict()
     schema.validate("diagnosis", plain, "diagnosis")
     assert plain["parameters"][8]["without_from"] == "prior"
     tight = base.model.with_bounds({"K11": (base.theta[0], 5000.0)})
     assert sources(replace(base, model=tight))[0] == "bound"
-    assert Shift("K", "s", 1.0, 1.0, 1.0, 1.0, "data", "bound").source == "data; with the cause at bound"
 
 
 def exchanged(trial: Trial) -> Trial:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -349,6 +350,33 @@ def test_every_function_that_takes_a_path_takes_its_name(tmp_path: Path, monkeyp
     assert isinstance(read_sheet(str(sheet_path), "b"), Recording)
     assert TextTable("b/trial1.csv").names[0] == "time"
     assert inside("b", "trial1.csv", "b.toml").is_file()
+
+
+def test_what_is_not_a_recording_is_told_what_one_is_and_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text("[study]\nname = 'x'\nseed = 1\n")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "rec.nc").touch()
+    (tmp_path / "notes.txt").touch()
+    for cube in ("cube", "cube.zarr"):
+        (tmp_path / cube).mkdir()
+        (tmp_path / cube / "zarr.json").write_text('{"attributes": {"schema": "mcstudy:study_cube:1.0.0"}}')
+    for name, what in (
+        ("study.toml", "a study file"),
+        ("folder", r"a folder with rec\.nc"),
+        ("notes.txt", r"expected a name ending in .*\.csv"),
+        ("cube", "a results cube"),
+        ("cube.zarr", "a results cube"),
+    ):
+        with pytest.raises(RecordingError, match=f"{what}.*; expected a recording .*recordings/README.md.* simulate"):
+            read_recording(tmp_path / name)
+
+
+@pytest.mark.parametrize("given", ["rec.nc", "rec.zarr", "rec"])
+def test_a_recording_without_a_name_has_that_of_its_file(tmp_path: Path, given: str) -> None:
+    for name, expected in (("simulated", "rec"), ("recording", "rec"), ("subject 1", "subject 1")):
+        path = write_recording(replace(SWAY, name=name), tmp_path / given)
+        assert read_recording(path).name == expected
+        shutil.rmtree(tmp_path / given) if (tmp_path / given).is_dir() else path.unlink()
 
 
 def test_a_recording_shows_itself_in_a_few_lines() -> None:

@@ -60,6 +60,17 @@ def test_every_figure_is_drawn_nothing_is_fetched_and_nothing_sticks_out(
         assert texts > 3, label
 
 
+@pytest.mark.parametrize("width", [760, 1600])
+def test_no_table_of_a_diagnosis_is_cut_off(browser: Browser, gap_page: Path, width: int) -> None:
+    browser.open(gap_page, width)
+    browser.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+    cut = (
+        "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.ariaLabel)"
+    )
+    assert browser.evaluate("document.querySelectorAll('.scroll').length") > 8
+    assert browser.evaluate(cut) == []
+
+
 @pytest.mark.parametrize("width", [380, 1600])
 @pytest.mark.parametrize("page", ["paper_page", "gap_page"])
 def test_the_smallest_label_in_a_figure_can_be_read(

@@ -12,19 +12,23 @@ import numpy as np
 import pytest
 
 from mcstudy.cli import main
+from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.fitting.penalised import Data
 from mcstudy.gap.diagnose import diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.tables import SHOWN
+from mcstudy.gap.tables import SHOWN, tables
+from mcstudy.gap.verdict import sentences
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.diagnosis.page import gap_page as page_of
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
+from mcstudy.report.diagnosis.sections import which_figures
 from mcstudy.report.diagnosis.traces import SwayTraces
+from mcstudy.report.figure import Figure
 
 
 @pytest.fixture(scope="module")
@@ -46,15 +50,23 @@ def data(diagnosis: Diagnosis) -> GapData:
 
 def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Path, diagnosis: Diagnosis) -> None:
     text = gap_page.read_text(encoding="utf-8")
-    assert diagnosis.verdict() in html.unescape(text)
-    for key in ("frf", "misfit", "zmap", "causes", "closed", "traces"):
-        assert f'<figure id="{key}"' in text, key
+    for sentence in sentences(diagnosis):
+        assert f"<p>{html.escape(sentence)}</p>" in text
+    contents = text[text.index("<nav") : text.index("</nav>")]
+    keys = re.findall(r'<figure id="(\w+)"', text)
+    assert keys == ["evidence", "frf", "misfit", "zmap", "causes", "closed", "traces"]
+    for key in keys:
+        assert f'<a href="#{key}">' in contents, key
     shown = [c for c in diagnosis.causes if c.probability >= SHOWN]
     assert shown
     for cause in shown:
         assert f"{cause.probability:.3f}" in text
     assert diagnosis.closed is not None
-    assert f"{diagnosis.closed.low:.3f} to {diagnosis.closed.high:.3f}" in text
+    assert f"[{100 * diagnosis.closed.low:.0f}, {100 * diagnosis.closed.high:.0f}]" in text
+    for t in tables(diagnosis):
+        assert text.count(f"<caption>{html.escape(t.title)}</caption>") == 1
+    for e in LIBRARY.values():
+        assert html.escape(e.source) in text
     assert len(text.encode()) < 3e6
     assert "http://" not in re.sub(r'xmlns="http://www.w3.org/2000/svg"', "", text)
 
@@ -83,6 +95,38 @@ def test_averages_scatter_about_the_model_after_as_their_errors_say(data: GapDat
     z = np.abs(a.ratio - a.after) / a.sd
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.35)
     assert np.sqrt(np.mean((np.abs(a.ratio - 1) / a.sd) ** 2)) > 1.5
+
+
+def test_phases_of_a_panel_follow_one_another_without_jumps(data: GapData) -> None:
+    """The base model is half a turn away at low frequencies; the branch of a phase is free, its value is not."""
+    f = np.geomspace(data.lines.f[0], data.lines.f[-1], 400)
+    after = data.after(f)
+    assert after is not None
+    for angle in range(2):
+        phases = data.phases(f, angle)
+        assert phases.added is not None
+        for curve, response in ((phases.base, data.before(f)), (phases.added, after)):
+            assert np.abs(np.diff(curve)).max() < np.pi
+            np.testing.assert_allclose(np.exp(1j * curve), (response / np.abs(response))[:, angle], atol=1e-9)
+        assert abs((phases.base - phases.added).mean()) <= np.pi
+        a = data.averages
+        assert np.abs(phases.measured - np.interp(a.f, f, phases.added)).max() < 1.1 * np.pi
+        turned = phases.measured - np.interp(a.f, f, phases.base)
+        np.testing.assert_allclose(np.exp(1j * turned), (a.ratio / np.abs(a.ratio))[:, angle], atol=1e-9)
+    alone = GapData(replace(data.diagnosis, detected=False, closed=None)).phases(f, 0)
+    assert alone.added is None
+    assert np.abs(np.diff(alone.measured)).max() < 2 * np.pi
+
+
+def test_a_cause_that_leaves_the_mean_response_alone_has_no_share_to_show(diagnosis: Diagnosis) -> None:
+    cause = replace(
+        diagnosis.causes[0], effects=("gain_drift",), alternatives=(("gain_drift",),), fitted=diagnosis.base
+    )
+    drifting = replace(diagnosis, causes=(cause, *diagnosis.causes[1:]))
+    closing = which_figures(drifting)[1]
+    assert isinstance(closing, Figure)
+    assert [p.title for p in closing.panels] == ["error of predicted sway"]
+    assert "no share of the gap closed" in " ".join(closing.text)
 
 
 def test_errors_of_predicted_sway_are_those_of_the_diagnosis(data: GapData, diagnosis: Diagnosis) -> None:
@@ -116,7 +160,7 @@ def test_a_figure_that_a_diagnosis_cannot_fill_is_refused_in_one_line(diagnosis:
     plot = DiagnosisWithFigures.of(bare).plot
     for draw, message in (
         (plot.sway, "expected a diagnosis of time series, got one of lines alone"),
-        (plot.gap_closed, "no gap was detected"),
+        (plot.gap_closed, "expected a cause that was added"),
         (plot.sway_error, "expected a diagnosis of time series"),
     ):
         with pytest.raises(InputError, match=message):
@@ -125,7 +169,7 @@ def test_a_figure_that_a_diagnosis_cannot_fill_is_refused_in_one_line(diagnosis:
 
 def test_every_call_that_the_page_prints_draws_its_figure(gap_page: Path, diagnosis: Diagnosis) -> None:
     calls = re.findall(r"in Python <code>(.*?)</code>", gap_page.read_text(encoding="utf-8"))
-    assert len(calls) == 6
+    assert len(calls) == 7
     for call in calls:
         axes = eval(html.unescape(call), {"diagnosis": DiagnosisWithFigures.of(diagnosis)})
         assert axes.get_lines() or axes.patches, call

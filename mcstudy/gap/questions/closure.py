@@ -25,6 +25,7 @@ from scipy.special import ive, xlogy
 from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
 from mcstudy.fitting.small_linear import orthonormal
 from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.questions.detection import as_complex, linear_null
 from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.response import frf_jacobian
@@ -43,6 +44,9 @@ CONSIDERED = 3e-3
 
 SAMPLES = 8000
 """Posterior samples of the share."""
+
+SWAY_SAMPLES = 400
+"""Null samples of the error of predicted sway."""
 
 
 @dataclass(frozen=True)
@@ -202,3 +206,15 @@ def floor_rms_deg(fitted: Fitted, data: Data, lines: Lines) -> float:
     noise = lines.noise.variance.sum(axis=1)
     taken = np.einsum("pni,pq,qni->n", J, fitted.covariance, J.conj(), optimize=True).real
     return float(np.rad2deg(np.sqrt((2 * lines.power * np.maximum(noise - taken, 0.05 * noise)).sum())))
+
+
+def noise_rms_deg(fitted: Fitted, data: Data, lines: Lines, rng: np.random.Generator) -> tuple[float, float]:
+    """The range, deg, that holds the error of predicted sway in 95 % of recordings with nothing but noise.
+
+    From null samples through the linearised fit, which include the uncertainty of the noise estimate.
+    """
+    null = linear_null(fitted, data, lines.noise.draw(rng, SWAY_SAMPLES))
+    errors = np.einsum("nij,njk->nik", np.linalg.inv(data.weight), as_complex(null))
+    square = 2 * lines.power @ (np.abs(errors) ** 2).sum(axis=1)
+    low, high = np.rad2deg(np.sqrt(np.quantile(square, (0.025, 0.975))))
+    return float(low), float(high)

@@ -26,6 +26,9 @@ assumed variance at line 1 and 1.4 times at line 3 (200 simulated recordings). T
 lines: half of the false alarms were drifts. A possible reason is that leakage at the ends of cycles cancels only in the
 mean of all cycles."""
 
+DRAWS = 1000
+"""Null samples of a comparison."""
+
 TYPICAL_CHANGE = 0.15
 """Standard deviation of the prior on a change of the active gains."""
 
@@ -74,7 +77,7 @@ def contrast(
     between: tuple[float, float],
     base: Fitted,
     rng: np.random.Generator,
-    draws: int = 1000,
+    draws: int = DRAWS,
 ) -> Contrast:
     """Compare two sets of lines under all effects that, according to the library, this contrast reveals."""
     difference, weight = _difference(kind, first, second)

@@ -56,8 +56,9 @@ class Detection:
     p_value: of the test statistic. statistic: ln Bayes factor of any gap against none.
     chi2, expected_chi2, fit_p_value: squared whole residual, its mean under the null, and its p-value.
     z: (N, 2) standardised residuals, corrected for leverage, E|z|^2 = 1 under the null. z_limit: 95 % limit of max |z|.
-    bands: mean |z|^2 by band. draws: number of null samples. null_chi2: (draws,) null samples of the squared whole
-        residual. unstructured: the test for an unstructured residual, calibrated with them.
+    bands: mean |z|^2 by band. draws: number of null samples. null_statistic, null_chi2: (draws,) null samples of the
+        statistic and of the squared whole residual. unstructured: the test for an unstructured residual, calibrated
+        with the latter.
     """
 
     p_value: float
@@ -69,11 +70,12 @@ class Detection:
     z_limit: float
     bands: tuple[Band, ...] = field(repr=False)
     draws: int
+    null_statistic: np.ndarray = field(repr=False)
     null_chi2: np.ndarray = field(repr=False)
     unstructured: Unstructured = field(repr=False)
 
 
-def _complex(r: np.ndarray) -> np.ndarray:
+def as_complex(r: np.ndarray) -> np.ndarray:
     """(4 N, n) real whitened vectors as (N, 2, n) complex."""
     half = r.shape[0] // 2
     return (r[:half] + 1j * r[half:]).reshape(half // 2, 2, -1)
@@ -92,7 +94,7 @@ def refitted_null(fitted: Fitted, fitter: Fitter, data: Data, noise: np.ndarray)
     """
     from dask import compute, delayed  # imported here because the fast diagnosis does not need Dask
 
-    errors = np.einsum("nij,njk->kni", np.linalg.inv(data.weight), _complex(noise))
+    errors = np.einsum("nij,njk->kni", np.linalg.inv(data.weight), as_complex(noise))
     y = fitted.response(data.f) + errors
     packed = np.array([data.with_y(x).packed for x in y])
 
@@ -139,6 +141,7 @@ def detect(
         float(np.quantile(np.abs(null_z).max(axis=(0, 1)), 0.95)),
         _bands(lines.f, fitted.model.angles, z[..., 0], null_z),
         draws,
+        nulls,
         null_chi2,
         unstructured,
     )
@@ -152,11 +155,11 @@ def _any(smooth: np.ndarray, unstructured: np.ndarray) -> np.ndarray:
 def standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
     """(N, 2, n): residuals by angle, divided by their standard deviation after the fit."""
     colour = np.linalg.inv(data.weight)
-    J = colour @ _complex(fitted.jacobian(data))  # derivative of the FRFs, (N, 2, P)
+    J = colour @ as_complex(fitted.jacobian(data))  # derivative of the FRFs, (N, 2, P)
     variance = 2 * np.einsum("nij,nij->ni", colour, colour.conj()).real
     taken = np.einsum("nip,pq,niq->ni", J, fitted.covariance, J.conj()).real
     left = np.maximum(variance - taken, 0.05 * variance)
-    return np.einsum("nij,njk->nik", colour, _complex(r)) / np.sqrt(left)[..., None]
+    return np.einsum("nij,njk->nik", colour, as_complex(r)) / np.sqrt(left)[..., None]
 
 
 def _bands(f: np.ndarray, angles: tuple[str, str], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:

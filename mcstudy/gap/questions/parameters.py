@@ -11,12 +11,12 @@ from mcstudy.fitting.penalised import Fitted
 MOSTLY_PRIOR = 0.7
 """Standard error relative to the prior standard deviation from which a value counts as determined by the prior."""
 
-SOURCES = {"data": "", "prior": "mostly prior", "bound": "at bound"}
+SOURCES = {"data": "", "prior": "mostly prior", "bound": "on its bound"}
 """What determines the value of a parameter, and the text for it in a table."""
 
 SOURCES_EXPLAINED = (
     f"mostly prior: the standard error is at least {MOSTLY_PRIOR:g} times the prior standard deviation, so the prior "
-    "determines the value more than the data do; at bound: the fit ends on a bound, so the standard error means little."
+    "determines the value more than the data do. on its bound: the fit ends on a bound, so there is no standard error."
 )
 
 
@@ -35,14 +35,6 @@ class Shift:
     added_se: float | None
     without_from: str = "data"
     added_from: str | None = None
-
-    @property
-    def source(self) -> str:
-        """Source of the value of the base fit and, if different, of the fit with the leading cause, as text."""
-        own = SOURCES[self.without_from]
-        if self.added_from is None or self.added_from == self.without_from:
-            return own
-        return f"{own or 'data'}; with the cause {SOURCES[self.added_from] or 'data'}"
 
 
 def sources(fitted: Fitted) -> tuple[str, ...]:

@@ -110,7 +110,8 @@ def explain(
         estimate = k.gain if k.size is None else k.size
         se = k.se if k.size is None else abs(k.size / k.gain) * k.se if k.gain else k.se
         name = f"change of active gains between {c.kind}s" if k.size is None else size.name
-        sizes = (SizeEstimate(name, estimate, se, estimate - 1.96 * se, estimate + 1.96 * se, size.unit),)
+        unit = "" if k.size is None else size.unit
+        sizes = (SizeEstimate(name, estimate, se, estimate - 1.96 * se, estimate + 1.96 * se, unit),)
         weighted.append(
             (
                 Hypothesis((k.effect,), base.log_evidence + k.log_factor, base, sizes),

@@ -55,7 +55,7 @@ def undetectable(found: Sequence[Signature], contrasts: Sequence[Contrast], tria
         out.append(
             Undetectable(
                 name,
-                f"{delta:.1f} SE at {middle:.3g} {size.unit}".rstrip() + f" ({FOUND:g} needed)",
+                f"{delta:.1f} at {middle:.3g} {size.unit}".rstrip(),
                 float(needed) if within else None,
                 size.unit,
                 more if more < 10000 else None,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.detection import standardised
-from mcstudy.gap.questions.posterior import Cause
+from mcstudy.gap.verdict import added_name
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
@@ -35,6 +36,15 @@ class Averages:
     after: np.ndarray
 
 
+class Phases(NamedTuple):
+    """Phases in rad without jumps between branches: ``base`` and ``added`` (K,) of the models (None when no cause was
+    added), ``measured`` (B,) of the bands of `Averages`."""
+
+    base: np.ndarray
+    added: np.ndarray | None
+    measured: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class GapData:
     """Lines of a diagnosis, and responses of the base model and of the model with the leading cause."""
@@ -52,16 +62,14 @@ class GapData:
         return self.diagnosis.base.model
 
     @property
-    def leading(self) -> Cause | None:
-        """The leading cause, None when no gap was detected."""
-        d = self.diagnosis
-        return d.causes[0] if d.detected and d.causes else None
+    def added(self) -> Fitted | None:
+        """The fit with the leading cause, see `Diagnosis.added`."""
+        return self.diagnosis.added
 
     @property
-    def added(self) -> Fitted | None:
-        """The fit with the leading cause; None without a gap, or when the cause does not act on the mean response."""
-        leading = self.leading
-        return None if leading is None or leading.fitted.model.names == self.model.names else leading.fitted
+    def added_name(self) -> str:
+        """What that model is called in legends and captions."""
+        return added_name(self.diagnosis)
 
     @property
     def angles(self) -> list[str]:
@@ -101,6 +109,22 @@ class GapData:
             moved.append(np.ones(2) if after is None else (w * after[inside] / before[inside]).sum(axis=0))
         return Averages(np.array(centre), np.array(ratio), np.array(sd), np.array(moved))
 
+    def phases(self, f: np.ndarray, angle: int) -> Phases:
+        """Phases of one angle, those of the models at the frequencies ``f`` (K,); all follow one another.
+
+        Each model's curve is continuous, the base model's within half a turn of the other's on average. Measured
+        values are within half a turn of the model with the cause, or continuous about the base model without one.
+        """
+        a, after = self.averages, self.after(f)
+        base = np.unwrap(np.angle(self.before(f)[:, angle]))
+        off = np.angle(a.ratio[:, angle])
+        if after is None:
+            return Phases(base, None, np.interp(a.f, f, base) + np.unwrap(off))
+        added = np.unwrap(np.angle(after[:, angle]))
+        base += _turns((added - base).mean())
+        off += _turns(np.interp(a.f, f, added - base) - off)
+        return Phases(base, added, np.interp(a.f, f, base) + off)
+
     @property
     def z_before(self) -> np.ndarray:
         """|z|, (N, 2): standardised residuals of the base model; RMS 1 for noise alone."""
@@ -113,3 +137,8 @@ class GapData:
             return None
         data = Data.of(self.lines)
         return np.abs(standardised(self.added, data, self.added.residual(data)[:, None])[..., 0])
+
+
+def _turns(angle: np.ndarray) -> np.ndarray:
+    """The nearest whole number of turns, rad."""
+    return np.asarray(2 * np.pi * np.round(angle / (2 * np.pi)))

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from mcstudy.report.diagnosis.data import GapData
-from mcstudy.report.figures.common import axes, frequency_axis, log_axis
+from mcstudy.report.figures.common import axes, frequency_axis, legend_below, log_axis
 from mcstudy.report.style import COLOURS, DASHES
 
 BEFORE, AFTER, MEASURED = COLOURS["orange"], COLOURS["blue"], COLOURS["ink"]
@@ -34,7 +34,9 @@ def response_gain(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes
     level = np.abs(data.before(a.f)[:, angle])
     gain, noise = level * np.abs(a.ratio[:, angle]), level * REAL * a.sd[:, angle]
     _measured(ax, a.f, gain, noise, lowest=0.02 * gain)
-    _models(ax, f, np.abs(data.before(f)[:, angle]), None if (h := data.after(f)) is None else np.abs(h[:, angle]))
+    _models(
+        ax, data, f, np.abs(data.before(f)[:, angle]), None if (h := data.after(f)) is None else np.abs(h[:, angle])
+    )
     log_axis(ax.yaxis)
     frequency_axis(ax, data.lines.f)
     ax.set_ylabel(f"gain ({_unit(data)})")
@@ -45,11 +47,10 @@ def response_phase(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axe
     """Phase of one angle in degrees; see `response_gain`."""
     ax = axes(ax)
     a, f = data.averages, _curve(data)
-    line = np.unwrap(np.angle(data.before(f)[:, angle]))
-    measured = np.interp(a.f, f, line) + np.angle(a.ratio[:, angle])
-    _measured(ax, a.f, np.degrees(measured), np.degrees(_phase_noise(a.sd[:, angle], a.ratio[:, angle])))
-    after = None if (h := data.after(f)) is None else line + np.angle(h[:, angle] / data.before(f)[:, angle])
-    _models(ax, f, np.degrees(line), None if after is None else np.degrees(after))
+    phases = data.phases(f, angle)
+    noise = np.degrees(_phase_noise(a.sd[:, angle], a.ratio[:, angle]))
+    _measured(ax, a.f, np.degrees(phases.measured), noise)
+    _models(ax, data, f, np.degrees(phases.base), None if phases.added is None else np.degrees(phases.added))
     frequency_axis(ax, data.lines.f)
     ax.set_ylabel("phase (°)")
     return _titled(ax, data, angle)
@@ -61,8 +62,8 @@ def misfit_gain(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
     a = data.averages
     _measured(ax, a.f, 100 * (np.abs(a.ratio[:, angle]) - 1), 100 * REAL * a.sd[:, angle])
     moved = _moved(data, angle)
-    _models(ax, _curve(data), np.zeros(CURVE_POINTS), None if moved is None else 100 * (np.abs(moved) - 1))
-    _clipped(ax, 100 * (np.abs(np.stack([a.ratio[:, angle], a.after[:, angle]])) - 1), 8.0)
+    _models(ax, data, _curve(data), np.zeros(CURVE_POINTS), None if moved is None else 100 * (np.abs(moved) - 1))
+    _clipped(ax, 100 * (np.abs(np.stack([a.ratio[:, angle], a.after[:, angle]])) - 1), 8.0, lowest=-105)
     frequency_axis(ax, data.lines.f)
     ax.set_ylabel("difference of gain (%)")
     return _titled(ax, data, angle)
@@ -71,13 +72,13 @@ def misfit_gain(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
 def misfit_phase(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
     """Measured phase minus that of the base model, degrees; see `misfit_gain`."""
     ax = axes(ax)
-    a = data.averages
-    _measured(
-        ax, a.f, np.angle(a.ratio[:, angle], deg=True), np.degrees(_phase_noise(a.sd[:, angle], a.ratio[:, angle]))
-    )
-    moved = _moved(data, angle)
-    _models(ax, _curve(data), np.zeros(CURVE_POINTS), None if moved is None else np.angle(moved, deg=True))
-    _clipped(ax, np.angle(np.stack([a.ratio[:, angle], a.after[:, angle]]), deg=True), 5.0)
+    a, f = data.averages, _curve(data)
+    phases = data.phases(f, angle)
+    measured = np.degrees(phases.measured - np.interp(a.f, f, phases.base))
+    moved = None if phases.added is None else np.degrees(phases.added - phases.base)
+    _measured(ax, a.f, measured, np.degrees(_phase_noise(a.sd[:, angle], a.ratio[:, angle])))
+    _models(ax, data, f, np.zeros(CURVE_POINTS), moved)
+    _clipped(ax, measured if moved is None else np.concatenate([measured, moved]), 5.0)
     frequency_axis(ax, data.lines.f)
     ax.set_ylabel("difference of phase (°)")
     return _titled(ax, data, angle)
@@ -91,7 +92,7 @@ def z_map(data: GapData, ax: Axes | None = None) -> Axes:
     """
     ax = axes(ax, (4.3, 2.9))
     f, rows = data.lines.f, []
-    for label, z in (("base", data.z_before), ("with cause", data.z_after)):
+    for label, z in (("base", data.z_before), ("with the cause", data.z_after)):
         rows += [] if z is None else [(f"{n} {label}", z[:, k]) for k, n in enumerate(data.angles)]
     edges = np.geomspace(f[0] * 0.97, f[-1] * 1.03, 3 * 12 + 1)
     cell = np.digitize(f, edges) - 1
@@ -132,12 +133,12 @@ def z_lines(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
     f = data.lines.f
     ax.plot(f, data.z_before[:, angle], "o", color=BEFORE, markersize=3.2, label="base model")
     if data.z_after is not None:
-        ax.plot(f, data.z_after[:, angle], "+", color=AFTER, markersize=4.5, label="with the cause")
+        ax.plot(f, data.z_after[:, angle], "+", color=AFTER, markersize=4.5, label=data.added_name)
     ax.axhline(data.diagnosis.detection.z_limit, color=MEASURED, linewidth=1.0, linestyle=DASHES[1], label="limit")
     frequency_axis(ax, f)
     ax.set_ylim(0, 1.15 * max(data.diagnosis.detection.z_limit, float(data.z_before.max())))
     ax.set_ylabel("|z|")
-    ax.legend(ncols=3, loc="upper left")
+    legend_below(ax, 2, -0.19)
     ax.set_title(data.angles[angle])
     return ax
 
@@ -158,16 +159,16 @@ def _measured(ax: Axes, f: np.ndarray, value: np.ndarray, noise: np.ndarray, low
     ax.plot(f, value, "o", color=MEASURED, markersize=3.5, markerfacecolor="none", label="measured, 95 % noise")
 
 
-def _models(ax: Axes, f: np.ndarray, before: np.ndarray, after: np.ndarray | None) -> None:
+def _models(ax: Axes, data: GapData, f: np.ndarray, before: np.ndarray, after: np.ndarray | None) -> None:
     ax.plot(f, before, color=BEFORE, linestyle=DASHES[1], label="base model")
     if after is not None:
-        ax.plot(f, after, color=AFTER, label="with the cause")
+        ax.plot(f, after, color=AFTER, label=data.added_name)
 
 
-def _clipped(ax: Axes, values: np.ndarray, least: float) -> None:
+def _clipped(ax: Axes, values: np.ndarray, least: float, lowest: float = -np.inf) -> None:
     """Axis limits from the values alone; the wide noise band of a noisy line would flatten the rest."""
     most = max(1.25 * float(np.abs(values).max()), least)
-    ax.set_ylim(-most, most)
+    ax.set_ylim(max(-most, lowest), most)
 
 
 def _unit(data: GapData) -> str:
@@ -176,5 +177,5 @@ def _unit(data: GapData) -> str:
 
 def _titled(ax: Axes, data: GapData, angle: int) -> Axes:
     ax.set_title(data.angles[angle])
-    ax.legend()
+    legend_below(ax, 2)
     return ax

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
+from mcstudy.effect_library.library import shape_parameters
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.verdict import words
+from mcstudy.gap.verdict import added_name, effects_of
 from mcstudy.report.diagnosis.figures import AFTER, BEFORE, MEASURED
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.figures.common import axes, legend_below
 from mcstudy.report.style import COLOURS, DASHES
+from mcstudy.text_tables import number
 
 MOST_CAUSES = 5
 POINTS = 600
@@ -27,18 +29,77 @@ def place_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
 def cause_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     """Probability of the leading causes, of a cause outside the library, and of no missing effect."""
     shown = [c for c in diagnosis.causes[:MOST_CAUSES] if c.probability > 0.005]
-    names = [" + ".join(words(e) + _others(c.alternatives[k]) for k, e in enumerate(c.effects)) for c in shown]
+    names = [" + ".join(e + _others(c.alternatives[k]) for k, e in enumerate(c.effects)) for c in shown]
     rest = max(0.0, 1 - sum(c.probability for c in shown) - diagnosis.unknown_probability - diagnosis.none_probability)
     names += ["other causes", "outside the library", "no missing effect"]
     values = [c.probability for c in shown] + [rest, diagnosis.unknown_probability, diagnosis.none_probability]
     return _bars(axes(ax), names, values, "cause")
 
 
+BINS = 40
+OFF_SCALE = 1.5
+"""An observed value farther from the null samples than this many times their range is drawn at the edge."""
+
+
+def null_statistic(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+    """The test for deviations of known shape: its value, and its distribution in recordings with noise alone."""
+    t = diagnosis.detection
+    ax = _against_null(axes(ax), t.null_statistic, t.statistic, number(t.statistic))
+    ax.set_xlabel("ln Bayes factor of a deviation")
+    return ax
+
+
+def null_residual(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+    """The squared residual of all lines, and its distribution in recordings with noise alone."""
+    t = diagnosis.detection
+    ax = _against_null(axes(ax), t.null_chi2, t.chi2, f"{t.chi2:.0f}")
+    ax.set_xlabel("squared residual of all lines")
+    return ax
+
+
+def _against_null(ax: Axes, null: np.ndarray, observed: float, text: str) -> Axes:
+    low, high = float(null.min()), float(null.max())
+    edge = high + OFF_SCALE * (high - low)
+    ax.hist(null, BINS, color=COLOURS["muted"], alpha=0.55, label=f"noise alone ({null.size} samples)")
+    ax.axvline(float(np.quantile(null, 0.95)), color=COLOURS["muted"], linestyle=DASHES[2], label="95 % of them below")
+    beyond = " (off the scale)" if observed > edge else ""
+    ax.axvline(min(observed, edge), color=AFTER, linewidth=2.2, label=f"this recording: {text}{beyond}")
+    ax.set_ylabel("null samples")
+    legend_below(ax, 1)
+    return ax
+
+
+def effect_sizes(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+    """Sizes of the named causes in the 95 % set with their 95 % intervals, in standard errors from no effect."""
+    found = [
+        (f"{s.name}\n{effects_of(c)}", s)
+        for c in (diagnosis.causes[k] for k in diagnosis.credible_set if isinstance(k, int))
+        for s in c.sizes
+        if s.se > 0 and s.name not in shape_parameters()
+    ][:MOST_CAUSES]
+    if not found:
+        raise InputError(f"{diagnosis.name}: the 95 % set has no named cause, so there is no size to show")
+    ax = axes(ax)
+    for y, (_, s) in enumerate(found):
+        at = s.estimate / s.se
+        bar = [[(s.estimate - s.low) / s.se], [(s.high - s.estimate) / s.se]]
+        ax.errorbar(at, y, xerr=bar, fmt="o", color=AFTER, capsize=4, elinewidth=1.4)
+        ax.annotate(f"{at:.3g}", (at, y), (0, 7), textcoords="offset points", ha="center")
+    ax.axvline(0, color=MEASURED, linewidth=1.0, linestyle=DASHES[1], label="no effect")
+    ax.set_ylim(len(found) - 0.4, -0.6)
+    ax.set_yticks(range(len(found)), ["\n".join(_wrapped(part) for part in name.split("\n")) for name, _ in found])
+    ax.grid(axis="y", visible=False)
+    ax.margins(x=0.12)
+    ax.set_xlabel("size / its standard error")
+    legend_below(ax, 1)
+    return ax
+
+
 def closed_bar(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     """Share of the gap that the leading cause closes, with its 95 % interval."""
     closed = diagnosis.closed
-    if closed is None:
-        raise InputError(f"{diagnosis.name}: no gap was detected, so no cause was added")
+    if closed is None or diagnosis.added is None:
+        raise InputError(f"{diagnosis.name}: expected a cause that was added to the model; see the verdict")
     ax = axes(ax, (4.3, 1.9))
     ax.barh(0, 100 * closed.fraction, 0.5, color=AFTER, alpha=0.75)
     ax.errorbar(
@@ -58,25 +119,27 @@ def closed_bar(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
-NAMES = {"before": "base model", "after": "with the cause", "floor": "noise floor"}
-"""Labels of the entries of ``Diagnosis.sway_rms_deg``."""
-
-
 def sway_error_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
-    """RMS error of predicted sway for the base model and with the cause, and the noise floor."""
-    shown = [(k, v) for k in ("before", "after", "floor") if (v := diagnosis.sway_rms_deg[k]) is not None]
-    if not shown:
-        raise InputError(f"{diagnosis.name}: expected a diagnosis of time series, because the error of sway needs them")
+    """RMS error of predicted sway of the base model and with the cause, and the range that noise alone gives."""
+    d = diagnosis
+    values = [("base model", d.sway_rms_deg["before"], BEFORE)]
+    if d.added is not None:
+        values.append((added_name(d), d.sway_rms_deg["after"], AFTER))
+    shown = [(name, value, colour) for name, value, colour in values if value is not None]
+    if not shown or d.sway_noise_deg is None:
+        raise InputError(f"{d.name}: expected a diagnosis of time series, because the error of sway needs them")
     ax = axes(ax, (4.3, 1.9))
-    colours = {"before": BEFORE, "after": AFTER, "floor": COLOURS["muted"]}
-    for y, (name, value) in enumerate(shown):
-        ax.barh(y, value, 0.7, color=colours[name], alpha=0.75)
+    low, high = d.sway_noise_deg
+    ax.axvspan(low, high, color=COLOURS["muted"], alpha=0.25, linewidth=0, label="noise alone, 95 %")
+    for y, (_, value, colour) in enumerate(shown):
+        ax.barh(y, value, 0.6, color=colour, alpha=0.75)
         ax.annotate(f"{value:.3g}°", (value, y), (4, 0), textcoords="offset points", va="center")
-    ax.set_xlim(0, 1.2 * max(v for _, v in shown))
-    ax.set_yticks(range(len(shown)), [NAMES[k] for k, _ in shown])
+    ax.set_xlim(0, 1.2 * max(high, *(v for _, v, _ in shown)))
+    ax.set_yticks(range(len(shown)), [_wrapped(name) for name, _, _ in shown])
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("RMS error of sway (°)")
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1))
     return ax
 
 
@@ -88,7 +151,7 @@ def sway_trace(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Ax
     ax.plot(t, traces.measured[every, angle], color=MEASURED, linewidth=1.0, label="measured")
     ax.plot(t, traces.before[every, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
     if traces.after is not None:
-        ax.plot(t, traces.after[every, angle], color=AFTER, linewidth=1.1, label="with the cause")
+        ax.plot(t, traces.after[every, angle], color=AFTER, linewidth=1.1, label=traces.added_name)
     ax.set_ylabel(f"θ{angle + 1} (°)")
     return _in_time(ax)
 
@@ -104,14 +167,15 @@ def sway_left(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axe
     left = traces.measured - traces.before
     ax.plot(t, left[every, angle], color=BEFORE, linewidth=1.0, label="base model")
     if traces.after is not None:
-        ax.plot(t, (traces.measured - traces.after)[every, angle], color=AFTER, linewidth=1.0, label="with the cause")
+        after = (traces.measured - traces.after)[every, angle]
+        ax.plot(t, after, color=AFTER, linewidth=1.0, label=traces.added_name)
     ax.set_ylabel(f"measured minus predicted θ{angle + 1} (°)")
     return _in_time(ax)
 
 
 def _in_time(ax: Axes) -> Axes:
     ax.set_xlabel("time (s)")
-    legend_below(ax, 3, -0.18)
+    legend_below(ax, 2, -0.18)
     return ax
 
 

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mcstudy.effect_library.library import LIBRARY, size_text
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.tables import tables
-from mcstudy.gap.verdict import words
+from mcstudy.gap.tables import closing, evidence, tables
+from mcstudy.gap.verdict import added_name, effects_of, sentences
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.data import GapData
-from mcstudy.report.diagnosis.sections import response_figures, time_figure, which_figures, z_figure
+from mcstudy.report.diagnosis.sections import (
+    evidence_figure,
+    page_table,
+    response_figures,
+    time_figure,
+    which_figures,
+    z_figure,
+)
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figure, missing
@@ -23,6 +31,7 @@ def gap_page(diagnosis: Diagnosis, command: str = "mcstudy gap report REC -o pag
     printed = _diagnose_command(command)
     where = [*response_figures(data), z_figure(data)]
     parts = [
+        ("gap", "Is there a gap", _figures([evidence_figure(diagnosis)], command)),
         ("responses", "Measured and modelled responses", _figures(where, command)),
         ("which", "Which effect, where, and how far", _figures(which_figures(diagnosis), command)),
         ("sway", "Sway", _figures([_time(data)], command)),
@@ -47,29 +56,32 @@ def _time(data: GapData) -> Figure | Missing:
 
 def _introduction(data: GapData) -> str:
     d = data.diagnosis
-    leading = data.leading
-    if leading is None:
+    if d.leading is None:
         after = "No gap was detected, so no effect was added and the figures show the base model only."
-    elif data.added is None:
+    elif d.added is None:
         after = (
-            f"The leading cause, {' and '.join(words(e) for e in leading.effects)}, changes the response with "
-            "amplitude or over time but not the mean response, so the figures show the base model only."
+            f"The leading cause, {effects_of(d.leading)}, changes the response with amplitude or over time but not the "
+            "mean response, so the figures show the base model only."
         )
     else:
-        after = f"With the cause: the base model with {' and '.join(words(e) for e in leading.effects)}, refitted."
+        after = f"{added_name(d).capitalize()}: the base model with {effects_of(d.leading)}, refitted."
+    said = "".join(f"<p>{escape(part)}</p>" for part in sentences(d))
     return (
-        f'<p class="truth"><strong>Verdict.</strong> {escape(d.verdict())}</p>'
+        f'<div class="truth"><p><strong>Verdict</strong></p>{said}</div>'
         f"<p>Base model: {escape(data.model.name.replace('_', ' '))}, fitted to this recording. {escape(after)}</p>"
     )
 
 
 def _numbers(d: Diagnosis) -> str:
-    """All tables, indistinguishable effects, and data quality warnings."""
+    """The tables that are not those of a figure, indistinguishable effects, and data quality warnings."""
+    shown = {evidence(d).title, closing(d).title}
     warnings = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
-    groups = "; ".join(", ".join(words(n) for n in g) for g in d.groups if len(g) > 1)
+    groups = "; ".join(", ".join(g) for g in d.groups if len(g) > 1)
     return (
         "".join(
-            table(Table(t.title, t.header, t.rows)) + (f"<p>{escape(t.note)}</p>" if t.note else "") for t in tables(d)
+            table(page_table(t)) + (f"<p>{escape(t.note)}</p>" if t.note else "")
+            for t in tables(d)
+            if t.title not in shown
         )
         + (f"<p>Effects that this recording cannot distinguish: {escape(groups)}.</p>" if groups else "")
         + (f"<h3>Data quality warnings</h3><ul>{warnings}</ul>" if warnings else "")
@@ -112,5 +124,12 @@ def _provenance(data: GapData, command: str) -> str:
     return (
         f"<pre><code>{escape(commands)}</code></pre>"
         + table(Table("This recording and diagnosis", ["", ""], rows), "facts")
-        + details("Effects that were tested", "<p><code>mcstudy gap effects</code> lists them with equations.</p>")
+        + details("Effects of the library, with the sources of their sizes", table(_library()))
     )
+
+
+def _library() -> Table:
+    """The effects as ``mcstudy gap effects`` lists them."""
+    rows = [[e.name, ", ".join(e.place), size_text(e.size), e.equation, e.source] for e in LIBRARY.values()]
+    header = ["effect", "location", "usual size", "equation", "source of the size"]
+    return Table("Effects (mcstudy gap effects)", header, rows, "wide")

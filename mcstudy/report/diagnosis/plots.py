@@ -76,6 +76,18 @@ class Plots:
         """Standardised residuals of one angle, line by line, without and with the cause."""
         return self._responses.z_lines(self._data, angle, ax)
 
+    def evidence(self, ax: Axes | None = None) -> Axes:
+        """The test for a gap against its distribution in recordings with noise alone."""
+        return self._outcome.null_statistic(self._diagnosis, ax)
+
+    def goodness_of_fit(self, ax: Axes | None = None) -> Axes:
+        """The squared residual of all lines against its distribution in recordings with noise alone."""
+        return self._outcome.null_residual(self._diagnosis, ax)
+
+    def sizes(self, ax: Axes | None = None) -> Axes:
+        """Sizes of the causes in the 95 % set, in standard errors; raises `InputError` without a named one."""
+        return self._outcome.effect_sizes(self._diagnosis, ax)
+
     def locations(self, ax: Axes | None = None) -> Axes:
         """Probability of every location."""
         return self._outcome.place_bars(self._diagnosis, ax)
@@ -85,7 +97,7 @@ class Plots:
         return self._outcome.cause_bars(self._diagnosis, ax)
 
     def gap_closed(self, ax: Axes | None = None) -> Axes:
-        """Share of the gap that the leading cause closes; raises `InputError` when no gap was detected."""
+        """Share of the gap that the leading cause closes; raises `InputError` when none was added."""
         return self._outcome.closed_bar(self._diagnosis, ax)
 
     def sway_error(self, ax: Axes | None = None) -> Axes:

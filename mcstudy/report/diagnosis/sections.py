@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from functools import partial
 
+from mcstudy.gap import tables
 from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.verdict import not_a_body, share_closed, sway
 from mcstudy.report.context import short
 from mcstudy.report.diagnosis import figures, outcome_figures
 from mcstudy.report.diagnosis.data import BANDS_PER_DECADE, GapData
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.html import Table
+
+NARROW = 3
+"""Most columns of a table that a telephone shows as one."""
 
 WIDE, FLAT = (4.3, 2.8), (4.3, 1.9)
 
@@ -27,16 +32,18 @@ def response_figures(data: GapData) -> list[Figure]:
         for k, n in angles
         for b in range(a.f.size)
     ]
-    header = ["angle, centre of band", "measured / base", "SD", "with the cause / base"]
+    header = ["angle, centre of band", "measured / base", "SD", f"{data.added_name} / base"]
+    added = "" if data.added is None else f" Solid: the model {data.added_name}."
     return [
         Figure(
             "frf",
             "",
             "Frequency responses",
             [
-                f"Responses of the angles to the stimulus. Neighbouring lines are averaged in {BANDS_PER_DECADE} bands "
-                "per decade for display only; every statistic uses the lines. Circles: measured, with a 95 % band.",
-                "Dashed: the base model. Solid: the model with the leading cause.",
+                f"How much the body sways (gain), and how late (phase), at each frequency of the stimulus. Circles: "
+                f"measured, with a 95 % band. Dashed: the base model.{added}",
+                f"Neighbouring lines are averaged in {BANDS_PER_DECADE} bands per decade for display only; every "
+                "statistic uses the lines. Phases of all curves of a panel are counted through full turns alike.",
             ],
             [
                 panel
@@ -54,7 +61,8 @@ def response_figures(data: GapData) -> list[Figure]:
             "Difference from the base model",
             [
                 "Measured response relative to the base model. Where the band excludes the dashed line, the base model "
-                "fails. Solid: how much of that the leading cause explains."
+                f"fails.{added and f'{added} It should follow the circles.'}",
+                *(t for t in (not_a_body(data.diagnosis),) if t),
             ],
             [
                 panel
@@ -64,7 +72,7 @@ def response_figures(data: GapData) -> list[Figure]:
                     Panel(f"phase of {n}", partial(figures.misfit_phase, data, k)),
                 )
             ],
-            [Table("Measured over modelled gain", header, rows)],
+            [Table("Measured over modelled gain", header, rows, "rows")],
             python="diagnosis.plot.misfit_gain(angle=0)",
         ),
     ]
@@ -90,8 +98,8 @@ def z_figure(data: GapData) -> Figure:
             "z = residual divided by its standard error after the fit; its RMS is about 1 if the model is right. The "
             f"map shows the RMS of z. Cross: |z| above {d.z_limit:.2f}, exceeded somewhere in 5 % of recordings "
             "without a gap.",
-            "A gap may be certain although no single line stands out, because the test combines all lines, weighted by "
-            "the residuals that the effects of the library would leave.",
+            "A gap may be certain although no single line stands out, because the test of a gap combines all lines, "
+            "weighted by the residuals that the effects of the library would leave (first figure).",
         ],
         [
             Panel("channel by frequency", partial(figures.z_map, data), (4.3, 2.9)),
@@ -102,69 +110,82 @@ def z_figure(data: GapData) -> Figure:
                 "Mean |z|² of the base model by band, with its family-wise 95 % limit",
                 ["band", "level", "limit", ""],
                 rows,
+                "rows",
             )
         ],
         python="diagnosis.plot.residual_map()",
     )
 
 
+def page_table(t: tables.Table) -> Table:
+    """A table of the diagnosis on the page, without its note."""
+    return Table(t.title, t.header, t.rows, "rows" if len(t.header) <= NARROW else "wide")
+
+
+def evidence_figure(d: Diagnosis) -> Figure:
+    """What the decision that there is a gap, or none, rests on."""
+    numbers = tables.evidence(d)
+    panels = [
+        Panel("test for deviations of known shape", partial(outcome_figures.null_statistic, d)),
+        Panel("residual of all lines", partial(outcome_figures.null_residual, d)),
+    ]
+    text = [
+        "Grey: what recordings without a gap would give, simulated with the noise of this one. Blue line: this "
+        "recording. The further it lies to the right of the grey, the stronger the evidence. Left: the test for "
+        "deviations of known shape. Next: the residual of all lines (goodness of fit).",
+        numbers.note,
+    ]
+    if d.leading is not None and any(isinstance(k, int) for k in d.credible_set):
+        panels.append(Panel("sizes of the causes", partial(outcome_figures.effect_sizes, d)))
+        text[0] += " Right: size of each possible cause with its 95 % interval, in standard errors from zero."
+    title = "Evidence for a gap"
+    return Figure("evidence", "", title, text, panels, [page_table(numbers)], python="diagnosis.plot.evidence()")
+
+
 def which_figures(d: Diagnosis) -> list[Figure | Missing]:
     """Location, cause, share of the gap closed, error of predicted sway."""
-    out: list[Figure | Missing] = [
-        Figure(
-            "causes",
-            "",
-            "Location and cause",
-            [
-                "Probabilities given this recording. Effects that it cannot distinguish are one bar, named after the "
-                "most probable one. “Outside the library” is a cause that no effect of the library describes; “no "
-                "single location” is the probability that cannot be assigned to one location.",
-                ""
-                if d.detected
-                else "No gap was detected at the 5 % level; these are the posterior probabilities nevertheless.",
-            ],
-            [
-                Panel("location", partial(outcome_figures.place_bars, d)),
-                Panel("cause", partial(outcome_figures.cause_bars, d), (4.3, 4.4)),
-            ],
-            python="diagnosis.plot.causes()",
-        )
-    ]
-    closed, has_sway = d.closed, d.sway_rms_deg["before"] is not None
-    panels = []
-    if closed is not None:
+    causes = Figure(
+        "causes",
+        "",
+        "Location and cause",
+        [
+            "Probabilities given this recording. Effects that it cannot distinguish are one bar, named after the "
+            "most probable one. “Outside the library” is a cause that no effect of the library describes; “no "
+            "single location” is the probability that cannot be assigned to one location.",
+            ""
+            if d.detected
+            else "No gap was detected at the 5 % level; these are the posterior probabilities nevertheless.",
+        ],
+        [
+            Panel("location", partial(outcome_figures.place_bars, d)),
+            Panel("cause", partial(outcome_figures.cause_bars, d), (4.3, 4.4)),
+        ],
+        python="diagnosis.plot.causes()",
+    )
+    return [causes, _closing_figure(d)]
+
+
+def _closing_figure(d: Diagnosis) -> Figure | Missing:
+    """The share of the gap closed beside the error of predicted sway."""
+    title, numbers, panels, text, call = "How far the gap closes", tables.closing(d), [], [], ""
+    if d.closed is not None and d.added is not None:
         panels.append(Panel("share of the gap closed", partial(outcome_figures.closed_bar, d), FLAT))
-    if has_sway:
+        text.append(
+            "First: share of the misfit (noise subtracted) that the leading cause removes. The 95 % interval includes "
+            "the chance that the cause is another one."
+        )
+        call = "diagnosis.plot.gap_closed()"
+    if d.sway_noise_deg is not None:
         panels.append(Panel("error of predicted sway", partial(outcome_figures.sway_error_bars, d), FLAT))
+        text.append(
+            "Error of the sway that each model predicts from the stimulus. Grey: the range that noise alone gives "
+            f"in 95 % of recordings. {sway(d)}".rstrip()
+        )
+        call = call or "diagnosis.plot.sway_error()"
     if not panels:
-        return [*out, Missing("", "Gap closed", "no gap was detected, and the recording has no time series")]
-    rows = (
-        []
-        if closed is None
-        else [
-            ["share closed", f"{closed.fraction:.3f}", f"{closed.low:.3f} to {closed.high:.3f}"],
-            ["energy of the gap, base model, noise subtracted", short(closed.before), ""],
-            ["energy of the gap, with the cause", short(closed.after), ""],
-            ["trials needed to know the share to ±15 percentage points (in all)", str(closed.trials_needed), ""],
-        ]
-    )
-    rows += [[f"sway error {k} (° RMS)", "-" if v is None else f"{v:.4g}", ""] for k, v in d.sway_rms_deg.items()]
-    text = (
-        "First: share of the misfit (noise subtracted) that the leading cause removes. The 95 % interval includes the "
-        "chance that the cause is another one. Second: error of the predicted sway, and the mean it would have if only "
-        "noise were left. One recording scatters around that mean, and low frequencies, where sway is largest, "
-        "dominate."
-    )
-    none = "Nothing was added, since no gap was detected. Error of the predicted sway, and its noise floor."
-    numbers = [Table("Gap closed", ["", "estimate", "95 % interval"], rows)]
-    title = "How far the gap shrinks"
-    return [
-        *out,
-        Figure("closed", "", title, [none if closed is None else text], panels, numbers, python=_CLOSED),
-    ]
-
-
-_CLOSED = "diagnosis.plot.gap_closed()"
+        return Missing("", title, "no cause was added to the model, and the recording has no time series")
+    text.append(numbers.note or share_closed(d) or "No gap was detected, so no effect was added to the model.")
+    return Figure("closed", "", title, text, panels, [page_table(numbers)], python=call)
 
 
 def time_figure(data: GapData, traces: SwayTraces) -> Figure:

@@ -26,7 +26,7 @@ class SwayTraces:
     t: (n,) s. measured: mean cycle over all trials of this amplitude, or a stretch of the first trial when the
     stimulus has no period. error: (2,) standard error of ``measured`` at a point, nan where there is no mean.
     before, after: predicted by the models (after is None when no cause was added). what: description as text.
-    amplitude: peak of the stimulus.
+    amplitude: peak of the stimulus. added_name: what the model with the cause is called.
     """
 
     t: np.ndarray
@@ -36,6 +36,7 @@ class SwayTraces:
     after: np.ndarray | None
     what: str
     amplitude: float
+    added_name: str
 
     @classmethod
     def of(cls, data: GapData) -> SwayTraces:
@@ -68,7 +69,14 @@ def _of_cycles(data: GapData, recording: Recording) -> SwayTraces:
     before, after = _predicted(data, fft.rfft(drive), f, keep, period)
     what = f"mean of {len(cycles)} cycles"
     return SwayTraces(
-        np.arange(period) / recording.rate_hz, _degrees(cycles.mean(axis=0)), _degrees(error), before, after, what, peak
+        np.arange(period) / recording.rate_hz,
+        _degrees(cycles.mean(axis=0)),
+        _degrees(error),
+        before,
+        after,
+        what,
+        peak,
+        data.added_name,
     )
 
 
@@ -92,6 +100,7 @@ def _of_stretch(data: GapData, recording: Recording) -> SwayTraces:
         None if after is None else after[window],
         f"{2 * half / recording.rate_hz:.0f} s from the middle of a trial",
         trial.peak,
+        data.added_name,
     )
 
 

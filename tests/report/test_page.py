@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import html
 import itertools
 import re
@@ -83,8 +85,26 @@ def test_elements_close_ids_are_unique_and_labels_exist(text: str) -> None:
 def test_nothing_is_fetched_from_anywhere(text: str) -> None:
     assert all(link.startswith("#") or link == "data:," for link in Reader(text).links)
     assert "@import" not in text
-    assert "<script" not in text
+    assert re.findall(r"<(?:script|img|iframe|object)[^>]* src", text) == []
     assert set(re.findall(r"https?://[^\s\"'<]+", text)) <= {"http://www.w3.org/2000/svg"}
+
+
+def test_only_the_pages_own_script_may_run(text: str) -> None:
+    scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    assert len(scripts) == 1
+    digest = base64.b64encode(hashlib.sha256(scripts[0].encode()).digest()).decode()
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy is not None
+    assert "default-src 'none'" in policy[1]
+    assert f"script-src 'sha256-{digest}';" in policy[1]
+
+
+def test_the_contents_list_every_section_and_every_figure(text: str) -> None:
+    contents = re.search(r"<nav.*?</nav>", text, re.DOTALL)
+    assert contents is not None
+    listed = re.findall(r'href="#([^"]+)"', contents[0])
+    shown = re.findall(r'<(?:section|figure) id="([^"]+)"', text)
+    assert listed == shown
 
 
 def test_headings_descend_one_level_at_a_time_from_one_title(text: str) -> None:

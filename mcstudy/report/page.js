@@ -79,7 +79,7 @@
     const w = Math.max(...sizes.map(b => b.width)), h = Math.max(...sizes.map(b => b.height));
     const top = 24 + (keys.length ? 18 : 0);
     const width = columns * (w + gap) + gap, height = top + Math.ceil(panels.length / columns) * (h + gap) + gap;
-    const out = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    const out = document.createElementNS(panels[0].namespaceURI, "svg");
     const add = (name, attributes, text = "") => {
       const e = out.appendChild(document.createElementNS(out.namespaceURI, name));
       for (const [k, v] of Object.entries(attributes)) e.setAttribute(k, v);
@@ -160,7 +160,7 @@
     }
   }
   for (const table of document.querySelectorAll("table")) {
-    if (!table.tHead || !table.caption || table.classList.contains("facts")) continue;
+    if (!table.tHead || !table.caption || !table.tHead.textContent.trim()) continue;
     const title = table.caption.textContent;
     const cells = () => [...table.rows].map(row => [...row.cells].map(c => c.textContent.trim()));
     const done = button("Copy", "Copy this table for a spreadsheet", async () => {

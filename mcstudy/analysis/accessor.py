@@ -26,6 +26,7 @@ from mcstudy.analysis import (
     by_starts,
     context,
     convergence,
+    correlation,
     efficiency,
     minimum_curve,
     neural,
@@ -157,6 +158,10 @@ class MonteCarlo:
     def rmse(self) -> xr.Dataset:
         """Root mean squared error, in units."""
         return self._result(accuracy.rmse(self._cells))
+
+    def correlation(self) -> xr.Dataset:
+        """Correlation of every pair of estimates over realizations."""
+        return self._result(correlation.correlation(self._cells))
 
     def at_bound(self) -> xr.Dataset:
         """Fraction of best fits on a bound, by side."""

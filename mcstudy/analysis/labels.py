@@ -45,6 +45,7 @@ _AXES: dict[str, str] = {
     "measure": "what is compared",
     "outcome": "how the fit ended",
     "parameter": "model parameter",
+    "parameter_2": "model parameter",
     "quantile": "quantile over realizations",
     "range": "frequency range",
     "side": "side of the bound",

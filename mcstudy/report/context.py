@@ -66,6 +66,11 @@ class Context:
             noisy, key=lambda g: (len(g.group.fmax) * len(g.group.amplitude), g.group.realizations), default=None
         )
 
+    @property
+    def main(self) -> GroupView:
+        """The group whose model and stimulus the page shows: needs no fits, so one that has not been run will do."""
+        return self.accuracy or self.pools or self.theory or next(iter(self.study.groups.values()))
+
     @cached_property
     def others(self) -> list[GroupView]:
         """Further groups with noise whose settings differ from those of `accuracy`."""

@@ -7,17 +7,26 @@ from dataclasses import dataclass, field
 
 from matplotlib.axes import Axes
 
+from mcstudy.report.frame import share
 from mcstudy.report.html import Table, details, escape, table
-from mcstudy.report.svg import draw
+from mcstudy.report.readings import as_json
+from mcstudy.report.svg import drawn, rendered
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One drawing of a figure: what it shows, and the function that fills its axes."""
+    """One drawing of a figure.
+
+    Attributes
+    ----------
+    title: what it shows. drawing: fills its axes. size: inches; a panel wider than `WIDE` has a row of its own.
+    share: axes on which it compares with the figure's other panels of the same labels, e.g. ``"xy"``.
+    """
 
     title: str
     drawing: Callable[[Axes], object]
     size: tuple[float, float] = (4.3, 3.2)
+    share: str = ""
 
 
 @dataclass(frozen=True)
@@ -53,31 +62,45 @@ class Missing:
     reason: str
 
 
+WIDE = 6.0
+
+
 def figure(content: Figure, beside_paper: str, command: str) -> str:
     """A figure with its panels, caption, numbers and the command that makes it."""
     heading = f"{content.number} · {content.title}" if content.number else content.title
-    panels = "".join(
-        '<div class="panel">'
-        + draw(p.drawing, f"{content.key}-{i}", f"{heading}: {p.title}", " ".join(content.text), p.size)
-        + "</div>"
-        for i, p in enumerate(content.panels)
-    )
+    axes = [drawn(p.drawing, p.size) for p in content.panels]
+    _share(content.panels, axes)
+    pictures, numbers = [], []
+    for i, (p, ax) in enumerate(zip(content.panels, axes, strict=True)):
+        picture, series = rendered(ax, f"{content.key}-{i}", f"{heading}: {p.title}", f"{content.key}-text")
+        pictures.append(f'<div class="panel{" wide scroll" if p.size[0] > WIDE else ""}">{picture}</div>')
+        numbers.append({"title": p.title, **series})
+    panels = "".join(pictures)
+    data = f'<script type="application/json" class="readings">{as_json(numbers)}</script>'
     keys = "".join(
         f'<li><span class="swatch" style="background:var(--{name})"></span>{escape(label)}</li>'
         for name, label in content.legend
     )
     legend = f'<ul class="legend">{keys}</ul>' if keys else ""
     text = "".join(f"<p>{escape(t)}</p>" for t in content.text)
-    numbers = details("Numbers", "".join(table(t) for t in content.tables)) if content.tables else ""
+    tables = details("Numbers", "".join(table(t) for t in content.tables)) if content.tables else ""
     how = f'<p class="how">Made by <code>{escape(command)}</code>'
     how += f"; in Python <code>{escape(content.python)}</code></p>" if content.python else "</p>"
-    few = ' class="few"' if len(content.panels) <= 2 else ""
+    few = ' class="few"' if len(content.panels) <= 2 and content.panels[0].size[0] <= WIDE else ""
     return (
         f'<figure id="{content.key}"{few} aria-labelledby="{content.key}-h">'
         f'<h3 id="{content.key}-h">{escape(heading)}</h3>'
-        f'{legend}<div class="panels{" small" if content.small else ""}">{panels}</div>'
-        f"<figcaption>{text}{beside_paper}{numbers}{how}</figcaption></figure>"
+        f'{legend}<div class="panels{" small" if content.small else ""}">{panels}</div>{data}'
+        f'<figcaption><div id="{content.key}-text">{text}</div>{beside_paper}{tables}{how}</figcaption></figure>'
     )
+
+
+def _share(panels: Sequence[Panel], axes: Sequence[Axes]) -> None:
+    alike: dict[tuple[str, ...], list[Axes]] = {}
+    for p, ax in zip(panels, axes, strict=True):
+        alike.setdefault((p.share, ax.get_xlabel(), ax.get_ylabel()), []).append(ax)
+    for (which, *_), members in alike.items():
+        share(members, which)
 
 
 def missing(items: Iterable[Missing]) -> str:

@@ -16,9 +16,12 @@ from mcstudy.report.context import Context
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figure, missing
 from mcstudy.report.html import Table, details, escape, table
+from mcstudy.report.overview import overview
 from mcstudy.report.sections.alternatives import one_start, population, two_stimuli
 from mcstudy.report.sections.compare import comparison_html
 from mcstudy.report.sections.estimates import efficiency_figure, estimates, paper_estimate_figures
+from mcstudy.report.sections.model import model_html
+from mcstudy.report.sections.pairs import pairs_figure
 from mcstudy.report.sections.search import further_search_figures, paper_search_figures
 from mcstudy.report.sections.signals import signal_figures
 from mcstudy.report.words import beside, group_overviews, headline, introduction
@@ -59,10 +62,11 @@ def page_of(tree: xr.DataTree, beside: Sequence[_Beside] = ()) -> str:
     context = Context(tree)
     main = context.accuracy
     paper = signal_figures(context) + paper_search_figures(context) + paper_estimate_figures(context)
-    beyond = further_search_figures(context)
+    beyond = [pairs_figure(context), *further_search_figures(context)]
     if main is not None:
         beyond.append(efficiency_figure(main))
     parts = [
+        ("model", "The model", model_html(context)),
         ("paper", "Comparison with the paper", headline(context)),
         ("figures", "The paper's figures from this study", _figures(context, paper)),
         ("beyond", "Beyond the paper", _figures(context, beyond)),
@@ -74,7 +78,7 @@ def page_of(tree: xr.DataTree, beside: Sequence[_Beside] = ()) -> str:
     ]
     return document(
         context.name,
-        introduction(context),
+        introduction(context) + overview(context),
         parts,
         "± is one Monte Carlo standard error (MCSE) unless it says SD.",
     )

@@ -6,12 +6,16 @@ import html
 import io
 import re
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from mcstudy.report.frame import frame, place
+from mcstudy.report.readings import readings
 from mcstudy.report.style import COLOURS, SETTINGS
 
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
@@ -20,35 +24,50 @@ _REFERENCE = re.compile(r"""(?:xlink:href="#|url\(#)([^")]+)""")
 _DECIMALS = 2  # of a point: a fiftieth of a pixel on most screens
 
 
-def draw(
-    drawing: Callable[[Axes], object], key: str, title: str, description: str, size: tuple[float, float] = (4.3, 3.2)
-) -> str:
-    """Inline SVG of one panel.
+def drawn(drawing: Callable[[Axes], object], size: tuple[float, float] = (4.3, 3.2)) -> Axes:
+    """Axes of their own figure, filled by ``drawing``; `rendered` makes them a picture.
+
+    ``size``: width and height in inches; text is sized so that 4.3 inches fit a telephone.
+    """
+    with _style():
+        figure = Figure(figsize=size, dpi=72)  # so that pixels are points, here and in the SVG
+        FigureCanvasAgg(figure)  # measures text
+        ax = figure.add_axes((0.15, 0.2, 0.75, 0.7))
+        drawing(ax)
+        return ax
+
+
+def rendered(ax: Axes, key: str, title: str, described_by: str) -> tuple[str, dict[str, Any]]:
+    """Inline SVG of what `drawn` made, and its `mcstudy.report.readings`.
+
+    The frame is written by `mcstudy.report.frame`, matplotlib draws the data.
 
     Parameters
     ----------
-    drawing: fills the axes it is given.
     key: prefix of all ids; must be unique on the page, made of letters, digits and ``-``.
-    title, description: what a screen reader says.
-    size: width and height in inches; text is sized so that 4.3 inches fit a telephone.
+    title: what a screen reader says. described_by: id of the element that says more.
     """
-    own = {"backend": matplotlib.rcParams["backend"], **SETTINGS, "figure.constrained_layout.use": False}
-    with matplotlib.rc_context({**matplotlib.rcParamsDefault, **own}):
-        figure = Figure(figsize=size, layout="constrained")
-        FigureCanvasSVG(figure)
-        drawing(figure.add_subplot())
-        # What is laid out already is drawn once: `savefig` draws a figure that has a layout engine twice.
-        layout = figure.get_layout_engine()
-        assert layout is not None
-        layout.execute(figure)
-        figure.set_layout_engine(None)
+    with _style():
+        figure = ax.figure
+        assert isinstance(figure, Figure)
+        place(ax, figure.canvas.get_renderer())  # type: ignore[attr-defined]
+        outside, numbers = frame(ax), readings(ax)
+        ax.set_axis_off()
+        for part in (ax.patch, figure.patch, ax.title):
+            part.set_visible(False)
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    return inline(buffer.getvalue(), key, title, description)
+    return inline(buffer.getvalue(), key, title, described_by, outside), numbers
 
 
-def inline(text: str, key: str, title: str, description: str) -> str:
-    """matplotlib's SVG document as an element of a page."""
+def _style() -> AbstractContextManager[None]:
+    """The report's settings, whatever the user's own are; a place for titles keeps matplotlib from measuring them."""
+    own = {"backend": matplotlib.rcParams["backend"], **SETTINGS, "figure.constrained_layout.use": False}
+    return matplotlib.rc_context({**matplotlib.rcParamsDefault, **own, "axes.titley": 1.0})
+
+
+def inline(text: str, key: str, title: str, described_by: str, below: str) -> str:
+    """matplotlib's SVG document as an element of a page, drawn over ``below``."""
     body = text[text.index("<svg") :]
     viewbox = re.search(r'viewBox="([^"]+)"', body)
     assert viewbox is not None  # matplotlib always writes one
@@ -60,11 +79,10 @@ def inline(text: str, key: str, title: str, description: str) -> str:
     body = re.sub(r"> <", "><", body)
     body = re.sub(r'<g id="[^"]*">|<g class="[^"]*">', "<g>", body) if not _REFERENCE.search(body) else body
     labelled = (
-        f'<svg class="plot" viewBox="{viewbox.group(1)}" role="img" aria-labelledby="{key}-t {key}-d" '
-        f'xmlns="http://www.w3.org/2000/svg"><title id="{key}-t">{html.escape(title)}</title>'
-        f'<desc id="{key}-d">{html.escape(description)}</desc>'
+        f'<svg class="plot" viewBox="{viewbox.group(1)}" role="img" aria-label="{html.escape(title)}" '
+        f'aria-describedby="{described_by}" xmlns="http://www.w3.org/2000/svg">'
     )
-    return labelled + body.strip() + "</svg>"
+    return labelled + below + body.strip() + "</svg>"
 
 
 def _unique_ids(body: str, key: str) -> str:

@@ -6,10 +6,11 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
+from mcstudy.analysis.paper.published import FMAX_HZ
 from mcstudy.analysis.show.text import incomplete
 from mcstudy.report.context import Context, short, stat
 from mcstudy.report.html import Table, escape, table
-from mcstudy.report.labels import cell_label
+from mcstudy.report.labels import cell_label, with_units
 from mcstudy.study.unstable import warning
 from mcstudy.text_tables import number, with_error
 
@@ -56,38 +57,56 @@ def _headline(context: Context) -> str:
         )
     agree = sum(r["agrees"] is True for r in rows)
     judged = sum(r["agrees"] is not None for r in rows)
+    notes = list(dict.fromkeys(r["explanation"] for r in rows if r["explanation"]))
     head = "".join(
-        f'<th scope="col" role="columnheader">{h}</th>'
-        for h in ("What", "Paper", "Ours ± MCSE", "Agrees?", "Explanation")
+        f'<th scope="col" role="columnheader">{h}</th>' for h in ("What", "Paper", "Ours ± MCSE", "Agrees?", "Where")
     )
-    body = "".join(_headline_row(r) for r in rows)
+    body = "".join(_headline_row(r, notes) for r in rows)
+    listed = "".join(f'<li id="note-{i}">{escape(with_units(n))}</li>' for i, n in enumerate(notes, 1))
     return (
         f"<p>{agree} of {judged} published numbers agree with ours within 3 Monte Carlo standard errors "
         f"({escape(context.data['paper']['reference'])}).</p>"
-        f'<table class="stack" role="table"><caption>Paper and this study</caption><thead role="rowgroup">'
+        + _table_ii(rows)
+        + f'<table class="stack" role="table"><caption>All published numbers</caption><thead role="rowgroup">'
         f'<tr role="row">{head}</tr></thead><tbody role="rowgroup">{body}</tbody></table>'
-        "<p>Floor: mean |bias| expected from chance alone, for unbiased estimates from this many realizations. Paper "
+        + (f'<p>Why ours differs:</p><ol class="notes">{listed}</ol>' if notes else "")
+        + "<p>Floor: mean |bias| expected from chance alone, for unbiased estimates from this many realizations. Paper "
         "“&gt; 0” is a ranking of parameters; ours is the margin by which it holds (negative: it does not hold). "
         "Numbers without noise agree if they are no larger than the paper's. – means that the paper gives no "
-        "number. <code>mcstudy show OUT</code> prints this table.</p>"
+        "number. <code>mcstudy show OUT</code> prints these numbers.</p>"
     )
 
 
-def _headline_row(row: dict[str, Any]) -> str:
+def _table_ii(rows: Sequence[dict[str, Any]]) -> str:
+    """Mean |bias| as the paper's Table II lays it out: sets of parameters by Fmax."""
+    values = {r["key"]: r for r in rows}
+    sets = {
+        "bias_12": "all 12 parameters",
+        "bias_10": "stiffness combined (10)",
+        "bias_2": "the 2 combined stiffnesses",
+    }
+    lines = []
+    for key, what in sets.items():
+        cells = [values.get(f"{key}_{f:g}") for f in FMAX_HZ]
+        lines.append([what, *(x for r in cells for x in ((r["paper_text"], _ours(r)) if r else ("–", "–")))])
+    header = ["mean |bias| (%)", *(x for f in FMAX_HZ for x in (f"{f:g} Hz: paper", "ours ± MCSE"))]
+    return table(Table("Table II · Bias by Fmax, mean of 3 and 5 N·m", header, lines)) if values else ""
+
+
+def _headline_row(row: dict[str, Any], notes: Sequence[str]) -> str:
     floor = f" (floor {number(row['floor'], 2)})" if row["floor"] is not None else ""
     detail = f"<br><small>{escape(row['detail'])}</small>" if row["detail"] else ""
+    note = notes.index(row["explanation"]) + 1 if row["explanation"] else 0
+    why = f' <a href="#note-{note}">[{note}]</a>' if note else ""
     cells = [
-        ("Paper", f"{escape(_paper(row))}<br><small>{escape(row['where'])}</small>", ""),
+        ("Paper", escape(_paper(row)), ""),
         ("Ours", f"{escape(_ours(row))}{escape(floor)}{detail}", ""),
-        ("Agrees?", MARK[row["agrees"]], CLASS[row["agrees"]]),
-        ("Explanation", escape(row["explanation"]), ""),
+        ("Agrees?", MARK[row["agrees"]] + why, CLASS[row["agrees"]]),
+        ("Where", f"<small>{escape(row['where'])}</small>", ""),
     ]
     return (
-        f'<tr role="row"><th scope="row" role="rowheader">{escape(row["label"])}</th>'
-        + "".join(
-            f'<td role="cell" data-label="{label}" class="{kind}">{text}</td>' if text else '<td role="cell"></td>'
-            for label, text, kind in cells
-        )
+        f'<tr role="row"><th scope="row" role="rowheader">{escape(with_units(row["label"]))}</th>'
+        + "".join(f'<td role="cell" data-label="{label}" class="{kind}">{text}</td>' for label, text, kind in cells)
         + "</tr>"
     )
 
@@ -111,7 +130,7 @@ def beside(context: Context, keys: Sequence[str]) -> str:
     if not rows:
         return ""
     lines = "".join(
-        f"<li>{escape(r['label'])}: paper {escape(_paper(r))}, ours {escape(_ours(r))} "
+        f"<li>{escape(with_units(r['label']))}: paper {escape(_paper(r))}, ours {escape(_ours(r))} "
         f'<span class="{CLASS[r["agrees"]]}">{_agreement(r["agrees"])}</span></li>'
         for r in rows
     )

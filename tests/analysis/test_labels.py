@@ -52,6 +52,7 @@ STATISTICS: dict[str, dict[str, str]] = {
     "absolute_bias_percent": {"value": "%", "mcse": "%", "floor": "%"},
     "mean_absolute_bias_percent": {"value": "%", "mcse": "%", "floor": "%"},
     "mean_spread_percent": {"value": "%", "mcse": "%"},
+    "correlation": {},
     "at_bound": {},
     "unstable": {},
     "outcomes": {},

@@ -157,8 +157,8 @@ class Browser:
         return self.seen
 
     def evaluate(self, script: str) -> Any:
-        """Value of a JavaScript expression in the page."""
-        result = self.send("Runtime.evaluate", expression=script, returnByValue=True)
+        """Value of a JavaScript expression in the page; of a promise, what it comes to."""
+        result = self.send("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
         if "exceptionDetails" in result:
             raise RuntimeError(str(result["exceptionDetails"]))
         return result["result"].get("value")

@@ -27,6 +27,8 @@ GROUP_FIGURES: dict[str, Callable[[xr.DataTree, Axes], Axes]] = {
     "cv_bars": lambda t, ax: figures.cv_bars(t["accuracy"], ax=ax),
     "sensitivity_bars": lambda t, ax: figures.sensitivity_bars(t["accuracy"], "mid", ax),
     "efficiency_dots": lambda t, ax: figures.efficiency_dots(t["accuracy"], ax=ax),
+    "correlation_map": lambda t, ax: figures.correlation_map(t["accuracy"], ax=ax),
+    "estimate_scatter": lambda t, ax: figures.estimate_scatter(t["accuracy"], "K11", "Kpas1", ax=ax),
     "controller_error": lambda t, ax: figures.controller_error(t["theory"], fmax=8.0, ax=ax),
     "controller_error_by_noise": lambda t, ax: figures.controller_error_by_noise(t["accuracy"], ax=ax),
     "starts_curve": lambda t, ax: figures.starts_curve(t["accuracy"], ax=ax),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import html
 import itertools
 import re
@@ -21,12 +23,28 @@ from mcstudy.analysis.view import StudyView
 from mcstudy.api.studies import summary
 from mcstudy.cli import main
 from mcstudy.exits import Exit
+from mcstudy.report.context import Context
 from mcstudy.report.page import page
+from mcstudy.report.words import headline
+from mcstudy.stance.body import two_segment
 from mcstudy.study.readable import structured
+from mcstudy.text_tables import with_error
 
 VOID = {"meta", "link", "br", "path", "use", "img", "input", "hr"}
-PAPER_FIGURES = ["fig2a", "fig2b", "fig2c", "fig2d", "fig3a", "fig3b", "fig3c"]
-PAPER_FIGURES += ["fig4", "fig5", "fig6", "fig7a", "fig7b", "fig7c", "waterfall", "atlas", "bystarts", "efficiency"]
+PAPER_FIGURES = ["fig1", "fig2a", "fig2b", "fig2c", "fig2d", "fig3a", "fig3b", "fig3c"]
+PAPER_FIGURES += [
+    "fig4",
+    "fig5",
+    "fig6",
+    "fig7a",
+    "fig7b",
+    "fig7c",
+    "pairs",
+    "waterfall",
+    "atlas",
+    "bystarts",
+    "efficiency",
+]
 
 
 class Reader(HTMLParser):
@@ -83,8 +101,26 @@ def test_elements_close_ids_are_unique_and_labels_exist(text: str) -> None:
 def test_nothing_is_fetched_from_anywhere(text: str) -> None:
     assert all(link.startswith("#") or link == "data:," for link in Reader(text).links)
     assert "@import" not in text
-    assert "<script" not in text
+    assert re.findall(r"<(?:script|img|iframe|object)[^>]* src", text) == []
     assert set(re.findall(r"https?://[^\s\"'<]+", text)) <= {"http://www.w3.org/2000/svg"}
+
+
+def test_only_the_pages_own_script_may_run(text: str) -> None:
+    scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    assert len(scripts) == 1
+    digest = base64.b64encode(hashlib.sha256(scripts[0].encode()).digest()).decode()
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy is not None
+    assert "default-src 'none'" in policy[1]
+    assert f"script-src 'sha256-{digest}';" in policy[1]
+
+
+def test_the_contents_list_every_section_and_every_figure(text: str) -> None:
+    contents = re.search(r"<nav.*?</nav>", text, re.DOTALL)
+    assert contents is not None
+    listed = re.findall(r'href="#([^"]+)"', contents[0])
+    shown = re.findall(r'<(?:section|figure) id="([^"]+)"', text)
+    assert listed == shown
 
 
 def test_headings_descend_one_level_at_a_time_from_one_title(text: str) -> None:
@@ -112,7 +148,8 @@ def test_a_study_like_the_papers_has_every_figure_and_every_published_number(
     text = paper_page.read_text(encoding="utf-8")
     assert set(PAPER_FIGURES) <= set(Reader(text).figures)
     for row in rows(StudyView(paper_tree)):
-        assert f'<th scope="row" role="rowheader">{html.escape(row.published.label)}</th>' in text
+        label = html.escape(row.published.label.replace("N m", "N·m"))
+        assert f'<th scope="row" role="rowheader">{label}</th>' in text
 
 
 def test_what_does_not_apply_is_left_out_with_a_reason(other_page: Path) -> None:
@@ -126,6 +163,49 @@ def test_what_does_not_apply_is_left_out_with_a_reason(other_page: Path) -> None
 def test_true_values_are_labelled_a_stand_in(study_page: str, request: pytest.FixtureRequest) -> None:
     text = request.getfixturevalue(study_page).read_text(encoding="utf-8")
     assert "True values:</strong> stand-in" in text
+
+
+def test_the_first_screen_answers_the_question_in_numbers(paper_page: Path, paper_tree: xr.DataTree) -> None:
+    header = re.search(r"<header>.*?</header>", paper_page.read_text(encoding="utf-8"), re.DOTALL)
+    assert header is not None
+    tiles = dict(re.findall(r"<span>(.*?)</span><strong>(.*?)</strong>", html.unescape(header[0])))
+    ours = {row.published.key: row for row in rows(StudyView(paper_tree))}
+    for f in ("0.41", "1.2", "8"):
+        row = ours[f"bias_12_{f}"]
+        assert tiles[f"Mean |bias|, Fmax {f} Hz"] == f"{with_error(row.value, row.mcse)} %"
+    r = paper_tree["accuracy"].mc.correlation().sel(amplitude=5, fmax=1.2, parameter="K11", parameter_2="Kpas1")
+    assert tiles["Correlation of K11 and Kpas1"] == with_error(float(r["value"]), float(r["mcse"]))
+
+
+def test_the_equations_are_those_of_the_papers_appendix(paper_page: Path) -> None:
+    """With the paper's body: A1 g = 494.6, A2 g = 141.8."""
+    balances = re.findall(r"<math.*?</math>", paper_page.read_text(encoding="utf-8"))
+    ankle, hip = (re.sub("<[^>]*>", "", b) for b in balances)
+    assert ankle == ("(51.26s2−494.6)θ1+(19.01s2−141.8)θ2s=u−Kpas1θ1−(K11+B11s)e−Td1sθ1−(K21+B21s)e−Td1sθ2")
+    assert hip == "(7.08s2−141.8)θ2s+(11.93s2)θ1=−Kpas2θ2−(K12+B12s)e−Td2sθ1−(K22+B22s)e−Td2sθ2"
+
+
+def test_tables_i_and_ii_stand_as_the_paper_prints_them(paper_page: Path, paper_tree: xr.DataTree) -> None:
+    text = html.unescape(paper_page.read_text(encoding="utf-8"))
+    for p in two_segment().parameters:
+        assert f'<th scope="row">{p.name}</th><td>{p.value:.4g}</td>' in text
+    ours = {row.published.key: row for row in rows(StudyView(paper_tree))}
+    table = text[text.index("Table II · ") :]
+    for key, what in (("bias_12", "all 12 parameters"), ("bias_10", "stiffness combined (10)")):
+        shown = re.search(rf'<th scope="row">{re.escape(what)}</th>(.*?)</tr>', table)
+        assert shown is not None
+        expected = [(ours[f"{key}_{f}"].published.shown, ours[f"{key}_{f}"]) for f in ("0.41", "1.2", "8")]
+        cells = "".join(f"<td>{p}</td><td>{with_error(r.value, r.mcse)} %</td>" for p, r in expected)
+        assert shown[1] == cells
+
+
+def test_an_explanation_that_serves_several_numbers_is_given_once(paper_tree: xr.DataTree) -> None:
+    context = Context(paper_tree)
+    for key in ("spread_fmax", "spread_amplitude_0.41"):
+        context.published[key]["explanation"] = "Bounds at 3 N m."
+    text = headline(context)
+    assert text.count("Bounds at 3 N·m.") == 1
+    assert text.count('<a href="#note-1">[1]</a>') == 2
 
 
 def test_text_of_a_study_cannot_become_markup(paper_page: Path) -> None:

@@ -14,6 +14,7 @@ from mcstudy.report.figures.alternatives import controller_off, hit_rate_bars, p
 from mcstudy.report.figures.efficiency import efficiency_dots  # noqa: E402
 from mcstudy.report.figures.estimates import parameter_bars  # noqa: E402
 from mcstudy.report.figures.optimiser import basin_atlas, bias_by_starts, cv_by_starts  # noqa: E402
+from mcstudy.report.figures.pairs import correlation_map, estimate_scatter  # noqa: E402
 from mcstudy.report.figures.responses import controller_gain, controller_phase, frf_gain, frf_phase  # noqa: E402
 from mcstudy.report.figures.search import (  # noqa: E402
     controller_error,
@@ -43,9 +44,11 @@ __all__ = [
     "controller_gain",
     "controller_off",
     "controller_phase",
+    "correlation_map",
     "cv_bars",
     "cv_by_starts",
     "efficiency_dots",
+    "estimate_scatter",
     "frf_gain",
     "frf_phase",
     "hit_rate_bars",

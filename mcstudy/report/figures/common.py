@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
@@ -102,8 +102,14 @@ def log_axis(axis: Any, most: int = 7) -> None:
 def plain_log_axis(axis: Any, ticks: Sequence[float]) -> None:
     """A logarithmic axis with these ticks, written out."""
     axis.axes.set(**{f"{axis.axis_name}scale": "log"})
-    axis.set_ticks(list(ticks), [f"{t:g}" for t in ticks])
+    fixed_ticks(axis, ticks, [f"{t:g}" for t in ticks])
     axis.set_minor_formatter(NullFormatter())
+
+
+def fixed_ticks(axis: Any, ticks: Sequence[float], labels: Sequence[str]) -> None:
+    """Ticks with these labels; `Axis.set_ticks` would make five artists of each before anything is drawn."""
+    axis.set_major_locator(FixedLocator(list(ticks)))
+    axis.set_major_formatter(FixedFormatter(list(labels)))
 
 
 def frequency_axis(ax: Axes, f: np.ndarray) -> None:

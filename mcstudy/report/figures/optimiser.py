@@ -114,7 +114,8 @@ def basin_atlas(
             color=COLOURS["ink"],
         )
     ax.annotate("starts\nlowest", (1.02, -0.62), xycoords=("axes fraction", "data"), va="bottom", fontsize=9)
-    ax.set_xticks(x, names, rotation=90)
+    ax.set_xticks(x, names)
+    ax.tick_params(axis="x", labelrotation=90)
     ax.set_yticks(range(shown.sizes["cluster"]), [str(i + 1) for i in range(shown.sizes["cluster"])])
     ax.set_ylim(shown.sizes["cluster"] - 0.4, -0.6)
     ax.grid(visible=False)

@@ -18,7 +18,7 @@ from mcstudy.report.figures.common import (
     log_axis,
     view_of,
 )
-from mcstudy.report.labels import cell_label
+from mcstudy.report.labels import CONTROLLERS, cell_label
 from mcstudy.report.style import MARKERS, SERIES
 from mcstudy.stance.response import frf, neural_controllers
 
@@ -41,8 +41,11 @@ def frf_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.nd
 def controllers_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
     """Neural controllers by row and angle in the paper's names, T12 = hip torque from theta1; N m/rad."""
     NC = neural_controllers(view.model, theta, f)
-    names = {(1, 0): "T11", (1, 1): "T21", (0, 0): "T12", (0, 1): "T22"}
-    return {n: NC[..., r, c] for (r, c), n in names.items() if np.abs(NC[..., r, c]).max() > 0}
+    found = {
+        name: NC[..., view.model.rows.index(row), view.model.angles.index(angle)]
+        for (row, angle), name in CONTROLLERS.items()
+    }
+    return {name: response for name, response in found.items() if np.abs(response).max() > 0}
 
 
 def frf_gain(

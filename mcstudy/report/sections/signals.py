@@ -16,8 +16,7 @@ from mcstudy.report.html import Table
 
 def signal_figures(context: Context) -> list[Figure | Missing]:
     """Fig. 2A-D of the study's own stimulus, noise and truth: its first realization at its smallest amplitude."""
-    # these need no fits, so a group that has not been run is sufficient
-    view = context.accuracy or context.pools or context.theory or next(iter(context.study.groups.values()))
+    view = context.main
     s = Signals.of(view, context.seed, float(view.cube["amplitude"].values[0]))
     python = f'figures.NAME(figures.Signals.of(tree["{view.name}"], {context.seed}, {s.amplitude:g}))'
     peak = f"{s.amplitude:g} {view.model.stimulus_unit} ({view.group.stimulus.convention.replace('_', ' ')})"

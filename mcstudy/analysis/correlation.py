@@ -1,0 +1,57 @@
+"""Correlation of estimates over realizations: which parameters the data tell apart only together.
+
+Goodworth & Peterka 2018 conclude that active and passive stiffness of a joint cannot be told apart while their sum can:
+their estimates move in opposite directions from one realization to the next.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis.labels import labelled
+from mcstudy.analysis.montecarlo import REALIZATION
+
+
+def correlation(cells: xr.Dataset) -> xr.Dataset:
+    """Pearson's correlation of every pair of estimates over realizations, with its Monte Carlo standard error.
+
+    Parameters
+    ----------
+    cells: best fits with ``estimate`` (..., realization, parameter); NaN marks realizations that are left out.
+
+    Returns
+    -------
+    Dataset ``value``, ``mcse`` (..., parameter, parameter_2), ``n``, ``left_out`` (...). The error is that of the
+    delete-one jackknife. NaN where an estimate does not vary; ``mcse`` is NaN for fewer than four realizations.
+    """
+    x = cells["estimate"].transpose(..., REALIZATION, "parameter").load()
+    values = np.asarray(x.values, dtype=float)
+    used = np.isfinite(values).all(axis=-1, keepdims=True)
+    n = used.sum(axis=-2)[..., 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where(used, values, 0.0).sum(axis=-2, keepdims=True) / n[..., None, None]
+        d = np.where(used, values - mean, 0.0)
+        products = np.einsum("...ri,...rj->...ij", d, d)
+        # without realization r the sum of products about the new mean is smaller by d_r d_r' n / (n - 1)
+        factor = (n / np.where(n > 1, n - 1, np.nan))[..., None, None, None]
+        fewer = products[..., None, :, :] - factor * d[..., :, None] * d[..., None, :]
+        value, deleted = _normalized(products), np.where(used[..., None], _normalized(fewer), np.nan)
+        centre = np.nansum(deleted, axis=-3) / n[..., None, None]
+        squares = np.nansum((deleted - centre[..., None, :, :]) ** 2, axis=-3)
+        mcse = np.sqrt(squares * ((n - 1) / n)[..., None, None])
+    mcse[n < 4] = np.nan
+    mcse[~np.isfinite(value)] = np.nan
+    outer = x.dims[:-2]
+    pair = (*outer, "parameter", "parameter_2")
+    counts = {"n": (outer, n), "left_out": (outer, x.sizes[REALIZATION] - n)}
+    coords = {k: x[k] for k in (*outer, "parameter")} | {"parameter_2": x["parameter"].values}
+    out = xr.Dataset({"value": (pair, value), "mcse": (pair, mcse), **counts}, coords)
+    return labelled(out, cells, "correlation of estimates over realizations")
+
+
+def _normalized(products: np.ndarray) -> np.ndarray:
+    """Sums of products (..., P, P) as correlations."""
+    scale = np.sqrt(np.diagonal(products, axis1=-2, axis2=-1).clip(min=0.0))
+    both = scale[..., :, None] * scale[..., None, :]
+    return np.asarray(np.clip(products / np.where(both > 0, both, np.nan), -1.0, 1.0))

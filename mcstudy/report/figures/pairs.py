@@ -1,0 +1,94 @@
+"""Estimates in pairs: their correlation over realizations, and the scatter of two of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from mcstudy.analysis.correlation import correlation
+from mcstudy.analysis.view import GroupView
+from mcstudy.errors import InputError
+from mcstudy.report.figures.common import GroupLike, axes, chosen_amplitude, chosen_fmax, fixed_ticks, view_of
+from mcstudy.report.labels import amplitude_label, cell_label, fmax_label, with_units
+from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
+
+WRITTEN = 0.3
+"""Smallest |correlation| that a map also writes out."""
+
+
+def correlations_of(view: GroupView, amplitude: float, fmax: float) -> xr.Dataset:
+    """`mcstudy.analysis.correlation.correlation` of one condition."""
+    return correlation(view.cells.sel(amplitude=amplitude, fmax=fmax, drop=True))
+
+
+def correlation_map(
+    data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Correlations of all pairs of estimates: area is |r|; discs positive, hollow squares negative.
+
+    The values from `WRITTEN` on stand in the other half.
+    """
+    view, ax = view_of(data), axes(ax, (4.3, 4.3))
+    a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
+    r = correlations_of(view, a, f)["value"]
+    names = [str(n) for n in r["parameter"].values]
+    row, column = np.tril_indices(len(names), -1)
+    value = r.values[row, column]
+    for which, marker, colour, fill in ((value > 0, "o", "blue", True), (value < 0, "s", "orange", False)):
+        ax.scatter(
+            column[which],
+            row[which],
+            170 * np.abs(value[which]) * (12 / max(len(names), 4)) ** 2,
+            marker=marker,
+            facecolor=COLOURS[colour] if fill else "none",
+            edgecolor=COLOURS[colour],
+            linewidth=1.4,
+        )
+    for i, j, v in zip(row, column, value, strict=True):
+        if abs(v) >= WRITTEN:
+            ax.text(
+                float(i),
+                float(j),
+                f"{v:.2f}".replace("0.", ".").replace("-", "−"),
+                fontsize=7.6,
+                ha="center",
+                va="center",
+            )
+    for axis in (ax.xaxis, ax.yaxis):
+        fixed_ticks(axis, range(len(names)), names)
+    ax.tick_params(axis="x", labelrotation=90)
+    ax.set_xlim(-0.6, len(names) - 0.4)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.set_title(cell_label(view, a, f))
+    return ax
+
+
+def estimate_scatter(
+    data: GroupLike, first: str, second: str, amplitude: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Best fits of two parameters, one point per realization and one marker per Fmax; cross: the truth.
+
+    Dashed, for parameters of the same unit: pairs with the true sum. Raises `InputError` for an unknown parameter.
+    """
+    view, ax = view_of(data), axes(ax)
+    a = chosen_amplitude(view, amplitude)
+    units = dict(zip(view.model.names, view.model.units, strict=True))
+    for name in (first, second):
+        if name not in units:
+            raise InputError(f"parameter: expected one of {', '.join(units)}, got {name!r}")
+    cells = view.cells.sel(amplitude=a)
+    for i, f in enumerate(cells["fmax"].values):
+        x, y = (cells["estimate"].sel(fmax=f, parameter=n).values for n in (first, second))
+        ax.plot(x, y, MARKERS[i % len(MARKERS)], color=SERIES[i % len(SERIES)], alpha=0.8, label=fmax_label(float(f)))
+    x0, y0 = (float(cells["truth"].sel(parameter=n)) for n in (first, second))
+    ax.plot(x0, y0, "P", color=COLOURS["ink"], markersize=8, markeredgecolor=COLOURS["panel"], label="truth")
+    if units[first] == units[second]:
+        low, high = np.array(ax.get_xlim()), np.array(ax.get_ylim())
+        line = np.clip(low, x0 + y0 - high[1], x0 + y0 - high[0])
+        ax.plot(line, x0 + y0 - line, color=COLOURS["muted"], linestyle=DASHES[1], linewidth=1.0)
+    ax.set_xlabel(f"{first} ({with_units(units[first])})")
+    ax.set_ylabel(f"{second} ({with_units(units[second])})")
+    ax.set_title(amplitude_label(view, a))
+    ax.legend(ncols=2)
+    return ax

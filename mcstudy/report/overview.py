@@ -1,0 +1,100 @@
+"""What a study asked and what came out, in figures: the first thing on its page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from mcstudy.analysis.correlation import correlation
+from mcstudy.analysis.selection import sums_of
+from mcstudy.analysis.view import GroupView
+from mcstudy.report.context import Context, largest_amplitude, stat, value_of
+from mcstudy.report.figures.common import chosen_fmax
+from mcstudy.report.html import escape
+from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
+from mcstudy.text_tables import number, with_error
+
+Tile = tuple[str, str, str, str]
+"""What, number, remark, id of the figure or section with more."""
+
+
+def overview(context: Context) -> str:
+    """One sentence on the question and a tile for each main result."""
+    tiles = "".join(
+        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong>"
+        f'<small>{escape(remark)} <a href="#{key}">more</a></small></li>'
+        for what, value, remark, key in _tiles(context)
+    )
+    return f"<p>{escape(_question(context))}</p>" + (f'<ul class="tiles">{tiles}</ul>' if tiles else "")
+
+
+def _question(context: Context) -> str:
+    view, groups = context.main, context.study.groups.values()
+    g, segments = view.group, view.model.name.replace("_", "-")
+    fits = sum(v.group.fits for v in groups)
+    return (
+        f"Asked: how well do frequency responses to one stimulus ({g.stimulus.kind.replace('_', ' ')}) identify the "
+        f"{len(view.model.names)} parameters of the {segments} model? {fits:,} fits in {len(groups)} "
+        f"group{'s' * (len(groups) > 1)}; group {view.name}: {g.realizations} realizations × {g.starts} starts, "
+        f"Fmax {_listed(g.fmax)} Hz, stimulus {', '.join(amplitude_label(view, a) for a in g.amplitude)}."
+    )
+
+
+def _listed(values: Iterable[float]) -> str:
+    return ", ".join(f"{v:g}" for v in values)
+
+
+def _tiles(context: Context) -> list[Tile]:
+    tiles = []
+    if error := context.published.get("theory_max_error"):
+        remark = f"paper {error['paper_text']} %; one stimulus identifies every parameter"
+        tiles.append(("Largest error without noise", f"{number(error['value'], 2)} %", remark, "fig4"))
+    view = context.accuracy
+    if view is not None:
+        tiles += _accuracy(context, view)
+    judged = [r["agrees"] for r in context.published.values() if r["agrees"] is not None]
+    if judged:
+        tiles.append(("Published numbers reproduced", f"{sum(judged)} of {len(judged)}", "within 3 MCSE.", "paper"))
+    return tiles
+
+
+def _accuracy(context: Context, view: GroupView) -> list[Tile]:
+    amplitude = largest_amplitude(view)
+    cells = [c for c in context.cells(view) if c["amplitude"] == amplitude]
+    at = amplitude_label(view, amplitude)
+    tiles = [_bias(context, c, at) for c in _ends_and_middle(cells, chosen_fmax(view))]
+    spread = [c for c in cells if c["mean_spread_percent"]["value"] is not None]
+    if len(spread) > 1:
+        best = min(spread, key=lambda c: c["mean_spread_percent"]["value"])
+        remark = f"mean SD {stat(best['mean_spread_percent'])} % of the truth, {at}."
+        tiles.append(("Smallest scatter at", f"Fmax {fmax_label(best['fmax'])}", remark, "fig5"))
+    f = chosen_fmax(view)
+    pairs = [members for members in sums_of(view.model.names).values() if len(members) == 2]
+    if pairs:
+        first, second = pairs[0]
+        r = correlation(view.cells.sel(amplitude=amplitude, fmax=f)).sel(parameter=first, parameter_2=second)
+        remark = f"of estimates, {cell_label(view, amplitude, f)}; their sum is better determined."
+        tiles.append((f"Correlation of {first} and {second}", value_of(r), remark, "pairs"))
+    needed = next((c for c in cells if c["fmax"] == f and c.get("starts_needed_median", {}).get("value")), None)
+    if needed and view.group.starts > 1:
+        remark = (
+            f"in one of ten realizations {number(needed['starts_needed_90th']['value'], 2)} or more, {at}, {f:g} Hz."
+        )
+        value = number(needed["starts_needed_median"]["value"], 2)
+        tiles.append(("Starts for 95 % certainty", f"{value} (median)", remark, "fig3b"))
+    return tiles
+
+
+def _bias(context: Context, cell: dict[str, Any], at: str) -> Tile:
+    """The paper's number is a mean over amplitudes; where there is none, ours is that of one amplitude."""
+    row = context.published.get(f"bias_12_{cell['fmax']:g}")
+    value = row or cell["mean_absolute_bias_percent"]
+    paper = f"paper {row['paper_text']} %, " if row else f"{at}, "
+    what = f"Mean |bias|, Fmax {fmax_label(cell['fmax'])}"
+    chance = number(value["floor"], 2)
+    return what, f"{with_error(value['value'], value['mcse'])} %", f"{paper}{chance} % expected from chance.", "fig7a"
+
+
+def _ends_and_middle(cells: list[dict[str, Any]], fmax: float) -> list[dict[str, Any]]:
+    kept = {cells[0]["fmax"], fmax, cells[-1]["fmax"]} if cells else set()
+    return [c for c in cells if c["fmax"] in kept]

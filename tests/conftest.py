@@ -35,6 +35,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile what every study file is checked with, once and first: who compiles says so, on a line of its own."""
     if not hasattr(session.config, "workerinput"):
-        from mcstudy.fitting.warm import warm
+        from mcstudy.fitting.compilers import warm
 
         warm(["stability"])

@@ -1,0 +1,29 @@
+"""``mcstudy studies``: list the study files that come with mcstudy, or print one of them."""
+
+from __future__ import annotations
+
+import argparse
+
+from mcstudy.exits import Exit
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument(
+        "name", nargs="?", help="print this study file, e.g. to change it: mcstudy studies quick > my.toml"
+    )
+
+
+def main(args: argparse.Namespace) -> Exit:
+    """Print; returns the exit code."""
+    from mcstudy.study.catalogue import located, question, shipped_studies
+
+    if args.name is not None:
+        print(located(args.name).read_text(encoding="utf-8"), end="")
+        return Exit.DONE
+    studies = shipped_studies()
+    width = max(map(len, studies))
+    for name, file in studies.items():
+        print(f"{name:<{width}}  {question(file)}")
+    print("\nRun one: mcstudy run NAME. Print its file: mcstudy studies NAME.")
+    return Exit.DONE

@@ -112,6 +112,7 @@ def _diagnosed(args: argparse.Namespace) -> Diagnosis:
     from mcstudy.errors import InputError, RecordingError
     from mcstudy.gap.diagnose import diagnose, diagnose_fast
     from mcstudy.recordings.io import read_recording
+    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 
     if args.fast and args.bootstrap is not None:
         raise InputError("--bootstrap: not used with --fast; give one of the two")
@@ -120,6 +121,7 @@ def _diagnosed(args: argparse.Namespace) -> Diagnosis:
         options["bootstrap"] = args.bootstrap
     run = diagnose_fast if args.fast else diagnose
     read = [read_recording(path, data=args.data) for path in args.recordings]
+    compile_kernels(DIAGNOSIS)
     try:
         return run(read, **options)
     except RecordingError as error:
@@ -130,13 +132,18 @@ def _diagnosed(args: argparse.Namespace) -> Diagnosis:
 def _diagnose(args: argparse.Namespace) -> Exit:
     from mcstudy.files.json_files import json_text, write_json, write_text
     from mcstudy.gap.tables import text
+    from mcstudy.text_tables import folded, unfolded
 
     diagnosis = _diagnosed(args)
-    words = f"{diagnosis.verdict()}\n\n{text(diagnosis)}"
+
+    def words() -> str:
+        return folded(f"{diagnosis.verdict()}\n\n{text(diagnosis)}")
+
     if args.out:
         write_json(args.out / "diagnosis.json", diagnosis.to_dict(), "diagnosis")
-        write_text(args.out / "diagnosis.txt", words)
-    print(json_text(diagnosis.to_dict(), "diagnosis", "diagnosis") if args.json else words)
+        with unfolded():
+            write_text(args.out / "diagnosis.txt", words())
+    print(json_text(diagnosis.to_dict(), "diagnosis", "diagnosis") if args.json else words())
     return Exit.DONE
 
 
@@ -194,11 +201,12 @@ def _score(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
     from mcstudy.files.json_files import json_text, write_json
+    from mcstudy.text_tables import folded
 
     score = score_files(args.data, args.key, args.answers)
     if args.out:
         write_json(args.out, score, "challenge_score")
-    print(json_text(score, "challenge_score", "score") if args.json else score_text(score))
+    print(json_text(score, "challenge_score", "score") if args.json else folded(score_text(score)))
     return exit_code(score) if args.check else Exit.DONE
 
 
@@ -207,6 +215,7 @@ def _run(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
     from mcstudy.files.json_files import write_json, write_text
+    from mcstudy.text_tables import folded, unfolded
 
     data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
     file, _ = _made(args, data, key)
@@ -214,7 +223,8 @@ def _run(args: argparse.Namespace) -> Exit:
         answer(data, answers, METHODS[file.answer.method], file.answer.method, cluster_options(args))
     score = score_files(data, key, answers)
     write_json(args.out / "score.json", score, "challenge_score")
-    page = score_text(score)
+    with unfolded():
+        page = score_text(score)
     write_text(args.out / "score.txt", page)
-    print(page)
+    print(folded(score_text(score)))
     return exit_code(score) if args.check else Exit.DONE

@@ -48,13 +48,12 @@ def main(args: argparse.Namespace) -> Exit:
 
     from mcstudy.cli import VERBS, parser_of
     from mcstudy.errors import InputError
+    from mcstudy.text_tables import fill, table
 
     if args.topic is None:
-        width = max(map(len, TOPICS))
-        print("mcstudy help TOPIC prints a page, mcstudy help VERB the options of a verb and its page.\n\ntopics:")
-        for topic, (about, _) in TOPICS.items():
-            print(f"  {topic:<{width}}  {about}")
-        print(f"verbs: {', '.join(VERBS)}")
+        print(table(["topic", "about"], [(topic, about) for topic, (about, _) in TOPICS.items()], of_text=True))
+        print(fill("\nmcstudy help TOPIC prints a page, mcstudy help VERB the options of a verb and its page."))
+        print(fill(f"Verbs: {', '.join(VERBS)}"))
         return Exit.DONE
     topic = OF_VERB.get(args.topic, args.topic)
     if args.topic in VERBS:

@@ -17,13 +17,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> Exit:
     """Print; returns the exit code."""
     from mcstudy.study.catalogue import located, question, shipped_studies
+    from mcstudy.text_tables import table
 
     if args.name is not None:
         print(located(args.name).read_text(encoding="utf-8"), end="")
         return Exit.DONE
-    studies = shipped_studies()
-    width = max(map(len, studies))
-    for name, file in studies.items():
-        print(f"{name:<{width}}  {question(file)}")
+    rows = [(name, question(file)) for name, file in shipped_studies().items()]
+    print(table(["study", "what it answers"], rows, of_text=True))
     print("\nRun one: mcstudy run NAME. Print its file: mcstudy studies NAME.")
     return Exit.DONE

@@ -10,7 +10,10 @@ from collections.abc import Iterable
 from mcstudy.fitting.compilers import Compilation, begin, warm
 from mcstudy.scheduler.display import Display
 
-__all__ = ["begin", "compile_kernels"]
+__all__ = ["DIAGNOSIS", "begin", "compile_kernels"]
+
+DIAGNOSIS = ("lm", "linearised", "diagnosis")
+"""Parts that a diagnosis needs."""
 
 
 def compile_kernels(parts: Iterable[str], stop: threading.Event | None = None) -> None:

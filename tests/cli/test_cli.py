@@ -105,7 +105,7 @@ def test_help_prints_the_page_of_every_topic_and_of_verbs(capsys: pytest.Capture
     assert main(["help"]) == Exit.DONE
     listed = capsys.readouterr().out
     for topic in TOPICS:
-        assert f"  {topic} " in listed
+        assert f"\n{topic} " in listed
         assert main(["help", topic]) == Exit.DONE
         assert capsys.readouterr().out.strip().endswith(f"This page: {page(topic)}")
     assert set(OF_VERB) < set(VERBS)

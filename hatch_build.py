@@ -39,10 +39,10 @@ COMPILE = """
 import sys
 from pathlib import Path
 
-from mcstudy.fitting.warm import warm
+from mcstudy.fitting.warm import compile_here
 from mcstudy.stance.compiled import ship
 
-warm(sys.argv[2:])
+compile_here(sys.argv[2:])
 ship(Path(sys.argv[1]))
 """
 

@@ -1,9 +1,67 @@
-"""Numbers and columns as plain text."""
+"""Numbers and columns as plain text, folded to the width of the terminal."""
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Sequence
+import os
+import re
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator, Sequence
+from contextvars import ContextVar
+
+PROSE = 118
+"""Longest line of prose, in characters."""
+
+NARROWEST = 16
+"""Words are wrapped into columns of at least this width, or of their longest word."""
+
+GAP = "  "
+"""Between two columns."""
+
+_folds: ContextVar[bool] = ContextVar("folds", default=True)
+
+
+def terminal_width() -> int | None:
+    """Columns of the terminal, or of the variable COLUMNS; None for a file or a pipe, for which nothing is folded."""
+    if not _folds.get() or not (os.environ.get("COLUMNS", "").isdigit() or (sys.stdout and sys.stdout.isatty())):
+        return None
+    return max(shutil.get_terminal_size().columns, 40)
+
+
+@contextlib.contextmanager
+def unfolded() -> Iterator[None]:
+    """Text that goes to a file, whatever the terminal."""
+    token = _folds.set(False)
+    try:
+        yield
+    finally:
+        _folds.reset(token)
+
+
+def fill(text: str, indent: str = "") -> str:
+    """Prose in lines that fit the terminal, at most `PROSE` long; ``indent`` is in front of all but the first.
+
+    Numbers with their errors and percent signs stay whole.
+    """
+    width = min(terminal_width() or PROSE, PROSE)
+    whole = text.replace(" %", "\xa0%").replace(" ± ", "\xa0±\xa0")
+    lines = textwrap.fill(whole, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return lines.replace("\xa0", " ")
+
+
+def folded(text: str) -> str:
+    """Text whose lines are broken where the terminal ends; without a terminal as it is."""
+    width = terminal_width()
+    if width is None:
+        return text
+    return "\n".join(fill(line, _indent(line)) if len(line) > width else line for line in text.split("\n"))
+
+
+def _indent(line: str) -> str:
+    return " " * (len(line) - len(line.lstrip()) + 2)
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -36,16 +94,84 @@ def counted(n: int, what: str) -> str:
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, of_text: bool = False) -> str:
     """A text table with columns of minimal width; the first is left-aligned, the others are right-aligned.
 
+    Where the terminal is narrower, headings and then words are wrapped inside their columns, never numbers. Columns
+    that still have no room follow below, behind the first column again.
+
     ``of_text``: all columns are left-aligned, with one rule under all headings.
     """
-    widths = [max(len(line[i]) for line in (header, *rows)) for i in range(len(header))]
-
-    def line(cells: Sequence[str]) -> str:
-        aligned = (
-            c.ljust(w) if of_text or i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(cells, widths, strict=True))
+    lines, room = [list(header), *map(list, rows)], terminal_width()
+    natural = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    if room is None or _total(natural) <= room:
+        return _block(lines, natural, of_text)
+    words = [max(map(len, h.split()), default=0) for h in header]
+    calm = [max(words[i], *(len(row[i]) for row in rows)) if rows else words[i] for i in range(len(header))]
+    least = [max(words[i], *(_least(row[i]) for row in rows)) if rows else words[i] for i in range(len(header))]
+    least[0] = min(least[0], room // 2)
+    blocks, columns = [], [0]
+    for i in range(1, len(header)):
+        if len(columns) > 1 and _total([least[k] for k in (*columns, i)]) > room:
+            blocks.append(columns)
+            columns = [0]
+        columns.append(i)
+    return "\n\n".join(
+        _block(
+            [[line[k] for k in one] for line in lines],
+            _narrowed(
+                _narrowed([natural[k] for k in one], [calm[k] for k in one], room), [least[k] for k in one], room
+            ),
+            of_text,
         )
-        return "  ".join(aligned).rstrip()
+        for one in (*blocks, columns)
+    )
 
-    first, *rest = (line(cells) for cells in (header, *rows))
-    rule = "-" * max(map(len, (first, *rest))) if of_text else line(["-" * w for w in widths])
-    return "\n".join([first, rule, *rest])
+
+def _total(widths: Sequence[int]) -> int:
+    return sum(widths) + len(GAP) * (len(widths) - 1)
+
+
+_NUMBER = re.compile(r"[-+±<>≥≤]?\s?\d|-$")
+
+
+def _least(cell: str) -> int:
+    """Width below which a cell is not wrapped: numbers with their errors and units stay in one line."""
+    if _NUMBER.match(cell):
+        return len(cell)
+    return min(len(cell), max(NARROWEST, *map(len, cell.split()))) if cell else 0
+
+
+def _narrowed(widths: list[int], least: list[int], room: int) -> list[int]:
+    """Widths that share the room, none below its least: the widest give way first."""
+    widths = list(widths)
+    while _total(widths) > room:
+        spare = [(w, j) for j, w in enumerate(widths) if w > least[j]]
+        if not spare:
+            break
+        widths[max(spare)[1]] -= 1
+    return widths
+
+
+def _block(lines: list[list[str]], widths: list[int], of_text: bool) -> str:
+    """Lines of cells, the first of them the header, as text."""
+
+    def line(cells: Sequence[str]) -> list[str]:
+        wrapped = [
+            textwrap.wrap(c, w, subsequent_indent=GAP if i == 0 else "", break_on_hyphens=False) or [""]
+            if len(c) > w
+            else [c]
+            for i, (c, w) in enumerate(zip(cells, widths, strict=True))
+        ]
+        found = []
+        for k in range(max(map(len, wrapped))):
+            parts = [part[k] if k < len(part) else "" for part in wrapped]
+            aligned = [
+                c.ljust(w) if of_text or i == 0 else c.rjust(w)
+                for i, (c, w) in enumerate(zip(parts, widths, strict=True))
+            ]
+            found.append(GAP.join(aligned).rstrip())
+        return found
+
+    first, *rest = (line(cells) for cells in lines)
+    rule = "-" * max(len(text) for one in (first, *rest) for text in one)
+    if not of_text:
+        (rule,) = line(["-" * w for w in widths])
+    return "\n".join([*first, rule, *(text for one in rest for text in one)])

@@ -19,6 +19,7 @@ pytest_plugins = ["plain_recordings", "tiny_studies", "two_chunks", "schedule"] 
 
 for variable in ONE_THREAD:
     os.environ.setdefault(variable, "1")
+os.environ.pop("COLUMNS", None)  # pytest-xdist sets it: tables would be folded
 
 # Cubes are synced to disk file by file, thousands of times in all: in memory that costs nothing, and what a lost sync
 # loses is tested with a model of a disk (`study/test_power_cut.py`).
@@ -35,6 +36,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile what every study file is checked with, once and first: who compiles says so, on a line of its own."""
     if not hasattr(session.config, "workerinput"):
-        from mcstudy.fitting.warm import warm
+        from mcstudy.fitting.compilers import warm
 
         warm(["stability"])

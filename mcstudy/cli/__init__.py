@@ -9,11 +9,13 @@ TYPE_CHECKING = False  # as in `mcstudy`: nothing is imported before signals are
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
+    from typing import Any
 
     from mcstudy.cli.stop import Stop
     from mcstudy.exits import Exit
 
 VERBS = {
+    "studies": "list the studies that come with mcstudy, each with what it answers",
     "run": "run a study file into a results cube, or resume it",
     "plan": "predict run time, size and precision of a study before running it",
     "status": "show the progress of a results cube",
@@ -26,6 +28,8 @@ VERBS = {
     "fit": "estimate the parameters of the person in a recording, with confidence intervals",
     "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
     "warm": "compile the kernels ahead of the first run",
+    "help": "print a page of the documentation: mcstudy help gap",
+    "completion": "print a script for completion in bash, zsh or fish",
 }
 """Verbs and their one-line help; verb ``x`` lives in ``mcstudy.cli.x`` (``add_arguments(parser)``, ``main(args)``)."""
 
@@ -64,7 +68,7 @@ def _main(words: list[str], stop: Stop | None) -> Exit:
     return Exit.DONE if not words else Exit.BAD_INPUT
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(whole: bool = False) -> argparse.ArgumentParser:
     import argparse
 
     parser = argparse.ArgumentParser(
@@ -75,8 +79,30 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB")
     for verb, text in VERBS.items():
-        verbs.add_parser(verb, help=text, add_help=False)
+        sub = verbs.add_parser(verb, help=text, description=text, add_help=whole)
+        if whole:
+            _module(verb).add_arguments(sub)
     return parser
+
+
+def whole_parser() -> argparse.ArgumentParser:
+    """The parser of the command with the arguments of every verb."""
+    return _parser(whole=True)
+
+
+def parser_of(verb: str) -> argparse.ArgumentParser:
+    """The parser of one verb."""
+    import argparse
+
+    parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=VERBS[verb], epilog=_epilog())
+    _module(verb).add_arguments(parser)
+    return parser
+
+
+def _module(verb: str) -> Any:
+    import importlib
+
+    return importlib.import_module(f"mcstudy.cli.{verb}")
 
 
 def _epilog() -> str:
@@ -90,19 +116,14 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     # differently on another machine would differ in the last digits.
     for variable in ONE_THREAD:
         os.environ.setdefault(variable, "1")
-    import argparse
     import contextlib
-    import importlib
 
     from mcstudy.cli.stop import stopped, with_command
     from mcstudy.errors import InputError, Interrupted
     from mcstudy.exits import Exit
 
     try:
-        module = importlib.import_module(f"mcstudy.cli.{verb}")
-        parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=VERBS[verb], epilog=_epilog())
-        module.add_arguments(parser)
-        code: Exit = module.main(parser.parse_args(words))
+        code: Exit = _module(verb).main(parser_of(verb).parse_args(words))
         return code
     except InputError as error:
         print(f"mcstudy: {_one_line(error)}", file=sys.stderr)

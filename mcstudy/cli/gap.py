@@ -88,13 +88,14 @@ def main(args: argparse.Namespace) -> Exit:
 def _effects(_: argparse.Namespace) -> Exit:
     from mcstudy.effect_library.library import table_text
 
-    print(table_text(_width()))
+    print(table_text())
     return Exit.DONE
 
 
 def _diagnosed(args: argparse.Namespace) -> Diagnosis:
     from mcstudy.errors import InputError
     from mcstudy.gap.diagnose import diagnose, diagnose_fast
+    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 
     if args.fast and args.bootstrap is not None:
         raise InputError("--bootstrap: not used with --fast; give one of the two")
@@ -103,6 +104,7 @@ def _diagnosed(args: argparse.Namespace) -> Diagnosis:
         options["bootstrap"] = args.bootstrap
     run = diagnose_fast if args.fast else diagnose
     read = read_recordings(args)
+    compile_kernels(DIAGNOSIS)
     with with_names(args):
         return run(read, **options)
 
@@ -110,24 +112,20 @@ def _diagnosed(args: argparse.Namespace) -> Diagnosis:
 def _diagnose(args: argparse.Namespace) -> Exit:
     from mcstudy.files.json_files import json_text, write_json, write_text
     from mcstudy.gap.tables import text
-    from mcstudy.gap.verdict import WIDTH, wrapped
-
-    def words(width: int) -> str:
-        return f"{wrapped(diagnosis, width)}\n\n{text(diagnosis, width)}"
+    from mcstudy.gap.verdict import wrapped
+    from mcstudy.text_tables import unfolded
 
     diagnosis = _diagnosed(args)
+
+    def words() -> str:
+        return f"{wrapped(diagnosis)}\n\n{text(diagnosis)}"
+
     if args.out:
         write_json(args.out / "diagnosis.json", diagnosis.to_dict(), "diagnosis")
-        write_text(args.out / "diagnosis.txt", words(WIDTH))
-    print(json_text(diagnosis.to_dict(), "diagnosis", "diagnosis") if args.json else words(_width()))
+        with unfolded():
+            write_text(args.out / "diagnosis.txt", words())
+    print(json_text(diagnosis.to_dict(), "diagnosis", "diagnosis") if args.json else words())
     return Exit.DONE
-
-
-def _width() -> int:
-    """Width of the terminal; 100 characters where there is none."""
-    import shutil
-
-    return shutil.get_terminal_size((100, 24)).columns
 
 
 def _report(args: argparse.Namespace) -> Exit:
@@ -184,11 +182,12 @@ def _score(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
     from mcstudy.files.json_files import json_text, write_json
+    from mcstudy.text_tables import folded
 
     score = score_files(args.data, args.key, args.answers)
     if args.out:
         write_json(args.out, score, "challenge_score")
-    print(json_text(score, "challenge_score", "score") if args.json else score_text(score))
+    print(json_text(score, "challenge_score", "score") if args.json else folded(score_text(score)))
     return exit_code(score) if args.check else Exit.DONE
 
 
@@ -197,6 +196,7 @@ def _run(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
     from mcstudy.files.json_files import write_json, write_text
+    from mcstudy.text_tables import folded, unfolded
 
     data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
     file, _ = _made(args, data, key)
@@ -204,7 +204,8 @@ def _run(args: argparse.Namespace) -> Exit:
         answer(data, answers, METHODS[file.answer.method], file.answer.method, cluster_options(args))
     score = score_files(data, key, answers)
     write_json(args.out / "score.json", score, "challenge_score")
-    page = score_text(score)
+    with unfolded():
+        page = score_text(score)
     write_text(args.out / "score.txt", page)
-    print(page)
+    print(folded(score_text(score)))
     return exit_code(score) if args.check else Exit.DONE

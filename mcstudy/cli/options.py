@@ -58,8 +58,10 @@ def stable_study(args: argparse.Namespace) -> Study:
     from mcstudy.study.study_file import read_study
 
     study = read_study(args.study)
-    from mcstudy.study.unstable import refuse_unstable  # numba is slow to import; report a bad file first
+    from mcstudy.study.kernels import compile_for_check  # numba is slow to import; report a bad file first
+    from mcstudy.study.unstable import refuse_unstable
 
+    compile_for_check(study, fits=getattr(args, "scheduler", None) is None)
     try:
         refuse_unstable(study, args.allow_unstable)
     except DesignError as error:

@@ -22,6 +22,8 @@ def main(args: argparse.Namespace) -> Exit:
     study = stable_study(args)
     import mcstudy.study.run  # noqa: F401 - the imports of a run are part of its time
     from mcstudy.study.plan import plan
+    from mcstudy.text_tables import folded
 
-    print(plan(study, imports=time.process_time(), workers=args.workers, allow_unstable=args.allow_unstable))
+    found = plan(study, imports=time.process_time(), workers=args.workers, allow_unstable=args.allow_unstable)
+    print(folded(str(found)))
     return Exit.DONE

@@ -23,17 +23,18 @@ def main(args: argparse.Namespace) -> Exit:
     import numpy as np
 
     from mcstudy.study.replay import replay
+    from mcstudy.text_tables import fill, table
 
     r = replay(args.out, args.group, args.amplitude, args.fmax, args.realization, args.start)
     width = r.model.upper - r.model.lower
-    units = " ".join(f"{p.name}/({p.unit})" for p in r.model.parameters)
-    print(f"{'iteration':>9}  {'cost':>22}  {'step':>8}  {units}")
-    for point in r.path:
-        values = " ".join(f"{x:.10g}" for x in point.theta)
-        step = np.abs(point.step / width).max()
-        print(f"{point.iteration:>9}  {point.cost:>22.16g}  {step:>8.1e}  {values}")
-    print("step: largest change of a parameter, divided by the width of its bounds; 0: the step was rejected")
-    print(f"ended: {r.status.text}")
+    header = ["iteration", "cost", "step", *(f"{p.name}/({p.unit})" for p in r.model.parameters)]
+    rows = [
+        [str(p.iteration), f"{p.cost:.16g}", f"{np.abs(p.step / width).max():.1e}", *(f"{x:.10g}" for x in p.theta)]
+        for p in r.path
+    ]
+    print(table(header, rows))
+    print(fill("step: largest change of a parameter, divided by the width of its bounds; 0: the step was rejected"))
+    print(fill(f"ended: {r.status.text}"))
     if r.differ:
         print(f"{args.out}: differs from the stored fit ({', '.join(r.differ)}); stored: {r.stored_status.text}")
         return Exit.DIFFERS

@@ -40,6 +40,7 @@ def _once(cube: Cube, as_json: bool) -> Exit:
     from mcstudy.files.schema import identifier
     from mcstudy.fitting.status import Status
     from mcstudy.study.failures import account
+    from mcstudy.text_tables import table
 
     by_group, failed = account(cube)
     if as_json:
@@ -51,10 +52,8 @@ def _once(cube: Cube, as_json: bool) -> Exit:
     print(f"{cube.path}: study {cube.study.study.name}, seed {cube.study.study.seed}")
     print(f"fingerprint {cube.study.fingerprint}")
     shown = [s for s in Status if s is Status.PENDING or any(c[s] for c in by_group.values())]
-    width = max(len(name) for name in by_group)
-    print(" " * width + "".join(f"  {s.name.lower():>16}" for s in shown))
-    for name, c in by_group.items():
-        print(f"{name:<{width}}" + "".join(f"  {c[s]:>16}" for s in shown))
+    header = ["", *(s.name.lower().replace("_", " ") for s in shown)]
+    print(table(header, [[name, *(str(c[s]) for s in shown)] for name, c in by_group.items()]))
     for line in failed:
         print(f"failed fit: {line}")
     if any(c[Status.PENDING] for c in by_group.values()):

@@ -8,7 +8,6 @@ diagnosis then treats like the others.
 from __future__ import annotations
 
 import contextlib
-import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -17,6 +16,7 @@ from mcstudy.effect_library.published import DECLARATIONS
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.rules import Rules
+from mcstudy.text_tables import fill
 
 
 class Library(Mapping[str, Effect]):
@@ -137,16 +137,14 @@ def shape_parameters() -> set[str]:
     return {s.name for e in LIBRARY.values() for s in e.sizes if s.is_shape}
 
 
-def table_text(width: int = 100) -> str:
-    """The library as text for `mcstudy gap effects`, in lines of at most ``width`` characters.
+def table_text() -> str:
+    """The library as text for `mcstudy gap effects`.
 
     One block per effect: name, location, size with its usual range, equation, and where that range comes from.
     """
 
     def lines(label: str, content: str) -> str:
-        return textwrap.fill(
-            content, max(width, 40), initial_indent=f"  {label}  ", subsequent_indent=" " * (len(label) + 4)
-        )
+        return fill(f"  {label}  {content}", " " * (len(label) + 4))
 
     return "\n\n".join(
         "\n".join(

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import json
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import StoreError
+from mcstudy.files.packaged import packaged
 
 VERSION = "1.0.0"
 
@@ -18,12 +18,8 @@ VERSION = "1.0.0"
 @cache
 def load(name: str) -> dict[str, Any]:
     """The schema ``name`` (e.g. ``"study_cube"``) of the current version."""
-    package = Path(__file__).resolve().parent.parent
-    for folder in (package / "results_schema", package.parent / "results_schema"):
-        file = folder / VERSION / f"{name}.json"
-        if file.is_file():
-            return dict(json.loads(file.read_text(encoding="utf-8")))
-    raise FileNotFoundError(f"results_schema/{VERSION}/{name}.json is missing from this installation")
+    file = packaged("results_schema") / VERSION / f"{name}.json"
+    return dict(json.loads(file.read_text(encoding="utf-8")))
 
 
 def identifier(name: str) -> str:

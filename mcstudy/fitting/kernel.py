@@ -51,7 +51,7 @@ _HALF_PI_3 = 2.0222662487959506e-21
 # --- elementary functions of lanes, and of complex numbers in lanes ---
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, forceinline=True)
 def _sin_cos(x):
     """Sine and cosine of lanes by Taylor series on [-pi/4, pi/4]; no library call, so the same bits everywhere."""
     k = nearest(x * splat(_TWO_OVER_PI))
@@ -87,27 +87,27 @@ def _sin_cos(x):
     return sine, cosine
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, forceinline=True)
 def _times(ar, ai, br, bi):
     """Complex product."""
     return fnma(ai, bi, ar * br), fma(ai, br, ar * bi)
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, forceinline=True)
 def _over(ar, ai, br, bi):
     """Complex quotient."""
     scale = splat(1.0) / fma(bi, bi, br * br)
     return fma(ai, bi, ar * br) * scale, fnma(ar, bi, ai * br) * scale
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, forceinline=True)
 def _inverse(re, im):
     """One over a complex number."""
     scale = splat(1.0) / fma(im, im, re * re)
     return re * scale, negative(im * scale)
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, forceinline=True)
 def _times_s(re, im, order, omega):
     """Product with s**order at s = i omega."""
     if order == 0:
@@ -188,7 +188,7 @@ def _add(w, slot, value):
     store(w, slot, load(w, slot) + value)
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, forceinline=True)
 def _tile(w, left, right, gram, stride, n):
     """Add Re(conj(left_i) right_j), summed over ``n`` frequencies, to the nine slots of a 3 x 3 tile.
 
@@ -574,7 +574,7 @@ def evaluate(plan: Plan, work: Workspace) -> None:
             tile += 9
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, forceinline=True)
 def _gather(w, to, of, factor, first, n):
     """Set (``first``) or add ``factor`` times complex numbers at ``n`` frequencies."""
     if first != 0:
@@ -587,7 +587,7 @@ def _gather(w, to, of, factor, first, n):
             store(w, to + BLOCK + f, fma(factor, load(w, of + BLOCK + f), load(w, to + BLOCK + f)))
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, forceinline=True)
 def _products(w, to, left, right, n):
     """Add Re(conj(left) right), summed over ``n`` frequencies, to one slot."""
     total, more = load(w, to), splat(0.0)
@@ -647,8 +647,8 @@ def _solve(w, matrix, right, n):
             store(w, right + k, fnma(factor, found, load(w, right + k)))
 
 
-@njit(nogil=True)
-def _step(work: Workspace, bounds: Bounds):
+@compiled
+def bounded_step(work: Workspace, bounds: Bounds):
     """One damped Gauss-Newton step inside the bounds for every lane; returns nothing, fills ``step`` and ``trial``.
 
     ``held`` is 1 where a parameter sits on a bound or has been put on a side of the box of allowed steps; the others
@@ -752,8 +752,8 @@ def _steepest(work: Workspace, lane, bounds: Bounds):
 # --- the queue of fits ---
 
 
-@njit(nogil=True)
-def _begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
+@compiled
+def begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
     """Put a start of the queue and its problem into a lane; returns the cost below which only rounding is left."""
     w, start, packed = work.w, queue.starts[index], queue.packed[queue.problem[index]]
     for p in range(start.size):
@@ -787,11 +787,11 @@ def levenberg_marquardt(
     evaluations = np.zeros(WIDTH, dtype=np.int64)
     outcome = np.zeros(WIDTH, dtype=np.int64)
     half = splat(0.5)
-    next_fit = 0
+    next_fit = np.int64(0)  # a literal 0 would be a type of its own: `begin` would be compiled twice
     running = 0
     for lane in range(WIDTH):  # every lane begins with some start, so that idle lanes hold finite numbers
         index = min(next_fit, n_fits - 1)
-        floor[lane] = _begin(work, lane, queue, index, bounds)
+        floor[lane] = begin(work, lane, queue, index, bounds)
         if next_fit < n_fits:
             fit[lane], fresh[lane] = next_fit, True
             next_fit += 1
@@ -830,7 +830,7 @@ def levenberg_marquardt(
         for p in range(P):
             store(w, at_x + p, where_less(half, accepted, load(w, at_trial + p), load(w, at_x + p)))
 
-        _step(work, bounds)
+        bounded_step(work, bounds)
         store(w, at_matrix, _predicted(work, P))
         for lane in range(WIDTH):
             if fit[lane] < 0:
@@ -854,6 +854,6 @@ def levenberg_marquardt(
             running -= 1
             if next_fit < n_fits:  # hand the lane its next start
                 fit[lane], fresh[lane], evaluations[lane], growth[lane], outcome[lane] = next_fit, True, 0, 2.0, 0
-                floor[lane] = _begin(work, lane, queue, next_fit, bounds)
+                floor[lane] = begin(work, lane, queue, next_fit, bounds)
                 next_fit += 1
                 running += 1

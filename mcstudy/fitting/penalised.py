@@ -135,9 +135,12 @@ class Fitter:
             problem=np.zeros(len(starts), dtype=np.int64) if problem is None else np.asarray(problem, dtype=np.int64),
             starts=starts,
         )
+        # Copies: a view that cannot be written to is another type, for which all would be compiled once more.
         bounds = Bounds(
-            np.ascontiguousarray(np.broadcast_to(model.lower if lower is None else lower, shape)),
-            np.ascontiguousarray(np.broadcast_to(model.upper if upper is None else upper, shape)),
+            *(
+                np.array(np.broadcast_to(own if given is None else given, shape), dtype=float, order="C")
+                for own, given in ((model.lower, lower), (model.upper, upper))
+            )
         )
         out, options = PenalisedFits.empty(*shape), Options(tolerance, max_iterations)
         held = Restraint.none(shape[1]) if restraint is None else restraint

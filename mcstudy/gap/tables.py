@@ -13,7 +13,7 @@ from mcstudy.gap.questions.contrasts import DRAWS
 from mcstudy.gap.questions.parameters import SOURCES, SOURCES_EXPLAINED
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import FOUND
-from mcstudy.gap.verdict import WIDTH, added_name, effects_of, not_a_body, p_value, undetected, wrap
+from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, undetected
 from mcstudy.text_tables import number, with_error
 
 if TYPE_CHECKING:
@@ -48,10 +48,10 @@ def tables(d: Diagnosis) -> list[Table]:
     return [t for t in found if t.rows]
 
 
-def text(d: Diagnosis, width: int = WIDTH) -> str:
-    """All tables as plain text; the notes below them in lines of at most ``width`` characters."""
+def text(d: Diagnosis) -> str:
+    """All tables as plain text."""
     return "\n\n".join(
-        text_tables.table(t.header, t.rows) + (f"\n{wrap(t.note, width)}" if t.note else "") for t in tables(d)
+        text_tables.table(t.header, t.rows) + (f"\n{text_tables.fill(t.note)}" if t.note else "") for t in tables(d)
     )
 
 

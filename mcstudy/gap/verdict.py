@@ -5,20 +5,16 @@ Effects have the names under which the library lists them, so that any of them c
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING
 
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap.questions.parameters import sources
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import Undetectable
-from mcstudy.text_tables import number, with_error
+from mcstudy.text_tables import fill, number, with_error
 
 if TYPE_CHECKING:
     from mcstudy.gap.diagnosis import Diagnosis
-
-WIDTH = 100
-"""Widest line of text."""
 
 WIDE = 0.3
 """Width of the interval of the share closed from which the number of trials that narrows it is stated."""
@@ -85,16 +81,9 @@ def verdict(d: Diagnosis) -> str:
     return " ".join(sentences(d))
 
 
-def wrapped(d: Diagnosis, width: int = WIDTH) -> str:
-    """The sentences in lines of at most ``width`` characters; each part of the verdict begins a line."""
-    return "\n".join(wrap(part, width) for part in sentences(d))
-
-
-def wrap(text: str, width: int = WIDTH) -> str:
-    """A paragraph in lines of at most ``width`` characters. Names, and numbers with their errors, stay whole."""
-    whole = text.replace(" %", "\xa0%").replace(" ± ", "\xa0±\xa0")
-    lines = textwrap.fill(whole, max(20, min(width, WIDTH)), break_on_hyphens=False, break_long_words=False)
-    return lines.replace("\xa0", " ")
+def wrapped(d: Diagnosis) -> str:
+    """The sentences in lines that fit the terminal; each part of the verdict begins a line."""
+    return "\n".join(fill(part) for part in sentences(d))
 
 
 def sentences(d: Diagnosis) -> list[str]:

@@ -55,6 +55,13 @@ class Display:
         self._write(f"{self._back()}{message}\n")
         self._height = 0
 
+    def clear(self) -> None:
+        """Take the lines of `show` away, where they can be taken away."""
+        if self._cell is not None:
+            self._cell.update(_Text([]))
+        self._write(self._back())
+        self._height = 0
+
     def _back(self) -> str:
         """Control sequence that erases the last lines of a terminal."""
         up = f"\033[{self._height}A" if self._height else ""

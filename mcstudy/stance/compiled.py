@@ -1,6 +1,6 @@
 """Decorator for compiled functions that are cached on disk; it detects changes in all source files they depend on.
 
-Numba caches compiled code next to the source, because compiling the kernels takes most of a minute. By default it
+Numba caches compiled code next to the source, because compiling all kernels takes half a minute. By default it
 checks only the file that contains the function, so a function that calls or inlines code of another file would continue
 to use the old code of that file. Here the check covers the file and, recursively, all files of the same package that it
 imports.
@@ -16,6 +16,7 @@ import hashlib
 import pickle
 import re
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from importlib.util import find_spec
@@ -31,13 +32,39 @@ from mcstudy.stance import shipped
 FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.MULTILINE)
 IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n]*)", re.MULTILINE)
 
-SLOW = frozenset({"rightmost", "evaluate", "levenberg_marquardt", "penalised_fits"})
-"""Functions that take several seconds to compile: whoever waits for one of them is told."""
+SLOW = {"rightmost": 5, "evaluate": 8, "levenberg_marquardt": 12, "penalised_fits": 12}
+"""Functions that take several seconds to compile, with all they call: whoever waits for one of them is told."""
 
-NOTICE = "compiling the fit kernels, once for this installation: about 40 s ..."
+NOTICE = "compiling {}, once for this installation: about {} s ..."
 
 KEPT: list[Any] = []
 """Every function of `compiled`."""
+
+
+class NotCompiledError(Exception):
+    """A function is not compiled yet, inside `only_compiled`."""
+
+
+_state = threading.local()
+
+
+@contextlib.contextmanager
+def only_compiled() -> Iterator[None]:
+    """In this thread, functions that are compiled are loaded; any other raises `NotCompiledError`."""
+    _state.only = True
+    try:
+        yield
+    finally:
+        _state.only = False
+
+
+def folder_of(dispatcher: Any) -> Path | None:
+    """Folder in which the code of a function is kept for other processes; None when none can be written to."""
+    locator = dispatcher._cache.impl.locator
+    if isinstance(locator, _ReadOnly):
+        return None
+    locator.ensure_cache_path()
+    return Path(locator.get_cache_path())
 
 
 def compiled(function: Callable[..., Any], *, allocates: bool = True) -> Any:
@@ -66,11 +93,11 @@ def ship(folder: Path, package: str = "mcstudy") -> None:
 
 
 @cache
-def _notice() -> None:
-    """Say once that compiling takes its time."""
+def _notice(name: str) -> None:
+    """Say once that compiling a function takes its time."""
     if sys.stderr is not None:
         with contextlib.suppress(OSError, ValueError):  # closed: nobody to tell
-            print(NOTICE, file=sys.stderr, flush=True)
+            print(NOTICE.format(name, SLOW[name]), file=sys.stderr, flush=True)
 
 
 def sources(module: str) -> dict[str, str]:
@@ -155,8 +182,10 @@ class _Cache(FunctionCache):
         found = super().load_overload(sig, target_context)
         if found is None:
             found = self._shipped(sig, target_context)
+        if found is None and getattr(_state, "only", False):
+            raise NotCompiledError(self.function.__name__)
         if found is None and self.function.__name__ in SLOW:
-            _notice()
+            _notice(self.function.__name__)
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:

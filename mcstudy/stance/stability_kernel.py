@@ -350,7 +350,7 @@ def rightmost(
         chain = _chain(loop)
         if chain == math.inf:
             continue
-        found = 0
+        found = np.int64(0)  # a literal 0 would be a type of its own: its callees would be compiled twice
         for q in range(hints.shape[1]):
             if abs(hints[b, q]) < 1e300 and found < MAX_ROOTS:
                 ok, s = _newton(hints[b, q], roots, found, loop)

@@ -6,13 +6,16 @@ separates a block that kills workers from the blocks that waited behind it.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any
 
 from distributed import get_worker
 
+from mcstudy.fitting.compilers import warm
 from mcstudy.study.environment import environment
-from mcstudy.study.tasks import Task, TaskReport, run_task
+from mcstudy.study.kernels import parts_of
+from mcstudy.study.tasks import Task, TaskReport, open_group, run_task
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,9 @@ def topic(run: str) -> str:
 
 
 def attempt(task: Task, key: str) -> Attempt:
-    """Announce ``key`` and run the task."""
+    """Announce ``key`` and run the task. A worker that has not compiled the kernels yet does so before it announces."""
+    with contextlib.suppress(Exception):  # the block meets it too, and reports it
+        warm(parts_of([open_group(task.path, task.study, task.group, task.depth).experiment.group]))
     worker = get_worker()
     worker.log_event(topic(task.run), {"key": key, "worker": worker.address})
     ended: TaskReport | Failure

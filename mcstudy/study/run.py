@@ -16,13 +16,14 @@ from pathlib import Path
 
 from mcstudy.errors import StoreError, StudyChangedError
 from mcstudy.files.durable import locked, recover, sweep
-from mcstudy.fitting.warm import PARTS, warm
 from mcstudy.scheduler.cluster import ClusterOptions, connect
+from mcstudy.scheduler.compiling import compile_kernels
 from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.stopping import stop_requests
 from mcstudy.study import environment, runlog, study_file
 from mcstudy.study.design import Study
 from mcstudy.study.growth import Growth, growths
+from mcstudy.study.kernels import compile_for_check, parts_of
 from mcstudy.study.layout import Chunk, Layout
 from mcstudy.study.repair import Repairs, repair, repairable
 from mcstudy.study.runlog import RunLog
@@ -109,6 +110,7 @@ def run_study(
     Interrupted: stopped by Ctrl-C, SIGTERM, SIGHUP, a disk that could not be written, or a lost scheduler; the same
         call resumes.
     """
+    compile_for_check(study, fits=options is None or options.scheduler is None)
     refuse_unstable(study, allow_unstable)
     out = Path(out).resolve()
     with locked(out):
@@ -152,8 +154,8 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
         progress.say(f"warning: the cube was created in another environment: {line}")
     if blocks:
         with _stop_requests(run, partial(progress.how_far, out)) as stop, connect(options, progress.say) as client:
-            if options.scheduler is None:
-                _warm(study, stop)
+            if options.scheduler is None:  # other workers do so themselves before their first block
+                compile_kernels(parts_of(study.groups.values()), stop)
             progress.begin()
             submission = Submission(cube, client, options, stop, run, log, progress, outcome)
             submission.warned.update(differ)
@@ -166,28 +168,6 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
     outcome.seconds = progress.seconds
     log.add("end", fits=outcome.fits, seconds=round(outcome.seconds, 3), failed_blocks=outcome.failed_blocks)
     return outcome
-
-
-def _warm(study: Study, stop: threading.Event) -> None:
-    """Have the kernels compiled that a study needs, or loaded, before time is counted; returns early when stopped.
-
-    On machines of a cluster that is their own matter: `mcstudy warm`.
-    """
-    parts: set[str] = set()
-    for group in study.groups.values():
-        parts |= {group.simulator, group.fit.solver, group.fit.starts}
-        if "linearised" in parts or group.spectra.covariance == "through_loop":
-            parts |= {"linearised", "lm"}  # which race fits of that solver
-
-    def work() -> None:
-        with contextlib.suppress(Exception):  # the fits will meet it too, and have it reported block by block
-            warm(name for name in PARTS if name in parts)
-
-    # The compiler comes back to Python after many seconds, so that a request to stop is waited for beside it.
-    thread = threading.Thread(target=work, name="mcstudy-warm", daemon=True)
-    thread.start()
-    while thread.is_alive() and not stop.is_set():
-        thread.join(0.02)
 
 
 def _annotate(cube: Cube) -> int:

@@ -15,6 +15,7 @@ from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import short, shown, validated
 from mcstudy.files.sections import leaves
 from mcstudy.files.untrusted import toml
+from mcstudy.study.catalogue import located
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
 
 MAX_BYTES = 1_000_000
@@ -22,8 +23,11 @@ MAX_BYTES = 1_000_000
 
 
 def read_study(path: str | Path) -> Study:
-    """The resolved study of a file; raises `DesignError` with one line."""
-    path = Path(path)
+    """The resolved study of a file, or of a study that comes with mcstudy, by name (``goodworth2018``).
+
+    Raises `DesignError` with one line.
+    """
+    path = located(path)
     text = read_text(path, "study file")
     try:
         return parse_study(text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from importlib.metadata import version
@@ -14,6 +15,8 @@ import pytest
 from tiny_studies import EIGHT_FITS as STUDY
 
 from mcstudy.cli import VERBS, main
+from mcstudy.cli.completion import SHELLS
+from mcstudy.cli.help import OF_VERB, TOPICS, page
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
@@ -22,6 +25,7 @@ from mcstudy.fitting.status import Status
 from mcstudy.report.document import write_page
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study import tasks
+from mcstudy.study.study_file import parse_study, read_study
 
 
 @pytest.fixture
@@ -63,6 +67,65 @@ def test_every_verb_has_help(verb: str, capsys: pytest.CaptureFixture[str]) -> N
         main([verb, "--help"])
     assert done.value.code == 0
     assert f"mcstudy {verb}" in capsys.readouterr().out
+
+
+def test_every_study_that_comes_with_mcstudy_is_listed_found_by_name_and_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "quick").mkdir()  # a name without .toml is that of a shipped study
+    assert main(["studies"]) == Exit.DONE
+    listed = capsys.readouterr().out
+    for name in ("goodworth2018", "quick"):
+        assert f"{name} " in listed
+        assert read_study(name).study.name == name
+        assert main(["studies", name]) == Exit.DONE
+        text = capsys.readouterr().out
+        assert parse_study(text).fingerprint == read_study(name).fingerprint
+    assert "gap_challenge" not in listed
+    (tmp_path / "quick.toml").write_text(STUDY)
+    assert read_study("quick.toml").fits == 8
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("goodworth", "shipped with mcstudy: goodworth2018"), ("pipelines/quick.toml", "quick"), ("x", "mcstudy studies")],
+)
+def test_a_study_that_is_not_there_is_one_line_with_similar_names(
+    name: str, hint: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["plan", name]) == Exit.BAD_INPUT
+    error = capsys.readouterr().err
+    assert error.startswith(f"mcstudy: {name}: expected a study file")
+    assert hint in error
+    assert error.count("\n") == 1
+
+
+def test_help_prints_the_page_of_every_topic_and_of_verbs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["help"]) == Exit.DONE
+    listed = capsys.readouterr().out
+    for topic in TOPICS:
+        assert f"\n{topic} " in listed
+        assert main(["help", topic]) == Exit.DONE
+        assert capsys.readouterr().out.strip().endswith(f"This page: {page(topic)}")
+    assert set(OF_VERB) < set(VERBS)
+    assert set(OF_VERB.values()) <= set(TOPICS)
+    assert main(["help", "gap"]) == Exit.DONE
+    assert "usage: mcstudy gap" in (text := capsys.readouterr().out)
+    assert text.strip().endswith(f"This page: {page('diagnosis')}")
+    assert main(["help", "diagnosys"]) == Exit.BAD_INPUT
+    assert "similar: diagnosis" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_completion_knows_every_verb_and_is_a_valid_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["completion", shell]) == Exit.DONE
+    script = capsys.readouterr().out
+    assert all(verb in script for verb in VERBS)
+    assert "until-mcse" in script
+    if program := shutil.which(shell):
+        subprocess.run([program, "-n"], input=script, text=True, check=True)
 
 
 def test_bad_study_files_are_one_line_on_stderr_and_exit_2(

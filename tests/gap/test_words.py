@@ -19,6 +19,7 @@ from mcstudy.gap.verdict import ON_BOUNDS, sway, undetected, verdict, wrapped
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stimulus import Prts
+from mcstudy.text_tables import PROSE
 
 BASE = two_segment()
 CASES: dict[str, dict[str, dict[str, float]]] = {
@@ -171,18 +172,20 @@ def test_every_effect_has_the_name_under_which_it_can_be_simulated(found: dict[s
 
 @pytest.mark.parametrize("width", [40, 80, 100, 250])
 def test_the_verdict_fits_the_terminal_and_keeps_numbers_with_their_units(
-    found: dict[str, Diagnosis], width: int
+    found: dict[str, Diagnosis], width: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
     for case, d in variants(found):
-        lines = wrapped(d, width).splitlines()
-        assert max(map(len, lines)) <= min(width, 100), case
+        lines = wrapped(d).splitlines()
+        assert max(map(len, lines)) <= min(width, PROSE), case
         assert not [line for line in lines if re.match(r"%|±", line) or line.endswith("±")], case
         assert " ".join(lines).split() == verdict(d).split(), case
 
 
-def test_words_below_a_table_fit_the_terminal(found: dict[str, Diagnosis]) -> None:
+def test_words_below_a_table_fit_the_terminal(found: dict[str, Diagnosis], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
     notes = [t.note for t in tables(found["a small gap"]) if t.note]
-    shown = text(found["a small gap"], 60)
+    shown = text(found["a small gap"])
     assert len(notes) > 4
     for note in notes:
         assert " ".join(note.split()) in " ".join(shown.split())

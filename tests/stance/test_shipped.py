@@ -15,7 +15,7 @@ from numba import config
 
 from mcstudy.stance import compiled as module
 from mcstudy.stance import shipped
-from mcstudy.stance.compiled import KEPT, NOTICE, compiled, ship
+from mcstudy.stance.compiled import KEPT, NotCompiledError, compiled, only_compiled, ship
 
 SOURCE = """
 def inner(x):
@@ -140,7 +140,13 @@ def test_who_waits_for_a_slow_function_is_told_once(call: Call, capsys: pytest.C
     assert capsys.readouterr().err == ""
     for x in (7, 7.0):
         assert call(x, "evaluate")[1] == 1
-    assert capsys.readouterr().err == f"{NOTICE}\n"
+    assert capsys.readouterr().err == "compiling evaluate, once for this installation: about 8 s ...\n"
+
+
+def test_what_is_not_compiled_can_be_asked_for_without_compiling_it(call: Call) -> None:
+    with only_compiled(), pytest.raises(NotCompiledError):
+        call(7)
+    assert call(7) == (21, 1)
 
 
 def _edit(folder: Path, change: Callable[[Any], Any]) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 from mcstudy.analysis.measures import MEASURES
-from mcstudy.text_tables import counted, number, table, with_error
+from mcstudy.text_tables import counted, fill, folded, number, table, with_error
 
-WIDTH = 118
 _HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}
 _MARK = {True: "yes", False: "NO", None: "-"}
 
@@ -18,15 +16,15 @@ def render(data: dict[str, Any]) -> str:
     study = data["study"]
     parts = [f"Study {study['title']} (seed {study['seed']}, fingerprint {str(study['fingerprint'])[:12]})"]
     if left := incomplete(data):
-        parts.append(textwrap.fill(left, WIDTH))
+        parts.append(fill(left))
     for provenance in dict.fromkeys(g["truth_provenance"] for g in data["groups"].values()):
-        parts.append(textwrap.fill(f"True values: {provenance}.", WIDTH))
+        parts.append(fill(f"True values: {provenance}."))
     if data["paper"]["rows"]:
         parts.append(_paper(data["paper"]))
     parts += [_comparisons(with_it) for with_it in _by_reference(data["comparisons"])]
     parts += [f"Group {name} is not compared: {reason}" for name, reason in data["not_compared"].items()]
     parts += [_group(name, group) for name, group in data["groups"].items()]
-    return "\n\n".join(parts)
+    return folded("\n\n".join(parts))
 
 
 def incomplete(data: dict[str, Any]) -> str:
@@ -64,7 +62,7 @@ def _paper(paper: dict[str, Any]) -> str:
         if row["detail"]:
             lines.append(f"{row['label']}; ours: {row['detail']}")
     for i, note in enumerate(notes, 1):
-        lines.append(textwrap.fill(f"[{i}] {note}", WIDTH, subsequent_indent="    "))
+        lines.append(fill(f"[{i}] {note}", "    "))
     return "\n".join(lines)
 
 
@@ -89,11 +87,10 @@ def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
             rows.append([c["group"] if i == 0 else "", f"{cell['fmax']:g} Hz", *differences])
         if c["claims"]:
             claims.append(_claims(c))
-    lines = [textwrap.fill(header, WIDTH), "", table(["", "Fmax", *(m.head for m in MEASURES.values())], rows), ""]
+    lines = [fill(header), "", table(["", "Fmax", *(m.head for m in MEASURES.values())], rows), ""]
     for c in all_of_them:
         how_many = counted(c["realizations"], "realization")
-        what = f"{c['group']}: {'; '.join(c['differences']) or 'same setting'}; {how_many}"
-        lines.append(textwrap.fill(what, WIDTH, subsequent_indent="    "))
+        lines.append(fill(f"{c['group']}: {'; '.join(c['differences']) or 'same setting'}; {how_many}", "    "))
     return "\n".join([*lines, *claims])
 
 
@@ -103,7 +100,7 @@ def _claims(comparison: dict[str, Any]) -> str:
     for v in comparison["claims"]:
         if v["claim"] != said:
             said = v["claim"]
-            out.append("\n" + textwrap.fill(f"The paper on {comparison['group']}: {said} ({v['where']})", WIDTH))
+            out.append("\n" + fill(f"The paper on {comparison['group']}: {said} ({v['where']})"))
         head, difference = MEASURES[v["measure"]].head, with_error(v["value"], v["mcse"])
         out.append(f"    {head} {v['expected']} at {v['fmax']:g} Hz: {v['verdict']} ({difference})")
     return "\n".join(out)
@@ -119,9 +116,9 @@ def _group(name: str, group: dict[str, Any]) -> str:
     )
     if group["differences"]:
         differences = f"Differs from the paper's setting in: {'; '.join(group['differences'])}"
-        head += "\n" + textwrap.fill(differences, WIDTH, subsequent_indent="    ")
+        head += "\n" + fill(differences, "    ")
     for note in group["notes"]:
-        head += "\n" + textwrap.fill(note, WIDTH, subsequent_indent="    ")
+        head += "\n" + fill(note, "    ")
     parts = [head, _overview(d, group["cells"])]
     if d["simulator"] != "none":  # without noise and averaging every bias is rounding
         parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]

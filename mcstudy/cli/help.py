@@ -1,0 +1,76 @@
+"""``mcstudy help``: the pages of the documentation, from inside the package."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from mcstudy.exits import Exit
+
+TOPICS = {
+    "studies": ("every field of a study file, and what each shipped study answers", "pipelines/README.md"),
+    "paper": ("reproduce the paper, figure by figure", "pipelines/reproduce.md"),
+    "examples": ("two stimuli, populations, a model of your own", "pipelines/examples/README.md"),
+    "statistics": ("the statistics of a results cube", "analysis/README.md"),
+    "cube": ("what every array of a results cube means", "results_schema/README.md"),
+    "pages": ("pages, figures, notebooks", "report/README.md"),
+    "diagnosis": ("read a diagnosis, add an effect", "gap/README.md"),
+    "challenge": ("the benchmark of the diagnosis", "pipelines/gap_challenge.md"),
+    "cluster": ("run on a cluster", "study/CLUSTER.md"),
+    "faults": ("what a study survives", "study/RELIABILITY.md"),
+    "python": ("the Python interface", "API.md"),
+}
+"""What a topic is about, and its page below the package or one of the folders that a wheel holds inside it."""
+
+OF_VERB = {
+    "run": "studies",
+    "plan": "studies",
+    "extend": "studies",
+    "status": "faults",
+    "verify": "faults",
+    "show": "statistics",
+    "replay": "cube",
+    "report": "pages",
+    "simulate": "diagnosis",
+    "gap": "diagnosis",
+}
+"""Topic whose page belongs to a verb."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("topic", nargs="?", help="a topic of the list, or a verb; without it the topics are listed")
+
+
+def main(args: argparse.Namespace) -> Exit:
+    """Print a page, or the list of topics; returns the exit code."""
+    import difflib
+
+    from mcstudy.cli import VERBS, parser_of
+    from mcstudy.errors import InputError
+    from mcstudy.text_tables import fill, table
+
+    if args.topic is None:
+        print(table(["topic", "about"], [(topic, about) for topic, (about, _) in TOPICS.items()], of_text=True))
+        print(fill("\nmcstudy help TOPIC prints a page, mcstudy help VERB the options of a verb and its page."))
+        print(fill(f"Verbs: {', '.join(VERBS)}"))
+        return Exit.DONE
+    topic = OF_VERB.get(args.topic, args.topic)
+    if args.topic in VERBS:
+        print(parser_of(args.topic).format_help())
+    if topic in TOPICS:
+        file = page(topic)
+        print(f"{file.read_text(encoding='utf-8')}\nThis page: {file}")
+    elif args.topic not in VERBS:
+        near = ", ".join(difflib.get_close_matches(args.topic, [*TOPICS, *VERBS], n=3))
+        hint = f"similar: {near}" if near else "mcstudy help lists them"
+        raise InputError(f"{args.topic}: expected a topic or a verb ({hint})")
+    return Exit.DONE
+
+
+def page(topic: str) -> Path:
+    """The file of a topic's page."""
+    from mcstudy.files.packaged import PACKAGE, packaged
+
+    folder, _, rest = TOPICS[topic][1].partition("/")
+    return packaged(folder) / rest if folder in ("pipelines", "results_schema") else PACKAGE / folder / rest

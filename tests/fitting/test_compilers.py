@@ -1,0 +1,66 @@
+"""Other processes compile what is compiled nowhere yet; this one then loads it, and so does everybody after it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mcstudy.fitting import compilers, warm
+from mcstudy.fitting.warm import PARTS
+
+PART = "time_domain"
+
+SCRIPT = """
+import sys
+from numba.core import event
+
+class Count(event.Listener):
+    own = 0
+    def on_start(self, event):
+        Count.own += 1
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Count())
+from mcstudy.fitting.compilers import warm
+lines = []
+print(warm([sys.argv[1]], lambda c: lines.append(c.line())), Count.own, len(lines) > 0)
+"""
+
+
+def test_what_is_missing_is_compiled_by_others_and_only_once(tmp_path: Path) -> None:
+    """Two at once, as workers of a cluster start, then one more; the number of functions is the declared one."""
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    call = [sys.executable, "-c", SCRIPT, PART]
+    both = [subprocess.Popen(call, env=variables, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    said = sorted(process.communicate()[0].split() for process in both)
+    assert said == [["0", "0", "True"], [str(PARTS[PART].functions), "0", "True"]]
+    later = subprocess.run(call, env=variables, capture_output=True, text=True, check=True)
+    assert later.stdout.split() == ["0", "0", "False"]
+
+
+def test_a_process_that_fails_leaves_its_work_to_this_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    made = []
+    monkeypatch.setattr(compilers, "missing", lambda parts: list(parts))
+    monkeypatch.setattr(compilers, "folder_of", lambda _: tmp_path)
+    monkeypatch.setattr(compilers, "compile_here", lambda parts: made.extend(parts) or len(made))
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    assert compilers.warm(["gram", "lm"]) == 2
+    assert made == ["gram", "lm"]
+
+
+def test_where_nothing_can_be_kept_no_process_is_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compilers, "missing", lambda parts: list(parts))
+    monkeypatch.setattr(compilers, "folder_of", lambda _: None)
+    assert compilers.begin(["lm"]) is None
+
+
+def test_parts_are_compiled_after_those_they_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(warm, "load", lambda part: part == "steps")
+    assert warm.missing(["lm", "stability"]) == ["stability", "gram", "lm"]
+    for part, one in PARTS.items():
+        assert all(list(PARTS).index(before) < list(PARTS).index(part) for before in one.after)

@@ -22,7 +22,18 @@ MAX_BYTES = 1_000_000
 
 
 def read_study(path: str | Path) -> Study:
-    """The resolved study of a file; raises `DesignError` with one line."""
+    """Read a study file (TOML).
+
+    Parameters
+    ----------
+    path
+        The file; ``pipelines/README.md`` describes every field.
+
+    Raises
+    ------
+    DesignError
+        The file cannot be read or has a mistake: one line that names file, field and what was expected.
+    """
     path = Path(path)
     text = read_text(path, "study file")
     try:

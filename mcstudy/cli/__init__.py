@@ -84,12 +84,21 @@ def _epilog() -> str:
     return f"exit codes: {exit_codes()}"
 
 
+def parser_of(verb: str) -> argparse.ArgumentParser:
+    """The parser of one verb with all its arguments; the reference of the command line is made from it."""
+    import argparse
+    import importlib
+
+    parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=VERBS[verb], epilog=_epilog())
+    importlib.import_module(f"mcstudy.cli.{verb}").add_arguments(parser)
+    return parser
+
+
 def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     # One thread for linear algebra, set before numpy is imported. Fits run in parallel instead. Sums that are split
     # differently on another machine would differ in the last digits.
     for variable in ONE_THREAD:
         os.environ.setdefault(variable, "1")
-    import argparse
     import contextlib
     import importlib
 
@@ -98,10 +107,7 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     from mcstudy.exits import Exit
 
     try:
-        module = importlib.import_module(f"mcstudy.cli.{verb}")
-        parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=VERBS[verb], epilog=_epilog())
-        module.add_arguments(parser)
-        code: Exit = module.main(parser.parse_args(words))
+        code: Exit = importlib.import_module(f"mcstudy.cli.{verb}").main(parser_of(verb).parse_args(words))
         return code
     except InputError as error:
         print(f"mcstudy: {_one_line(error)}", file=sys.stderr)

@@ -41,21 +41,34 @@ def run_model(
 
     Parameters
     ----------
-    model: simulated as the subject and fitted to the data; it holds its own true values and bounds.
-    realizations, starts, fmax (Hz), amplitude (units of the model's stimulus): as in ``[group.NAME]``.
-    seed: as in ``[study]``.
-    allow_unstable: whether the closed loop of the model's true parameters may be unstable.
-    sections: the tables ``stimulus``, ``noise``, ``spectra``, ``fit`` of a study file, as dicts, and ``simulator``.
+    model
+        Simulated as the subject and fitted to the data; it holds its own true values and bounds.
+    realizations
+        Noise realizations.
+    starts
+        Fits per realization, Fmax and amplitude.
+    fmax
+        Highest frequencies of the fits, Hz.
+    amplitude
+        Stimulus amplitudes, in the unit of the model's stimulus.
+    seed
+        Random seed.
+    allow_unstable
+        Accept true parameters whose closed loop is unstable.
+    **sections
+        The tables ``stimulus``, ``noise``, ``spectra``, ``fit`` of a study file, as dicts, and ``simulator``.
 
     Returns
     -------
-    Dataset with the variables, dimensions, units and attributes of a group of a cube (results_schema/README.md); the
-    model names the coordinates of ``angle``. Attribute ``declared_model`` holds the model as JSON for
-    `mcstudy.analysis`; the section ``model`` of the design does not apply to it.
+    xarray.Dataset
+        Variables, dimensions, units and attributes of a group of a cube (``results_schema/README.md``), with its
+        statistics as ``.mc``. The model names the coordinates of ``angle``. Attribute ``declared_model`` holds the
+        model as JSON; the section ``model`` of the design does not apply to it.
 
     Raises
     ------
-    DesignError: for the same mistakes as in a study file; one line that starts with the field.
+    DesignError
+        The same mistakes as in a study file; one line that starts with the field.
     """
     axes = {"realizations": realizations, "starts": starts, "fmax": fmax, "amplitude": amplitude}
     group: Group = validated(Group, {**axes, **sections}, whole="settings")

@@ -51,7 +51,13 @@ T = TypeVar("T", xr.Dataset, xr.DataArray)
 
 
 class MonteCarlo:
-    """Statistics of one group of a cube, each with its Monte Carlo standard error."""
+    """Statistics of one group of a cube, each with its Monte Carlo standard error.
+
+    Unless a method says otherwise, it returns a Dataset with dims (amplitude, fmax, parameter): ``value``; ``mcse``,
+    its Monte Carlo standard error; ``n`` and ``left_out``, the numbers of realizations used and not used. Values are in
+    the unit of each parameter (coordinate ``parameter_unit``). Statistics are those of the best fits; methods that need
+    all starts say so and raise `InputError` without them.
+    """
 
     def __init__(self, data: xr.Dataset, compute: bool = True) -> None:
         self._given, self._compute = data, compute
@@ -79,7 +85,7 @@ class MonteCarlo:
 
     @cached_property
     def model(self) -> Model:
-        """The model that was fitted."""
+        """The model that was fitted, a `mcstudy.stance.feedback.Model`."""
         return context.model_of(self._data)
 
     @property
@@ -93,14 +99,43 @@ class MonteCarlo:
         return self._data
 
     def best(self, allowed: xr.DataArray | None = None) -> xr.Dataset:
-        """Lowest-cost usable fit per cell; see `mcstudy.analysis.selection.best`. Needs all starts."""
+        """Lowest-cost usable fit per cell (amplitude, fmax, realization). Needs all starts.
+
+        Parameters
+        ----------
+        allowed
+            Which starts may win, bool (amplitude, fmax, realization, start); all by default.
+
+        Returns
+        -------
+        xarray.Dataset
+            The group without ``start``: ``estimate`` (amplitude, fmax, realization, parameter), ``cost``, ``status``,
+            ``at_bound``, ``growth_rate``, ``iterations``; also ``best_start`` (-1 where no start was usable; numbers
+            are then NaN) and ``usable_starts``.
+        """
         return self._result(selection.best(self._cube, allowed))
 
     def compare(self, other: xr.Dataset | xr.DataTree) -> xr.Dataset:
         """Another group, of any cube, minus this one: bias, spread and more by Fmax. Needs all starts of both.
 
-        Paired by realization where both have the same seed. See `mcstudy.analysis.compare`. Raises `InputError` for
-        groups with nothing in common.
+        Averaged over parameters and common amplitudes. Paired by realization where both have the same seed, and thus
+        the same noise.
+
+        Parameters
+        ----------
+        other
+            A group of this or another cube.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``value``, ``mcse`` and ``n`` with dims (measure, fmax), in percent; coordinate ``meaning`` describes each
+            measure. NaN where a measure does not exist.
+
+        Raises
+        ------
+        InputError
+            The groups have nothing in common, or ``other`` is not a group.
         """
         if not isinstance(other, xr.Dataset | xr.DataTree):
             raise InputError(f"compare: expected a group of a cube, got {type(other).__name__}")
@@ -108,55 +143,87 @@ class MonteCarlo:
         return comparing.difference(GroupView("this", self._cube), GroupView("the other", theirs)).dataset()
 
     def only(self, mask: xr.DataArray) -> xr.Dataset:
-        """Best fits where ``mask`` (e.g. ``cells.mc.stable()``) holds, the rest left out: conditional statistics."""
+        """Best fits where ``mask`` holds, the rest left out: conditional statistics.
+
+        Parameters
+        ----------
+        mask
+            bool (amplitude, fmax, realization), e.g. `stable` or `inside_bounds`.
+
+        Returns
+        -------
+        xarray.Dataset
+            As `best`; estimates where the mask does not hold are NaN, and are counted in ``left_out``.
+        """
         return self._result(selection.only(self._cells, mask))
 
     def stable(self) -> xr.DataArray:
-        """Mask of cells whose best fit is a stable loop."""
+        """Mask of cells whose best fit is a stable loop: bool (amplitude, fmax, realization)."""
         return self._result(selection.stable(self._cells))
 
     def inside_bounds(self) -> xr.DataArray:
-        """Mask of cells whose best fit touches no bound."""
+        """Mask of cells whose best fit touches no bound: bool (amplitude, fmax, realization)."""
         return self._result(selection.inside_bounds(self._cells))
 
     def combined(self) -> xr.Dataset:
-        """Best fits with active and passive stiffness summed: the paper's 10 numbers."""
+        """Best fits with active and passive stiffness of each joint summed: the paper's 10 numbers.
+
+        ``parameter`` then has ``"K11+Kpas1"`` and ``"K22+Kpas2"``; ``combined().mc`` has the statistics. Bounds of a
+        sum are not defined. Raises `InputError` when the model has no such pair.
+        """
         return self._result(selection.combined(self._cells))
 
     def outcomes(self) -> xr.DataArray:
-        """Counts of fits by status. Needs all starts."""
+        """Counts of fits by status: dims (outcome, amplitude, fmax). Needs all starts."""
         return self._result(selection.outcomes(self._cube))
 
     def realizations(self) -> xr.Dataset:
-        """Counts of realizations used, not run, with data not finite, diverged, failed. Needs all starts."""
+        """Counts of realizations used, not run, with data not finite, diverged, failed. Needs all starts.
+
+        Dims (amplitude, fmax): ``used``, one start is usable; ``not_run``, none is, and one is still pending;
+        ``non_finite``, nothing could be fitted to the data; ``diverged``, the model was not finite from any start;
+        ``failed``, the rest.
+        """
         return self._result(selection.realizations(self._cube))
 
     def bias(self) -> xr.Dataset:
-        """Mean estimate minus truth, in units."""
+        """Mean estimate minus truth, in the unit of the parameter."""
         return self._result(accuracy.bias(self._cells))
 
     def absolute_bias_percent(self) -> xr.Dataset:
-        """The paper's bias, with its noise floor."""
+        """The paper's bias, ``100 |mean estimate - truth| / |truth|``, in percent, with ``floor``.
+
+        An absolute value does not average to zero: ``floor`` = sqrt(2/pi) SD / sqrt(n), in percent of the truth, is its
+        expectation for an unbiased estimator. Compare every value with its floor. NaN where the truth is zero. Source:
+        Goodworth & Peterka 2018, note to Table II.
+        """
         return self._result(accuracy.absolute_bias_percent(self._cells))
 
     def mean_absolute_bias_percent(self) -> xr.Dataset:
-        """The paper's bias averaged over parameters, with its noise floor."""
+        """The paper's bias averaged over parameters, in percent: dims (amplitude, fmax), with ``floor``.
+
+        ``floor`` is the expectation when every parameter is unbiased. The standard error accounts for the correlation
+        of the parameters of a realization.
+        """
         return self._result(accuracy.mean_absolute_bias_percent(self._cells))
 
     def mean_spread_percent(self) -> xr.Dataset:
-        """Standard deviation in percent of the truth, averaged over parameters: the paper's variability."""
+        """Standard deviation in percent of the truth, averaged over parameters: the paper's variability.
+
+        Dims (amplitude, fmax). Source: Goodworth & Peterka 2018, Results.
+        """
         return self._result(accuracy.mean_spread_percent(self._cells))
 
     def sd(self) -> xr.Dataset:
-        """Standard deviation over realizations, in units."""
+        """Standard deviation over realizations (divisor n - 1), in the unit of the parameter."""
         return self._result(accuracy.sd(self._cells))
 
     def cv(self) -> xr.Dataset:
-        """Coefficient of variation."""
+        """Coefficient of variation: standard deviation over absolute mean estimate, dimensionless."""
         return self._result(accuracy.cv(self._cells))
 
     def rmse(self) -> xr.Dataset:
-        """Root mean squared error, in units."""
+        """Root mean squared error about the truth, in the unit of the parameter."""
         return self._result(accuracy.rmse(self._cells))
 
     def correlation(self) -> xr.Dataset:
@@ -164,31 +231,62 @@ class MonteCarlo:
         return self._result(correlation.correlation(self._cells))
 
     def at_bound(self) -> xr.Dataset:
-        """Fraction of best fits on a bound, by side."""
+        """Fraction of best fits with a parameter on a bound, by ``side``.
+
+        Dims (amplitude, fmax, parameter, side), with a 95 % Wilson interval (``lower``, ``upper``). If it is large, the
+        bias of that parameter has little meaning: bounds centred on the truth hide bias.
+        """
         return self._result(accuracy.at_bound(self._cells))
 
     def unstable(self) -> xr.Dataset:
-        """Fraction of best fits that are unstable."""
+        """Fraction of best fits whose loop is unstable: dims (amplitude, fmax).
+
+        With a 95 % Wilson interval (``lower``, ``upper``). Unstable: the rightmost characteristic root has a positive
+        real part.
+        """
         return self._result(accuracy.unstable(self._cells))
 
     def j_nc(self) -> xr.DataArray:
-        """Error of the neural controllers of every fit held (all starts, or the best), at all frequencies."""
+        """Error of the neural controllers of every fit held (all starts, or the best), at all frequencies.
+
+        J_NC is the sum of ``|true - fit|^2 / |true|^2`` over n frequencies and four controllers, over 4 n; dims
+        (amplitude, fmax, realization, start). Source: Goodworth & Peterka 2018, Methods.
+        """
         return self._result(neural.j_nc(self._data, self.model))
 
     def j_nc_within(self) -> xr.DataArray:
-        """The same at the fitted frequencies only."""
+        """`j_nc` at the fitted frequencies only, those up to each Fmax."""
         return self._result(neural.j_nc_within(self._data, self.model))
 
     def sensitivity(self) -> xr.Dataset:
-        """J_true when each parameter of the truth changes by 10 %, in three frequency ranges."""
+        """Change of the FRFs when each parameter of the truth changes by 10 %, in three frequency ranges.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``value`` (range, direction, parameter): the cost J between the two FRFs; ``share`` (range, parameter): mean
+            of both directions as a fraction of the range's total, the slices of the paper's pies (Goodworth & Peterka
+            2018, Fig. 7C). Exact: no Monte Carlo error.
+        """
         truth, f = self._data["truth"].values, self._data["frequency"].values
         return self._result(sensitivities.sensitivity(self.model, truth, f))
 
     def efficiency(self, covariance: xr.DataArray | None = None) -> xr.Dataset:
-        """Cramér-Rao variance over observed variance; NaN where many fits are on bounds, because it does not apply.
+        """Cramér-Rao variance over observed variance, 1 at best; NaN where more than one best fit in ten is on a bound.
 
-        ``covariance`` (amplitude, frequency, angle, angle_2) of the FRF errors; `context.covariance_of` by default. Of
-        combined stiffnesses too. See `mcstudy.analysis.efficiency.efficiency`.
+        Parameters
+        ----------
+        covariance
+            Covariance of the FRF errors, dims (amplitude, frequency, angle, angle_2); that of the study's noise by
+            default.
+
+        Returns
+        -------
+        xarray.Dataset
+            Also ``applies`` (amplitude, fmax): whether the bound applies there, which it does not where bounds of the
+            parameters are active; ``ratio`` and ``ratio_mcse``, the same numbers without this restriction;
+            ``cramer_rao_sd`` and ``paper_cost_sd``, the smallest possible standard deviations of an unbiased estimator
+            and of the paper's cost; ``held``, parameters that their bounds fix; ``why_not``, why there is no bound.
         """
         cells, model = self._cells, context.fitted_model(self._data)
         covariance = context.covariance_of(cells) if covariance is None else covariance
@@ -197,29 +295,98 @@ class MonteCarlo:
         return self._result(efficiency.efficiency(cells, bounds))
 
     def starts_needed(self, confidence: float = 0.95) -> xr.Dataset:
-        """Starts that find the pool's minimum, per realization. Needs all starts."""
+        """Starts that find the lowest cost of their cell, per realization. Needs all starts.
+
+        Parameters
+        ----------
+        confidence
+            Probability with which one of them finds it.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dims (amplitude, fmax, realization): ``value``, exact, for starts drawn from those of the cell;
+            ``independent`` for new starts, with ``mcse``, ``lower``, ``upper``; ``hit_rate``, ``hits``, ``starts``.
+        """
         return self._result(convergence.starts_needed(self._cube, confidence))
 
     def starts_needed_quantiles(self, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
-        """Quantiles of `starts_needed` over realizations. Needs all starts."""
+        """Quantiles of `starts_needed` over realizations, median and 90th percentile by default. Needs all starts.
+
+        Dims (amplitude, fmax, quantile), with a 95 % interval (``lower``, ``upper``).
+        """
         return self._result(convergence.starts_needed_quantiles(convergence.starts_needed(self._cube), q))
 
     def minimum_curve(self, drawn: np.ndarray | None = None) -> xr.Dataset:
-        """The paper's Fig. 3B, averaged over realizations. Needs all starts."""
+        """The paper's Fig. 3B: expected lowest cost of x starts, averaged over realizations. Needs all starts.
+
+        Parameters
+        ----------
+        drawn
+            Numbers of starts x; 1 to 500, or to the number there is, by default.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dims (amplitude, fmax, drawn): ``value``, mean lowest cost; ``sd``, mean over realizations of its standard
+            deviation over draws, the paper's bars.
+        """
         return self._result(minimum_curve.average_curve(minimum_curve.minimum_curve(self._cube, drawn)))
 
     def asymptote(self, tolerance: float = 0.01) -> xr.Dataset:
-        """Number of starts at which Fig. 3B flattens. Needs all starts."""
+        """Number of starts at which Fig. 3B flattens: dims (amplitude, fmax). Needs all starts.
+
+        Parameters
+        ----------
+        tolerance
+            The curve is flat where it exceeds the lowest cost of all starts by no more than this, relative.
+
+        Returns
+        -------
+        xarray.Dataset
+            With a 95 % interval (``lower``, ``upper``) from a bootstrap over realizations; NaN where the curve does not
+            get there.
+        """
         return self._result(minimum_curve.asymptote(minimum_curve.minimum_curve(self._cube), tolerance))
 
     def basins(self, most: int = 10) -> xr.Dataset:
-        """The lowest local minima of every cell, and how often they are reached. Needs all starts."""
+        """The lowest local minima of every cell, and how often they are reached. Needs all starts.
+
+        Parameters
+        ----------
+        most
+            Number of minima kept per cell.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dims (amplitude, fmax, realization, basin): ``value``, probability that a start ends there, with ``mcse``,
+            ``lower``, ``upper``; ``cost``; ``estimate``; ``stable``; and per cell ``n_basins`` and ``n``, the starts.
+        """
         return self._result(basins.basins(self._cube, most))
 
     def atlas(self, amplitude: float | None = None, fmax: float | None = None, most: int = 10) -> xr.Dataset:
-        """Local minima of all realizations in clusters, at the last amplitude and Fmax by default. Needs all starts.
+        """Local minima of all realizations in clusters, most often reached first. Needs all starts.
 
-        See `mcstudy.analysis.atlas.atlas`. Raises `InputError` for values the cube does not hold.
+        Parameters
+        ----------
+        amplitude, fmax
+            Where; the last of each by default.
+        most
+            Number of minima taken from each realization.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dim ``cluster``: ``value``, probability that a start ends there, with ``mcse``; ``realizations``, in how
+            many it occurs; ``lowest``, in how many it is the lowest minimum; ``stable``, fraction of its fits with a
+            stable loop; ``excess``, median cost over the realization's lowest; ``position`` (cluster, parameter), mean
+            place between the bounds, 0 the lower, 1 the upper.
+
+        Raises
+        ------
+        InputError
+            The cube does not hold this amplitude or Fmax.
         """
         cube = self._cube
         for name, value in (("amplitude", amplitude), ("fmax", fmax)):
@@ -241,13 +408,27 @@ class MonteCarlo:
         statistic: Callable[[xr.Dataset], xr.Dataset] = by_starts.mean_cv,
         counts: Iterable[int] = by_starts.COUNTS,
     ) -> xr.Dataset:
-        """A statistic of cells as a function of the number of starts (dim ``drawn``). Needs all starts."""
+        """A statistic as a function of the number of starts (dim ``drawn``). Needs all starts.
+
+        Parameters
+        ----------
+        statistic
+            Function of best fits; the coefficient of variation averaged over parameters by default.
+        counts
+            Numbers of starts; all there are is always the last.
+
+        Returns
+        -------
+        xarray.Dataset
+            What the statistic returns, with the dim ``drawn``: the best of the first so many starts.
+        """
         return self._result(by_starts.by_starts(self._cube, statistic, counts))
 
     def hit_rate_by_start(self) -> xr.Dataset:
-        """Fraction of successful starts, for stable and unstable loops at the start. Needs all starts.
+        """Fraction of starts that reach the lowest cost, for stable and unstable loops at the start. Needs all starts.
 
-        Reads all starts at once; see `mcstudy.analysis.stable_starts.hit_rate_by_start`.
+        Dims (amplitude, fmax, loop): ``value`` and ``mcse`` over realizations; ``worst``, the smallest of a
+        realization; ``starts``, their number. Reads all starts at once.
         """
         needed = self._cube[["initial", "cost", "status"]].compute()
         return self._result(stable_starts.hit_rate_by_start(needed, self.model))

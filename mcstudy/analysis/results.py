@@ -23,7 +23,7 @@ FITS_IN_MEMORY = 1_000_000
 
 
 def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
-    """Open a results cube as an `xarray.DataTree` with one node per group; ``.mc`` gives the statistics of a group.
+    """Open a results cube: one node per group, with its statistics as ``.mc``.
 
     Coordinates and constants (truth, bounds) are read at once. Results stay on disk until they are needed, so a cube
     may be larger than memory. Attributes that are objects (``design``, ``environment``) become JSON text, so that the
@@ -31,13 +31,22 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
 
     Parameters
     ----------
-    path: the cube (``OUT`` of ``mcstudy run``).
-    lazy: True for Dask arrays, whose chunks are multiples of stored chunks; False to read results now. None: lazy for
-        more than `FITS_IN_MEMORY` fits.
+    path
+        The cube (``OUT`` of ``mcstudy run``).
+    lazy
+        True for Dask arrays, whose chunks are multiples of stored chunks; False to read results now; None for lazy
+        above a million fits.
+
+    Returns
+    -------
+    xarray.DataTree
+        The arrays of each group (``results_schema/README.md``): ``estimate``, ``cost``, ``status``, …, with dims
+        (amplitude, fmax, realization, start, …).
 
     Raises
     ------
-    StoreError: not a cube, or a cube of another schema version.
+    StoreError
+        Not a cube, a cube of another schema version, or a damaged one.
     """
     path = Path(path)
     cube = Cube.open(path)

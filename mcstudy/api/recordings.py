@@ -35,15 +35,34 @@ def diagnose(
 
     Parameters
     ----------
-    recording: what `read_recording` or `simulate` returned, a path, or several of one person, which are pooled.
-    fast: asymptotic null distributions instead of a bootstrap that refits the model.
-    bootstrap: null samples of the bootstrap (1000 when None). seed: random seed.
-    model: base model; the two-segment model of the recording's body when None.
-    fmax: highest frequency, Hz. discard: transient cycles left out of every trial.
-    accept: codes of warnings about mislabelled channels that are to be accepted.
+    recording
+        What `read_recording` or `simulate` returned, or a path. Several recordings of one person are pooled.
+    fast
+        Asymptotic null distributions instead of a bootstrap that refits the model, which takes longer.
+    bootstrap
+        Null samples of the bootstrap; 1000 when None.
+    seed
+        Random seed; the same seed gives the same numbers.
+    model
+        Base model; the two-segment model of the recording's body when None.
+    fmax
+        Highest frequency used, Hz.
+    discard
+        Transient cycles left out at the start of every trial.
+    accept
+        Codes of warnings about mislabelled channels that are to be accepted, e.g. ``"swapped"``.
 
-    Returns a diagnosis with ``verdict()``, ``plot``, ``to_html(path)`` and ``to_dict()``. Raises `RecordingError` for
-    recordings that cannot be analysed or whose channels are not what they are labelled.
+    Returns
+    -------
+    Diagnosis
+        With ``verdict()``, ``plot``, ``to_html(path)`` and ``to_dict()``.
+
+    Raises
+    ------
+    RecordingError
+        A recording cannot be analysed, or its channels are not what their labels say.
+    InputError
+        ``bootstrap`` was given together with ``fast``.
     """
     if fast and bootstrap is not None:
         raise InputError("bootstrap: expected without fast, which does not use it")

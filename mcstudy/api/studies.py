@@ -31,17 +31,39 @@ def run(
 
     Parameters
     ----------
-    study: a `Study`, or the path of a study file. out: path of the cube (a ``.zarr`` folder).
-    workers: threads of the local scheduler, one per core when None. scheduler: address of a running Dask scheduler,
-        with its ``tls_ca``, ``tls_cert`` and ``tls_key`` (PEM files); ``insecure`` accepts tcp:// on another machine.
-    quarantine: move files that are no part of the cube to a folder beside it.
-    allow_unstable: accept true parameters whose closed loop is unstable.
+    study
+        A `Study`, or the path of a study file.
+    out
+        Path of the cube, a ``.zarr`` folder.
+    workers
+        Threads of the local scheduler; one per core when None.
+    scheduler
+        Address of a running Dask scheduler, ``tls://HOST:PORT`` or ``tcp://HOST:PORT``.
+    tls_ca, tls_cert, tls_key
+        PEM files of a ``tls://`` scheduler: certificate authority, client certificate, its key.
+    insecure
+        Accept an unencrypted ``tcp://`` scheduler on another machine.
+    quarantine
+        Move files in the cube's folder that do not belong to it to ``OUT.aside``; nothing is deleted.
+    allow_unstable
+        Accept true parameters whose closed loop is unstable.
 
-    Returns the cube as `open_results` does: one node per group, ``.mc`` its statistics. Fits and blocks that failed are
-    in the arrays as such (``status``); ``mcstudy status OUT`` lists them.
+    Returns
+    -------
+    xarray.DataTree
+        The cube as `open_results` opens it: one node per group, with its statistics as ``.mc``. Fits that failed are
+        marked in ``status``; ``mcstudy status OUT`` lists them.
 
-    Raises `DesignError` for a mistake in the study, `StudyChangedError` when the cube belongs to another study,
-    `StoreError` when it cannot be used, and `Interrupted` when stopped; the same call resumes.
+    Raises
+    ------
+    DesignError
+        The study has a mistake.
+    StudyChangedError
+        The cube belongs to another study.
+    StoreError
+        The cube cannot be used.
+    Interrupted
+        The run was stopped; the same call resumes it.
     """
     if not isinstance(study, Study):
         study = read_study(study)
@@ -54,14 +76,24 @@ def run(
 
 
 def summary(results: xr.DataTree | str | Path, reference: xr.DataTree | str | Path | None = None) -> StudySummary:
-    """The tables of a study: printed, what `mcstudy show` prints; in a notebook, tables.
+    """The tables of a study: as text, what ``mcstudy show`` prints; in a notebook, HTML tables.
 
     Parameters
     ----------
-    results: what `run` or `open_results` returned, or the path of a cube.
-    reference: another study, whose groups are compared with those of the same name.
+    results
+        What `run` or `open_results` returned, or the path of a cube.
+    reference
+        Another study; groups are compared with its groups of the same name.
 
-    ``to_dict()`` gives the numbers, as ``results_schema`` describes (``show.json``).
+    Returns
+    -------
+    StudySummary
+        Print it, or take all its numbers with ``to_dict()``.
+
+    Raises
+    ------
+    StoreError
+        A path is not that of a cube.
     """
     return StudySummary(_tree(results), None if reference is None else _tree(reference))
 

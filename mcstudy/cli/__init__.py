@@ -91,7 +91,7 @@ def whole_parser() -> argparse.ArgumentParser:
 
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
-    """The parser of one verb."""
+    """The parser of one verb with all its arguments; the reference of the command line is made from it."""
     import argparse
 
     parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=VERBS[verb], epilog=_epilog())

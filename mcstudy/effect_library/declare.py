@@ -26,7 +26,12 @@ ContrastKind = Literal["amplitude", "time"]
 class Mistake:
     """The value of a size that results from a known mistake, and what to check then.
 
-    Attributes: value: of the size. advice: a sentence for the user.
+    Attributes
+    ----------
+    value
+        Value of the size.
+    advice
+        A sentence for the user.
     """
 
     value: float
@@ -39,13 +44,19 @@ class Size:
 
     Attributes
     ----------
-    name, unit, meaning: as in `Parameter`.
-    null: the value at which the effect vanishes; None for a shape parameter (a resonance frequency).
-    lower, upper: bounds of the fit, which include ``null``.
-    published: (low, high) magnitude reported for people; for a shape parameter, its reported range.
-    signed: whether both signs occur in people. If not, the bounds still extend below the null, so that an estimate
-        near the null is not truncated, unless a negative value has no meaning.
-    mistakes: values that result from known mistakes; each has its own prior probability and start value.
+    name, unit, meaning
+        Name and unit of the parameter, and a description in one line.
+    null
+        The value at which the effect vanishes; None for a shape parameter (a resonance frequency).
+    lower, upper
+        Bounds of the fit, which include ``null``.
+    published
+        (low, high) magnitude reported for people; for a shape parameter, its reported range.
+    signed
+        Whether both signs occur in people. If not, the bounds still extend below the null, so that an estimate near
+        the null is not truncated, unless a negative value has no meaning.
+    mistakes
+        Values that result from known mistakes (`Mistake`); each has its own prior probability and start value.
     """
 
     name: str
@@ -104,8 +115,14 @@ class TrialSetting:
 
     Attributes
     ----------
-    model: the model simulated. amplitude, reference: peak of this trial's stimulus, and of the recording as a whole.
-    samples, rate_hz: length of the record and its rate. rng: randomness of this trial.
+    model
+        The model simulated.
+    amplitude, reference
+        Peak of the stimulus in this trial, and in the recording as a whole, in the unit of the stimulus.
+    samples, rate_hz
+        Samples of the record and their rate, Hz.
+    rng
+        Randomness of this trial.
     """
 
     model: Model
@@ -118,27 +135,45 @@ class TrialSetting:
 
 @dataclass(frozen=True)
 class Effect:
-    """One declaration of the library.
+    """An effect that a model may lack: one declaration of the library.
 
     Attributes
     ----------
-    name, equation: as displayed; the equation uses the notation of the model's table.
-    place: one or more locations where it acts.
-    sizes: its parameters, the size itself first.
-    build: adds the effect, or the linear trace of a nonlinear one, to a model that already has the parameters of
+    name, equation
+        As displayed; the equation uses the notation of the model's table.
+    place
+        One or more locations where it acts: "ankle", "hip", "stimulus", "sensor", "body".
+    sizes
+        Its parameters (`Size`), the size itself first.
+    build
+        Adds the effect, or the linear trace of a nonlinear one, to a `Model` that already has the parameters of
         ``sizes``.
-    order: effects are applied in ascending order: 0 terms, 1 copies of terms, 2 filters and delays on terms.
-    source: origin of the published size.
-    kind: "linear", "nonlinear" (depends on amplitude) or "nonstationary" (depends on time or is noise).
-    contrast: comparison that reveals a nonlinear or nonstationary effect: between amplitudes, or between the first and
-        the last cycles. None for a linear effect, and for one that changes the noise and not the responses.
-    gain_sign: sign of the change of the active gains, from the lower to the higher amplitude or from the first to the
-        last cycles, for a positive size. Needed with ``contrast``.
-    size_from_gain: the size from the relative change of the active gains and the two amplitudes compared (0 and 1 for
-        first and last cycles); None where it does not follow.
-    rule: function of the sizes and the trial that returns the fields of `Rules` for simulation; None for a linear
-        effect.
-    family: effects of one family are variants of one cause.
+    source
+        Origin of the published size.
+    order
+        Effects are applied in ascending order: 0 terms, 1 copies of terms, 2 filters and delays on terms.
+    kind
+        "linear", "nonlinear" (depends on amplitude) or "nonstationary" (depends on time or is noise).
+    contrast
+        Comparison that reveals a nonlinear or nonstationary effect: between amplitudes ("amplitude"), or between the
+        first and the last cycles ("time"). None for a linear effect, and for one that changes the noise and not the
+        responses.
+    gain_sign
+        Sign of the change of the active gains, from the lower to the higher amplitude or from the first to the last
+        cycles, for a positive size. Needed with ``contrast``.
+    size_from_gain
+        The size from the relative change of the active gains and the two amplitudes compared (0 and 1 for first and
+        last cycles); None where it does not follow.
+    rule
+        Function of the sizes and the trial (`TrialSetting`) that returns what the time-domain simulator changes; None
+        for a linear effect.
+    family
+        Effects of one family are variants of one cause.
+
+    Raises
+    ------
+    InputError
+        Fields contradict each other.
     """
 
     name: str

@@ -20,7 +20,7 @@ from mcstudy.text_tables import fill
 
 
 class Library(Mapping[str, Effect]):
-    """Effects by name, in the order in which they are listed."""
+    """Effects by name, in the order in which they are listed: a read-only mapping that `register` adds to."""
 
     def __init__(self, effects: Iterable[Effect]) -> None:
         self._effects: dict[str, Effect] = {}
@@ -45,7 +45,13 @@ class Library(Mapping[str, Effect]):
         return tuple(e.name for e in self.values() if e.kind == "linear")
 
     def register(self, effect: Effect) -> None:
-        """Add an effect. Raises `InputError` when its name or the name of one of its parameters is already used."""
+        """Add an effect; every simulation and diagnosis of this process then knows it.
+
+        Raises
+        ------
+        InputError
+            Its name, or the name of one of its parameters, is already used.
+        """
         if effect.name in self._effects:
             raise InputError(f"effect {effect.name!r}: the library already has one of this name")
         taken = {name: e.name for e in self.values() for name in e.parameters}
@@ -56,7 +62,7 @@ class Library(Mapping[str, Effect]):
 
     @contextlib.contextmanager
     def extended(self, *effects: Effect) -> Iterator[None]:
-        """Context manager: the library with more effects inside the ``with`` block."""
+        """Context manager: the library has more effects inside the ``with`` block, and is as before after it."""
         before = dict(self._effects)
         try:
             for e in effects:

@@ -38,15 +38,41 @@ def simulate(
 
     Parameters
     ----------
-    effects: size of each effect by name, in the effect's unit; None, or a name alone, draws the size from its published
-        range, made smaller until the body is stable.
-    stimulus: ankle_torque, hip_torque or platform_translation. amplitude: of each trial, N m or m.
-    convention: whether amplitudes are "peak" or "peak_to_peak". cycles: stimulus periods per trial.
-    rate_hz: sampling rate, Hz. periodic: False gives every trial a random stimulus that never repeats.
-    noise: amplitude of the sensor noise relative to the paper's. parameters: values that replace nominal ones, by name.
+    effects
+        Size of each effect by name (`mcstudy.effects`), in the effect's unit. None, or a name alone, draws the size
+        from its published range and reduces it until the body is stable.
+    stimulus
+        ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m) or ``"platform_translation"`` (m).
+    amplitude
+        Stimulus amplitude of each trial, in that unit; one number for one trial.
+    convention
+        Whether amplitudes are ``"peak"`` or ``"peak_to_peak"`` values.
+    cycles
+        Stimulus periods per trial, each 43.72 s.
+    rate_hz
+        Sampling rate, Hz.
+    periodic
+        False gives every trial a random stimulus that never repeats.
+    noise
+        Amplitude of the sensor noise relative to the paper's; 0 for none.
+    parameters
+        True values that replace nominal ones, by name, e.g. ``{"Td1": 0.07}``.
+    seed
+        Random seed of sizes and noise.
+    name
+        Name of the recording.
 
-    Raises `InputError`, one line that starts with the argument, for a value outside its range; `FallsError` for a body
-    that is unstable.
+    Returns
+    -------
+    Recording
+        One trial per amplitude; ``provenance`` states the sizes.
+
+    Raises
+    ------
+    InputError
+        A value is outside its range; one line that starts with the argument.
+    FallsError
+        The body is unstable, or falls.
     """
     sizes_given = dict(effects) if isinstance(effects, Mapping) else dict.fromkeys(effects)
     amplitudes = (amplitude,) if isinstance(amplitude, int | float) else tuple(amplitude)

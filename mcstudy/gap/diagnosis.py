@@ -33,25 +33,59 @@ LEVEL = 0.05
 class Diagnosis(Summary):
     """Diagnosis of the gap between the body in one recording and the model.
 
+    `mcstudy.diagnose` returns one with figures (``plot``) and a page (``to_html``).
+
     Attributes
     ----------
-    name: of the recording. detected: whether there is a gap at the 5 % level; p_value: of that test; p_least: smallest
-        p-value that is possible with this number of null samples.
-    place: probability of each location (ankle, hip, stimulus, sensor, body); place_abstained: probability that is
-        assigned to none of them.
-    causes: named causes by decreasing probability, each an ambiguity group; none_probability: probability that no
-        effect is missing; unknown_probability: probability of a cause outside the library.
-    credible_set: the smallest set of causes, "unknown" and "none" with a probability of 95 %, as indices into
-        ``causes`` or words.
-    closed: share of the gap that the leading cause closes (None without a gap). sway_rms_deg: RMS error of predicted
-        sway of the base model ("before") and with the leading cause ("after"), and its noise floor, deg.
-        undetectable: effects below the detection limit.
-    detection: tests, residual map and bands. contrasts: comparisons between amplitudes and over time. shifts: parameter
-        estimates. groups: effects that this recording cannot distinguish. f: lines, Hz. torque: (N, 2) complex, torque
-        per stimulus by row (hip, ankle) that would close the gap; for illustration only.
-    warnings: data quality warnings. method: settings of the null distribution.
-    lines: the measured lines. base: the fit of the model without effects. recording: the diagnosed recording (several
-        are pooled), None for lines alone.
+    name
+        Name of the recording.
+    detected
+        Whether there is a gap, at the 5 % level.
+    p_value
+        p-value of that test.
+    p_least
+        Smallest p-value that is possible with this number of null samples.
+    place
+        Probability of each location: ankle, hip, stimulus, sensor, body.
+    place_abstained
+        Probability that is assigned to none of them.
+    causes
+        Named causes (`Cause`) by decreasing probability.
+    none_probability
+        Probability that no effect is missing.
+    unknown_probability
+        Probability of a cause outside the library.
+    credible_set
+        The smallest set of causes with a probability of 95 %: indices into ``causes``, or "unknown" and "none".
+    closed
+        Share of the gap that the leading cause closes (`Closure`); None without a gap.
+    sway_rms_deg
+        RMS error of predicted sway of the base model ("before") and with the leading cause ("after"), and its noise
+        floor, deg.
+    undetectable
+        Effects that this recording could not have shown (`Undetectable`).
+    detection
+        Tests, residual map and bands (`Detection`).
+    contrasts
+        Comparisons between amplitudes, and of first and last cycles (`Contrast`).
+    shifts
+        Parameter estimates without and with the leading cause (`Shift`).
+    groups
+        Names of effects that this recording cannot distinguish, group by group.
+    f
+        (N,), frequencies of the lines, Hz.
+    torque
+        (N, 2) complex, torque per stimulus by row (hip, ankle) that would close the gap; for illustration only.
+    warnings
+        Warnings about data quality.
+    method
+        Settings of the null distribution.
+    lines
+        The measured lines, with their noise.
+    base
+        The fit of the model without effects.
+    recording
+        The diagnosed recording (several are pooled); None for lines alone.
     """
 
     name: str
@@ -136,7 +170,7 @@ class Diagnosis(Summary):
         return f"<h3>{escape(self.name)}</h3><p>{escape(self.verdict())}</p>{tables.html(self)}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON data, valid under ``results_schema/1.0.0/diagnosis.json``."""
+        """All results as plain JSON data, valid under ``results_schema/1.0.0/diagnosis.json``."""
         d, closed = self.detection, self.closed
         return plain(
             {

@@ -29,13 +29,26 @@ class FrfRecording(Summary):
 
     Attributes
     ----------
-    f: (N,) Hz, increasing. y: (N, 2) complex FRFs, rad per unit of the stimulus. C: (N, 2, 2) complex covariance of
-    ``y``, E[error error^H]. stimulus: kind; body: inertia and gravity.
-    single: whether only the first angle (a centre-of-mass or leg angle) was published; the one-segment model is then
-        the base, and the second angle is zero in data and model.
+    f
+        (N,), Hz, increasing; at least 4.
+    y
+        (N, 2), complex FRFs of theta1 and theta2, rad per unit of the stimulus.
+    C
+        (N, 2, 2), complex covariance of ``y``: E[error error^H].
+    stimulus
+        Kind of stimulus, as in `Recording`.
+    body
+        Inertia and gravity of the person.
+    single
+        Whether only the first angle (a centre-of-mass or leg angle) was published. The one-segment model is then the
+        base, and the second angle is zero in data and model.
+    name, provenance
+        Text for people.
 
-    Raises `RecordingError` for shapes that do not fit, values that are not finite or out of range, or a covariance
-    that is not positive definite.
+    Raises
+    ------
+    RecordingError
+        Shapes do not fit, a value is not finite or out of range, or a covariance is not positive definite.
     """
 
     f: np.ndarray

@@ -21,16 +21,26 @@ NAMELESS = ("recording", "frf", "simulated")
 
 
 def read_recording(path: str | Path, data: str | Path | None = None) -> Recording | FrfRecording:
-    """A checked recording from NetCDF (.nc), Zarr (.zarr), or a TOML file (.toml, or a .csv with one in the same
-    folder).
+    """Read a recording and check it.
 
     Parameters
     ----------
-    data: folder of the files a TOML file names; its own folder when None.
+    path
+        NetCDF (``.nc``, ``.nc4``, ``.h5``), Zarr (``.zarr``), or a description (``.toml``) of text files with columns;
+        a ``.csv`` is read with the ``.toml`` of the same name.
+    data
+        Folder of the files that a ``.toml`` names; its own folder when None.
 
-    Data quality warnings are in ``suspicions``. The diagnosis, which estimates the responses, checks whether channels
-    are mislabelled. A recording without a name has that of its file. Raises `RecordingError`, one line that names file
-    and field.
+    Returns
+    -------
+    Recording or FrfRecording
+        Warnings about data quality are in its ``suspicions``; without a name it has that of its file. Whether
+        channels are mislabelled is checked by `mcstudy.diagnose`, which estimates the responses.
+
+    Raises
+    ------
+    RecordingError
+        The recording cannot be used; one line that names file and field.
     """
     path = Path(path)
     recording = _structure(path, None if data is None else Path(data))
@@ -82,9 +92,25 @@ def _is_cube(path: Path) -> bool:
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:
-    """Write NetCDF (.nc), Zarr (.zarr) or, for a name without ending, a folder of CSV with ``recording.toml``.
+    """Write a recording.
 
-    Returns the path to read it back from. Raises `RecordingError` for another ending or an unwritable path.
+    Parameters
+    ----------
+    recording
+        With time series; an `FrfRecording` cannot be written.
+    path
+        NetCDF (``.nc``, ``.nc4``, ``.h5``), Zarr (``.zarr``) or, for a name without ending, a folder of CSV files with
+        ``recording.toml``.
+
+    Returns
+    -------
+    pathlib.Path
+        What `mcstudy.read_recording` reads back.
+
+    Raises
+    ------
+    RecordingError
+        The ending is another one, or the path cannot be written.
     """
     path = Path(path)
     if not path.parent.is_dir():

@@ -61,10 +61,14 @@ class Suspicion:
 
     Attributes
     ----------
-    code: kind of error in one word: "swapped", "degrees", "radians", "sign", "space_angle", "amplitude", "stuck", ...
-    channel: the field concerned.
-    message: one line of text.
-    odds: natural logarithm of the odds against the labels as given; inf when the error is certain.
+    code
+        Kind of error in one word: "swapped", "degrees", "radians", "sign", "space_angle", "amplitude", "stuck", ...
+    channel
+        The field concerned.
+    message
+        One line of text.
+    odds
+        Natural logarithm of the odds against the labels as given; inf when the error is certain.
     """
 
     code: str
@@ -79,8 +83,12 @@ class Trial(Summary):
 
     Attributes
     ----------
-    stimulus: (n,) in the unit of its kind; theta: (n, 2) joint angles, rad.
-    amplitude: amplitude as stated for the trial, in the unit of the stimulus, or None.
+    stimulus
+        (n,), in the unit of its kind: N m, or m for a translation.
+    theta
+        (n, 2), rad: theta1, the lower body in space, and theta2, the hip angle.
+    amplitude
+        Amplitude as stated for the trial, in the unit of the stimulus, or None.
     """
 
     stimulus: np.ndarray
@@ -125,16 +133,27 @@ class Recording(Summary):
 
     Attributes
     ----------
-    trials: at least one.
-    rate_hz: sampling rate of every trial, Hz.
-    period_s: period of the stimulus, s; None when it is not periodic.
-    stimulus: kind of stimulus, a key of `mcstudy.stance.body.STIMULI`.
-    body: inertia and gravity of the person.
-    convention: meaning of the trials' amplitudes, "peak" or "peak_to_peak".
-    name, provenance: for people.
-    suspicions: possible errors that the checks found but could not prove; see `mcstudy.recordings.checks`.
+    trials
+        At least one `Trial`.
+    rate_hz
+        Sampling rate of every trial, Hz.
+    period_s
+        Period of the stimulus, s; None when it is not periodic.
+    stimulus
+        Kind of stimulus: ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m) or ``"platform_translation"`` (m).
+    body
+        Inertia and gravity of the person.
+    convention
+        Meaning of the trials' amplitudes, ``"peak"`` or ``"peak_to_peak"``.
+    name, provenance
+        Text for people.
+    suspicions
+        Possible errors that the checks found but could not prove.
 
-    Raises `RecordingError` when shapes or fields contradict each other.
+    Raises
+    ------
+    RecordingError
+        Shapes or fields contradict each other, or a value is outside its range.
     """
 
     trials: tuple[Trial, ...]

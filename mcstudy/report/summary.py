@@ -19,7 +19,15 @@ _STYLE = (
 
 
 class StudySummary:
-    """Tables of an open study, compared with ``reference`` if there is one: in a notebook, and as text elsewhere."""
+    """Tables of a study, as text at a prompt and as HTML in a notebook; `mcstudy.summary` makes one.
+
+    Parameters
+    ----------
+    tree
+        The study, as `mcstudy.open_results` opens it.
+    reference
+        Another study to compare it with, group by group; None for none.
+    """
 
     def __init__(self, tree: xr.DataTree, reference: xr.DataTree | None = None) -> None:
         self.context = Context(tree)

@@ -39,12 +39,24 @@ SEGMENTS: dict[str, Range] = {
 class Body:
     """Linearised two-segment body (Goodworth & Peterka 2018, Appendix, after Koozekanani et al. 1980).
 
-    J1, J2, C1, C2 in kg m^2 and A1, A2 in kg m; g in m/s^2. The ankle row is the whole-body balance, so in joint
-    coordinates the mass matrix is [[J1 + C2, C2], [C1 + J2, J2]] by rows (ankle, hip).
+    The defaults are the paper's. The ankle row is the whole-body balance, so in joint coordinates the mass matrix is
+    [[J1 + C2, C2], [C1 + J2, J2]] by rows (ankle, hip).
 
-    Raises `ModelError` for a constant outside its range, or inertia of no body: the matrix of the kinetic energy,
-    [[J1 - C1, M12], [M12, J2]] in the angles of the segments in space with M12 the mean of C1 and C2 - J2 (which
-    are equal in a body), must be positive definite.
+    Attributes
+    ----------
+    J1, J2, C1, C2
+        Inertia of the two balances (see the model's equations), kg m^2.
+    A1, A2
+        First moments of mass: gravity's stiffness divided by g, kg m.
+    g
+        Gravity, m/s^2.
+
+    Raises
+    ------
+    ModelError
+        A constant is outside its range, or the inertia is that of no body: the matrix of the kinetic energy,
+        [[J1 - C1, M12], [M12, J2]] in the angles of the segments in space with M12 the mean of C1 and C2 - J2 (which
+        are equal in a body), must be positive definite.
     """
 
     J1: float = field(default=51.26, metadata=_INERTIA)
@@ -78,10 +90,27 @@ class Body:
         L1: float,
         g: float = 9.81,
     ) -> Body:
-        """Body from segment masses (kg), CoM heights above the joint (m), inertias about the CoM (kg m^2), leg length.
+        """Body from its segments: 1 the legs, 2 head, arms and trunk.
 
         Derived from the linearised double pendulum: M11 = I1 + m1 h1^2 + m2 L1^2, M12 = m2 L1 h2, M22 = I2 + m2 h2^2.
-        Raises `ModelError` for a value outside its range.
+
+        Parameters
+        ----------
+        m1, m2
+            Masses, kg.
+        h1, h2
+            Heights of the centres of mass above the ankle and above the hip, m.
+        I1, I2
+            Moments of inertia about the centres of mass, kg m^2.
+        L1
+            Length from ankle to hip, m.
+        g
+            Gravity, m/s^2.
+
+        Raises
+        ------
+        ModelError
+            A value is outside its range.
         """
         given = {"m1": m1, "h1": h1, "I1": I1, "m2": m2, "h2": h2, "I2": I2, "L1": L1}
         for name, value in given.items():

@@ -44,11 +44,21 @@ class Parameter:
 
     Attributes
     ----------
-    name: field name, e.g. ``"K11"``.
-    unit: unit as it is written to the cube, e.g. ``"N m/rad"``.
-    value: nominal ("true") value in that unit.
-    lower, upper: bounds of the fit and of the uniform starts, in that unit.
-    meaning: description in one line.
+    name
+        Name, e.g. ``"K11"``.
+    unit
+        Unit as it is written to the cube, e.g. ``"N m/rad"``.
+    value
+        Nominal ("true") value in that unit.
+    lower, upper
+        Bounds of the fit and of the uniform starts, in that unit.
+    meaning
+        Description in one line.
+
+    Raises
+    ------
+    ModelError
+        Bounds are not finite or not in order, or the value is outside them.
     """
 
     name: str
@@ -89,18 +99,27 @@ class Filter:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One row of the table; see the module's equation.
+    """One row of the model's table: ``coefficient * product(gain) * s^order * e^(-delay s) * filters`` times a signal.
 
     Attributes
     ----------
-    row: torque balance it enters, one of the model's ``rows``.
-    sense: what it senses, a key of `SENSES` or a name of the model's ``angles``.
-    gain: names of parameters whose product multiplies the term (none, one or two).
-    order: power of s: -1 integral, 0 angle, 1 rate, 2 acceleration.
-    delay: name of the parameter holding its delay in s, or None.
-    filters: names of filters it passes through.
-    coefficient: constant factor.
-    noisy: whether sensor noise enters the loop here (the active feedback).
+    row
+        Torque balance it enters, one of the model's ``rows``.
+    sense
+        The signal: ``"theta1"``, ``"theta2"``, ``"theta2s"`` (their sum, the upper body in space), ``"stimulus"``, or
+        a name of the model's ``angles``.
+    gain
+        Names of parameters whose product multiplies the term (none, one or two).
+    order
+        Power of s: -1 integral, 0 angle, 1 rate, 2 acceleration.
+    delay
+        Name of the parameter that holds its delay in s, or None.
+    filters
+        Names of filters it passes through.
+    coefficient
+        Constant factor.
+    noisy
+        Whether sensor noise enters the loop here (the active feedback).
     """
 
     row: str
@@ -115,10 +134,35 @@ class Term:
 
 @dataclass(frozen=True)
 class Model:
-    """A closed loop: parameters, terms, filters.
+    """A closed loop as a table: the sum of the terms of each row is zero.
 
-    ``output_filters`` names, per angle, a filter between the true and the measured angle (a sensor lag), or None.
-    A one-segment model simply has no term in the first row; that row is then padded with the identity.
+    A one-segment model has no term in the first row; that row is then padded with the identity.
+
+    Attributes
+    ----------
+    name
+        Name of the model.
+    parameters
+        The unknowns (`Parameter`); their order is that of every parameter axis.
+    terms
+        The table (`Term`).
+    filters
+        Rational filters that terms may pass through.
+    output_filters
+        Per angle, the name of a filter between the true and the measured angle (a sensor lag), or None.
+    rows
+        Names of the two torque balances; ``("hip", "ankle")`` by default.
+    angles
+        Names of the two measured angles; ``("theta1", "theta2")`` by default.
+    stimulus_unit
+        Unit of the stimulus, ``"N m"`` or ``"m"``.
+    provenance
+        Origin of the true values, text for people.
+
+    Raises
+    ------
+    ModelError
+        A name is unknown or declared twice, or a term has an order or a number of gains that is not supported.
     """
 
     name: str

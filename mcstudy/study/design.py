@@ -52,14 +52,22 @@ __all__ = [
 
 
 class Study(Section):
-    """A fully resolved study: every setting is explicit.
+    """A study: what is simulated and fitted, with every setting explicit.
 
-    ``Study("pilot", seed=1)`` begins one in Python, and `group` adds a group to it; `read_study` reads one from a file.
-    Every mistake is a `DesignError`, the line that a study file would get.
+    ``Study("pilot", seed=1)`` begins one in Python, and `group` adds a group to it; `mcstudy.read_study` reads one from
+    a file. It cannot be changed afterwards.
 
     Attributes
     ----------
-    study: name, seed and prose. groups: what is run, by name.
+    study
+        Name, seed and description: the table ``[study]`` of a study file.
+    groups
+        The groups by name: the tables ``[group.NAME]``.
+
+    Raises
+    ------
+    DesignError
+        A setting is not allowed; the same line that a study file gets.
     """
 
     study: StudySection
@@ -77,12 +85,17 @@ class Study(Section):
 
         Parameters
         ----------
-        name: of the group, also a folder's.
-        fields: those of a ``[group.NAME]`` table of a study file: ``realizations``, ``starts``, ``fmax`` (list, Hz),
+        name
+            Name of the group, and of its folder in the cube.
+        **fields
+            Those of a ``[group.NAME]`` table of a study file: ``realizations``, ``starts``, ``fmax`` (list, Hz),
             ``amplitude`` (list, N m or m), ``simulator``, and the sections ``model``, ``stimulus``, ``noise``,
             ``spectra`` and ``fit`` as dicts.
 
-        Raises `DesignError` for a name that is taken and for what a study file must not hold.
+        Raises
+        ------
+        DesignError
+            The name is taken, or a field is not allowed.
         """
         if name in self.groups:
             raise DesignError(f"group.{name}: the study already has a group of this name")
@@ -138,14 +151,24 @@ class Study(Section):
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of the canonical JSON of `numbers`."""
+        """SHA-256 of all settings but ``description`` and ``regenerates``; equal studies have equal cubes."""
         canonical = json.dumps(self.numbers(), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(canonical.encode()).hexdigest()
 
     def plan(self, workers: int | None = None, *, allow_unstable: bool = False) -> StudyPlan:
-        """What the study will cost and how precise it will be, from a small pilot; see `mcstudy.study.plan.plan`.
+        """Predict run time, size and Monte Carlo error from a small pilot; printed, what ``mcstudy plan`` prints.
 
-        ``workers``: threads assumed, one per core when None.
+        Parameters
+        ----------
+        workers
+            Threads assumed; one per core when None.
+        allow_unstable
+            Accept true parameters whose closed loop is unstable.
+
+        Raises
+        ------
+        DesignError
+            The closed loop of the true parameters is unstable.
         """
         from mcstudy.study.plan import plan  # which runs a pilot of this study
 

@@ -23,9 +23,18 @@ MAX_BYTES = 1_000_000
 
 
 def read_study(path: str | Path) -> Study:
-    """The resolved study of a file, or of a study that comes with mcstudy, by name (``goodworth2018``).
+    """Read a study file (TOML).
 
-    Raises `DesignError` with one line.
+    Parameters
+    ----------
+    path
+        The file (``pipelines/README.md`` describes every field), or the name of a study that comes with mcstudy:
+        ``goodworth2018``.
+
+    Raises
+    ------
+    DesignError
+        The file cannot be read or has a mistake: one line that names file, field and what was expected.
     """
     path = located(path)
     text = read_text(path, "study file")

@@ -55,9 +55,14 @@ class Closure:
 
     Attributes
     ----------
-    fraction, low, high: median and 95 % limits of the share. at_noise_floor: whether the gap is closed to the noise
-        floor. before, after: energy of the residual without and with the cause. trials_needed: total number of such
-        trials needed to know the share to +-15 percentage points.
+    fraction, low, high
+        Median and 95 % limits of the share.
+    at_noise_floor
+        Whether the gap is closed to the noise floor: the upper 95 % limit of what is left is below 10 %.
+    before, after
+        Energy of the residual without and with the cause, noise subtracted.
+    trials_needed
+        Total number of such trials needed to know the share to ±15 percentage points.
     """
 
     fraction: float

@@ -39,8 +39,16 @@ class Change:
 
     Attributes
     ----------
-    effect: its name. log_factor: ln Bayes factor against no change. z: score. gain, se: relative change of the
-    active gains from the first to the second set. size: the size of the effect, if it follows from the gain.
+    effect
+        Name of the effect.
+    log_factor
+        ln Bayes factor against no change.
+    z
+        Change divided by its standard error, positive in the direction of the effect.
+    gain, se
+        Relative change of the active gains from the first to the second set, and its standard error.
+    size
+        Size of the effect, if it follows from the gain.
     """
 
     effect: str
@@ -53,8 +61,19 @@ class Change:
 
 @dataclass(frozen=True)
 class Contrast:
-    """One comparison. ``kind``: "amplitude" or "time". ``between``: the two amplitudes (or 0, 1). ``p_value``: of the
-    statistic, the mean Bayes factor of ``changes``."""
+    """One comparison within a recording.
+
+    Attributes
+    ----------
+    kind
+        "amplitude" (two amplitudes) or "time" (first and last cycles).
+    between
+        The two amplitudes; (0, 1) for time.
+    changes
+        Result for every effect that this comparison reveals (`Change`).
+    p_value
+        p-value of the mean Bayes factor of ``changes``.
+    """
 
     kind: str
     between: tuple[float, float]

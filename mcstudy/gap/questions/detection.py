@@ -33,7 +33,19 @@ REFITS_A_TASK = 125
 
 @dataclass(frozen=True)
 class Band:
-    """One angle in one band: mean squared standardised residual, and whether it is beyond the family-wise 5 % limit."""
+    """Mean squared standardised residual of one angle in one frequency band.
+
+    Attributes
+    ----------
+    angle
+        "theta1" or "theta2".
+    low_hz, high_hz
+        Limits of the band, Hz.
+    level
+        Mean squared residual; 1 is expected without a gap.
+    limit
+        Level that noise alone exceeds in any band in 1 of 20 recordings.
+    """
 
     angle: str
     low_hz: float
@@ -53,12 +65,24 @@ class Detection:
 
     Attributes
     ----------
-    p_value: of the test statistic. statistic: ln Bayes factor of any gap against none.
-    chi2, expected_chi2, fit_p_value: squared whole residual, its mean under the null, and its p-value.
-    z: (N, 2) standardised residuals, corrected for leverage, E|z|^2 = 1 under the null. z_limit: 95 % limit of max |z|.
-    bands: mean |z|^2 by band. draws: number of null samples. null_statistic, null_chi2: (draws,) null samples of the
-        statistic and of the squared whole residual. unstructured: the test for an unstructured residual, calibrated
-        with the latter.
+    p_value
+        p-value of the test for a gap.
+    statistic
+        Its statistic: ln Bayes factor of any gap against none.
+    chi2, expected_chi2, fit_p_value
+        Squared whole residual, its mean without a gap, and its p-value.
+    z
+        (N, 2) complex, standardised residuals by line and angle, corrected for leverage: mean square 1 without a gap.
+    z_limit
+        Limit that the largest ``|z|`` exceeds in 1 of 20 recordings without a gap.
+    bands
+        Mean squared z by angle and band (`Band`).
+    draws
+        Number of null samples.
+    null_statistic, null_chi2
+        (draws,), null samples of the statistic and of the squared whole residual.
+    unstructured
+        The test for an unstructured residual, calibrated with the latter.
     """
 
     p_value: float

@@ -45,9 +45,18 @@ POINTS = 25
 
 @dataclass(frozen=True)
 class SizeEstimate:
-    """Estimate of one parameter of an effect: posterior mean and standard deviation, 95 % limits, unit.
+    """Estimate of one parameter of an effect.
 
-    ``advice``: what to check when the estimate agrees with a known mistake, else empty.
+    Attributes
+    ----------
+    name, unit
+        Name and unit of the parameter.
+    estimate, se
+        Posterior mean and standard deviation.
+    low, high
+        95 % limits.
+    advice
+        What to check when the estimate agrees with a known mistake, else empty.
     """
 
     name: str

@@ -22,9 +22,18 @@ SOURCES_EXPLAINED = (
 
 @dataclass(frozen=True)
 class Shift:
-    """A base parameter with and without the leading cause: estimates and standard errors in ``unit``.
+    """A parameter of the base model, estimated without and with the leading cause.
 
-    ``without_from``, ``added_from``: what determines the values, keys of `SOURCES`.
+    Attributes
+    ----------
+    name, unit
+        Name of the parameter, and the unit of all four numbers.
+    without, without_se
+        Estimate and standard error of the model without effects.
+    added, added_se
+        The same with the leading cause; None without one.
+    without_from, added_from
+        What determines the estimates: "data", "prior" (mostly the prior) or "bound".
     """
 
     name: str

@@ -43,8 +43,16 @@ class Cause:
 
     Attributes
     ----------
-    effects: the most probable member of every group. alternatives: all members, per effect. probability: of the group.
-    sizes: of ``effects``. fitted: the refitted model.
+    effects
+        Name of the effect, or of the two: the most probable member of each ambiguity group.
+    alternatives
+        All members of the groups, which these data cannot distinguish.
+    probability
+        Posterior probability of the group.
+    sizes
+        Sizes of ``effects`` (`SizeEstimate`).
+    fitted
+        The refitted model.
     """
 
     effects: tuple[str, ...]

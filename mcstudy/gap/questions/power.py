@@ -25,9 +25,14 @@ class Undetectable:
 
     Attributes
     ----------
-    effect: its name. reason: as text. size_needed, unit: smallest detectable size (None when it is outside the
-        bounds). trials_needed: total number of such trials needed to detect the middle published size (None when more
-        trials do not help).
+    effect
+        Name of the effect.
+    reason
+        Why, as text: the expected signal in standard errors at a typical size, and how much is needed.
+    size_needed, unit
+        Smallest detectable size and its unit; None when it is outside the bounds.
+    trials_needed
+        Total number of such trials needed to detect the middle published size; None when more trials do not help.
     """
 
     effect: str

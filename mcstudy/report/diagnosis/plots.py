@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 class Plots:
-    """Figures of one diagnosis. Every method draws on matplotlib axes (new ones when ``ax`` is None) and returns them.
+    """Figures of one diagnosis: each method draws on matplotlib axes ``ax`` (new ones when None) and returns them.
 
-    ``angle``: 0 for theta1, the lower body, 1 for theta2, the hip. Needs matplotlib, the extra ``report``; raises
-    `InputError` without it.
+    ``angle`` is 0 for theta1, the lower body, and 1 for theta2, the hip. Both models are the base model and the model
+    with the leading cause. Raises `InputError` without matplotlib (the extra ``report``).
     """
 
     def __init__(self, diagnosis: Diagnosis) -> None:
@@ -114,8 +114,7 @@ class Plots:
 
 
 class DiagnosisWithFigures(Diagnosis):
-    """A diagnosis with figures (``plot``, ``to_html``), as `mcstudy.diagnose` returns it."""
-
+    __doc__ = Diagnosis.__doc__  # what `help` shows of a result of `mcstudy.diagnose`
     shown_as = "Diagnosis"
     more = "verdict(), plot, to_html(path), to_dict()"
 
@@ -126,13 +125,16 @@ class DiagnosisWithFigures(Diagnosis):
 
     @cached_property
     def plot(self) -> Plots:
-        """Its figures, ``diagnosis.plot.misfit_gain(angle=1)``; raises `InputError` without matplotlib."""
+        """Its figures (`Plots`), e.g. ``diagnosis.plot.misfit_gain(angle=1)``; `InputError` without matplotlib."""
         return Plots(self)
 
     def to_html(self, path: str | Path) -> Path:
-        """Write the page of the diagnosis, as `mcstudy gap report` does; returns its path.
+        """Write the page of the diagnosis, as ``mcstudy gap report`` does; returns its path.
 
-        Raises `InputError` without matplotlib, or for a file that cannot be written.
+        Raises
+        ------
+        InputError
+            matplotlib is not installed, or the file cannot be written.
         """
         require_matplotlib()
         from mcstudy.report.diagnosis.page import gap_page

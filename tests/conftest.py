@@ -34,8 +34,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile what every study file is checked with, once and first: who compiles says so, on a line of its own."""
+    """Compile first, and once: who compiles says so, on a line of its own; and workers would compile the same, each."""
     if not hasattr(session.config, "workerinput"):
         from mcstudy.fitting.compilers import warm
 
-        warm(["stability"])
+        warm(() if session.config.getoption("numprocesses", None) else ["stability"])

@@ -150,10 +150,17 @@ def _local(threads: int, dashboard: bool) -> Iterator[Client]:
         yield client
 
 
-def more_threads(client: Client) -> None:
-    """Add one thread to the local scheduler, to replace a thread that a block never releases."""
+def replace_thread(client: Client, address: str, lost: int) -> None:
+    """Add one thread to the local scheduler, to replace one that a block of a worker never releases.
+
+    ``lost``: threads of that worker that are lost by now. Without any left it is closed, or blocks would wait there.
+    """
     cluster: Any = client.cluster
-    cluster.scale(len(cluster.worker_spec) + 1)
+    cluster.worker_spec.update(cluster.new_worker_spec())
+    for name, worker in list(cluster.workers.items()):
+        if worker.address == address and worker.state.nthreads <= lost:
+            cluster.worker_spec.pop(name, None)
+    cluster.scale(len(cluster.worker_spec))
 
 
 def restart_worker(client: Client, address: str) -> None:

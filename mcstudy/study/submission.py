@@ -23,7 +23,7 @@ from distributed.scheduler import KilledWorker
 
 from mcstudy.errors import Interrupted
 from mcstudy.fitting.status import Status
-from mcstudy.scheduler.cluster import ClusterOptions, more_threads, restart_worker
+from mcstudy.scheduler.cluster import ClusterOptions, replace_thread, restart_worker
 from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.window import Window
 from mcstudy.study import environment
@@ -120,6 +120,7 @@ class Submission:
         self.attempts: Counter[Block] = Counter()
         self.failures: Counter[Block] = Counter()
         self.timeouts: Counter[Block] = Counter()
+        self.lost_threads: Counter[str] = Counter()
         self.doubtful: list[Block] = []
         self.given_up: set[Block] = set()
         self.warned: set[str] = set()
@@ -267,7 +268,8 @@ class Submission:
         self.timeouts[block] += 1
         self.log.add("block_timeout", group=block.group, attempt=self.timeouts[block], reason=reason)
         if self.options.scheduler is None:
-            more_threads(self.client)
+            self.lost_threads[flight.worker] += 1
+            replace_thread(self.client, flight.worker, self.lost_threads[flight.worker])
         else:
             restart_worker(self.client, flight.worker)
         if self.timeouts[block] < TIMED_OUT:

@@ -1,6 +1,8 @@
 """Every code block of the documentation runs as it is printed, in order, in a directory of its own.
 
 - ``bash`` blocks run in a shell, ``python`` blocks of a page share one namespace; both start where a clone's root is.
+  Blocks of nothing but ``mcstudy ...`` and ``python FILE ...`` are run in the process of the tests, which has
+  everything imported.
 - The study files they name are cut down to a few realizations and starts, so that a page takes seconds.
 - A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
 - A block is left out only below a comment ``<!-- Not run by the tests: REASON. -->``: it is for us, not for readers.
@@ -10,6 +12,8 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from mcstudy.cli import main
 
 ROOT = Path(__file__).parents[2]
 PLACES = (
@@ -35,6 +41,8 @@ PROSE = ("", "text")
 """Blocks that hold no code: what a program printed, a formula."""
 SECONDS = 900
 """After which a block counts as hung, on the slowest machine."""
+SHELL = re.compile(r"[|&;<>()$`*?~{}\[\]]")
+"""Characters that mean something to a shell."""
 MOST = {"realizations": 4, "starts": 10}
 
 
@@ -66,6 +74,29 @@ def cut_down(study: Path) -> None:
     study.write_text(text, encoding="utf-8")
 
 
+def commands(block: Block) -> list[list[str]] | None:
+    """The words of every line of a block that needs no shell: all begin with ``mcstudy`` or ``python``."""
+    lines = [shlex.split(line, comments=True) for line in block.text.replace("\\\n", " ").splitlines()]
+    simple = all(words[0] in ("mcstudy", "python") and not SHELL.search(" ".join(words)) for words in lines if words)
+    return [words for words in lines if words] if simple else None
+
+
+def run_here(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the command line does it."""
+    code: object = None
+    if words[0] == "mcstudy":
+        code = main(words[1:])
+    else:
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "argv", words[1:])
+            patch.syspath_prepend(str(Path(words[1]).parent.resolve()))
+            try:
+                runpy.run_path(words[1], run_name="__main__")
+            except SystemExit as end:
+                code = end.code
+    assert not code, words
+
+
 def run_bash(block: Block, where: Path) -> None:
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     done = subprocess.run(
@@ -90,7 +121,10 @@ def test_every_block_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     for block in blocks(page):
         if not block.run or block.language in PROSE or block.language.startswith("{"):  # {toctree}: for the site
             continue
-        if block.language == "bash":
+        if block.language == "bash" and (simple := commands(block)) is not None:
+            for words in simple:
+                run_here(words, monkeypatch)
+        elif block.language == "bash":
             run_bash(block, tmp_path)
         elif block.language == "python":
             exec(compile("\n" * block.line + block.text, str(ROOT / page), "exec"), namespace)

@@ -288,17 +288,18 @@ def test_a_cube_keeps_its_chunks_when_the_program_would_choose_others_now(
 def test_a_block_that_hangs_is_given_up_and_the_rest_finishes(
     tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    release, run_task = threading.Event(), tasks.run_task
+    release, run_task, released = threading.Event(), tasks.run_task, []
 
     def hang(task: tasks.Task) -> tasks.TaskReport:
         if task.group == "ideal":
-            release.wait(60)
+            released.append(release.wait(60))
         return run_task(task)
 
     out, whole, study = tmp_path / "out.zarr", tmp_path / "whole.zarr", parse_study(tiny)
     with monkeypatch.context() as patch:
         patch.setattr("mcstudy.study.attempt.run_task", hang)
         outcome = run_study(study, out, ClusterOptions(workers=1, block_timeout=3.0))
+        assert released == []  # the run did not wait
         release.set()
     assert outcome.fits == 120
     (line,) = outcome.failed_blocks

@@ -91,10 +91,13 @@ class Campaign:
         """What ``work`` returns, computed in a process of its own."""
         return answer(work, self.folder / "answer.json")
 
-    def look_at_lines(self) -> None:
-        """Which lines a run and its extension execute, and how often; before any death at a line."""
-        self.begin()
-        self.lines = {work: self.ask(partial(self.count_lines, work)) for work in (self.small_run, self.extension)}
+    def look_at_lines(self, *works: Callable[[], object]) -> None:
+        """Which lines a run or its extension executes, and how often; before any death at a line."""
+        for work in works:
+            self.begin()
+            if work is self.extension:
+                shutil.copytree(self.small, self.out)
+            self.lines[work] = self.ask(partial(self.count_lines, work))
         self.begin()
 
     def count_lines(self, work: Callable[[], object]) -> list[tuple[str, int, int]]:
@@ -228,7 +231,8 @@ class Campaign:
         """A file of a finished cube flipped, cut or deleted: `verify` names it, and `run` repairs it."""
         fault = "file damaged"
         self.begin()
-        assert ended(fork(self.small_run)) == DONE
+        shutil.copytree(self.small, self.out)
+        shutil.copytree(log_folder(self.small), log_folder(self.out))
         file = self.random.choice(sorted(p for p in self.out.rglob("*") if p.is_file()))
         content = bytearray(file.read_bytes())
         how = self.random.choice(("flip", "cut", "delete"))
@@ -322,7 +326,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         campaign = Campaign(Path(folder), args.seed)
         try:
-            campaign.look_at_lines()
+            campaign.look_at_lines(campaign.small_run, campaign.extension)
             campaign.run(args.kills, args.only)
         finally:
             forked.kill_all()

@@ -18,6 +18,10 @@ LONGEST = (
     "tests/study/",
     "tests/challenge/",
     "tests/gap/",
+    "tests/stance/",
+    "tests/recordings/",
+    "tests/fitting/",
+    "tests/analysis/",
 )
 """Beginnings of names, in the order in which the tests begin; all others come after them."""
 

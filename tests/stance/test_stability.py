@@ -73,7 +73,7 @@ def test_the_standing_truth_is_stable_with_the_known_root():
     assert found.proof == Proof.SEARCH
 
 
-@pytest.mark.parametrize(("name", "count"), [(n, 250 if n == "two_segment" else 40) for n in MODELS])
+@pytest.mark.parametrize(("name", "count"), [(n, 120 if n == "two_segment" else 40) for n in MODELS])
 def test_search_agrees_with_the_chebyshev_discretisation(name, count):
     model = MODELS[name]
     theta = between_bounds(model, count, 1)

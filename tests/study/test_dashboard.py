@@ -11,7 +11,8 @@ import pytest
 from mcstudy.scheduler.cluster import ClusterOptions, connect, dashboard_url
 
 
-def test_the_dashboard_answers_on_loopback() -> None:
+def test_the_dashboard_answers_on_loopback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mcstudy.scheduler.cluster.DASHBOARD_PORT", 0)  # the usual one is soon another test's
     with connect(ClusterOptions(workers=1, dashboard=True)) as client:
         url = dashboard_url(client)
         assert urlsplit(url).hostname == "127.0.0.1"

@@ -190,7 +190,9 @@ def test_a_killed_scheduler_ends_the_run_as_resumable(folder: Path, local: str, 
     assert tree_digest(out) == local
 
 
-def test_a_scheduler_that_is_gone_is_exit_3_and_never_there_exit_2(folder: Path) -> None:
+def test_a_scheduler_that_is_gone_is_exit_3_and_never_there_exit_2(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with cluster(folder / "short") as made:
         out = folder / "exit.zarr"
         command = [sys.executable, "-m", "mcstudy", "run", str(folder / "shared.toml"), "-o", str(out)]
@@ -203,6 +205,7 @@ def test_a_scheduler_that_is_gone_is_exit_3_and_never_there_exit_2(folder: Path)
         assert process.returncode == 3, errors
         assert "lost connection to the scheduler" in errors.splitlines()[-1]
         assert "Traceback" not in errors
+    monkeypatch.setattr("mcstudy.scheduler.cluster.CONNECT_S", 1)
     with pytest.raises(InputError, match="expected a running scheduler"):
         run(folder / "never.zarr", made)
 

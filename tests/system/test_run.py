@@ -198,14 +198,15 @@ def test_the_dashboard_of_a_run_is_on_this_machine_only(folder: Path) -> None:
     assert urlsplit(line.split()[1]).port in {c.laddr.port for c in listening}
 
 
-def test_a_scheduler_on_another_machine_without_tls_is_one_line_and_exit_2(folder: Path) -> None:
-    out = folder / "elsewhere.zarr"
-    words = command(folder, out, "--scheduler", "tcp://192.0.2.1:8786")
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "--scheduler: expected tls:// for 192.0.2.1, which is another machine" in done.stderr
-    assert "--insecure accepts this risk" in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_a_scheduler_on_another_machine_without_tls_is_one_line_and_exit_2(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = command(folder, folder / "elsewhere.zarr", "--scheduler", "tcp://192.0.2.1:8786")
+    assert main(words[3:]) == Exit.BAD_INPUT
+    errors = capsys.readouterr().err
+    assert "--scheduler: expected tls:// for 192.0.2.1, which is another machine" in errors
+    assert "--insecure accepts this risk" in errors
+    assert errors.count("\n") == 1
 
 
 def test_other_thread_settings_are_warned_of_and_noted_and_a_cube_keeps_those_it_was_made_with(
@@ -230,16 +231,17 @@ def test_other_thread_settings_are_warned_of_and_noted_and_a_cube_keeps_those_it
     assert tree_digest(out) == whole
 
 
-def test_a_second_run_on_a_store_in_use_is_refused(folder: Path) -> None:
+def test_a_second_run_on_a_store_in_use_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = folder / "shared.zarr"
     process = start(folder, out, pause_s=FOR_EVER_S)
     wait_for_chunks(process, out, 1)
-    second = subprocess.run(command(folder, out), capture_output=True, text=True, check=False)
+    code = main(command(folder, out)[3:])
     process.kill()
     process.communicate()
-    assert second.returncode == 2
-    assert "another run is writing" in second.stderr
-    assert second.stderr.count("\n") == 1
+    assert code == Exit.BAD_INPUT
+    errors = capsys.readouterr().err
+    assert "another run is writing" in errors
+    assert errors.count("\n") == 1
 
 
 def without_override() -> None:

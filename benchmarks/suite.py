@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from benchmarks import diagnosis, framework, kernel_time, latency, limits, speedup, starts_needed, studies
+from benchmarks import diagnosis, framework, kernel_time, large_cubes, latency, limits, speedup, starts_needed, studies
 from benchmarks.report import Result, Sizes
 
 BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
@@ -19,4 +19,5 @@ BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "framework": framework.run,
     "diagnosis": diagnosis.run,
     "latency": latency.run,
+    "show": large_cubes.run,
 }

@@ -15,7 +15,7 @@ to first order).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -108,7 +108,16 @@ def jackknife(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic) -> xr.
     Dataset ``value``, ``mcse``, ``n``, ``left_out``. Where cells that enter one value used different numbers of
     realizations, ``n`` is the smallest. ``mcse`` is NaN for fewer than three realizations.
     """
+    return jackknives(x, truth, [statistic])[0]
+
+
+def jackknives(x: xr.DataArray, truth: xr.DataArray, statistics: Sequence[Statistic]) -> list[xr.Dataset]:
+    """`jackknife` of several statistics, which share the moments."""
     full, deleted = _with_deleted(x, truth)
+    return [_jackknifed(x, full, deleted, statistic) for statistic in statistics]
+
+
+def _jackknifed(x: xr.DataArray, full: Moments, deleted: Moments, statistic: Statistic) -> xr.Dataset:
     value, replicate = statistic(full), statistic(deleted)
     pooled = [d for d in x.dims if d not in (*value.dims, REALIZATION)]
     used = x.variable.notnull()

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import counting, kernel_time, peers, speedup, starts_needed
+from benchmarks import counting, kernel_time, large_cubes, peers, speedup, starts_needed
 from benchmarks.cases import FMAX, cases
 from benchmarks.model import Compiled
 from benchmarks.report import QUICK
 from benchmarks.suite import BENCHMARKS
 from mcstudy.fitting.lm import normal_equations
+from mcstudy.study.verify import verify
 
 SLOW = {"scipy_trust_constr", "scipy_trust_constr_bfgs"}  # minutes of a thousand iterations; the loose one stands in
 
@@ -88,7 +90,13 @@ def test_the_curve_of_starts_ends_where_the_starts_did() -> None:
     assert row["curve"][2] == pytest.approx(np.mean([1 - 0.6**2, 1 - 0.4**2]))
 
 
+def test_a_cube_of_invented_numbers_is_sound_and_complete(tmp_path: Path) -> None:
+    assert large_cubes.write_cube(tmp_path / "a.zarr", 300) == 300
+    found = verify(tmp_path / "a.zarr", cells=0)
+    assert (found.damage, found.pending) == ([], 0)
+
+
 def test_every_part_of_the_suite_has_a_name() -> None:
     names = {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth", "diagnosis"}
-    names |= {"latency"}
+    names |= {"latency", "show"}
     assert names == set(BENCHMARKS)

@@ -12,7 +12,7 @@ from mcstudy.analysis import accuracy, neural, selection
 from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
 from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
-from mcstudy.analysis.montecarlo import Statistic, fraction, quantiles
+from mcstudy.analysis.montecarlo import Statistic, fraction, jackknives, quantiles
 from mcstudy.analysis.notes import notes
 from mcstudy.analysis.paper.published import PAPER
 from mcstudy.analysis.paper.rows import Row, rows
@@ -226,8 +226,7 @@ _MEASURES: dict[str, Statistic] = {
 
 def _measures(cells: xr.Dataset) -> dict[str, xr.Dataset]:
     """All measures of every parameter, from one jackknife."""
-    names = xr.DataArray(list(_MEASURES), dims="measure", name="measure")
-    every = accuracy.statistic_of(cells, lambda m: xr.concat([f(m) for f in _MEASURES.values()], dim=names))
-    out = {name: every.sel(measure=name) for name in _MEASURES}
+    found = jackknives(cells["estimate"], cells["truth"], list(_MEASURES.values()))
+    out = dict(zip(_MEASURES, found, strict=True))
     out["absolute_bias_percent"] = out["absolute_bias_percent"].assign(floor=accuracy.floor_percent(cells))
     return out

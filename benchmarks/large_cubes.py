@@ -1,0 +1,74 @@
+"""Statistics of large cubes, which the store's own writer fills with numbers drawn at random instead of fitted."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.cases import study_text
+from benchmarks.measure import mcstudy, run_command
+from benchmarks.report import Result, Sizes
+from mcstudy.fitting.status import Status
+from mcstudy.study.layout import Chunk
+from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.study_file import parse_study
+
+FMAX, STARTS = (0.41, 1.2, 8.0), 50
+"""Axes of the paper's accuracy group; realizations make the size."""
+
+
+def run(sizes: Sizes) -> Result:
+    """CPU seconds and peak memory of ``show``, the first time and again, for cubes of growing size."""
+    result = Result("show")
+    with tempfile.TemporaryDirectory() as name:
+        for wanted in sizes.fits:
+            cube = Path(name) / f"{wanted}.zarr"
+            fits = write_cube(cube, wanted)
+            first, again = (run_command(*mcstudy("show", cube)) for _ in range(2))
+            if first.output != again.output:
+                raise RuntimeError(f"{wanted} fits: the second look printed something else than the first")
+            result.table.append(
+                {
+                    "fits": fits,
+                    "first CPU s": first.cpu,
+                    "first peak MB": first.peak / 1e6,
+                    "again CPU s": again.cpu,
+                    "again peak MB": again.peak / 1e6,
+                }
+            )
+            result.keys[f"show.first_cpu_s.{wanted}"] = first.cpu
+            result.keys[f"show.first_peak_bytes.{wanted}"] = first.peak
+            result.keys[f"show.again_cpu_s.{wanted}"] = again.cpu
+    return result
+
+
+def write_cube(path: Path, fits: int) -> int:
+    """A complete cube of about ``fits`` fits at ``path``; returns their exact number."""
+    study = parse_study(study_text(max(1, round(fits / (len(FMAX) * STARTS))), STARTS, FMAX))
+    cube = Cube.create(path, study)
+    for store in cube.groups.values():
+        for chunk in store.layout.chunks:
+            store.write(chunk, _drawn(store, chunk))
+    return study.fits
+
+
+def _drawn(store: GroupStore, chunk: Chunk) -> dict[str, np.ndarray]:
+    """Results of a chunk like those of fits: a third of the starts in the lowest minimum, scattered about the truth."""
+    rng = np.random.default_rng([chunk.amplitude, chunk.block])
+    data = store.layout.empty(chunk)
+    model, frf = store.experiment.model, store.layout.arrays["true_frf"].values
+    cells = data["cost"].shape[:-1]
+    data["frf"][...] = frf * (1 + 0.05 * rng.standard_normal(data["frf"].shape))
+    data["noise_covariance"][...] = 1e-3 * (np.abs(frf) ** 2)[:, :, None] * np.eye(2)
+    data["initial"][...] = rng.uniform(model.lower, model.upper, data["initial"].shape)
+    scatter = rng.standard_normal((*cells, 1, model.truth.size)).clip(-4, 4)  # stays between the bounds
+    best = model.truth + 0.1 * (model.upper - model.lower) * scatter
+    hit = rng.random(data["cost"].shape) < 1 / 3
+    data["estimate"][...] = np.where(hit[..., None], best, data["initial"])
+    data["cost"][...] = rng.gamma(20.0, size=(*cells, 1)) * np.where(hit, 1.0, 1.0 + rng.random(hit.shape))
+    data["iterations"][...] = rng.integers(5, 50, hit.shape)
+    data["growth_rate"][...] = rng.normal(-2.0, 0.5, hit.shape)
+    data["status"][...] = int(Status.CONVERGED)
+    return data

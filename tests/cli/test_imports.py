@@ -1,0 +1,50 @@
+"""A look at results imports only what it needs: importing a library takes longer than the look itself."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import mcstudy as mc
+from mcstudy.analysis.show.tables import show
+
+SCRIPT = """
+import sys
+from mcstudy.cli import main
+code = main(sys.argv[1:])
+print(*sys.modules, sep="\\n", file=sys.stderr)
+sys.exit(code)
+"""
+
+LARGE = {"pandas", "xarray", "dask", "distributed", "zarr", "scipy.stats", "scipy.optimize", "matplotlib"}
+COMPILED = {"numba", "scipy"}
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("sway") / "a.nc"
+    return mc.write_recording(mc.simulate(amplitude=5.0, cycles=4, seed=4), path)
+
+
+def imported(*words: str) -> set[str]:
+    """Modules that a command has imported when it ends."""
+    ran = subprocess.run([sys.executable, "-c", SCRIPT, *words], capture_output=True, text=True, env=os.environ)
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    return set(ran.stderr.split())
+
+
+def test_status_reads_a_cube_without_any_library_of_arrays_but_numpy(two_chunks: Path) -> None:
+    assert not imported("status", str(two_chunks)) & (LARGE | COMPILED)
+
+
+def test_a_second_show_needs_no_library_of_numbers(two_chunks: Path) -> None:
+    show(two_chunks)
+    assert not imported("show", str(two_chunks)) & (LARGE | COMPILED | {"numpy", "pydantic"})
+
+
+def test_a_fast_diagnosis_of_a_netcdf_file_needs_no_library_of_tables(recording: Path) -> None:
+    assert not imported("gap", "diagnose", str(recording), "--fast") & LARGE

@@ -152,6 +152,13 @@ def test_a_study_like_the_papers_has_every_figure_and_every_published_number(
         assert f'<th scope="row" role="rowheader">{label}</th>' in text
 
 
+def test_an_efficiency_that_means_nothing_is_not_shown(paper_page: Path, paper_tree: xr.DataTree) -> None:
+    assert not paper_tree["accuracy"].mc.efficiency()["applies"].any()
+    text = paper_page.read_text(encoding="utf-8")
+    assert "efficiency" not in Reader(text).figures
+    assert "group accuracy: in every condition more than 10 % of the fits end on a bound" in text
+
+
 def test_what_does_not_apply_is_left_out_with_a_reason(other_page: Path) -> None:
     text = other_page.read_text(encoding="utf-8")
     assert "fig3a" not in Reader(text).figures

@@ -23,6 +23,7 @@ def escape(text: object) -> str:
 
 def table(content: Table, kind: str = "numbers") -> str:
     """A table in a box of its own that scrolls when the window is narrow."""
+    kind += " broad" if len(content.header) > 8 else ""
     head = "".join(f'<th scope="col">{escape(h)}</th>' for h in content.header)
     body = "".join(
         f'<tr><th scope="row">{escape(row[0])}</th>' + "".join(f"<td>{escape(c)}</td>" for c in row[1:]) + "</tr>"

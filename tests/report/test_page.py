@@ -32,19 +32,7 @@ from mcstudy.text_tables import with_error
 
 VOID = {"meta", "link", "br", "path", "use", "img", "input", "hr"}
 PAPER_FIGURES = ["fig1", "fig2a", "fig2b", "fig2c", "fig2d", "fig3a", "fig3b", "fig3c"]
-PAPER_FIGURES += [
-    "fig4",
-    "fig5",
-    "fig6",
-    "fig7a",
-    "fig7b",
-    "fig7c",
-    "pairs",
-    "waterfall",
-    "atlas",
-    "bystarts",
-    "efficiency",
-]
+PAPER_FIGURES += ["fig4", "fig5", "fig6", "fig7a", "fig7b", "fig7c", "pairs", "waterfall", "atlas", "bystarts"]
 
 
 class Reader(HTMLParser):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from matplotlib.axes import Axes
 
-from mcstudy.report.frame import share
+from mcstudy.report.frame import left_margin, share
 from mcstudy.report.html import Table, details, escape, table
 from mcstudy.report.readings import as_json
 from mcstudy.report.svg import drawn, rendered
@@ -38,7 +38,8 @@ class Figure:
     key: id on the page. number: the paper's number, e.g. ``"Fig. 3A"``, or empty. title: what it is about.
     text: what it shows and how to read it. panels: the drawings. tables: the numbers behind them.
     published: keys of the paper's results that belong here. python: the call that draws it.
-    small: whether panels are small (many in a row). legend: (palette name, label) shared by all panels.
+    small: whether panels are small (many in a row). legend: (palette name, label) shared by all panels; a
+    name may end in " hatched".
     """
 
     key: str
@@ -70,16 +71,19 @@ def figure(content: Figure, beside_paper: str, command: str) -> str:
     heading = f"{content.number} · {content.title}" if content.number else content.title
     axes = [drawn(p.drawing, p.size) for p in content.panels]
     _share(content.panels, axes)
+    margin = max((left_margin(ax) for p, ax in zip(content.panels, axes, strict=True) if p.size[0] > WIDE), default=0.0)
     pictures, numbers = [], []
     for i, (p, ax) in enumerate(zip(content.panels, axes, strict=True)):
-        picture, series = rendered(ax, f"{content.key}-{i}", f"{heading}: {p.title}", f"{content.key}-text")
+        left = margin if p.size[0] > WIDE else 0.0
+        picture, series = rendered(ax, f"{content.key}-{i}", f"{heading}: {p.title}", f"{content.key}-text", left)
         pictures.append(f'<div class="panel{" wide scroll" if p.size[0] > WIDE else ""}">{picture}</div>')
         numbers.append({"title": p.title, **series})
     panels = "".join(pictures)
     data = f'<script type="application/json" class="readings">{as_json(numbers)}</script>'
     keys = "".join(
-        f'<li><span class="swatch" style="background:var(--{name})"></span>{escape(label)}</li>'
+        f'<li><span class="swatch {fill}" style="background-color:var(--{colour})"></span>{escape(label)}</li>'
         for name, label in content.legend
+        for colour, _, fill in [name.partition(" ")]
     )
     legend = f'<ul class="legend">{keys}</ul>' if keys else ""
     text = "".join(f"<p>{escape(t)}</p>" for t in content.text)
@@ -87,19 +91,21 @@ def figure(content: Figure, beside_paper: str, command: str) -> str:
     how = f'<p class="how">Made by <code>{escape(command)}</code>'
     how += f"; in Python <code>{escape(content.python)}</code></p>" if content.python else "</p>"
     few = ' class="few"' if len(content.panels) <= 2 and content.panels[0].size[0] <= WIDE else ""
+    kind = " small" if content.small else " thirds" if len(content.panels) % 3 == 0 else ""
     return (
         f'<figure id="{content.key}"{few} aria-labelledby="{content.key}-h">'
         f'<h3 id="{content.key}-h">{escape(heading)}</h3>'
-        f'{legend}<div class="panels{" small" if content.small else ""}">{panels}</div>{data}'
+        f'{legend}<div class="panels{kind}">{panels}</div>{data}'
         f'<figcaption><div id="{content.key}-text">{text}</div>{beside_paper}{tables}{how}</figcaption></figure>'
     )
 
 
 def _share(panels: Sequence[Panel], axes: Sequence[Axes]) -> None:
-    alike: dict[tuple[str, ...], list[Axes]] = {}
+    alike: dict[tuple[str, str], list[Axes]] = {}
     for p, ax in zip(panels, axes, strict=True):
-        alike.setdefault((p.share, ax.get_xlabel(), ax.get_ylabel()), []).append(ax)
-    for (which, *_), members in alike.items():
+        for which in p.share:
+            alike.setdefault((which, ax.get_xlabel() if which == "x" else ax.get_ylabel()), []).append(ax)
+    for (which, _), members in alike.items():
         share(members, which)
 
 

@@ -20,7 +20,7 @@ from mcstudy.report.figures.common import fixed_ticks, log_axis
 from mcstudy.report.style import SETTINGS
 
 _TICK, _MINOR, _GAP = 3.5, 2.0, 3.0  # pt
-_EM = 0.6
+_EM = 0.65
 """Mean width of a character relative to the size of the type; generous, so that nothing overflows."""
 
 _TICK_SIZE, _LABEL_SIZE, _TITLE_SIZE = (
@@ -28,9 +28,9 @@ _TICK_SIZE, _LABEL_SIZE, _TITLE_SIZE = (
 )
 
 
-def share(panels: Sequence[Axes], which: str) -> None:
-    """Give panels the same limits and ticks on the axes named in ``which``, e.g. ``"xy"``, so that they compare."""
-    for name in which:
+def share(panels: Sequence[Axes], name: str) -> None:
+    """Give panels the same limits and ticks on their ``"x"`` or ``"y"`` axes, so that they compare."""
+    if len(panels) > 1:
         axes: list[Any] = [getattr(ax, f"{name}axis") for ax in panels]
         limits = np.array([axis.get_view_interval() for axis in axes])
         low, high = limits.min(), limits.max()
@@ -46,12 +46,17 @@ def share(panels: Sequence[Axes], which: str) -> None:
                 log_axis(axis)
 
 
-def place(ax: Axes, renderer: RendererBase) -> None:
-    """Move the axes to where their labels, title, legend and outer texts have room."""
-    width, height = (72 * inches for inches in ax.figure.get_size_inches())  # type: ignore[union-attr]
+def left_margin(ax: Axes) -> float:
+    """Room that the labels of the vertical axis need, in points."""
     ax.set_position((0.15, 0.2, 0.75, 0.7))  # how many ticks an axis has depends on its length
     left = _TICK + _GAP + max((_width(t, _TICK_SIZE) for _, t in _labels(ax.yaxis)), default=0.0)
-    left += 1.5 * _LABEL_SIZE if ax.get_ylabel() else 0.0
+    return left + (1.5 * _LABEL_SIZE if ax.get_ylabel() else 0.0)
+
+
+def place(ax: Axes, renderer: RendererBase, left: float = 0.0) -> None:
+    """Move the axes to where their labels, title, legend and outer texts have room, ``left`` points at the left."""
+    left = max(left, left_margin(ax))
+    width, height = (72 * inches for inches in ax.figure.get_size_inches())  # type: ignore[union-attr]
     names = [t for _, t in _labels(ax.xaxis)]
     upright = max((_width(t, _TICK_SIZE) for t in names), default=0.0)
     lines = max((t.count("\n") + 1 for t in names), default=0)
@@ -140,9 +145,11 @@ def _minor(axis: Any) -> list[float]:
 
 
 def _visible(axis: Any, value: float) -> bool:
-    low, high = sorted(axis.get_view_interval())
+    if value <= 0 and axis.get_scale() == "log":
+        return False
+    low, high, at = axis.get_transform().transform(np.array([*sorted(axis.get_view_interval()), value]))
     edge = 1e-9 * (high - low)
-    return bool(low - edge <= value <= high + edge)
+    return bool(low - edge <= at <= high + edge)
 
 
 def _has_grid(axis: Any) -> bool:

@@ -34,6 +34,7 @@ def table(content: Table, kind: str = "") -> str:
         label = f' data-label="{escape(heading)}"' if kind == "wide" and text else ""
         return f"<td{label}>{escape(text)}</td>"
 
+    kind += " broad" if len(content.header) > 8 else ""
     head = "".join(f'<th scope="col">{escape(h)}</th>' for h in content.header)
     body = "".join(
         f'<tr><th scope="row">{escape(row[0])}</th>' + "".join(map(cell, content.header[1:], row[1:])) + "</tr>"

@@ -77,11 +77,9 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
         tiles.append((f"Correlation of {first} and {second}", value_of(r), remark, "pairs"))
     needed = next((c for c in cells if c["fmax"] == f and c.get("starts_needed_median", {}).get("value")), None)
     if needed and view.group.starts > 1:
-        remark = (
-            f"in one of ten realizations {number(needed['starts_needed_90th']['value'], 2)} or more, {at}, {f:g} Hz."
-        )
-        value = number(needed["starts_needed_median"]["value"], 2)
-        tiles.append(("Starts for 95 % certainty", f"{value} (median)", remark, "fig3b"))
+        median, many = (needed[f"starts_needed_{which}"]["value"] for which in ("median", "90th"))
+        remark = f"median; {many:.0f} or more in one of ten realizations; {at}, {f:g} Hz."
+        tiles.append(("Starts for 95 % certainty", f"{median:.0f}", remark, "fig3b"))
     return tiles
 
 

@@ -44,11 +44,15 @@ SERIES = tuple(COLOURS[name] for name in ("blue", "orange", "green", "purple", "
 MARKERS = ("o", "s", "^", "D", "v", "P")
 """Markers of data series, in order: no series is told by colour alone."""
 
+HATCHES = ("", "////", "....", "xxxx")
+"""Hatches of bars, in order: bars differ in grey and to the colour-blind."""
+
 DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)))
 """Line styles of data series, in order."""
 
 SETTINGS: Any = {
     "svg.fonttype": "none",
+    "hatch.linewidth": 1.2,
     "svg.hashsalt": "mcstudy",
     "path.simplify_threshold": 0.2,
     "font.family": "sans-serif",

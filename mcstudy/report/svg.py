@@ -37,7 +37,7 @@ def drawn(drawing: Callable[[Axes], object], size: tuple[float, float] = (4.3, 3
         return ax
 
 
-def rendered(ax: Axes, key: str, title: str, described_by: str) -> tuple[str, dict[str, Any]]:
+def rendered(ax: Axes, key: str, title: str, described_by: str, left: float = 0.0) -> tuple[str, dict[str, Any]]:
     """Inline SVG of what `drawn` made, and its `mcstudy.report.readings`.
 
     The frame is written by `mcstudy.report.frame`, matplotlib draws the data.
@@ -46,11 +46,12 @@ def rendered(ax: Axes, key: str, title: str, described_by: str) -> tuple[str, di
     ----------
     key: prefix of all ids; must be unique on the page, made of letters, digits and ``-``.
     title: what a screen reader says. described_by: id of the element that says more.
+    left: room at the left in points, at least, so that panels one above the other line up.
     """
     with _style():
         figure = ax.figure
         assert isinstance(figure, Figure)
-        place(ax, figure.canvas.get_renderer())  # type: ignore[attr-defined]
+        place(ax, figure.canvas.get_renderer(), left)  # type: ignore[attr-defined]
         outside, numbers = frame(ax), readings(ax)
         ax.set_axis_off()
         for part in (ax.patch, figure.patch, ax.title):

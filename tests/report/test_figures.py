@@ -118,8 +118,25 @@ def test_unknown_parameters_fmax_and_amplitudes_are_named(paper_tree: xr.DataTre
 def test_the_line_of_figure_4_is_the_closed_form(paper_tree: xr.DataTree, ax: Axes) -> None:
     view = figures.common.view_of(paper_tree["theory"])
     figures.frf_gain(view, ax=ax)
-    f = paper_tree["theory"]["frequency"].values
-    assert np.allclose(ax.lines[0].get_ydata(), np.abs(frf(view.model, view.model.truth, f))[:, 0])
+    f, drawn = ax.lines[0].get_xydata().T
+    assert set(paper_tree["theory"]["frequency"].values) < set(f), "finer than the study, to show resonances"
+    assert np.allclose(drawn, np.abs(frf(view.model, view.model.truth, f))[:, 0])
+
+
+def test_a_map_of_correlations_writes_the_large_ones_out(paper_tree: xr.DataTree, ax: Axes) -> None:
+    figures.correlation_map(paper_tree["accuracy"], amplitude=5.0, fmax=1.2, ax=ax)
+    r = paper_tree["accuracy"].mc.correlation()["value"].sel(amplitude=5.0, fmax=1.2).values
+    pairs = np.abs(r[np.tril_indices(12, -1)])
+    assert len(ax.texts) == int((pairs >= 0.3).sum()) > 0
+    first = ax.texts[0]
+    i, j = (round(v) for v in first.get_position())
+    assert float(first.get_text().replace("−", "-")) == pytest.approx(r[i, j], abs=0.005)
+
+
+def test_the_dashed_line_of_a_scatter_holds_the_pairs_with_the_true_sum(paper_tree: xr.DataTree, ax: Axes) -> None:
+    figures.estimate_scatter(paper_tree["accuracy"], "K11", "Kpas1", ax=ax)
+    x, y = ax.lines[-1].get_xydata().T
+    assert x + y == pytest.approx(1057 + 146)
 
 
 def test_a_waterfall_starts_at_the_lowest_cost_and_never_falls(paper_tree: xr.DataTree, ax: Axes) -> None:

@@ -32,19 +32,7 @@ from mcstudy.text_tables import with_error
 
 VOID = {"meta", "link", "br", "path", "use", "img", "input", "hr"}
 PAPER_FIGURES = ["fig1", "fig2a", "fig2b", "fig2c", "fig2d", "fig3a", "fig3b", "fig3c"]
-PAPER_FIGURES += [
-    "fig4",
-    "fig5",
-    "fig6",
-    "fig7a",
-    "fig7b",
-    "fig7c",
-    "pairs",
-    "waterfall",
-    "atlas",
-    "bystarts",
-    "efficiency",
-]
+PAPER_FIGURES += ["fig4", "fig5", "fig6", "fig7a", "fig7b", "fig7c", "pairs", "waterfall", "atlas", "bystarts"]
 
 
 class Reader(HTMLParser):
@@ -150,6 +138,13 @@ def test_a_study_like_the_papers_has_every_figure_and_every_published_number(
     for row in rows(StudyView(paper_tree)):
         label = html.escape(row.published.label.replace("N m", "N·m"))
         assert f'<th scope="row" role="rowheader">{label}</th>' in text
+
+
+def test_an_efficiency_that_means_nothing_is_not_shown(paper_page: Path, paper_tree: xr.DataTree) -> None:
+    assert not paper_tree["accuracy"].mc.efficiency()["applies"].any()
+    text = paper_page.read_text(encoding="utf-8")
+    assert "efficiency" not in Reader(text).figures
+    assert "group accuracy: in every condition more than 10 % of the fits end on a bound" in text
 
 
 def test_what_does_not_apply_is_left_out_with_a_reason(other_page: Path) -> None:

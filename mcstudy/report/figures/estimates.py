@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.montecarlo import moments
 from mcstudy.errors import InputError
 from mcstudy.report.figures.common import GroupLike, axes, colour_of, view_of
-from mcstudy.report.labels import amplitude_label
-from mcstudy.report.style import COLOURS
+from mcstudy.report.labels import amplitude_label, with_units
+from mcstudy.report.style import COLOURS, HATCHES
 from mcstudy.stance.feedback import Model
 
 
@@ -36,12 +36,16 @@ def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> A
             yerr=sd,
             width=width * 0.92,
             color=colour_of(amplitudes, a),
+            hatch=HATCHES[i % len(HATCHES)],
+            edgecolor=COLOURS["panel"],
+            linewidth=0,
             error_kw={"ecolor": COLOURS["ink"], "elinewidth": 1.1, "capsize": 2.5},
             label=amplitude_label(view, a),
         )
     ax.axhline(truth, color=COLOURS["ink"], linewidth=0.9, linestyle=(0, (4, 3)))
     ax.set_xticks([-1, *range(cells.sizes["fmax"])], ["true", *(f"{f:g}" for f in cells["fmax"].values)])
     ax.grid(axis="x", visible=False)
+    ax.set_xlabel("Fmax (Hz)")
     ax.set_ylim(0 if truth >= 0 else None, None if truth >= 0 else 0)
     ax.set_title(f"{parameter} ({_unit(view.model, parameter)})")
     ax.margins(y=0.08)
@@ -59,4 +63,4 @@ def cells_with(cells: xr.Dataset, combined: xr.Dataset | None, parameter: str) -
 
 def _unit(model: Model, parameter: str) -> str:
     units = dict(zip(model.names, model.units, strict=True))
-    return units[parameter.split("+")[0]].replace("N m", "N·m")
+    return with_units(units[parameter.split("+")[0]])

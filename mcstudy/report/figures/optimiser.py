@@ -97,6 +97,8 @@ def basin_atlas(
     shown = table.isel(cluster=slice(0, MOST_CLUSTERS))
     names = [str(n) for n in shown["parameter"].values]
     x = np.arange(len(names))
+    rows = np.arange(shown.sizes["cluster"])
+    ax.hlines([*(rows - 0.4), *(rows + 0.4)], -0.5, len(names) - 0.5, color=COLOURS["grid"], linewidth=0.6)  # bounds
     for row in range(shown.sizes["cluster"]):
         one = shown.isel(cluster=row)
         good = bool(one["stable"] >= 0.5)

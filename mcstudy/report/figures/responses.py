@@ -19,7 +19,7 @@ from mcstudy.report.figures.common import (
     view_of,
 )
 from mcstudy.report.labels import CONTROLLERS, cell_label
-from mcstudy.report.style import MARKERS, SERIES
+from mcstudy.report.style import DASHES, MARKERS, SERIES
 from mcstudy.stance.response import frf, neural_controllers
 
 Response = Callable[[GroupView, np.ndarray, np.ndarray], dict[str, np.ndarray]]
@@ -27,6 +27,9 @@ Response = Callable[[GroupView, np.ndarray, np.ndarray], dict[str, np.ndarray]]
 
 MOST_FITS = 500
 """Best fits a band is made of."""
+
+FINE = 160
+"""Frequencies at which lines and bands are drawn, besides the study's own."""
 
 BAND = (0.1, 0.9)
 """Quantiles over realizations between which a band lies."""
@@ -110,7 +113,9 @@ def _draw(
 ) -> None:
     view = view_of(data)
     a, limit = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
-    f = view.cube["frequency"].values
+    own = view.cube["frequency"].values
+    f = np.union1d(own, np.geomspace(own[0], own[-1], FINE))  # resonances lie between a study's frequencies
+    at = np.searchsorted(f, own)
     cells = view.cells.sel(amplitude=a, fmax=limit).isel(realization=slice(0, MOST_FITS))
     estimate = cells["estimate"].transpose("realization", "parameter").values
     estimate = estimate[np.isfinite(estimate).all(1)]
@@ -118,11 +123,14 @@ def _draw(
     for i, name in enumerate(true):
         colour = SERIES[i % len(SERIES)]
         line, found = part(true[name], fits[name])
-        ax.plot(f, line, color=colour, label=name)
+        ax.plot(f, line, color=colour, linestyle=DASHES[i % len(DASHES)], label=name)
         if view.noisy and len(estimate):
             ax.fill_between(f, *np.quantile(found, BAND, axis=0), color=colour, alpha=0.22, linewidth=0)
         elif len(estimate):
-            ax.plot(f, found[0], MARKERS[i % len(MARKERS)], color=colour, markersize=4.5, markerfacecolor="none")
+            marker = MARKERS[i % len(MARKERS)]
+            ax.plot(
+                own, found[0, at], marker, color=colour, markersize=4.5, markerfacecolor="none", label=f"{name}, fit"
+            )
     if limit < f[-1] * 0.99:
         ax.axvline(limit, color="#57606a", linewidth=0.9, linestyle=(0, (4, 3)))
     frequency_axis(ax, f)

@@ -72,11 +72,16 @@ def controller_error_by_noise(data: GroupLike, fmax: float | None = None, ax: Ax
         cost, error = cells["cost"].values.ravel(), j_nc(cells, view.model).values.ravel()
         stable = cells["growth_rate"].values.ravel() < 0
         ax.plot(cost[stable], error[stable], marker, color=colour, markersize=5, label=amplitude_label(view, a))
-        ax.plot(cost[~stable], error[~stable], marker, color=colour, markersize=5, markerfacecolor=COLOURS["panel"])
+        if not stable.all():
+            label = f"{amplitude_label(view, a)}, unstable"
+            fill = COLOURS["panel"]
+            ax.plot(
+                cost[~stable], error[~stable], marker, color=colour, markersize=5, markerfacecolor=fill, label=label
+            )
     log_axis(ax.xaxis, 6)
     log_axis(ax.yaxis)
     ax.set_xlabel("cost J of the fit")
-    ax.set_ylabel("J_NC")
+    ax.set_ylabel("error of neural controllers J_NC")
     ax.set_title(f"Fmax {fmax_label(f)}")
     ax.legend()
     return ax

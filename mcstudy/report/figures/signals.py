@@ -19,7 +19,7 @@ from mcstudy.report.figures.common import (
     view_of,
 )
 from mcstudy.report.labels import unit
-from mcstudy.report.style import COLOURS, DASHES, SERIES
+from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 from mcstudy.spectra import periods
 from mcstudy.spectra.intersample import straight_lines
 from mcstudy.stance.noise import SensorNoise
@@ -30,7 +30,7 @@ from mcstudy.stance.stimulus import Prts
 from mcstudy.streams import noise_stream
 from mcstudy.study.measure import spectrum, stimulus
 
-PIXELS = 420
+PIXELS = 480
 """Columns a long record is reduced to; each keeps its smallest and largest sample."""
 
 
@@ -154,7 +154,7 @@ def envelope(t: np.ndarray, x: np.ndarray, columns: int = PIXELS) -> tuple[np.nd
 def stimulus_record(signals: Signals, ax: Axes | None = None) -> Axes:
     """Fig. 2A, top: the stimulus over all cycles."""
     ax = axes(ax, (4.3, 2.2))
-    ax.plot(*envelope(signals.t, signals.torque), color=COLOURS["ink"], linewidth=0.9)
+    ax.plot(*envelope(signals.t, signals.torque), color=COLOURS["ink"], linewidth=0.9, label="stimulus")
     ax.set_ylabel(f"stimulus ({unit(signals.view)})")
     return _time(signals, ax)
 
@@ -171,7 +171,7 @@ def noise_sway_record(signals: Signals, ax: Axes | None = None) -> Axes:
     """Fig. 2A as the Methods describe it: sway that the noise alone evokes."""
     ax = axes(ax, (4.3, 2.6))
     _records(ax, signals, signals.noise_sway)
-    ax.set_ylabel("sway from noise alone (°)")
+    ax.set_ylabel("noise sway (°)")
     return _time(signals, ax)
 
 
@@ -224,7 +224,7 @@ def stimulus_spectrum(signals: Signals, ax: Axes | None = None) -> Axes:
     lines = lines[lines <= signals.prts.samples // 2]
     f, power = lines / signals.prts.period_s, np.abs(signals.prts.coefficients()[lines]) ** 2
     keep = _log_spaced(f, power)
-    ax.plot(f[keep], power[keep], ".", color=COLOURS["ink"], markersize=3.5)
+    ax.plot(f[keep], power[keep], ".", color=COLOURS["ink"], markersize=3.5, label="stimulus")
     log_axis(ax.yaxis)
     frequency_axis(ax, f)
     ax.set_ylabel(f"power of stimulus (({unit(signals.view)})²)")
@@ -240,7 +240,7 @@ def noise_spectrum(signals: Signals, ax: Axes | None = None) -> Axes:
     for i, name in enumerate(signals.angles):
         power = np.degrees(np.abs(signals.noise_spectrum[lines, i])) ** 2
         keep = _log_spaced(f, power)
-        ax.plot(f[keep], power[keep], ".", color=SERIES[i], markersize=3.5, alpha=0.8, label=name)
+        ax.plot(f[keep], power[keep], MARKERS[i], color=SERIES[i], markersize=2.6, alpha=0.8, label=name)
         ax.plot(f, np.degrees(np.degrees(expected[:, i])), color=SERIES[i], linestyle=DASHES[i])
     log_axis(ax.yaxis)
     frequency_axis(ax, f)
@@ -257,8 +257,9 @@ def _log_spaced(f: np.ndarray, power: np.ndarray, most: int = 160) -> np.ndarray
 
 
 def _records(ax: Axes, signals: Signals, x: np.ndarray) -> None:
-    for i, name in reversed(list(enumerate(signals.angles))):
-        ax.plot(*envelope(signals.t, np.degrees(x[:, i])), color=SERIES[i], linewidth=0.8, alpha=0.9, label=name)
+    for i, name in enumerate(signals.angles):
+        t, y = envelope(signals.t, np.degrees(x[:, i]))
+        ax.plot(t, y, color=SERIES[i], linewidth=0.8, alpha=0.9, label=name, zorder=2.5 - 0.1 * i)  # the first on top
     ax.legend(ncols=2, loc="upper right")
 
 

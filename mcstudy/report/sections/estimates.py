@@ -16,8 +16,9 @@ from mcstudy.report.figures.accuracy import bias_at, cv_at
 from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.figures.efficiency import efficiency_of
 from mcstudy.report.html import Table
-from mcstudy.report.labels import cell_label
+from mcstudy.report.labels import cell_label, unit, with_units
 from mcstudy.report.sections.search import relative_errors
+from mcstudy.report.style import HATCHES
 from mcstudy.text_tables import with_error
 
 NO_NOISE_GROUP = "no group with noise has more than one realization"
@@ -66,15 +67,12 @@ def _fig_4(context: Context) -> Figure | Missing:
 
 def _fig_4_noise(view: GroupView) -> Figure | Missing:
     a = largest_amplitude(view)
-    panels = []
-    for f in [f for amplitude, f in conditions(view) if amplitude == a]:
-        panels += [
-            Panel(f"gain of the angles, Fmax {f:g} Hz", partial(figures.frf_gain, view, a, f)),
-            Panel(
-                f"gain of the neural controllers, Fmax {f:g} Hz",
-                partial(figures.controller_gain, view, a, f),
-            ),
-        ]
+    fmaxes = [f for amplitude, f in conditions(view) if amplitude == a]
+    panels = [
+        Panel(f"gain of the {what}, Fmax {f:g} Hz", partial(draw, view, a, f), share="xy")
+        for what, draw in (("angles", figures.frf_gain), ("neural controllers", figures.controller_gain))
+        for f in fmaxes
+    ]
     return Figure(
         "fig4noise",
         "",
@@ -93,8 +91,11 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
 
 def _amplitude_keys(view: GroupView) -> list[tuple[str, str]]:
     palette = ("blue", "orange", "green", "purple", "ochre", "sky")
-    labels = [f"{a:g} {view.model.stimulus_unit}" for a in view.cube["amplitude"].values]
-    keys = [(palette[i % len(palette)], label) for i, label in enumerate(labels)]
+    labels = [f"{a:g} {unit(view)}" for a in view.cube["amplitude"].values]
+    keys = [
+        (palette[i % len(palette)] + (" hatched" if HATCHES[i % len(HATCHES)] else ""), label)
+        for i, label in enumerate(labels)
+    ]
     return [("muted", "true value"), *keys]
 
 
@@ -157,8 +158,8 @@ def _estimate_table(view: GroupView, cell: dict[str, Any], names: set[str]) -> T
         on = [100 * p[k]["value"] for k in ("at_lower_bound", "at_upper_bound") if k in p and p[k]["value"] is not None]
         rows.append(
             [
-                f"{p['name']} ({p['unit']})",
-                short(p["truth"]),
+                f"{p['name']} ({with_units(p['unit'])})",
+                short(p["truth"], 4),
                 with_error(mean, p["bias"]["mcse"]),
                 stat(p["sd"]),
                 bias,
@@ -228,7 +229,7 @@ def _fig_7c(view: GroupView) -> Figure | Missing:
             "paper's low, mid and high frequency ranges (the paper's pie charts, drawn as bars). The values are exact.",
         ],
         [
-            Panel(f"{r}: {lo:g} to {hi:g} Hz", partial(figures.sensitivity_bars, view, r), (4.3, 3.6))
+            Panel(f"{r}: {lo:g} to {hi:g} Hz", partial(figures.sensitivity_bars, view, r), (4.3, 3.6), "x")
             for r, (lo, hi) in held.items()
         ],
         [Table("Share of influence (%)", ["parameter", *held], rows)],
@@ -250,13 +251,17 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
         return Missing("", title, f"group {view.name} has no noise covariance")
     result = efficiency_of(view)
     amplitudes = view.cube["amplitude"].values.tolist()
+    if not bool(result["applies"].any()):
+        reason = (
+            "in every condition more than 10 % of the fits end on a bound, where the Cramér–Rao bound does not apply"
+        )
+        return Missing("", f"{title}, group {view.name}", reason)
     missing = [
-        f" None at {a:g} {view.model.stimulus_unit} up to {f:g} Hz: {why}."
+        f" None at {a:g} {unit(view)} up to {f:g} Hz: {why}."
         for a in amplitudes
         for f in result["fmax"].values.tolist()
         if (why := str(result["why_not"].sel(amplitude=a, fmax=f).item()))
     ]
-    none = "" if bool(result["applies"].any()) else " This is so in every condition here."
     ticks = (
         " Vertical ticks: efficiency of the paper's weights, to first order." if view.group.fit.cost == "paper" else ""
     )
@@ -268,15 +273,12 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
             f"Group {view.name} (cost {view.group.fit.cost}): smallest possible variance of an unbiased estimator, "
             "divided by the observed variance, ± MCSE; 1 is the optimum. Hollow: more than one fit in ten ends on a "
             "bound, so the Cramér-Rao bound does not apply (a dash in the tables) and values above 1 are possible."
-            f"{none}{ticks} Arrows: beyond the scale.{''.join(missing)}",
+            f"{ticks} Arrows: beyond the scale.{''.join(missing)}",
         ],
-        [
-            Panel(f"{a:g} {view.model.stimulus_unit}", partial(figures.efficiency_dots, view, a), (4.3, 4.6))
-            for a in amplitudes
-        ],
+        [Panel(f"{a:g} {unit(view)}", partial(figures.efficiency_dots, view, a), (4.3, 4.6), "x") for a in amplitudes],
         [
             Table(
-                f"Efficiency ± MCSE, {a:g} {view.model.stimulus_unit}",
+                f"Efficiency ± MCSE, {a:g} {unit(view)}",
                 ["parameter", *(f"{f:g} Hz" for f in result["fmax"].values)],
                 [
                     [n, *(_efficiency(result.sel(amplitude=a, fmax=f, parameter=n)) for f in result["fmax"].values)]

@@ -47,7 +47,7 @@ def model_html(context: Context) -> str:
     how = f"<code>mcstudy report OUT, after mcstudy run {escape(context.name)}.toml -o OUT</code>"
     return (
         f'<figure id="fig1" class="few" aria-labelledby="fig1-h"><h3 id="fig1-h">{heading}</h3>'
-        f'<div class="panels"><div class="panel wide scroll">{drawing}</div></div>'
+        f'<div class="panels"><div class="panel diagram scroll">{drawing}</div></div>'
         f'<figcaption><div id="fig1-text"><p>{escape(text)}</p></div><p class="how">Made by {how}</p></figcaption>'
         f'<div class="equations scroll">{equations(model)}</div></figure>'
         f'<div class="side">{table(parameters, "facts")}{table(constants, "facts")}</div>'

@@ -142,7 +142,7 @@ def _fig_3c(context: Context) -> Figure | Missing:
             "realizations.",
         ],
         [
-            Panel(f"Fmax {f:g} Hz", partial(figures.controller_error_by_noise, view, f))
+            Panel(f"Fmax {f:g} Hz", partial(figures.controller_error_by_noise, view, f), share="xy")
             for f in sorted({f for _, f in conditions(view)})
         ],
         [Table("Best fits, ± MCSE", header, rows)],
@@ -171,6 +171,7 @@ def _waterfall(context: Context) -> Figure | Missing:
                 f"group {v.name}, {cell_label(v, a, f)}",
                 partial(_named_waterfall, v, a, f),
                 (4.3, 2.9),
+                "xy" if v.noisy else "x",
             )
             for v in views
             for a, f in conditions(v, ends_only=True)
@@ -212,9 +213,9 @@ def _atlas(context: Context) -> Figure | Missing:
         [
             "Local minima of all realizations, clustered by their position between the bounds (no parameter further "
             "than half the distance between its bounds from the cluster's leader). A bar goes from the middle of the "
-            "bounds, which is the truth where bounds are centred, to the cluster's mean. At the right: fraction of all "
-            "starts that end there, and in how many realizations the cluster holds the lowest minimum. Green and "
-            "solid: mostly stable loops; orange and pale: mostly unstable.",
+            "bounds, which is the truth where bounds are centred, to the cluster's mean; thin lines are the bounds. At "
+            "the right: fraction of all starts that end there, and in how many realizations the cluster holds the "
+            "lowest minimum. Green and solid: mostly stable loops; orange and pale: mostly unstable.",
         ],
         [Panel(f"Fmax {f:g} Hz", partial(figures.basin_atlas, view, amplitude, f), (4.3, 4.4)) for f in fmaxes],
         [_atlas_table(view, amplitude, f) for f in fmaxes],
@@ -291,5 +292,7 @@ def relative_errors(view: GroupView) -> list[list[str]]:
     for name in view.model.names:
         truth, found = (float(first[k].sel(parameter=name)) for k in ("truth", "estimate"))
         error = 100 * abs(found / truth - 1) if truth and np.isfinite(found) else None
-        rows.append([name, short(truth), short(found), "-" if finite(error or 0.0) is None else short(error or 0.0, 2)])
+        rows.append(
+            [name, short(truth, 4), short(found, 4), "-" if finite(error or 0.0) is None else short(error or 0.0, 2)]
+        )
     return rows

@@ -12,6 +12,10 @@ from mcstudy.report.context import Context, short
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.signals import Signals, cycles
 from mcstudy.report.html import Table
+from mcstudy.report.labels import unit
+
+RECORD = (11.0, 1.9)
+"""Size of a record of minutes, inches: the width of the page."""
 
 
 def signal_figures(context: Context) -> list[Figure | Missing]:
@@ -19,7 +23,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
     view = context.main
     s = Signals.of(view, context.seed, float(view.cube["amplitude"].values[0]))
     python = f'figures.NAME(figures.Signals.of(tree["{view.name}"], {context.seed}, {s.amplitude:g}))'
-    peak = f"{s.amplitude:g} {view.model.stimulus_unit} ({view.group.stimulus.convention.replace('_', ' ')})"
+    peak = f"{s.amplitude:g} {unit(view)} ({view.group.stimulus.convention.replace('_', ' ')})"
     rms = np.degrees(s.noise_sway).std(axis=0)
     paper = METHODS["noise-evoked sway RMS"][0]
     f, error = s.frf_error(view.group.stimulus.discard)
@@ -41,9 +45,9 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
                 + ".",
             ],
             [
-                Panel("stimulus", partial(figures.stimulus_record, s), (4.3, 2.6)),
-                Panel("sensor noise", partial(figures.sensor_noise_record, s), (4.3, 2.6)),
-                Panel("sway evoked by the noise alone", partial(figures.noise_sway_record, s), (4.3, 2.6)),
+                Panel("stimulus", partial(figures.stimulus_record, s), RECORD),
+                Panel("sensor noise", partial(figures.sensor_noise_record, s), RECORD),
+                Panel("sway evoked by the noise alone", partial(figures.noise_sway_record, s), RECORD),
             ],
             [
                 Table(
@@ -75,7 +79,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Fig. 2C",
             "Realistic sway",
             [f"Sway evoked by stimulus and noise together; {angles}."],
-            [Panel("sway", partial(figures.sway_record, s), (4.3, 2.6))],
+            [Panel("sway", partial(figures.sway_record, s), RECORD)],
             python=python.replace("NAME", "sway_record"),
         ),
         Figure(

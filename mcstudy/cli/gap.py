@@ -32,7 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     report.set_defaults(run=_report)
     for verb in (diagnose, report):
         verb.add_argument(
-            "recordings", nargs="+", type=Path, metavar="REC", help="recording: .nc, .zarr, .toml or .csv"
+            "recordings",
+            nargs="+",
+            type=Path,
+            metavar="REC",
+            help="recording: .nc, .zarr, .toml or .csv (your own data: mcstudy/recordings/README.md)",
         )
         verb.add_argument("--fast", action="store_true", help="asymptotic statistics instead of the bootstrap")
         verb.add_argument("--bootstrap", type=int, metavar="N", help="number of bootstrap samples (default 1000)")

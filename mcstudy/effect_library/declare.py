@@ -42,7 +42,8 @@ class Size:
     name, unit, meaning: as in `Parameter`.
     null: the value at which the effect vanishes; None for a shape parameter (a resonance frequency).
     lower, upper: bounds of the fit, which include ``null``.
-    published: (low, high) magnitude reported for people; for a shape parameter, its reported range.
+    published: (low, high) usual magnitude in people, for a shape parameter its usual range. ``Effect.source`` says
+        whether it is published, collected from several publications, or derived.
     signed: whether both signs occur in people. If not, the bounds still extend below the null, so that an estimate
         near the null is not truncated, unless a negative value has no meaning.
     mistakes: values that result from known mistakes; each has its own prior probability and start value.

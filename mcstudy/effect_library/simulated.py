@@ -38,7 +38,7 @@ def simulate(
 
     Parameters
     ----------
-    effects: size of each effect by name, in the effect's unit; None, or a name alone, draws the size from its published
+    effects: size of each effect by name, in the effect's unit; None, or a name alone, draws the size from its usual
         range, made smaller until the body is stable.
     stimulus: ankle_torque, hip_torque or platform_translation. amplitude: of each trial, N m or m.
     convention: whether amplitudes are "peak" or "peak_to_peak". cycles: stimulus periods per trial.
@@ -70,7 +70,7 @@ def simulate(
             what = ", ".join(f"{k} = {v:.5g}" for k, v in sizes.items()) or "no effect"
             if smaller:
                 what += (
-                    f" (drawn from {0.75**smaller:.2g} of the published range, because the body is unstable with "
+                    f" (drawn from {0.75**smaller:.2g} of its usual range, because the body is unstable with "
                     "larger sizes; shorter delays, such as Td1 = 0.06 and Td2 = 0.07, may stabilize it)"
                 )
             return simulate_recording(

@@ -15,7 +15,13 @@ if TYPE_CHECKING:
 
 def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
     """Which recordings, and how they are read."""
-    parser.add_argument("recordings", nargs="+", type=Path, metavar="REC", help="recording: .nc, .zarr, .toml or .csv")
+    parser.add_argument(
+        "recordings",
+        nargs="+",
+        type=Path,
+        metavar="REC",
+        help="recording: .nc, .zarr, .toml or .csv (your own data: `mcstudy help recordings`)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
     parser.add_argument("--fmax", type=float, default=8.0, metavar="HZ", help="highest frequency used (default 8)")
     parser.add_argument(

@@ -51,7 +51,8 @@ class Size:
     lower, upper
         Bounds of the fit, which include ``null``.
     published
-        (low, high) magnitude reported for people; for a shape parameter, its reported range.
+        (low, high) usual magnitude in people, for a shape parameter its usual range. ``Effect.source`` says
+        whether it is published, collected from several publications, or derived.
     signed
         Whether both signs occur in people. If not, the bounds still extend below the null, so that an estimate near
         the null is not truncated, unless a negative value has no meaning.

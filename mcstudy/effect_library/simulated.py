@@ -40,7 +40,7 @@ def simulate(
     ----------
     effects
         Size of each effect by name (`mcstudy.effects`), in the effect's unit. None, or a name alone, draws the size
-        from its published range and reduces it until the body is stable.
+        from its usual range and reduces it until the body is stable.
     stimulus
         ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m) or ``"platform_translation"`` (m).
     amplitude
@@ -96,7 +96,7 @@ def simulate(
             what = ", ".join(f"{k} = {v:.5g}" for k, v in sizes.items()) or "no effect"
             if smaller:
                 what += (
-                    f" (drawn from {0.75**smaller:.2g} of the published range, because the body is unstable with "
+                    f" (drawn from {0.75**smaller:.2g} of its usual range, because the body is unstable with "
                     "larger sizes; shorter delays, such as Td1 = 0.06 and Td2 = 0.07, may stabilize it)"
                 )
             return simulate_recording(

@@ -206,7 +206,10 @@ class Diagnosis(Summary):
                     "expected": d.expected_chi2,
                     "p_value": d.fit_p_value,
                     "lines": len(self.f),
+                    "noise": d.chi2_noise,
+                    "added_chi2": None if self.added is None else self.added.chi2,
                 },
+                "evidence": {"log_factor": d.statistic, "limit": d.statistic_limit, "p_value": d.p_value},
                 "bands": [_of(b, "angle low_hz high_hz level limit beyond") for b in d.bands],
                 "z_map": {"f": self.f, "theta1": np.abs(d.z[:, 0]), "theta2": np.abs(d.z[:, 1]), "limit": d.z_limit},
                 "contrasts": [

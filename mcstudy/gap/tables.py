@@ -5,8 +5,6 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from mcstudy import text_tables
 from mcstudy.effect_library.library import usual_size
 from mcstudy.gap.questions.contrasts import DRAWS
@@ -130,13 +128,12 @@ def evidence(d: Diagnosis) -> Table:
     """What the decision that there is a gap, or none, rests on."""
     t = d.detection
     least = 1 / (1 + t.draws)
-    limit = float(np.quantile(t.null_statistic, 0.95))
-    low, high = np.quantile(t.null_chi2, (0.025, 0.975))
+    low, high = t.chi2_noise
     rows = [
         [
             "deviations of known shape (ln Bayes factor)",
             number(t.statistic),
-            f"below {number(limit, 2)}",
+            f"below {number(t.statistic_limit, 2)}",
             p_value(t.p_value, least),
         ],
         [
@@ -175,7 +172,7 @@ def _why(d: Diagnosis) -> str:
 
 def closing(d: Diagnosis) -> Table:
     """Both measures of how far the leading cause closes the gap, with what noise alone leaves of each."""
-    low, high = np.quantile(d.detection.null_chi2, (0.025, 0.975))
+    low, high = d.detection.chi2_noise
     rows = [["squared residual of all lines", f"{d.base.chi2:.0f}", "", f"{low:.0f} to {high:.0f}"]]
     if d.sway_noise_deg is not None:
         low, high = d.sway_noise_deg

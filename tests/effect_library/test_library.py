@@ -139,4 +139,15 @@ def test_declarations_are_complete() -> None:
         for s in e.sizes:
             assert s.lower <= s.published[0] <= s.published[1] <= s.upper
             assert s.null is None or s.lower <= s.null <= s.upper
-    assert all(e.name in library.table_text() for e in library.LIBRARY.values())
+
+
+@pytest.mark.parametrize("width", [50, 100])
+def test_the_list_of_effects_fits_the_terminal_and_states_where_every_size_comes_from(width: int) -> None:
+    blocks = library.table_text(width).split("\n\n")
+    assert [block.split()[0] for block in blocks] == list(library.LIBRARY)
+    for block, e in zip(blocks, library.LIBRARY.values(), strict=True):
+        assert max(map(len, block.splitlines())) <= width
+        shown = " ".join(block.split())
+        for part in (e.equation, e.source, e.size.name, library.size_text(e.size)):
+            assert " ".join(part.split()) in shown
+        assert "published" not in shown.replace(e.source, "").replace(e.size.meaning, "")

@@ -221,7 +221,7 @@ def test_a_drawn_size_is_made_smaller_until_the_body_stands_and_the_command_says
 ) -> None:
     """The nominal body stands with a fifth of the published activation dynamics; one with short delays with more."""
     assert simulated(tmp_path / "rec.nc", "--effect", name) == 0
-    assert "of the published range, because the body is unstable with larger sizes" in capsys.readouterr().out
+    assert "of its usual range, because the body is unstable with larger sizes" in capsys.readouterr().out
     assert isinstance(read_recording(tmp_path / "rec.nc"), Recording)
 
 

@@ -98,6 +98,17 @@ class Detection:
     null_chi2: np.ndarray = field(repr=False)
     unstructured: Unstructured = field(repr=False)
 
+    @property
+    def statistic_limit(self) -> float:
+        """95 % of recordings with noise alone have a smaller statistic."""
+        return float(np.quantile(self.null_statistic, 0.95))
+
+    @property
+    def chi2_noise(self) -> tuple[float, float]:
+        """Range of the squared whole residual in 95 % of recordings with noise alone."""
+        low, high = np.quantile(self.null_chi2, (0.025, 0.975))
+        return float(low), float(high)
+
 
 def as_complex(r: np.ndarray) -> np.ndarray:
     """(4 N, n) real whitened vectors as (N, 2, n) complex."""

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from mcstudy.effect_library.library import shape_parameters
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.verdict import added_name, effects_of
+from mcstudy.gap.verdict import added_name, effects_of, p_words
 from mcstudy.report.diagnosis.figures import AFTER, BEFORE, MEASURED
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.figures.common import axes, legend_below
@@ -46,6 +46,7 @@ def null_statistic(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     t = diagnosis.detection
     ax = _against_null(axes(ax), t.null_statistic, t.statistic, number(t.statistic))
     ax.set_xlabel("ln Bayes factor of a deviation")
+    ax.set_title(f"deviations of known shape: {p_words(t.p_value, 1 / (1 + t.draws))}")
     return ax
 
 
@@ -54,6 +55,7 @@ def null_residual(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     t = diagnosis.detection
     ax = _against_null(axes(ax), t.null_chi2, t.chi2, f"{t.chi2:.0f}")
     ax.set_xlabel("squared residual of all lines")
+    ax.set_title(f"all lines: {p_words(t.fit_p_value, 1 / (1 + t.draws))}")
     return ax
 
 
@@ -84,13 +86,14 @@ def effect_sizes(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
         at = s.estimate / s.se
         bar = [[(s.estimate - s.low) / s.se], [(s.high - s.estimate) / s.se]]
         ax.errorbar(at, y, xerr=bar, fmt="o", color=AFTER, capsize=4, elinewidth=1.4)
-        ax.annotate(f"{at:.3g}", (at, y), (0, 7), textcoords="offset points", ha="center")
+        ax.annotate(f"{at:.3g}", (at, y), (4, 7), textcoords="offset points")
     ax.axvline(0, color=MEASURED, linewidth=1.0, linestyle=DASHES[1], label="no effect")
     ax.set_ylim(len(found) - 0.4, -0.6)
     ax.set_yticks(range(len(found)), ["\n".join(_wrapped(part) for part in name.split("\n")) for name, _ in found])
     ax.grid(axis="y", visible=False)
     ax.margins(x=0.12)
     ax.set_xlabel("size / its standard error")
+    ax.set_title("sizes of the possible causes")
     legend_below(ax, 1)
     return ax
 

@@ -131,13 +131,13 @@ def evidence_figure(d: Diagnosis) -> Figure:
     ]
     text = [
         "Grey: what recordings without a gap would give, simulated with the noise of this one. Blue line: this "
-        "recording. The further it lies to the right of the grey, the stronger the evidence. Left: the test for "
-        "deviations of known shape. Next: the residual of all lines (goodness of fit).",
+        "recording. The further it lies to the right of the grey, the stronger the evidence. First: the test for "
+        "deviations of known shape. Second: the residual of all lines (goodness of fit).",
         numbers.note,
     ]
     if d.leading is not None and any(isinstance(k, int) for k in d.credible_set):
         panels.append(Panel("sizes of the causes", partial(outcome_figures.effect_sizes, d)))
-        text[0] += " Right: size of each possible cause with its 95 % interval, in standard errors from zero."
+        text[0] += " Third: size of each possible cause with its 95 % interval, in standard errors from zero."
     title = "Evidence for a gap"
     return Figure("evidence", "", title, text, panels, [page_table(numbers)], python="diagnosis.plot.evidence()")
 

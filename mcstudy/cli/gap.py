@@ -28,7 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     diagnose.set_defaults(run=_diagnose)
 
     report = verbs.add_parser("report", help="diagnose, and write the result as one HTML page with figures")
-    report.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE", help="the page to write (.html)")
+    report.add_argument(
+        "-o", "--out", "--output", dest="output", type=Path, metavar="PAGE", help="page to write; default REC.html"
+    )
     report.set_defaults(run=_report)
     for verb in (diagnose, report):
         verb.add_argument(
@@ -132,9 +134,11 @@ def _diagnosed(args: argparse.Namespace) -> Diagnosis:
 def _diagnose(args: argparse.Namespace) -> Exit:
     from mcstudy.files.json_files import json_text, write_json, write_text
     from mcstudy.gap.tables import text
+    from mcstudy.scheduler.activity import activity
     from mcstudy.text_tables import folded, unfolded
 
-    diagnosis = _diagnosed(args)
+    with activity(f"{args.recordings[0]}: diagnosing"):
+        diagnosis = _diagnosed(args)
 
     def words() -> str:
         return folded(f"{diagnosis.verdict()}\n\n{text(diagnosis)}")
@@ -150,10 +154,11 @@ def _diagnose(args: argparse.Namespace) -> Exit:
 def _report(args: argparse.Namespace) -> Exit:
     import shlex
 
-    from mcstudy.cli.report import write_and_tell
+    from mcstudy.cli.report import beside, write_and_tell
     from mcstudy.report.style import require_matplotlib
 
     require_matplotlib()
+    output = args.output or beside(args.recordings[0])
 
     def text() -> str:
         from mcstudy.report.diagnosis.page import gap_page
@@ -163,10 +168,10 @@ def _report(args: argparse.Namespace) -> Exit:
         for name, default in (("bootstrap", None), ("seed", 0), ("fmax", 8.0), ("discard", 1), ("data", None)):
             if getattr(args, name) != default:
                 options += [f"--{name}", str(getattr(args, name))]
-        command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(args.output)]
+        command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(output)]
         return gap_page(diagnosis, shlex.join(command))
 
-    return write_and_tell(args.output, text)
+    return write_and_tell(output, text)
 
 
 def _made(args: argparse.Namespace, data: Path, key: Path) -> tuple[ChallengeFile, str]:

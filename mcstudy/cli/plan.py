@@ -21,9 +21,14 @@ def main(args: argparse.Namespace) -> Exit:
     """Print the plan; returns the exit code."""
     study = stable_study(args)
     import mcstudy.study.run  # noqa: F401 - the imports of a run are part of its time
+    from mcstudy.scheduler.activity import activity
+    from mcstudy.scheduler.compiling import compile_kernels
+    from mcstudy.study.kernels import parts_of
     from mcstudy.study.plan import plan
     from mcstudy.text_tables import folded
 
-    found = plan(study, imports=time.process_time(), workers=args.workers, allow_unstable=args.allow_unstable)
+    compile_kernels(parts_of(study.groups.values()))
+    with activity("loading the solvers"):
+        found = plan(study, imports=time.process_time(), workers=args.workers, allow_unstable=args.allow_unstable)
     print(folded(str(found)))
     return Exit.DONE

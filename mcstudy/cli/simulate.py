@@ -12,7 +12,13 @@ from mcstudy.exits import Exit
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        "-o", "--output", required=True, help="file to write: rec.nc, rec.zarr, or a name without extension for CSV"
+        "-o",
+        "--out",
+        "--output",
+        dest="output",
+        required=True,
+        metavar="REC",
+        help="file to write: rec.nc, rec.zarr, or a name without extension for CSV",
     )
     parser.add_argument(
         "--effect",

@@ -92,12 +92,24 @@ def test_one_changed_bit_is_found(copy: Path, capsys: pytest.CaptureFixture[str]
     assert f"differs from the stored fit ({name}" in capsys.readouterr().out
 
 
+def test_what_there_is_only_one_of_need_not_be_given(sound: Path) -> None:
+    assert replay(sound, "data", None, None, 1, 1).differ == ()
+
+
 def test_a_fit_that_was_not_run_and_a_cell_that_does_not_exist_are_one_line(copy: Path, tiny: str) -> None:
     new = Cube.create(copy.with_name("new.zarr"), parse_study(tiny)).path
     with pytest.raises(InputError, match="has not been run yet"):
         replay(new, "noisy", 5.0, 1.2, 0, 0)
     for where, expected in (
-        ((None, 5.0, 1.2, 0, 0), "--group: expected one of noisy, ideal"),
+        (
+            (None, 5.0, 1.2, 0, 0),
+            r"--group: needed to choose one fit \(group noisy: amplitude 3, 5",
+        ),
+        ((None, None, None, 0, 0), "--group, --amplitude, --fmax: needed"),
+        (
+            ("noisy", None, None, 0, 0),
+            r"--amplitude, --fmax: needed.*\(group noisy: amplitude 3, 5, fmax 0.41, 1.2\)",
+        ),
         (("loud", 5.0, 1.2, 0, 0), "--group: expected one of noisy"),
         (("noisy", 4.0, 1.2, 0, 0), "--amplitude: expected one of 3, 5, got 4"),
         (("noisy", 5.0, 1.3, 0, 0), "--fmax: expected one of"),

@@ -31,7 +31,8 @@ def run(
 
     Parameters
     ----------
-    study: a `Study`, or the path of a study file. out: path of the cube (a ``.zarr`` folder).
+    study: a `Study`, the path of a study file, or the name of a shipped study (``goodworth2018``).
+    out: path of the cube (a ``.zarr`` folder).
     workers: threads of the local scheduler, one per core when None. scheduler: address of a running Dask scheduler,
         with its ``tls_ca``, ``tls_cert`` and ``tls_key`` (PEM files); ``insecure`` accepts tcp:// on another machine.
     quarantine: move files that are no part of the cube to a folder beside it.

@@ -12,7 +12,7 @@ from mcstudy.exits import Exit
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("study", type=Path, help="study file (TOML)")
+    parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
     add_unstable_argument(parser)
     parser.add_argument("--workers", type=positive, help="number of threads assumed; default one per core")
 

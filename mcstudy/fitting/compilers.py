@@ -39,12 +39,13 @@ class Compilation:
 
     Attributes
     ----------
-    parts: of `PARTS`, in its order. done, total: functions compiled so far and in all. began: `time.monotonic`.
+    parts: of `PARTS`, in its order. total: functions of these parts. began: `time.monotonic`.
     """
 
     def __init__(self, parts: list[str], folder: Path, cores: int) -> None:
         self.parts, self._cores = parts, min(cores, len(parts))
-        self.done, self.total, self.began = 0, sum(PARTS[part].functions for part in parts), time.monotonic()
+        self.total, self.began = sum(PARTS[part].functions for part in parts), time.monotonic()
+        self._done = dict.fromkeys(parts, 0)
         self._ended = {part: threading.Event() for part in parts}
         self._thread = threading.Thread(target=self._work, args=(folder,), name="mcstudy-compilers", daemon=True)
         self._thread.start()
@@ -57,15 +58,26 @@ class Compilation:
             chains[part] = PARTS[part].seconds + max((chains.get(p, 0.0) for p in PARTS[part].after), default=0.0)
         return START_S + max(sum(PARTS[part].seconds for part in self.parts) / self._cores, *chains.values())
 
+    @property
+    def done(self) -> int:
+        """Functions compiled so far."""
+        return sum(self._done.values())
+
     def has(self, parts: Iterable[str]) -> bool:
         """Whether these parts, as far as they are compiled here, are done."""
         return all(self._ended[part].is_set() for part in parts if part in self._ended)
 
+    @property
+    def counted(self) -> int:
+        """Functions that need not be compiled any more, of ``total``: of a part that is done all, shared ones too."""
+        return sum(
+            PARTS[part].functions if self._ended[part].is_set() else min(self._done[part], PARTS[part].functions)
+            for part in self.parts
+        )
+
     def line(self) -> str:
         """What is going on, in one line."""
-        # A process that has compiled one part already has some of what the next one needs: the total is an upper limit.
-        counted = f"{min(self.done, self.total)} of at most {self.total} functions"
-        return f"compiling the fit kernels, once for this installation, about {self.seconds:.0f} s: {counted}"
+        return f"compiling the kernels (once, about {self.seconds:.0f} s): {self.counted} of {self.total} functions"
 
     def _work(self, folder: Path) -> None:
         try:
@@ -93,11 +105,11 @@ class Compilation:
                 for key, _ in selector.select():
                     compiler = key.data
                     said = os.read(key.fd, 1000)
-                    self.done += said.count(b".")
-                    if b"\n" in said or not said:
-                        if part := at[compiler]:
+                    if part := at[compiler]:
+                        self._done[part] += said.count(b".")
+                        if b"\n" in said or not said:
                             self._ended[part].set()
-                        at[compiler] = ""
+                            at[compiler] = ""
                     if not said:  # it is dead; the others go on
                         selector.unregister(key.fileobj)
                         del at[compiler]

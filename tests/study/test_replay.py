@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import shutil
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
-from mcstudy.study.study_file import parse_study
+from mcstudy.study.study_file import parse_study, read_study
 
 OTHERS = """
 [group.reference]
@@ -90,6 +91,15 @@ def test_one_changed_bit_is_found(copy: Path, capsys: pytest.CaptureFixture[str]
         store.write(chunk, data)
     assert main(["replay", str(copy), *CELL]) == Exit.DIFFERS
     assert f"differs from the stored fit ({name}" in capsys.readouterr().out
+
+
+def test_the_command_in_the_readme_chooses_one_fit_of_the_papers_study(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (command,) = re.findall(r"`mcstudy (replay OUT [^`]*)`", (Path(__file__).parents[2] / "README.md").read_text())
+    out = Cube.create(tmp_path / "paper.zarr", read_study("goodworth2018")).path
+    assert main(command.replace("OUT", str(out)).split()) == Exit.BAD_INPUT
+    assert "expected a finished fit, but this one has not been run yet" in capsys.readouterr().err
 
 
 def test_what_there_is_only_one_of_need_not_be_given(sound: Path) -> None:

@@ -179,12 +179,22 @@ def _made(args: argparse.Namespace, data: Path, key: Path) -> tuple[ChallengeFil
     from mcstudy.challenge.challenge_file import read_challenge
     from mcstudy.challenge.make import make
     from mcstudy.errors import DesignError
+    from mcstudy.scheduler.compiling import RECORDING
 
     file = read_challenge(args.file)
+    _compile(args, RECORDING)
     try:
         return file, make(file, data, key, cluster_options(args))
     except DesignError as error:
         raise DesignError(f"{args.file}: {error}") from None
+
+
+def _compile(args: argparse.Namespace, parts: tuple[str, ...]) -> None:
+    """Compile what the cases need before they are counted; other workers do so when they need it."""
+    from mcstudy.scheduler.compiling import compile_kernels
+
+    if args.scheduler is None:
+        compile_kernels(parts)
 
 
 def _make(args: argparse.Namespace) -> Exit:
@@ -195,9 +205,10 @@ def _make(args: argparse.Namespace) -> Exit:
 
 def _answer(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.answer import METHODS, answer
+    from mcstudy.scheduler.compiling import DIAGNOSIS
 
-    options = cluster_options(args)
-    sha = answer(args.data, args.out, METHODS[args.method], args.method, options)
+    _compile(args, DIAGNOSIS)
+    sha = answer(args.data, args.out, METHODS[args.method], args.method, cluster_options(args))
     print(f"{args.out}: sha256 {sha}")
     return Exit.DONE
 
@@ -220,11 +231,13 @@ def _run(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
     from mcstudy.files.json_files import write_json, write_text
+    from mcstudy.scheduler.compiling import DIAGNOSIS
     from mcstudy.text_tables import folded, unfolded
 
     data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
     file, _ = _made(args, data, key)
     if not answers.exists():
+        _compile(args, DIAGNOSIS)
         answer(data, answers, METHODS[file.answer.method], file.answer.method, cluster_options(args))
     score = score_files(data, key, answers)
     write_json(args.out / "score.json", score, "challenge_score")

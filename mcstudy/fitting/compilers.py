@@ -122,7 +122,8 @@ _current: Compilation | None = None
 def begin(parts: Iterable[str] = ()) -> Compilation | None:
     """Have ``parts`` (all unless some are named) compiled by other processes as far as they are not; returns at once.
 
-    None when nothing is to be compiled, or nothing can be kept on disk and other processes are of no use.
+    None when nothing is to be compiled, or other processes are of no use: nothing can be kept on disk, or no Python can
+    be started (inside another program).
     """
     global _current
     wanted = list(parts or PARTS)
@@ -131,7 +132,7 @@ def begin(parts: Iterable[str] = ()) -> Compilation | None:
             return _current
         needed = missing(wanted)
         folder = folder_of(evaluate) if needed else None
-        if not needed or folder is None:
+        if not needed or folder is None or not sys.executable:
             return None
         _current = Compilation(needed, folder, _cores())
         return _current
@@ -167,7 +168,7 @@ def _alone(folder: Path) -> Iterator[None]:
 def _compiler() -> Iterator[subprocess.Popen[bytes]]:
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     process = subprocess.Popen(
-        [sys.executable, "-m", __name__],
+        [sys.executable, "-P", "-m", __name__],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

@@ -32,7 +32,7 @@ def run(
     Parameters
     ----------
     study
-        A `Study`, or the path of a study file.
+        A `Study`, the path of a study file, or the name of a shipped study (``goodworth2018``).
     out
         Path of the cube, a ``.zarr`` folder.
     workers

@@ -43,10 +43,13 @@ def main(args: argparse.Namespace) -> Exit:
     """Fit and print; returns the exit code."""
     from mcstudy.files.json_files import json_text, write_json, write_text
     from mcstudy.identification.fit import fit
+    from mcstudy.scheduler.activity import activity
+    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 
     bounds = dict(_bounds(given) for given in args.bounds)
     read = read_recordings(args)
-    with with_names(args):
+    compile_kernels(DIAGNOSIS)
+    with activity(f"{args.recordings[0]}: fitting"), with_names(args):
         result = fit(
             read,
             effects=args.effects,

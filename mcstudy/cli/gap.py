@@ -29,7 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     diagnose.set_defaults(run=_diagnose)
 
     report = verbs.add_parser("report", help="diagnose, and write the result as one HTML page with figures")
-    report.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE", help="the page to write (.html)")
+    report.add_argument(
+        "-o", "--out", "--output", dest="output", type=Path, metavar="PAGE", help="page to write; default REC.html"
+    )
     report.set_defaults(run=_report)
     for verb in (diagnose, report):
         add_recording_arguments(verb)
@@ -113,9 +115,11 @@ def _diagnose(args: argparse.Namespace) -> Exit:
     from mcstudy.files.json_files import json_text, write_json, write_text
     from mcstudy.gap.tables import text
     from mcstudy.gap.verdict import wrapped
+    from mcstudy.scheduler.activity import activity
     from mcstudy.text_tables import unfolded
 
-    diagnosis = _diagnosed(args)
+    with activity(f"{args.recordings[0]}: diagnosing"):
+        diagnosis = _diagnosed(args)
 
     def words() -> str:
         return f"{wrapped(diagnosis)}\n\n{text(diagnosis)}"
@@ -131,10 +135,11 @@ def _diagnose(args: argparse.Namespace) -> Exit:
 def _report(args: argparse.Namespace) -> Exit:
     import shlex
 
-    from mcstudy.cli.report import write_and_tell
+    from mcstudy.cli.report import beside, write_and_tell
     from mcstudy.report.style import require_matplotlib
 
     require_matplotlib()
+    output = args.output or beside(args.recordings[0])
 
     def text() -> str:
         from mcstudy.report.diagnosis.page import gap_page
@@ -144,10 +149,10 @@ def _report(args: argparse.Namespace) -> Exit:
         for name, default in (("bootstrap", None), ("seed", 0), ("fmax", 8.0), ("discard", 1), ("data", None)):
             if getattr(args, name) != default:
                 options += [f"--{name}", str(getattr(args, name))]
-        command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(args.output)]
+        command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(output)]
         return gap_page(diagnosis, shlex.join(command))
 
-    return write_and_tell(args.output, text)
+    return write_and_tell(output, text)
 
 
 def _made(args: argparse.Namespace, data: Path, key: Path) -> tuple[ChallengeFile, str]:
@@ -155,12 +160,22 @@ def _made(args: argparse.Namespace, data: Path, key: Path) -> tuple[ChallengeFil
     from mcstudy.challenge.challenge_file import read_challenge
     from mcstudy.challenge.make import make
     from mcstudy.errors import DesignError
+    from mcstudy.scheduler.compiling import RECORDING
 
     file = read_challenge(args.file)
+    _compile(args, RECORDING)
     try:
         return file, make(file, data, key, cluster_options(args))
     except DesignError as error:
         raise DesignError(f"{args.file}: {error}") from None
+
+
+def _compile(args: argparse.Namespace, parts: tuple[str, ...]) -> None:
+    """Compile what the cases need before they are counted; other workers do so when they need it."""
+    from mcstudy.scheduler.compiling import compile_kernels
+
+    if args.scheduler is None:
+        compile_kernels(parts)
 
 
 def _make(args: argparse.Namespace) -> Exit:
@@ -171,9 +186,10 @@ def _make(args: argparse.Namespace) -> Exit:
 
 def _answer(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.answer import METHODS, answer
+    from mcstudy.scheduler.compiling import DIAGNOSIS
 
-    options = cluster_options(args)
-    sha = answer(args.data, args.out, METHODS[args.method], args.method, options)
+    _compile(args, DIAGNOSIS)
+    sha = answer(args.data, args.out, METHODS[args.method], args.method, cluster_options(args))
     print(f"{args.out}: sha256 {sha}")
     return Exit.DONE
 
@@ -196,11 +212,13 @@ def _run(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
     from mcstudy.files.json_files import write_json, write_text
+    from mcstudy.scheduler.compiling import DIAGNOSIS
     from mcstudy.text_tables import folded, unfolded
 
     data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
     file, _ = _made(args, data, key)
     if not answers.exists():
+        _compile(args, DIAGNOSIS)
         answer(data, answers, METHODS[file.answer.method], file.answer.method, cluster_options(args))
     score = score_files(data, key, answers)
     write_json(args.out / "score.json", score, "challenge_score")

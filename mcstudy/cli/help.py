@@ -14,6 +14,8 @@ TOPICS = {
     "statistics": ("the statistics of a results cube", "analysis/README.md"),
     "cube": ("what every array of a results cube means", "results_schema/README.md"),
     "pages": ("pages, figures, notebooks", "report/README.md"),
+    "recordings": ("bring your own data: files, units, angles, checks", "recordings/README.md"),
+    "parameters": ("the parameters of one person, with intervals", "identification/README.md"),
     "diagnosis": ("read a diagnosis, add an effect", "gap/README.md"),
     "challenge": ("the benchmark of the diagnosis", "pipelines/gap_challenge.md"),
     "cluster": ("run on a cluster", "study/CLUSTER.md"),
@@ -32,6 +34,7 @@ OF_VERB = {
     "replay": "cube",
     "report": "pages",
     "simulate": "diagnosis",
+    "fit": "parameters",
     "gap": "diagnosis",
 }
 """Topic whose page belongs to a verb."""

@@ -34,7 +34,7 @@ def add_scheduler_arguments(parser: argparse.ArgumentParser) -> None:
 def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that choose where to run, how large a block is and how long it may take."""
     add_scheduler_arguments(parser)
-    parser.add_argument("--block", type=positive, help="chunks per task; default about half a second of work")
+    parser.add_argument("--block", type=positive, help="chunks per task; default about 0.5 s of work")
     parser.add_argument(
         "--block-timeout",
         type=seconds,
@@ -87,6 +87,9 @@ def cluster_options(args: argparse.Namespace) -> ClusterOptions:
 
 def tell(outcome: Outcome, out: Path) -> Exit:
     """Print what a run did; returns the exit code."""
+    if not outcome.fits and not outcome.failed_blocks:
+        print(f"{out}: complete: nothing to run ({outcome.skipped} fits stored)")
+        return Exit.DONE
     rate = f", {outcome.fits / outcome.seconds:.0f} fits/s" if outcome.seconds > 0 and outcome.fits else ""
     print(f"{out}: {outcome.fits} fits in {outcome.seconds:.1f} s{rate}; {outcome.skipped} already done")
     for line in outcome.failed_blocks:

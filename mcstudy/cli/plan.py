@@ -12,7 +12,7 @@ from mcstudy.exits import Exit
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("study", type=Path, help="study file (TOML)")
+    parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
     add_unstable_argument(parser)
     parser.add_argument("--workers", type=positive, help="number of threads assumed; default one per core")
 
@@ -21,9 +21,14 @@ def main(args: argparse.Namespace) -> Exit:
     """Print the plan; returns the exit code."""
     study = stable_study(args)
     import mcstudy.study.run  # noqa: F401 - the imports of a run are part of its time
+    from mcstudy.scheduler.activity import activity
+    from mcstudy.scheduler.compiling import compile_kernels
+    from mcstudy.study.kernels import parts_of
     from mcstudy.study.plan import plan
     from mcstudy.text_tables import folded
 
-    found = plan(study, imports=time.process_time(), workers=args.workers, allow_unstable=args.allow_unstable)
+    compile_kernels(parts_of(study.groups.values()))
+    with activity("loading the solvers"):
+        found = plan(study, imports=time.process_time(), workers=args.workers, allow_unstable=args.allow_unstable)
     print(folded(str(found)))
     return Exit.DONE

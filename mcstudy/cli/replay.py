@@ -14,8 +14,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--group", help="group of the fit; not needed when the cube has only one")
     parser.add_argument("--realization", type=int, required=True, metavar="INDEX", help="realization, from 0")
     parser.add_argument("--start", type=int, required=True, metavar="INDEX", help="start, from 0")
-    parser.add_argument("--fmax", type=float, required=True, metavar="HZ", help="highest frequency of the fit")
-    parser.add_argument("--amplitude", type=float, required=True, help="stimulus amplitude of the fit")
+    parser.add_argument("--fmax", type=float, metavar="HZ", help="highest frequency; not needed when there is one")
+    parser.add_argument("--amplitude", type=float, help="stimulus amplitude; not needed when there is one")
 
 
 def main(args: argparse.Namespace) -> Exit:

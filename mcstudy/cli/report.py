@@ -8,6 +8,9 @@ from pathlib import Path
 
 from mcstudy.exits import Exit
 
+DATA = (".zarr", ".nc", ".toml", ".csv")
+"""Endings that a page has .html instead of."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
@@ -20,7 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="alternatives to show too: cubes, or files from pipelines/examples/{two_stimuli,population}.py",
     )
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE", help="the page to write (.html)")
+    parser.add_argument(
+        "-o", "--out", "--output", dest="output", type=Path, metavar="PAGE", help="page to write; default OUT.html"
+    )
 
 
 def main(args: argparse.Namespace) -> Exit:
@@ -30,13 +35,20 @@ def main(args: argparse.Namespace) -> Exit:
     require_matplotlib()
     from mcstudy.report.page import page
 
-    return write_and_tell(args.output, lambda: page(args.out, args.beside))
+    return write_and_tell(args.output or beside(args.out), lambda: page(args.out, args.beside))
+
+
+def beside(file: Path) -> Path:
+    """The page of a cube or a recording when no other is asked for: ``results/a.zarr`` has ``results/a.html``."""
+    return file.with_name(f"{file.stem if file.suffix in DATA else file.name}.html")
 
 
 def write_and_tell(file: Path, text: Callable[[], str]) -> Exit:
     """Write a page, and print how large it is."""
     from mcstudy.report.document import write_page
+    from mcstudy.scheduler.activity import activity
 
-    written = write_page(file, text)
+    with activity(f"{file}: computing statistics and drawing figures"):
+        written = write_page(file, text)
     print(f"{file}: {written.stat().st_size / 1e6:.2f} MB")
     return Exit.DONE

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("study", type=Path, help="study file (TOML)")
+    parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
     parser.add_argument("-o", "--out", type=Path, help="results cube; default results/NAME.zarr")
     parser.add_argument(
         "--quarantine",

@@ -20,7 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> Exit:
     """Print; returns the exit code."""
     from mcstudy.analysis.show.tables import show
+    from mcstudy.scheduler.activity import activity
 
-    report = show(args.out, args.compare)
+    with activity(f"{args.out}: computing the statistics"):
+        report = show(args.out, args.compare)
     print(report.json() if args.json else report.text())
     return Exit.DONE

@@ -12,7 +12,13 @@ from mcstudy.exits import Exit
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        "-o", "--output", required=True, help="file to write: rec.nc, rec.zarr, or a name without extension for CSV"
+        "-o",
+        "--out",
+        "--output",
+        dest="output",
+        required=True,
+        metavar="REC",
+        help="file to write: rec.nc, rec.zarr, or a name without extension for CSV",
     )
     parser.add_argument(
         "--effect",
@@ -56,10 +62,12 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.effect_library.simulated import simulate
     from mcstudy.errors import InputError
     from mcstudy.recordings.io import write_recording
+    from mcstudy.scheduler.compiling import RECORDING, compile_kernels
 
     sizes = {w.split("=")[0]: _pair(w, "--effect")[1] if "=" in w else None for w in args.effect}
     if len(sizes) < len(args.effect):
         raise InputError(f"--effect: expected each effect once, got {' '.join(args.effect)}")
+    compile_kernels(RECORDING)
     try:
         recording = simulate(
             sizes,

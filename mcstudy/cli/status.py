@@ -12,9 +12,6 @@ from mcstudy.exits import Exit
 if TYPE_CHECKING:
     from mcstudy.study.store import Cube
 
-WINDOW_S = 30.0
-"""Seconds over which the speed of a watched run is averaged."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
@@ -63,26 +60,20 @@ def _once(cube: Cube, as_json: bool) -> Exit:
 
 def _watch(cube: Cube, every: float) -> Exit:
     import sys
-    import time
-    from collections import deque
 
     from mcstudy.scheduler.display import Display
-    from mcstudy.scheduler.progress import counts_line
+    from mcstudy.scheduler.progress import Speed, counts_line
     from mcstudy.scheduler.stopping import stop_requests
     from mcstudy.study.watch import Watch
 
-    watch, display = Watch(cube), Display(sys.stdout)
+    watch, display, speed = Watch(cube), Display(sys.stdout), Speed()
     total = cube.study.fits
-    seen: deque[tuple[float, int]] = deque()
     with stop_requests() as stop:
         while not stop.is_set():
             watch.look()
-            now, done = time.monotonic(), watch.done
-            while len(seen) > 1 and seen[0][0] < now - WINDOW_S:
-                seen.popleft()
-            rate = (done - seen[0][1]) / (now - seen[0][0]) if seen else 0.0
-            seen.append((now, done))
-            line = f"{watch.chunks_done}/{watch.chunks} chunks  {counts_line(done, total, watch.failed, rate)}"
+            done = watch.done
+            speed.note(done)
+            line = f"{watch.chunks_done}/{watch.chunks} chunks  {counts_line(done, total, watch.failed, speed.rate())}"
             lines = [f"{cube.path}: study {cube.study.study.name}", line, *watch.headlines()]
             if watch.unreadable:
                 lines.append(f"{watch.unreadable} chunks are damaged or incomplete; list them with mcstudy verify")

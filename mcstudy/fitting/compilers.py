@@ -39,12 +39,13 @@ class Compilation:
 
     Attributes
     ----------
-    parts: of `PARTS`, in its order. done, total: functions compiled so far and in all. began: `time.monotonic`.
+    parts: of `PARTS`, in its order. total: functions of these parts. began: `time.monotonic`.
     """
 
     def __init__(self, parts: list[str], folder: Path, cores: int) -> None:
         self.parts, self._cores = parts, min(cores, len(parts))
-        self.done, self.total, self.began = 0, sum(PARTS[part].functions for part in parts), time.monotonic()
+        self.total, self.began = sum(PARTS[part].functions for part in parts), time.monotonic()
+        self._done = dict.fromkeys(parts, 0)
         self._ended = {part: threading.Event() for part in parts}
         self._thread = threading.Thread(target=self._work, args=(folder,), name="mcstudy-compilers", daemon=True)
         self._thread.start()
@@ -57,15 +58,26 @@ class Compilation:
             chains[part] = PARTS[part].seconds + max((chains.get(p, 0.0) for p in PARTS[part].after), default=0.0)
         return START_S + max(sum(PARTS[part].seconds for part in self.parts) / self._cores, *chains.values())
 
+    @property
+    def done(self) -> int:
+        """Functions compiled so far."""
+        return sum(self._done.values())
+
     def has(self, parts: Iterable[str]) -> bool:
         """Whether these parts, as far as they are compiled here, are done."""
         return all(self._ended[part].is_set() for part in parts if part in self._ended)
 
+    @property
+    def counted(self) -> int:
+        """Functions that need not be compiled any more, of ``total``: of a part that is done all, shared ones too."""
+        return sum(
+            PARTS[part].functions if self._ended[part].is_set() else min(self._done[part], PARTS[part].functions)
+            for part in self.parts
+        )
+
     def line(self) -> str:
         """What is going on, in one line."""
-        # A process that has compiled one part already has some of what the next one needs: the total is an upper limit.
-        counted = f"{min(self.done, self.total)} of at most {self.total} functions"
-        return f"compiling the fit kernels, once for this installation, about {self.seconds:.0f} s: {counted}"
+        return f"compiling the kernels (once, about {self.seconds:.0f} s): {self.counted} of {self.total} functions"
 
     def _work(self, folder: Path) -> None:
         try:
@@ -93,11 +105,11 @@ class Compilation:
                 for key, _ in selector.select():
                     compiler = key.data
                     said = os.read(key.fd, 1000)
-                    self.done += said.count(b".")
-                    if b"\n" in said or not said:
-                        if part := at[compiler]:
+                    if part := at[compiler]:
+                        self._done[part] += said.count(b".")
+                        if b"\n" in said or not said:
                             self._ended[part].set()
-                        at[compiler] = ""
+                            at[compiler] = ""
                     if not said:  # it is dead; the others go on
                         selector.unregister(key.fileobj)
                         del at[compiler]
@@ -110,7 +122,8 @@ _current: Compilation | None = None
 def begin(parts: Iterable[str] = ()) -> Compilation | None:
     """Have ``parts`` (all unless some are named) compiled by other processes as far as they are not; returns at once.
 
-    None when nothing is to be compiled, or nothing can be kept on disk and other processes are of no use.
+    None when nothing is to be compiled, or other processes are of no use: nothing can be kept on disk, or no Python can
+    be started (inside another program).
     """
     global _current
     wanted = list(parts or PARTS)
@@ -119,7 +132,7 @@ def begin(parts: Iterable[str] = ()) -> Compilation | None:
             return _current
         needed = missing(wanted)
         folder = folder_of(evaluate) if needed else None
-        if not needed or folder is None:
+        if not needed or folder is None or not sys.executable:
             return None
         _current = Compilation(needed, folder, _cores())
         return _current
@@ -155,7 +168,7 @@ def _alone(folder: Path) -> Iterator[None]:
 def _compiler() -> Iterator[subprocess.Popen[bytes]]:
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     process = subprocess.Popen(
-        [sys.executable, "-m", __name__],
+        [sys.executable, "-P", "-m", __name__],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

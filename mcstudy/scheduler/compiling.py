@@ -8,12 +8,16 @@ import time
 from collections.abc import Iterable
 
 from mcstudy.fitting.compilers import Compilation, begin, warm
+from mcstudy.scheduler.activity import current, doing
 from mcstudy.scheduler.display import Display
 
-__all__ = ["DIAGNOSIS", "begin", "compile_kernels"]
+__all__ = ["DIAGNOSIS", "RECORDING", "begin", "compile_kernels"]
 
 DIAGNOSIS = ("lm", "linearised", "diagnosis")
 """Parts that a diagnosis needs."""
+
+RECORDING = ("stability", "time_domain")
+"""Parts that the simulation of a recording needs."""
 
 
 def compile_kernels(parts: Iterable[str], stop: threading.Event | None = None) -> None:
@@ -34,15 +38,19 @@ def compile_kernels(parts: Iterable[str], stop: threading.Event | None = None) -
 
 
 def _warm_and_tell(parts: list[str]) -> None:
-    display, shown = Display(), list[Compilation]()
+    display, shown, before = Display(), list[Compilation](), current()
 
     def show(compilation: Compilation) -> None:
-        if not shown or display.due():
+        if before is not None:
+            doing(compilation.line())  # there is a line already
+        elif not shown or display.due():
             display.show([compilation.line()])
         shown[:] = [compilation]
 
     warm(parts, show)
-    if shown and display.live:
+    if before is not None:
+        doing(before)
+    elif shown and display.live:
         display.clear()
         if shown[0].has(shown[0].parts):
             seconds = time.monotonic() - shown[0].began

@@ -1,8 +1,9 @@
-"""Progress of a run: blocks, fits or other units, speed, time left, failures, and the results so far."""
+"""Progress of a run: chunks, fits or other units, speed, time left, failures, and the results so far."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import TextIO
 
@@ -13,6 +14,15 @@ LOOK_EVERY_S = 2.0
 
 LOOK_SHARE = 0.02
 """Largest fraction of the time spent on looking at the results."""
+
+LAST_LOOK_S = 5.0
+"""Longest last look, at the end of a run."""
+
+WINDOW_S = 30.0
+"""Seconds over which the speed is averaged."""
+
+LEAST_STEPS = 4
+"""Steps over which the speed is averaged even if they took longer."""
 
 
 def duration(seconds: float) -> str:
@@ -26,10 +36,36 @@ def duration(seconds: float) -> str:
 
 
 def counts_line(done: int, total: int, failed: int, rate: float, unit: str = "fits") -> str:
-    """``done/total`` of a unit, percentage, speed (units/s), time left, failures."""
-    left = f"{duration((total - done) / rate)} left" if rate > 0 else "time left: estimating"
+    """``done/total`` of a unit, percentage, speed (units/s; 0: not known yet), time left, failures."""
     share = 100 * done / total if total else 100.0
-    return f"{done}/{total} {unit} ({share:.0f} %)  {rate:.0f} {unit}/s  {left}  {failed} failed"
+    parts = [f"{done}/{total} {unit} ({share:.0f} %)"]
+    if rate > 0:
+        parts.append(f"{rate:.0f} {unit}/s")
+    if done < total:
+        parts.append(f"{duration((total - done) / rate)} left" if rate > 0 else "time left: estimating")
+    return "  ".join([*parts, f"{failed} failed"])
+
+
+class Speed:
+    """Units per second in the last `WINDOW_S` seconds, or `LEAST_STEPS` steps, whichever is longer."""
+
+    def __init__(self) -> None:
+        self._seen: deque[tuple[float, int]] = deque()
+
+    def note(self, done: int) -> None:
+        """So many units are done now."""
+        now = time.monotonic()
+        self._seen.append((now, done))
+        while len(self._seen) > LEAST_STEPS + 1 and self._seen[1][0] < now - WINDOW_S:
+            self._seen.popleft()
+
+    def rate(self) -> float:
+        """Units per second until now; 0 before anything is known."""
+        if not self._seen:
+            return 0.0
+        (begun, before), (_, done) = self._seen[0], self._seen[-1]
+        seconds = time.monotonic() - begun
+        return (done - before) / seconds if seconds > 0 else 0.0
 
 
 class Progress:
@@ -38,7 +74,7 @@ class Progress:
     Parameters
     ----------
     total: units this run is to do. stream: where to write; by default stderr or the notebook's cell.
-    blocks: blocks this run is to do.
+    chunks: chunks this run is to do.
     headlines: lines about the results, which may be read for about the given seconds; without it only counts are shown.
     unit: what is counted, in the plural.
     """
@@ -48,18 +84,25 @@ class Progress:
         total: int,
         stream: TextIO | None = None,
         *,
-        blocks: int = 0,
+        chunks: int = 0,
         headlines: Callable[[float], list[str]] | None = None,
         unit: str = "fits",
     ) -> None:
         self.total, self.done, self.failed, self.unit = total, 0, 0, unit
-        self.blocks, self.blocks_done = blocks, 0
+        self.chunks, self.chunks_done = chunks, 0
         self._headlines, self._latest, self._display = headlines, list[str](), Display(stream)
-        self._begun = self._looked = time.monotonic()
+        self.begin()
 
-    def begin(self) -> None:
-        """Count the time from now on, without what had to be done before the first unit."""
+    def begin(self, ready: bool = True) -> None:
+        """Count the time from now on, without what had to be done before.
+
+        ``ready``: false if workers elsewhere may have to start and compile first, so that the speed is known only
+        from the first units on.
+        """
         self._begun = self._looked = time.monotonic()
+        self._speed = Speed()
+        if ready:
+            self._speed.note(self.done)
 
     @property
     def seconds(self) -> float:
@@ -68,20 +111,22 @@ class Progress:
 
     def line(self) -> str:
         """The current state in one line."""
-        seconds = self.seconds
-        rate = self.done / seconds if seconds > 0 else 0.0
-        blocks = f"{self.blocks_done}/{self.blocks} blocks  " if self.blocks else ""
-        return blocks + counts_line(self.done, self.total, self.failed, rate, self.unit)
+        rate = self._speed.rate()
+        if self.done >= self.total and self.seconds > 0:
+            rate = self.done / self.seconds  # of the whole run, as its summary
+        chunks = f"{self.chunks_done}/{self.chunks} chunks  " if self.chunks else ""
+        return chunks + counts_line(self.done, self.total, self.failed, rate, self.unit)
 
-    def add(self, done: int, failed: int) -> None:
-        """Count the units of one more block."""
+    def add(self, done: int, failed: int, chunks: int = 0) -> None:
+        """Count the units and chunks of one more block."""
         self.done, self.failed = self.done + done, self.failed + failed
-        self.blocks_done += 1
+        self.chunks_done += chunks
+        self._speed.note(self.done)
 
     def show(self, last: bool = False) -> None:
         """Show the state if an update is due; ``last`` forces it."""
         if last or self._display.due():
-            self._display.show([self.line(), *self._look()])
+            self._display.show([self.line(), *self._look(whole=last and self.done >= self.total)])
 
     def how_far(self, what: object, why: str = "stopped") -> str:
         """What work on ``what`` says that ended before its time."""
@@ -91,9 +136,10 @@ class Progress:
         """Show one message on a separate line."""
         self._display.say(message)
 
-    def _look(self) -> list[str]:
+    def _look(self, whole: bool) -> list[str]:
+        """Lines about the results, of all that is finished if ``whole``."""
         now = time.monotonic()
-        if self._headlines and now > self._looked + LOOK_EVERY_S:
-            self._latest = self._headlines(LOOK_SHARE * (now - self._looked))
+        if self._headlines and (whole or now > self._looked + LOOK_EVERY_S):
+            self._latest = self._headlines(LAST_LOOK_S if whole else LOOK_SHARE * (now - self._looked))
             self._looked = now
         return self._latest

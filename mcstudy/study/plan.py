@@ -21,6 +21,7 @@ import numpy as np
 from mcstudy.files.unfinished import scratch_folder
 from mcstudy.fitting.solvers import fit_many
 from mcstudy.fitting.starts import uniform
+from mcstudy.scheduler.activity import doing
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.progress import duration
 from mcstudy.stance.stability import growth_rate
@@ -195,6 +196,7 @@ def _load(store: GroupStore) -> float:
 
 def _plan_group(name: str, study: Study, store: GroupStore) -> GroupPlan:
     """Measure time and size of the pilot of one group, and scale them to the whole group."""
+    doing(f"timing a few fits of group {name}")
     group, pilot, experiment = study.groups[name], store.experiment.group, store.experiment
     chunk, n = store.layout.chunks[0], pilot.realizations
     first, again = _time_data(experiment, n)
@@ -214,6 +216,7 @@ def _plan_group(name: str, study: Study, store: GroupStore) -> GroupPlan:
         size += store.chunk_file(array, chunk).stat().st_size * (share if by_fit else cells / n)
     seconds = group.realizations * (first + again * (len(group.amplitude) - 1)) + fits_cpu * share + chunks * write_cpu
     waiting = chunks * max(write_wall - write_cpu, 0.0)
+    doing(f"predicting the precision of group {name}")
     full = Experiment(group, study.study.seed)
     return GroupPlan(name, group.fits, chunks, round(size), seconds, waiting, _precision(full))
 

@@ -61,13 +61,15 @@ class _Place:
     start: int
 
 
-def replay(out: str | Path, group: str | None, amplitude: float, fmax: float, realization: int, start: int) -> Replay:
+def replay(
+    out: str | Path, group: str | None, amplitude: float | None, fmax: float | None, realization: int, start: int
+) -> Replay:
     """Run the fit of one cell again.
 
     Parameters
     ----------
-    out: the cube; group: its group, None if it has only one.
-    amplitude (units of the stimulus), fmax (Hz), realization, start: coordinate values of the cell.
+    out: the cube. group, amplitude (units of the stimulus), fmax (Hz): None where there is only one.
+    realization, start: from 0.
 
     Raises
     ------
@@ -105,12 +107,25 @@ def _path(problem: Problem, theta: np.ndarray, iterations: int, store: GroupStor
     return tuple(points)
 
 
-def _place(cube: Cube, group: str | None, amplitude: float, fmax: float, realization: int, start: int) -> _Place:
-    if group is None and len(cube.groups) > 1:
-        raise InputError(f"--group: expected one of {', '.join(cube.groups)}")
-    name = group or next(iter(cube.groups))
-    if name not in cube.groups:
-        raise InputError(f"--group: expected one of {', '.join(cube.groups)}, got {name}")
+def _place(
+    cube: Cube, group: str | None, amplitude: float | None, fmax: float | None, realization: int, start: int
+) -> _Place:
+    if group is not None and group not in cube.groups:
+        raise InputError(f"--group: expected one of {', '.join(cube.groups)}, got {group}")
+    possible = [group] if group is not None else list(cube.groups)
+    axes = {name: cube.groups[name].layout.group for name in possible}
+    name, only = possible[0], axes[possible[0]]
+    if amplitude is None and len(only.amplitude) == 1:
+        amplitude = only.amplitude[0]
+    if fmax is None and len(only.fmax) == 1:
+        fmax = only.fmax[0]
+    if len(possible) > 1 or amplitude is None or fmax is None:
+        given = {"--group": group, "--amplitude": amplitude, "--fmax": fmax}
+        wanted = ", ".join(option for option, value in given.items() if value is None)
+        choices = "; ".join(
+            f"group {name}: amplitude {_listed(g.amplitude)}, fmax {_listed(g.fmax)}" for name, g in axes.items()
+        )
+        raise InputError(f"{wanted}: needed to choose one fit ({choices})")
     store = cube.groups[name]
     design, depth = store.layout.group, store.layout.realizations_a_chunk
     for option, value, size in (("realization", realization, design.realizations), ("start", start, design.starts)):
@@ -124,4 +139,8 @@ def _index(option: str, axis: tuple[float, ...], value: float) -> int:
     for k, x in enumerate(axis):
         if math.isclose(x, value, rel_tol=1e-9):
             return k
-    raise InputError(f"--{option}: expected one of {', '.join(f'{x:g}' for x in axis)}, got {value:g}")
+    raise InputError(f"--{option}: expected one of {_listed(axis)}, got {value:g}")
+
+
+def _listed(axis: tuple[float, ...]) -> str:
+    return ", ".join(f"{x:g}" for x in axis)

@@ -7,6 +7,7 @@ a stop leaves little to wait for (`mcstudy.study.submission`).
 from __future__ import annotations
 
 import contextlib
+import shlex
 import threading
 import uuid
 from collections import deque
@@ -73,13 +74,13 @@ def _what_changed(path: Path, held: Study, study: Study) -> str:
     lines = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
     if steps := growths(held, study):
         commands = " && ".join(step.command(path) for step in steps)
-        return f"was made with a smaller study; found {lines}; to extend the cube: {commands}"
+        return f"was made with {lines} as in this study file; to grow it: {commands}"
     if growths(study, held):
         return (
-            f"is larger than this study file and contains all of it; found {lines}; "
-            f"to run its pending fits: {Growth().command(path)}"
+            f"was extended: it has {lines} as in this study file, and holds all that this file asks for; "
+            f"to see it: mcstudy show {shlex.quote(str(path))}; to run what is pending in it: {Growth().command(path)}"
         )
-    return f"was made with another study file; found {lines}"
+    return f"was made with another study file: {lines} as in this one; give this study a cube of its own (-o)"
 
 
 def run_study(
@@ -130,7 +131,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
     blocks = list(pending_blocks(cube, options.threads, block))
     total = sum(b.fits for b in blocks)
     outcome.skipped = study.fits - total
-    progress = Progress(total, blocks=len(blocks), headlines=Watch(cube).news)
+    progress = Progress(total, chunks=sum(len(b.chunks) for b in blocks), headlines=Watch(cube).news)
     differ = environment.differences(cube.attributes["environment"], here)
     log.add(
         "begin",
@@ -156,7 +157,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
         with _stop_requests(run, partial(progress.how_far, out)) as stop, connect(options, progress.say) as client:
             if options.scheduler is None:  # other workers do so themselves before their first block
                 compile_kernels(parts_of(study.groups.values()), stop)
-            progress.begin()
+            progress.begin(ready=options.scheduler is None)
             submission = Submission(cube, client, options, stop, run, log, progress, outcome)
             submission.warned.update(differ)
             doubtful = submission.run(deque(blocks))

@@ -114,11 +114,11 @@ def merge(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def changes(old: Study, new: Study) -> list[str]:
-    """What differs between two studies, as ``field: old -> new`` lines, in the order of the file."""
+    """What differs between two studies, as ``field = old, not new``, in the order of the file."""
     before, after = ({f: v for f, v in leaves(study.numbers()) if v != {}} for study in (old, new))
     lines = []
     for field in [*before, *(f for f in after if f not in before)]:
         if before.get(field) != after.get(field):
             sides = (short(side[field]) if field in side else "(absent)" for side in (before, after))
-            lines.append(f"{field}: {' -> '.join(sides)}")
+            lines.append(f"{field} = {', not '.join(sides)}")
     return lines

@@ -184,7 +184,7 @@ class Submission:
         failed = sum(n for status, n in counts.items() if not Status(status).usable)
         self.outcome.fits += counts.total()
         self.outcome.counts.update(counts)
-        self.progress.add(counts.total(), failed)
+        self.progress.add(counts.total(), failed, len(block.chunks) if report.complete else 0)
         differ = environment.differences(self.cube.attributes["environment"], place)
         for line in differ:
             if line not in self.warned:

@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
+from mcstudy.scheduler import activity as activity_module
 from mcstudy.scheduler import progress as module
+from mcstudy.scheduler.activity import activity, doing
 from mcstudy.scheduler.display import Display
 from mcstudy.scheduler.progress import Progress, duration
 from mcstudy.study.run import run_study
@@ -50,13 +52,13 @@ def screen(text: str) -> list[str]:
     return [line for line in lines if line]
 
 
-def test_the_line_says_blocks_fits_speed_time_left_and_failures(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_line_says_chunks_fits_speed_time_left_and_failures(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    progress = Progress(1000, io.StringIO(), blocks=4)
-    progress.add(250, 3)
+    progress = Progress(1000, io.StringIO(), chunks=8)
+    progress.add(250, 3, 2)
     clock[0] += 5.0
-    assert progress.line() == "1/4 blocks  250/1000 fits (25 %)  50 fits/s  15 s left  3 failed"
+    assert progress.line() == "2/8 chunks  250/1000 fits (25 %)  50 fits/s  15 s left  3 failed"
 
 
 def test_what_had_to_be_done_before_the_first_unit_is_in_no_rate(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,6 +71,56 @@ def test_what_had_to_be_done_before_the_first_unit_is_in_no_rate(monkeypatch: py
     progress.add(50, 0)
     assert progress.line() == "50/100 fits (50 %)  10 fits/s  5 s left  0 failed"
     assert progress.seconds == 5.0
+
+
+def test_the_speed_is_that_of_the_last_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    progress = Progress(10_000, io.StringIO())
+    for seconds, fits in [(10.0, 1000)] * 5 + [(10.0, 100)] * 10:  # the machine got other work to do
+        clock[0] += seconds
+        progress.add(fits, 0)
+    assert "6000/10000 fits (60 %)  10 fits/s  6 min 40 s left" in progress.line()
+
+
+def test_workers_that_compile_first_are_in_no_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    progress = Progress(100, io.StringIO())
+    progress.begin(ready=False)
+    clock[0] += 60.0
+    assert progress.line() == "0/100 fits (0 %)  time left: estimating  0 failed"
+    progress.add(10, 0)
+    assert "time left: estimating" in progress.line()
+    clock[0] += 1.0
+    progress.add(10, 0)
+    assert progress.line() == "20/100 fits (20 %)  10 fits/s  8 s left  0 failed"
+
+
+def test_the_last_lines_are_those_of_the_finished_study() -> None:
+    """Whenever the results were looked at before."""
+    stream, seen = io.StringIO(), ["half of it"]
+    progress = Progress(2, stream, headlines=lambda _: list(seen))
+    progress.add(1, 0)
+    progress.show(last=True)
+    seen[:] = ["all of it"]
+    progress.add(1, 0)
+    progress.show(last=True)
+    assert stream.getvalue().splitlines()[-1] == "all of it"
+
+
+def test_what_takes_long_says_what_it_does_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(activity_module, "SILENT_S", 0.0)
+    monkeypatch.setattr(activity_module, "EVERY_S", 0.001)
+    plain, terminal = io.StringIO(), Terminal()
+    for stream in (plain, terminal):
+        monkeypatch.setattr(sys, "stderr", stream)
+        with activity("reading"):
+            doing("drawing")
+            while stream is terminal and "drawing ... 0 s" not in terminal.getvalue():
+                pass
+    assert plain.getvalue() == ""
+    assert screen(terminal.getvalue()) == []
 
 
 def test_the_line_counts_in_the_unit_of_the_work(monkeypatch: pytest.MonkeyPatch) -> None:

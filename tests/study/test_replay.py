@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import shutil
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
-from mcstudy.study.study_file import parse_study
+from mcstudy.study.study_file import parse_study, read_study
 
 OTHERS = """
 [group.reference]
@@ -92,12 +93,33 @@ def test_one_changed_bit_is_found(copy: Path, capsys: pytest.CaptureFixture[str]
     assert f"differs from the stored fit ({name}" in capsys.readouterr().out
 
 
+def test_the_command_in_the_readme_chooses_one_fit_of_the_papers_study(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (command,) = re.findall(r"`mcstudy (replay OUT [^`]*)`", (Path(__file__).parents[2] / "README.md").read_text())
+    out = Cube.create(tmp_path / "paper.zarr", read_study("goodworth2018")).path
+    assert main(command.replace("OUT", str(out)).split()) == Exit.BAD_INPUT
+    assert "expected a finished fit, but this one has not been run yet" in capsys.readouterr().err
+
+
+def test_what_there_is_only_one_of_need_not_be_given(sound: Path) -> None:
+    assert replay(sound, "data", None, None, 1, 1).differ == ()
+
+
 def test_a_fit_that_was_not_run_and_a_cell_that_does_not_exist_are_one_line(copy: Path, tiny: str) -> None:
     new = Cube.create(copy.with_name("new.zarr"), parse_study(tiny)).path
     with pytest.raises(InputError, match="has not been run yet"):
         replay(new, "noisy", 5.0, 1.2, 0, 0)
     for where, expected in (
-        ((None, 5.0, 1.2, 0, 0), "--group: expected one of noisy, ideal"),
+        (
+            (None, 5.0, 1.2, 0, 0),
+            r"--group: needed to choose one fit \(group noisy: amplitude 3, 5",
+        ),
+        ((None, None, None, 0, 0), "--group, --amplitude, --fmax: needed"),
+        (
+            ("noisy", None, None, 0, 0),
+            r"--amplitude, --fmax: needed.*\(group noisy: amplitude 3, 5, fmax 0.41, 1.2\)",
+        ),
         (("loud", 5.0, 1.2, 0, 0), "--group: expected one of noisy"),
         (("noisy", 4.0, 1.2, 0, 0), "--amplitude: expected one of 3, 5, got 4"),
         (("noisy", 5.0, 1.3, 0, 0), "--fmax: expected one of"),

@@ -1,4 +1,8 @@
-"""The real wheel, unpacked where nothing can be written, run with an empty home: nothing is compiled, same bits."""
+"""The real wheel and the real source archive, on the oldest and the newest Python there is, without the repository.
+
+The wheel of this Python is unpacked where nothing can be written and run with an empty home: nothing is compiled, same
+bits. The source archive is installed by pip into an environment of the newest Python, which compiles the kernels then.
+"""
 
 from __future__ import annotations
 
@@ -63,13 +67,60 @@ sys.exit(code)
 
 
 ASKED = "MCSTUDY_TEST_WHEEL"
-"""Variable that asks for this test: building the wheel compiles everything, which takes some minutes."""
+"""Variable that asks for these tests: each builds a wheel, which compiles everything."""
 
 
-@pytest.mark.skipif(ASKED not in os.environ, reason=f"a wheel is built and tried where {ASKED}=1 asks for it (.ci/run)")
-@pytest.mark.skipif(
-    sys.platform != "linux" or platform.machine() != "x86_64", reason="wheels hold compiled code for x86-64 Linux"
-)
+pytestmark = [
+    pytest.mark.skipif(ASKED not in os.environ, reason=f"built and tried where {ASKED}=1 asks for it (.ci/run)"),
+    pytest.mark.skipif(
+        sys.platform != "linux" or platform.machine() != "x86_64", reason="wheels hold compiled code for x86-64 Linux"
+    ),
+]
+
+
+def newest_python() -> str | None:
+    """The newest Python on this machine that is newer than this one."""
+    found: dict[tuple[int, ...], str] = {}
+    installed = (Path.home() / ".pyenv" / "versions").glob("3.*/bin/python")
+    for program in [*map(str, installed), *(f"python3.{minor}" for minor in range(sys.version_info.minor + 1, 20))]:
+        try:  # a name may be that of a program that only says it is not there
+            call = [program, "-c", "import sys, venv, ensurepip; print(*sys.version_info[:3])"]
+            said = subprocess.run(call, capture_output=True, text=True, check=True).stdout
+        except (OSError, subprocess.CalledProcessError):
+            continue
+        found[tuple(map(int, said.split()))] = program
+    newest = max(found, default=(0, 0))
+    return found[newest] if newest[:2] > sys.version_info[:2] else None
+
+
+def test_the_source_archive_installs_with_compiled_kernels_on_the_newest_python(tmp_path: Path) -> None:
+    python = newest_python()
+    if python is None:
+        pytest.skip("there is no newer Python on this machine")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True, text=True)
+    (archive,) = tmp_path.glob("mcstudy-*.tar.gz")
+    subprocess.run([python, "-m", "venv", str(tmp_path / "venv")], check=True)
+    programs, work = tmp_path / "venv" / "bin", tmp_path / "work"
+    work.mkdir()
+    variables = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}
+    variables["HOME"] = str(work)
+
+    def call(*words: str) -> str:
+        done = subprocess.run(words, cwd=work, env=variables, capture_output=True, text=True, timeout=1200)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "compiling" not in done.stderr
+        return done.stdout
+
+    call(str(programs / "pip"), "install", "--quiet", "--constraint", str(ROOT / "constraints.txt"), str(archive))
+    mcstudy = str(programs / "mcstudy")
+    assert "2250 fits" in call(mcstudy, "run", "quick", "-o", "quick.zarr")
+    assert "0 damaged" in call(mcstudy, "verify", "quick.zarr", "--cells", "5")
+    assert "Study quick" in call(mcstudy, "show", "quick.zarr")
+    assert call(mcstudy, "warm").startswith("0 functions compiled")
+    assert "passive_damping_ankle" in call(mcstudy, "gap", "effects")
+
+
 def test_a_first_run_from_the_wheel_compiles_nothing_and_has_the_same_bits(tmp_path: Path) -> None:
     from llvmlite import binding
 
@@ -111,6 +162,9 @@ def test_a_first_run_from_the_wheel_compiles_nothing_and_has_the_same_bits(tmp_p
         said = mcstudy("warm", **installed)
         assert said.startswith("0 functions compiled")
         assert ", 0 compiled" in said
+        assert "goodworth2018" in mcstudy("studies", **installed)
+        assert f"This page: {site / 'mcstudy' / 'pipelines' / 'examples'}" in mcstudy("help", "examples", **installed)
+        assert "usage: mcstudy gap" in mcstudy("help", "gap", **installed)
     finally:
         for folder in folders:
             folder.chmod(0o755)

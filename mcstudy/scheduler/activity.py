@@ -1,0 +1,57 @@
+"""One line on the terminal about what is being done, once that takes more than a moment."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+from mcstudy.scheduler.display import Display
+from mcstudy.scheduler.progress import duration
+
+SILENT_S = 2.0
+"""Seconds without a line: what is done by then needs none."""
+
+EVERY_S = 0.5
+
+_now: list[str] = []
+
+
+def doing(what: str) -> None:
+    """Say what is done from now on; without effect outside `activity`."""
+    if _now:
+        _now[-1] = what
+
+
+def current() -> str | None:
+    """What `activity` shows; None outside it."""
+    return _now[-1] if _now else None
+
+
+@contextlib.contextmanager
+def activity(what: str) -> Iterator[None]:
+    """Show what is being done, and for how long, on stderr if that is a terminal; the line goes away at the end."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield
+        return
+    ended, display = threading.Event(), Display(sys.stderr)
+    _now.append(what)
+
+    def show() -> None:
+        begun = time.monotonic()
+        pause = SILENT_S
+        while not ended.wait(pause):
+            display.show([f"{_now[-1]} ... {duration(time.monotonic() - begun)}"])
+            pause = EVERY_S
+        display.clear()
+
+    thread = threading.Thread(target=show, name="mcstudy-activity", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        _now.pop()

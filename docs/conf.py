@@ -34,6 +34,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "docs.commands",
+    "docs.effects",
     "docs.executed",
     "docs.mathml",
     "docs.names",

@@ -64,7 +64,9 @@ def _is_run(block: nodes.Element) -> bool:
 
 def _python(block: nodes.Element, where: str, namespace: dict[str, Any]) -> str:
     """Run it; returns what it prints."""
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
+    from mcstudy.report.figures.common import styled
+
+    with styled(), contextlib.redirect_stdout(io.StringIO()) as printed:
         exec(compile(block.astext(), where, "exec"), namespace)
     return printed.getvalue()
 

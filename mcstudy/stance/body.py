@@ -170,8 +170,10 @@ def two_segment(body: Body | None = None, stimulus: str = "ankle_torque") -> Mod
 
     Parameters
     ----------
-    body: inertia and gravity; the paper's by default.
-    stimulus: a key of `STIMULI`.
+    body
+        Inertia and gravity; the paper's by default.
+    stimulus
+        ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m) or ``"platform_translation"`` (m).
     """
     body = body or Body()
     K, B = "N m/rad", "N m s/rad"
@@ -218,7 +220,10 @@ def two_segment(body: Body | None = None, stimulus: str = "ankle_torque") -> Mod
 def one_segment(body: Body | None = None) -> Model:
     """Single inverted pendulum with delayed PD control and passive stiffness (the form of Peterka 2002).
 
-    The body is the two-segment body with a locked hip; gains are those of the ankle loop of `two_segment`.
+    Parameters
+    ----------
+    body
+        Its hip is locked; the paper's by default. Gains are those of the ankle loop of `two_segment`.
     """
     body = body or Body()
     parameters = (

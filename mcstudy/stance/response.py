@@ -62,7 +62,23 @@ def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, 
 
 
 def frf(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Stimulus-to-angle FRFs H, shape (..., N, 2); columns are the model's angles as measured (output filters on)."""
+    """Stimulus-to-angle frequency responses in closed form.
+
+    Parameters
+    ----------
+    model
+        The table.
+    theta
+        (..., P), parameter values, e.g. ``model.truth``.
+    f
+        (N,), frequencies, Hz.
+
+    Returns
+    -------
+    numpy.ndarray
+        (..., N, 2) complex, rad per unit of the stimulus; columns are the model's angles as measured (output filters
+        on).
+    """
     theta, s = np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     A, b = system(model, theta, s)
     H = np.linalg.solve(A, b[..., None])[..., 0]

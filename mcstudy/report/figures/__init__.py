@@ -1,8 +1,9 @@
-"""The report's figures: each function draws one panel on matplotlib axes (new ones by default) and returns them.
+"""The report's figures: each function draws one panel on matplotlib axes (new ones by default) and returns them::
 
-tree = mcstudy.open_results("cube.zarr")
-figures.parameter_bars(tree["accuracy"], "K11")
-figures.starts_curve(tree["convergence"])
+    tree = mcstudy.open_results("cube.zarr")
+    figures.parameter_bars(tree["accuracy"], "K11")
+
+Figures of a diagnosis are methods of ``diagnosis.plot``.
 """
 
 from mcstudy.report.style import require_matplotlib

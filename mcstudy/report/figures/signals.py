@@ -40,7 +40,14 @@ class Signals:
 
     Attributes
     ----------
-    view: the group. seed: of the study. amplitude: of the stimulus, in its unit. realization: which noise.
+    view
+        The group.
+    seed
+        Seed of the study.
+    amplitude
+        Amplitude of the stimulus, in its unit.
+    realization
+        Which noise.
     """
 
     view: GroupView
@@ -50,7 +57,7 @@ class Signals:
 
     @classmethod
     def of(cls, data: GroupLike, seed: int, amplitude: float | None = None, realization: int = 0) -> Signals:
-        """The signals of a group; the largest amplitude by default."""
+        """The signals of a group; by default those of its largest amplitude and first realization."""
         view = view_of(data)
         return cls(view, seed, chosen_amplitude(view, amplitude), realization)
 

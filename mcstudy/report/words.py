@@ -178,6 +178,6 @@ def group_overviews(context: Context) -> str:
                 if view.differences
                 else ""
             )
-            + "".join(f"<p>{escape(note)}</p>" for note in data["notes"])
+            + "".join(f"<p>{escape(with_units(note))}</p>" for note in data["notes"])
         )
     return "".join(parts)

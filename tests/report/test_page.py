@@ -6,6 +6,7 @@ import base64
 import hashlib
 import html
 import itertools
+import json
 import re
 import shutil
 import subprocess
@@ -145,6 +146,18 @@ def test_an_efficiency_that_means_nothing_is_not_shown(paper_page: Path, paper_t
     text = paper_page.read_text(encoding="utf-8")
     assert "efficiency" not in Reader(text).figures
     assert "group accuracy: in every condition more than 10 % of the fits end on a bound" in text
+
+
+def test_panels_that_compare_share_their_axes(paper_page: Path) -> None:
+    text = paper_page.read_text(encoding="utf-8")
+    for key, shared in (("fig3c", "xy"), ("fig7c", "x")):
+        figure = text[text.index(f'<figure id="{key}"') :]
+        data = re.search(r'class="readings">(.*?)</script>', figure)
+        assert data is not None
+        panels = json.loads(data[1])
+        assert len(panels) == 3
+        for axis in shared:
+            assert len({tuple(p[axis][2:4]) for p in panels}) == 1
 
 
 def test_what_does_not_apply_is_left_out_with_a_reason(other_page: Path) -> None:

@@ -11,6 +11,7 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.axes import Axes
 
+from mcstudy.report.readings import as_json
 from mcstudy.report.style import COLOURS, DARK
 from mcstudy.report.svg import drawn, rendered
 
@@ -60,6 +61,42 @@ def test_nothing_global_leaks_out_of_a_drawing() -> None:
     assert "<style" not in text
     assert "<metadata" not in text
     assert "width=" not in text[: text.index(">")]
+
+
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_every_label_lies_within_the_drawing_and_every_tick_within_the_axes(scale: str) -> None:
+    def steep(ax: Axes) -> None:
+        ax.barh([1, 2], [3e-20, 40.0])
+        ax.set(xscale=scale, xlabel="length", ylabel="name", title="steep")
+        ax.set_yticks([1, 2], ["K11+Kpas1", "two\nlines"])
+
+    text, numbers = rendered(drawn(steep), "a", "steep", "caption")
+    width, height = map(float, re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', text)[0])
+    frame = text[text.index('<g class="frame">') : text.index("</g></g>")]
+    for x, y in re.findall(r'<text x="([-\d.]+)" y="([-\d.]+)"', frame):
+        assert 0 <= float(x) <= width
+        assert 0 <= float(y) <= height
+    x0, x1 = numbers["x"][:2]
+    ticks = [float(x) for x in re.findall(r"M([-\d.]+) [\d.]+v", frame)]
+    assert len(ticks) >= 3
+    assert all(x0 - 0.1 <= t <= x1 + 0.1 for t in ticks)
+    for label in ("K11+Kpas1", "two", "lines", "length", "name", "steep"):
+        assert f">{label}</text>" in frame
+
+
+def test_the_readings_are_what_was_plotted() -> None:
+    def bars(ax: Axes) -> None:
+        ax.bar([0, 1], [2.0, 3.0], yerr=[0.5, 0.25], label="mean <SD>")
+        ax.plot([0.0, np.nan, 1.0], [1.0, 2.0, 4.0], label="line")
+        ax.plot([0, 1], [0, 1])  # without a name: a guide, no data
+        ax.set_xticks([0, 1], ["K11", "K12"])
+
+    _, numbers = rendered(drawn(bars), "a", "bars", "caption")
+    first, second = numbers["series"]
+    assert first == {"n": "mean <SD>", "x": [0.0, 1.0], "y": [2.0, 3.0], "e": [0.5, 0.25], "on": "y"}
+    assert second == {"n": "line", "x": [0.0, 1.0], "y": [1.0, 4.0]}
+    assert numbers["names"]["x"] == [[0.0, "K11"], [1.0, "K12"]]
+    assert "<" not in as_json([numbers])
 
 
 def test_coordinates_are_rounded_and_labels_are_not() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 import xarray as xr
@@ -13,16 +14,18 @@ from mcstudy.analysis.montecarlo import Moments
 from mcstudy.analysis.sensitivity import RANGES, sensitivity
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import GroupLike, axes, chosen_fmax, legend_below, view_of
+from mcstudy.report.figures.common import GroupLike, axes, chosen_fmax, fixed_ticks, legend_below, view_of
 from mcstudy.report.labels import fmax_label
 from mcstudy.report.style import COLOURS
 
 
+@lru_cache(maxsize=16)
 def bias_at(view: GroupView, fmax: float) -> xr.Dataset:
     """|bias| in percent of the truth, averaged over amplitudes, with ``floor``; single and combined parameters."""
     return _both(view, fmax, _bias)
 
 
+@lru_cache(maxsize=16)
 def cv_at(view: GroupView, fmax: float) -> xr.Dataset:
     """Coefficient of variation averaged over amplitudes; single and combined parameters."""
     return _both(view, fmax, _cv)
@@ -140,6 +143,6 @@ def _bars(ax: Axes, result: xr.Dataset) -> None:
 
 
 def _names(ax: Axes, names: list[str]) -> None:
-    ax.set_yticks(range(len(names)), names)
+    fixed_ticks(ax.yaxis, range(len(names)), names)
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -106,7 +106,7 @@ def plain_log_axis(axis: Any, ticks: Sequence[float]) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def fixed_ticks(axis: Any, ticks: Sequence[float], labels: Sequence[str]) -> None:
+def fixed_ticks(axis: Any, ticks: Iterable[float], labels: Sequence[str]) -> None:
     """Ticks with these labels; `Axis.set_ticks` would make five artists of each before anything is drawn."""
     axis.set_major_locator(FixedLocator(list(ticks)))
     axis.set_major_formatter(FixedFormatter(list(labels)))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from mcstudy.analysis.montecarlo import moments
+from mcstudy.analysis.montecarlo import Moments, moments
+from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import GroupLike, axes, colour_of, view_of
+from mcstudy.report.figures.common import GroupLike, axes, colour_of, fixed_ticks, view_of
 from mcstudy.report.labels import amplitude_label, with_units
 from mcstudy.report.style import COLOURS, HATCHES
 from mcstudy.stance.feedback import Model
@@ -23,13 +26,14 @@ def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> A
     view = view_of(data)
     ax = axes(ax, (2.4, 2.0))
     cells = cells_with(view.cells, view.combined, parameter)
-    m = moments(cells["estimate"].sel(parameter=parameter), cells["truth"].sel(parameter=parameter))
-    truth, amplitudes = float(m.truth), cells["amplitude"].values
+    every = _moments_of(view, cells is view.combined)
+    truth, amplitudes = float(every.truth.sel(parameter=parameter)), cells["amplitude"].values
+    means, sds = (x.sel(parameter=parameter) for x in (every.mean, every.sd.fillna(0.0)))
     width = 0.8 / len(amplitudes)
     ax.bar(-1, truth, width=0.6, color=COLOURS["muted"])
     for i, a in enumerate(amplitudes):
         x = np.arange(cells.sizes["fmax"]) + (i - (len(amplitudes) - 1) / 2) * width
-        mean, sd = m.mean.sel(amplitude=a).values, m.sd.sel(amplitude=a).fillna(0.0).values
+        mean, sd = means.sel(amplitude=a).values, sds.sel(amplitude=a).values
         ax.bar(
             x,
             mean,
@@ -43,13 +47,20 @@ def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> A
             label=amplitude_label(view, a),
         )
     ax.axhline(truth, color=COLOURS["ink"], linewidth=0.9, linestyle=(0, (4, 3)))
-    ax.set_xticks([-1, *range(cells.sizes["fmax"])], ["true", *(f"{f:g}" for f in cells["fmax"].values)])
+    fixed_ticks(ax.xaxis, range(-1, cells.sizes["fmax"]), ["true", *(f"{f:g}" for f in cells["fmax"].values)])
     ax.grid(axis="x", visible=False)
     ax.set_xlabel("Fmax (Hz)")
     ax.set_ylim(0 if truth >= 0 else None, None if truth >= 0 else 0)
     ax.set_title(f"{parameter} ({_unit(view.model, parameter)})")
     ax.margins(y=0.08)
     return ax
+
+
+@lru_cache(maxsize=8)
+def _moments_of(view: GroupView, combined: bool) -> Moments:
+    """Moments of all parameters of a group; kept, because there is a panel for each."""
+    cells = view.combined if combined and view.combined is not None else view.cells
+    return moments(cells["estimate"], cells["truth"])
 
 
 def cells_with(cells: xr.Dataset, combined: xr.Dataset | None, parameter: str) -> xr.Dataset:

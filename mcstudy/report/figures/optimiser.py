@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
 from mcstudy.analysis.atlas import atlas
@@ -19,6 +20,7 @@ from mcstudy.report.figures.common import (
     axes,
     chosen_amplitude,
     chosen_fmax,
+    fixed_ticks,
     legend_below,
     plain_log_axis,
     view_of,
@@ -99,14 +101,18 @@ def basin_atlas(
     x = np.arange(len(names))
     rows = np.arange(shown.sizes["cluster"])
     ax.hlines([*(rows - 0.4), *(rows + 0.4)], -0.5, len(names) - 0.5, color=COLOURS["grid"], linewidth=0.6)  # bounds
-    for row in range(shown.sizes["cluster"]):
+    stable = shown["stable"].values >= 0.5
+    tops = rows[:, None] - 0.8 * (shown["position"].transpose("cluster", "parameter").values - 0.5)
+    for which, colour, alpha in ((stable, "green", 1.0), (~stable, "orange", 0.65)):
+        bars = [
+            [(x[p] - 0.35, row), (x[p] + 0.35, row), (x[p] + 0.35, tops[row, p]), (x[p] - 0.35, tops[row, p])]
+            for row in rows[which]
+            for p in range(len(names))
+        ]
+        ax.add_collection(PolyCollection(bars, facecolor=COLOURS[colour], alpha=alpha))
+    ax.hlines(rows, -0.5, len(names) - 0.5, color=COLOURS["muted"], linewidth=0.6)
+    for row in rows:
         one = shown.isel(cluster=row)
-        good = bool(one["stable"] >= 0.5)
-        height = 0.8 * (one["position"].values - 0.5)
-        ax.axhline(row, color=COLOURS["muted"], linewidth=0.6)
-        ax.bar(
-            x, -height, bottom=row, width=0.7, color=COLOURS["green" if good else "orange"], alpha=1.0 if good else 0.65
-        )
         ax.annotate(
             f"{100 * float(one['value']):.0f} %\n{int(one['lowest'])}/{table.attrs['realizations']}",
             (1.02, row),
@@ -116,9 +122,10 @@ def basin_atlas(
             color=COLOURS["ink"],
         )
     ax.annotate("starts\nlowest", (1.02, -0.62), xycoords=("axes fraction", "data"), va="bottom", fontsize=9)
-    ax.set_xticks(x, names)
+    fixed_ticks(ax.xaxis, x, names)
     ax.tick_params(axis="x", labelrotation=90)
-    ax.set_yticks(range(shown.sizes["cluster"]), [str(i + 1) for i in range(shown.sizes["cluster"])])
+    fixed_ticks(ax.yaxis, rows, [str(i + 1) for i in rows])
+    ax.set_xlim(-0.7, len(names) - 0.3)
     ax.set_ylim(shown.sizes["cluster"] - 0.4, -0.6)
     ax.grid(visible=False)
     ax.set_ylabel("cluster of local minima")

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
 from mcstudy.analysis.by_starts import mean_cv
-from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
@@ -187,7 +186,7 @@ def _named_waterfall(view: GroupView, amplitude: float, fmax: float, ax: Axes) -
 
 
 def _hits_table(view: GroupView) -> Table:
-    rate = 100 * starts_needed(view.cube)["hit_rate"].compute()
+    rate = 100 * view.needed["hit_rate"]
     rows = [
         [
             cell_label(view, a, f),

@@ -150,6 +150,13 @@ def test_the_sentence_about_sway_follows_from_its_numbers(found: dict[str, Diagn
     ):
         other = replace(d, sway_rms_deg={"before": before, "after": after, "floor": d.sway_rms_deg["floor"]})
         assert said in sway(other)
+    assert d.closed is not None
+    part = replace(
+        d,
+        closed=replace(d.closed, fraction=0.3, low=0.2, high=0.4),
+        sway_rms_deg={**d.sway_rms_deg, "before": 2 * high, "after": low},
+    )
+    assert "too coarse to show the rest of the gap" in sway(part)
 
 
 def test_the_evidence_gives_the_p_values(found: dict[str, Diagnosis]) -> None:

@@ -135,9 +135,12 @@ def evidence_figure(d: Diagnosis) -> Figure:
         "deviations of known shape. Second: the residual of all lines (goodness of fit).",
         numbers.note,
     ]
-    if d.leading is not None and any(isinstance(k, int) for k in d.credible_set):
+    if d.leading is not None:
         panels.append(Panel("sizes of the causes", partial(outcome_figures.effect_sizes, d)))
-        text[0] += " Third: size of each possible cause with its 95 % interval, in standard errors from zero."
+        text[0] += (
+            " Third: sizes of the leading cause and of those in the 95 % set, with 95 % intervals, in standard errors "
+            "from zero."
+        )
     title = "Evidence for a gap"
     return Figure("evidence", "", title, text, panels, [page_table(numbers)], python="diagnosis.plot.evidence()")
 

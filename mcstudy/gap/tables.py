@@ -6,6 +6,7 @@ from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
 from mcstudy import text_tables
+from mcstudy.effect_library import library
 from mcstudy.effect_library.library import usual_size
 from mcstudy.gap.questions.contrasts import DRAWS
 from mcstudy.gap.questions.parameters import SOURCES, SOURCES_EXPLAINED
@@ -102,6 +103,7 @@ def _sizes(d: Diagnosis) -> Table:
     """Sizes of the causes that are shown."""
     rows = []
     for cause in shown_causes(d):
+        owner = {s.name: e for e in cause.effects for s in library.effect(e).sizes}
         for s in cause.sizes:
             usual = usual_size(s.name)
             rows.append(
@@ -111,11 +113,12 @@ def _sizes(d: Diagnosis) -> Table:
                     f"{number(s.low)} to {number(s.high)}",
                     "-" if usual is None else f"{usual[0]:.3g} to {usual[1]:.3g}",
                     s.unit,
-                    effects_of(cause),
+                    # the change of gains of a nonlinear effect is no parameter of its declaration
+                    owner.get(s.name, cause.effects[-1]) + (" (in a pair)" if len(cause.effects) > 1 else ""),
                 ]
             )
-    header = ["size", "estimate ± standard error", "95 % interval", "usual size", "unit", "of"]
-    note = "usual size: magnitude in people; `mcstudy gap effects` states where each comes from."
+    header = ["parameter", "size ± SE", "95 % interval", "usual size", "unit", "of"]
+    note = "SE: standard error. usual size: magnitude in people; mcstudy gap effects states where each comes from."
     return Table("Sizes of the leading cause and of those in the 95 % set", header, rows, note)
 
 
@@ -188,7 +191,7 @@ def closing(d: Diagnosis) -> Table:
         c = d.closed
         share = f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
         rows.append(["share of the gap closed", "0 %", share, "-"])
-    return Table(title, header, rows, MEASURES_EXPLAINED)
+    return Table(title, header, rows, "" if d.sway_noise_deg is None else MEASURES_EXPLAINED)
 
 
 def _parameters(d: Diagnosis) -> Table:

@@ -66,10 +66,14 @@ def where(d: Diagnosis) -> str:
                 spans.append((b.low_hz, b.high_hz))
     name = {"theta1": "the lower body's angle", "theta2": "the hip angle"}
     parts = [
-        f"{name.get(a, a)} between " + " and ".join(f"{lo:.2g} and {hi:.2g} Hz" for lo, hi in s)
-        for a, s in by_angle.items()
+        f"{name.get(a, a)} " + " and ".join(_span(f"{low:.2g}", f"{high:.2g}") for low, high in spans)
+        for a, spans in by_angle.items()
     ]
     return "in " + ", and in ".join(parts) if parts else "no single frequency band stands out"
+
+
+def _span(low: str, high: str) -> str:
+    return f"at {low} Hz" if low == high else f"from {low} to {high} Hz"
 
 
 def p_value(p: float, least: float) -> str:

@@ -67,7 +67,7 @@ def _against_null(ax: Axes, null: np.ndarray, observed: float, text: str) -> Axe
     beyond = " (off the scale)" if observed > edge else ""
     ax.axvline(min(observed, edge), color=AFTER, linewidth=2.2, label=f"this recording: {text}{beyond}")
     ax.set_ylabel("null samples")
-    legend_below(ax, 1)
+    legend_below(ax, 1, -0.2)
     return ax
 
 

@@ -61,7 +61,7 @@ def response_figures(data: GapData) -> list[Figure]:
             "Difference from the base model",
             [
                 "Measured response relative to the base model. Where the band excludes the dashed line, the base model "
-                f"fails.{added and f'{added} It should follow the circles.'}",
+                f"fails.{added and f'{added} Where it follows the circles, it explains the difference.'}",
                 *(t for t in (not_a_body(data.diagnosis),) if t),
             ],
             [

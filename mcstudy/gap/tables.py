@@ -6,12 +6,13 @@ from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
 from mcstudy import text_tables
+from mcstudy.effect_library import library
 from mcstudy.effect_library.library import usual_size
 from mcstudy.gap.questions.contrasts import DRAWS
 from mcstudy.gap.questions.parameters import SOURCES, SOURCES_EXPLAINED
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import FOUND
-from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, undetected
+from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, shown_causes, undetected
 from mcstudy.text_tables import number, with_error
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ MOST_TRIALS = 100
 MEASURES_EXPLAINED = (
     "The share counts every line by its precision, less the noise. The error of predicted sway counts every line by "
     "its sway, so the lowest frequencies, where sway and its noise are largest, dominate it; it shows a gap only when "
-    "it leaves the range that noise alone gives."
+    "it leaves the range that noise alone gives. floor: root of the mean square that noise alone gives."
 )
 
 
@@ -99,9 +100,10 @@ def _marked(cause: Cause, notes: list[str]) -> str:
 
 
 def _sizes(d: Diagnosis) -> Table:
-    """Sizes of the leading cause and of the other named ones in the 95 % set."""
+    """Sizes of the causes that are shown."""
     rows = []
-    for cause in (d.causes[k] for k in d.credible_set if isinstance(k, int)):
+    for cause in shown_causes(d):
+        owner = {s.name: e for e in cause.effects for s in library.effect(e).sizes}
         for s in cause.sizes:
             usual = usual_size(s.name)
             rows.append(
@@ -111,12 +113,13 @@ def _sizes(d: Diagnosis) -> Table:
                     f"{number(s.low)} to {number(s.high)}",
                     "-" if usual is None else f"{usual[0]:.3g} to {usual[1]:.3g}",
                     s.unit,
-                    effects_of(cause),
+                    # the change of gains of a nonlinear effect is no parameter of its declaration
+                    owner.get(s.name, cause.effects[-1]) + (" (in a pair)" if len(cause.effects) > 1 else ""),
                 ]
             )
-    header = ["size", "estimate ± standard error", "95 % interval", "usual size", "unit", "of"]
-    note = "usual size: magnitude in people; `mcstudy gap effects` states where each comes from."
-    return Table("Sizes of the causes in the 95 % set", header, rows, note)
+    header = ["parameter", "size ± SE", "95 % interval", "usual size", "unit", "of"]
+    note = "SE: standard error. usual size: magnitude in people; mcstudy gap effects states where each comes from."
+    return Table("Sizes of the leading cause and of those in the 95 % set", header, rows, note)
 
 
 def _locations(d: Diagnosis) -> Table:
@@ -173,10 +176,11 @@ def _why(d: Diagnosis) -> str:
 def closing(d: Diagnosis) -> Table:
     """Both measures of how far the leading cause closes the gap, with what noise alone leaves of each."""
     low, high = d.detection.chi2_noise
-    rows = [["squared residual of all lines", f"{d.base.chi2:.0f}", "", f"{low:.0f} to {high:.0f}"]]
+    noise = f"{low:.0f} to {high:.0f}, mean {d.detection.expected_chi2:.0f}"
+    rows = [["squared residual of all lines", f"{d.base.chi2:.0f}", "", noise]]
     if d.sway_noise_deg is not None:
         low, high = d.sway_noise_deg
-        noise = f"{number(low, 2)} to {number(high, 2)}"
+        noise = f"{number(low, 2)} to {number(high, 2)}, floor {number(d.sway_rms_deg['floor'])}"
         rows.append(["error of predicted sway (deg RMS)", number(d.sway_rms_deg["before"]), "", noise])
     title, header = "How far the gap closes", ["measure", "base model", added_name(d), "noise alone, 95 %"]
     if d.added is None:
@@ -187,7 +191,7 @@ def closing(d: Diagnosis) -> Table:
         c = d.closed
         share = f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
         rows.append(["share of the gap closed", "0 %", share, "-"])
-    return Table(title, header, rows, MEASURES_EXPLAINED)
+    return Table(title, header, rows, "" if d.sway_noise_deg is None else MEASURES_EXPLAINED)
 
 
 def _parameters(d: Diagnosis) -> Table:
@@ -201,8 +205,9 @@ def _parameters(d: Diagnosis) -> Table:
         for s in d.shifts
     ]
     header = ["parameter", "base model", *([] if d.added is None else [added_name(d)]), "unit"]
-    marked = any(SOURCES.get(s.without_from) or SOURCES.get(s.added_from or "") for s in d.shifts)
-    note = " ".join(x for x in (SOURCES_EXPLAINED if marked else "", not_a_body(d)) if x)
+    origins = {origin for s in d.shifts for origin in (s.without_from, s.added_from)}
+    explained = [text for origin, text in SOURCES_EXPLAINED.items() if origin in origins]
+    note = " ".join(part for part in (*explained, not_a_body(d)) if part)
     return Table("Parameters ± standard error", header, rows, note)
 
 

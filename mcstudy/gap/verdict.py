@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 WIDE = 0.3
 """Width of the interval of the share closed from which the number of trials that narrows it is stated."""
 
+NEARLY_ALL = 0.95
+"""A gap of which less is closed, at the upper limit, is said to remain in part."""
+
 ON_BOUNDS = 2
 """Number of parameters on bounds from which the fit is said to describe no body."""
 
@@ -59,10 +62,14 @@ def where(d: Diagnosis) -> str:
                 spans.append((b.low_hz, b.high_hz))
     name = {"theta1": "the lower body's angle", "theta2": "the hip angle"}
     parts = [
-        f"{name.get(a, a)} between " + " and ".join(f"{lo:.2g} and {hi:.2g} Hz" for lo, hi in s)
-        for a, s in by_angle.items()
+        f"{name.get(a, a)} " + " and ".join(_span(f"{low:.2g}", f"{high:.2g}") for low, high in spans)
+        for a, spans in by_angle.items()
     ]
     return "in " + ", and in ".join(parts) if parts else "no single frequency band stands out"
+
+
+def _span(low: str, high: str) -> str:
+    return f"at {low} Hz" if low == high else f"from {low} to {high} Hz"
 
 
 def p_value(p: float, least: float) -> str:
@@ -114,11 +121,14 @@ def undetected(d: Diagnosis) -> list[Undetectable]:
 
     Without a gap nothing is shown, so every effect below the limit is meant.
     """
-    shown: set[str] = set()
-    if d.leading is not None:
-        causes = [d.leading, *(d.causes[k] for k in d.credible_set if isinstance(k, int))]
-        shown = {e for c in causes for group in c.alternatives for e in group}
+    shown = {e for c in shown_causes(d) for group in c.alternatives for e in group} if d.detected else set()
     return [u for u in d.undetectable if u.effect not in shown]
+
+
+def shown_causes(d: Diagnosis) -> list[Cause]:
+    """The leading cause and the other named ones of the 95 % set."""
+    inside = [d.causes[k] for k in d.credible_set if isinstance(k, int)]
+    return inside if d.leading is None or any(c is d.leading for c in inside) else [d.leading, *inside]
 
 
 def sway(d: Diagnosis) -> str:
@@ -131,9 +141,11 @@ def sway(d: Diagnosis) -> str:
     what += f" {effects_of(d.leading)}; noise alone leaves {low} to {high} deg in 95 % of recordings."
     if after > noise[1]:
         return f"{what} Even then, predicted sway is worse than noise allows."
-    if before > noise[1]:
-        return f"{what} Predicted sway is then as good as noise allows."
-    return f"{what} Both are within noise: this error is too coarse to show the gap."
+    if before <= noise[1]:
+        return f"{what} Both are within noise: this error is too coarse to show the gap."
+    if d.closed is not None and d.closed.high < NEARLY_ALL:
+        return f"{what} Predicted sway is then within noise; this error is too coarse to show the rest of the gap."
+    return f"{what} Predicted sway is then as good as noise allows."
 
 
 def not_a_body(d: Diagnosis) -> str:
@@ -177,7 +189,8 @@ def share_closed(d: Diagnosis) -> str:
             f"{effects_of(leading)} changes the response with amplitude or over time, not the mean response, so no "
             "share of the gap closed and no better prediction of sway is stated."
         )
-    adding = "The best-fitting effect of the library, {}, would close" if _unnamed(d) else "Adding {} closes"
+    best = f"The best-fitting effect{'s' if len(leading.effects) > 1 else ''} of the library, {{}}, would close"
+    adding = best if _unnamed(d) else "Adding {} closes"
     share = f"{adding.format(effects_of(leading))} {100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
     share += f" of the gap{', down to the noise floor' if c.at_noise_floor else ''}."
     if c.high - c.low > WIDE:

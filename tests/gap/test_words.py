@@ -14,6 +14,7 @@ from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose_fast, diagnose_lines
 from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.questions.detection import Band
 from mcstudy.gap.questions.power import Undetectable
 from mcstudy.gap.tables import Table, closing, evidence, tables, text
 from mcstudy.gap.verdict import ON_BOUNDS, sway, undetected, verdict, wrapped
@@ -63,8 +64,8 @@ def variants(found: dict[str, Diagnosis]) -> Variants:
     return out
 
 
-def table_of(d: Diagnosis, first_heading: str) -> Table:
-    return next(t for t in tables(d) if t.header[0] == first_heading)
+def parameters(d: Diagnosis) -> Table:
+    return next(t for t in tables(d) if t.title.startswith("Parameters"))
 
 
 def test_the_cases_are_what_their_names_say(found: dict[str, Diagnosis]) -> None:
@@ -93,7 +94,7 @@ def test_a_value_on_its_bound_has_no_standard_error_and_every_other_one_has(
 ) -> None:
     on_bounds = 0
     for case, d in variants:
-        for shift, row in zip(d.shifts, table_of(d, "parameter").rows, strict=True):
+        for shift, row in zip(d.shifts, parameters(d).rows, strict=True):
             origins = [shift.without_from] + ([] if d.added is None else [shift.added_from or ""])
             for origin, cell in zip(origins, row[1:-1], strict=True):
                 assert ("on its bound" in cell) == (origin == "bound"), (case, row)
@@ -150,6 +151,13 @@ def test_the_sentence_about_sway_follows_from_its_numbers(found: dict[str, Diagn
     ):
         other = replace(d, sway_rms_deg={"before": before, "after": after, "floor": d.sway_rms_deg["floor"]})
         assert said in sway(other)
+    assert d.closed is not None
+    part = replace(
+        d,
+        closed=replace(d.closed, fraction=0.3, low=0.2, high=0.4),
+        sway_rms_deg={**d.sway_rms_deg, "before": 2 * high, "after": low},
+    )
+    assert "too coarse to show the rest of the gap" in sway(part)
 
 
 def test_the_evidence_gives_the_p_values(found: dict[str, Diagnosis]) -> None:
@@ -170,11 +178,22 @@ def test_the_evidence_gives_the_p_values(found: dict[str, Diagnosis]) -> None:
     assert "adding passive_damping_ankle lowers the squared residual by" in evidence(found["a small gap"]).note
 
 
+def test_a_band_of_one_line_is_a_frequency(found: dict[str, Diagnosis]) -> None:
+    d = found["a small gap"]
+    bands = (
+        Band("theta1", 0.8, 0.8, 9.0, 1.0),
+        Band("theta2", 2.0, 3.0, 9.0, 1.0),
+        Band("theta2", 3.05, 4.0, 9.0, 1.0),
+    )
+    said = verdict(replace(d, detection=replace(d.detection, bands=bands)))
+    assert "in the lower body's angle at 0.8 Hz, and in the hip angle from 2 to 4 Hz." in said
+
+
 def test_every_effect_has_the_name_under_which_it_can_be_simulated(variants: Variants) -> None:
-    parameters = {s.name for e in LIBRARY.values() for s in e.sizes}
+    sizes = {s.name for e in LIBRARY.values() for s in e.sizes}
     for case, d in variants:
         names = set(re.findall(r"[a-z]\w*_\w+", verdict(d) + text(d)))
-        assert names <= set(LIBRARY) | parameters, case
+        assert names <= set(LIBRARY) | sizes, case
         assert not [e for e in LIBRARY if "_" in e and e.replace("_", " ") in verdict(d) + text(d)], case
 
 
@@ -188,6 +207,11 @@ def test_the_verdict_fits_the_terminal_and_keeps_numbers_with_their_units(
         assert max(map(len, lines)) <= min(width, PROSE), case
         assert not [line for line in lines if re.match(r"%|±", line) or line.endswith("±")], case
         assert " ".join(lines).split() == verdict(d).split(), case
+
+
+def test_no_table_is_wider_than_a_wide_terminal(variants: Variants) -> None:
+    for case, d in variants:
+        assert max(map(len, text(d).splitlines())) <= 120, case
 
 
 def test_words_below_a_table_fit_the_terminal(found: dict[str, Diagnosis], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,10 +14,12 @@ MOSTLY_PRIOR = 0.7
 SOURCES = {"data": "", "prior": "mostly prior", "bound": "on its bound"}
 """What determines the value of a parameter, and the text for it in a table."""
 
-SOURCES_EXPLAINED = (
-    f"mostly prior: the standard error is at least {MOSTLY_PRIOR:g} times the prior standard deviation, so the prior "
-    "determines the value more than the data do. on its bound: the fit ends on a bound, so there is no standard error."
-)
+SOURCES_EXPLAINED = {
+    "prior": f"mostly prior: the standard error is at least {MOSTLY_PRIOR:g} times the prior standard deviation, so "
+    "the prior determines the value more than the data do.",
+    "bound": "on its bound: the fit ends on a bound, so there is no standard error.",
+}
+"""What those texts mean."""
 
 
 @dataclass(frozen=True)

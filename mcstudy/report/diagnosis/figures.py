@@ -172,7 +172,8 @@ def _clipped(ax: Axes, values: np.ndarray, least: float, lowest: float = -np.inf
 
 
 def _unit(data: GapData) -> str:
-    return f"rad/({data.model.stimulus_unit})".replace("N m", "N·m")
+    unit = data.model.stimulus_unit.replace(" ", "·")
+    return f"rad/({unit})" if "·" in unit else f"rad/{unit}"
 
 
 def _titled(ax: Axes, data: GapData, angle: int) -> Axes:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from mcstudy.effect_library.library import shape_parameters
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.verdict import added_name, effects_of, p_words
+from mcstudy.gap.verdict import added_name, effects_of, p_words, shown_causes
 from mcstudy.report.diagnosis.figures import AFTER, BEFORE, MEASURED
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.figures.common import axes, legend_below
@@ -67,20 +67,20 @@ def _against_null(ax: Axes, null: np.ndarray, observed: float, text: str) -> Axe
     beyond = " (off the scale)" if observed > edge else ""
     ax.axvline(min(observed, edge), color=AFTER, linewidth=2.2, label=f"this recording: {text}{beyond}")
     ax.set_ylabel("null samples")
-    legend_below(ax, 1)
+    legend_below(ax, 1, -0.2)
     return ax
 
 
 def effect_sizes(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Sizes of the named causes in the 95 % set with their 95 % intervals, in standard errors from no effect."""
+    """Sizes of the leading cause and of those in the 95 % set, with 95 % intervals, in standard errors."""
     found = [
         (f"{s.name}\n{effects_of(c)}", s)
-        for c in (diagnosis.causes[k] for k in diagnosis.credible_set if isinstance(k, int))
+        for c in shown_causes(diagnosis)
         for s in c.sizes
         if s.se > 0 and s.name not in shape_parameters()
     ][:MOST_CAUSES]
     if not found:
-        raise InputError(f"{diagnosis.name}: the 95 % set has no named cause, so there is no size to show")
+        raise InputError(f"{diagnosis.name}: no cause leads or is in the 95 % set, so there is no size to show")
     ax = axes(ax)
     for y, (_, s) in enumerate(found):
         at = s.estimate / s.se
@@ -93,7 +93,7 @@ def effect_sizes(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     ax.grid(axis="y", visible=False)
     ax.margins(x=0.12)
     ax.set_xlabel("size / its standard error")
-    ax.set_title("sizes of the possible causes")
+    ax.set_title("sizes of the causes")
     legend_below(ax, 1)
     return ax
 

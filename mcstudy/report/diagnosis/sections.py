@@ -61,7 +61,7 @@ def response_figures(data: GapData) -> list[Figure]:
             "Difference from the base model",
             [
                 "Measured response relative to the base model. Where the band excludes the dashed line, the base model "
-                f"fails.{added and f'{added} It should follow the circles.'}",
+                f"fails.{added and f'{added} Where it follows the circles, it explains the difference.'}",
                 *(t for t in (not_a_body(data.diagnosis),) if t),
             ],
             [
@@ -135,9 +135,12 @@ def evidence_figure(d: Diagnosis) -> Figure:
         "deviations of known shape. Second: the residual of all lines (goodness of fit).",
         numbers.note,
     ]
-    if d.leading is not None and any(isinstance(k, int) for k in d.credible_set):
+    if d.leading is not None:
         panels.append(Panel("sizes of the causes", partial(outcome_figures.effect_sizes, d)))
-        text[0] += " Third: size of each possible cause with its 95 % interval, in standard errors from zero."
+        text[0] += (
+            " Third: sizes of the leading cause and of those in the 95 % set, with 95 % intervals, in standard errors "
+            "from zero."
+        )
     title = "Evidence for a gap"
     return Figure("evidence", "", title, text, panels, [page_table(numbers)], python="diagnosis.plot.evidence()")
 

@@ -14,12 +14,13 @@ from mcstudy.challenge.design import KINDS, MAIN, SECTIONS, Answering, Challenge
 from mcstudy.challenge.design_checks import check_series
 from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import short, shown, validated
+from mcstudy.study.catalogue import located
 from mcstudy.study.study_file import check_tables, merge, parse_toml, read_text
 
 
 def read_challenge(path: str | Path) -> ChallengeFile:
-    """The resolved challenge of a file; raises `DesignError` with one line."""
-    path = Path(path)
+    """The resolved challenge of a file, or of a shipped one by name; raises `DesignError` with one line."""
+    path = located(path, "challenge")
     text = read_text(path, "challenge file")
     try:
         return resolve(parse_toml(text, "challenge file"))

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
     verbs = challenge.add_subparsers(dest="challenge", metavar="VERB", required=True)
     make = verbs.add_parser("make", help="simulate recordings and write the answer key to a separate file")
-    make.add_argument("file", type=Path, help="challenge file (TOML)")
+    make.add_argument("file", type=Path, help="challenge file (.toml), or the name of a shipped one (gap_challenge)")
     make.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder for the recordings")
     make.add_argument("--key", type=Path, required=True, metavar="FILE", help="answer key to write, outside DIR")
     make.set_defaults(run=_make)
@@ -70,7 +70,7 @@ def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
     score.set_defaults(run=_score)
 
     run = verbs.add_parser("run", help="make, answer and score in one command; resumes where it was stopped")
-    run.add_argument("file", type=Path, help="challenge file (TOML)")
+    run.add_argument("file", type=Path, help="challenge file (.toml), or the name of a shipped one (gap_challenge)")
     run.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder for all results")
     run.set_defaults(run=_run)
     for verb in (make, answer, run):

@@ -16,13 +16,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Print; returns the exit code."""
-    from mcstudy.study.catalogue import located, question, shipped_studies
+    from mcstudy.study.catalogue import located, question, shipped
     from mcstudy.text_tables import table
 
     if args.name is not None:
         print(located(args.name).read_text(encoding="utf-8"), end="")
         return Exit.DONE
-    rows = [(name, question(file)) for name, file in shipped_studies().items()]
+    rows = [(name, question(file)) for name, file in shipped().items()]
     print(table(["study", "what it answers"], rows, of_text=True))
     print("\nRun one: mcstudy run NAME. Print its file: mcstudy studies NAME.")
     return Exit.DONE

@@ -20,9 +20,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> Exit:
     """Check a cube; returns `Exit.DIFFERS` when anything is damaged or differs."""
     from mcstudy.files.durable import tree_digest
+    from mcstudy.scheduler.activity import activity
     from mcstudy.study.verify import verify
 
-    findings = verify(args.out, args.cells, args.seed)
+    with activity(f"{args.out}: reading"):
+        findings = verify(args.out, args.cells, args.seed)
     for note in findings.notes:
         print(f"note: {note}")
     for line in findings.damage:

@@ -1,4 +1,4 @@
-"""The study files that come with mcstudy, found by name."""
+"""The study and challenge files that come with mcstudy, found by name."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from mcstudy.files.packaged import packaged
 from mcstudy.files.untrusted import toml
 
 
-def shipped_studies() -> dict[str, Path]:
-    """Study files by name, in alphabetical order; the challenge files beside them are not among them."""
+def shipped(kind: str = "study") -> dict[str, Path]:
+    """Shipped files with a table [study] or [challenge], by name, in alphabetical order."""
     files = sorted(packaged("pipelines").glob("*.toml"))
-    return {file.stem: file for file in files if re.search(r"^\[study\]", file.read_text("utf-8"), re.MULTILINE)}
+    table = re.compile(rf"^\[{kind}\]", re.MULTILINE)
+    return {file.stem: file for file in files if table.search(file.read_text("utf-8"))}
 
 
 def question(file: Path) -> str:
@@ -24,17 +25,16 @@ def question(file: Path) -> str:
     return description
 
 
-def located(study: str | Path) -> Path:
-    """The file of a study: a path that ends in .toml or names a folder, otherwise the name of a shipped study.
+def located(name: str | Path, kind: str = "study") -> Path:
+    """The file of a study or challenge: a path that ends in .toml or names a folder, otherwise a shipped file's name.
 
-    Raises `DesignError` (one line, with similar names) if there is neither a file nor a shipped study.
+    Raises `DesignError` (one line, with similar names) if there is neither a file nor a shipped one.
     """
-    path = Path(study)
-    if os.path.exists(path) and (path.suffix or path.name != str(study)):
+    path, known = Path(name), shipped(kind)
+    if os.path.exists(path) and (path.suffix or path.name != str(name)):
         return path
-    shipped = shipped_studies()
-    if str(study) in shipped:
-        return shipped[str(study)]
-    near = difflib.get_close_matches(path.stem, shipped, n=3)
-    hint = f"shipped with mcstudy: {', '.join(near)}" if near else "list of shipped studies: mcstudy studies"
-    raise DesignError(f"{study}: expected a study file (.toml) or the name of a shipped study ({hint})")
+    if str(name) in known:
+        return known[str(name)]
+    near = difflib.get_close_matches(path.stem, known, n=3)
+    hint = f"similar: {', '.join(near)}" if near else f"all: {', '.join(known)}"
+    raise DesignError(f"{name}: expected a {kind} file (.toml) or the name of a {kind} shipped with mcstudy ({hint})")

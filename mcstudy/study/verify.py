@@ -18,6 +18,7 @@ from mcstudy.errors import StoreError
 from mcstudy.files.sections import leaves
 from mcstudy.files.untrusted import real_bytes
 from mcstudy.fitting.status import USABLE, Status
+from mcstudy.scheduler.activity import doing
 from mcstudy.streams import stream
 from mcstudy.study import environment, identity, runlog
 from mcstudy.study.checksums import LARGEST_NOTE, OTHER, checksum, noted
@@ -78,6 +79,7 @@ def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
         unreadable = {array for array in store.layout.results if store.path / array / "zarr.json" in damaged}
         for chunk in store.layout.chunks:
             findings.chunks += 1
+            doing(f"{path}: reading chunk {findings.chunks}, group {name}")
             damage = list(_chunk_damage(store, chunk, unreadable))
             status_file = store.chunk_file("status", chunk)
             if (name, chunk.amplitude, chunk.block) in reported and not status_file.exists():
@@ -93,7 +95,9 @@ def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
             elif not damage:
                 findings.pending += store.layout.fits(chunk)
     rng = stream(seed, "verify")
-    for k in rng.permutation(len(sound))[:cells].tolist():
+    chosen = rng.permutation(len(sound))[:cells].tolist()
+    for number, k in enumerate(chosen, 1):
+        doing(f"{path}: repeating the fits of cell {number} of {len(chosen)}")
         store, chunk = sound[k]
         _recompute(store, chunk, rng, findings)
     return findings

@@ -330,7 +330,7 @@ def test_the_command_makes_and_scores(
     assert main(words) == 0
     assert "false alarms" in capsys.readouterr().out
     assert main(["gap", "challenge", "make", "nowhere.toml", "--data", "d", "--key", "k"]) == 2
-    assert "nowhere.toml: expected a readable challenge file" in capsys.readouterr().err
+    assert "nowhere.toml: expected a challenge file (.toml) or the name of a challenge" in capsys.readouterr().err
 
 
 def test_the_command_takes_certificates_and_refuses_what_makes_no_scheduler(

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from tiny_studies import EIGHT_FITS as STUDY
 
+from mcstudy.challenge.challenge_file import read_challenge
 from mcstudy.cli import VERBS, main
 from mcstudy.cli.completion import SHELLS
 from mcstudy.cli.help import OF_VERB, TOPICS, page
@@ -83,13 +84,18 @@ def test_every_study_that_comes_with_mcstudy_is_listed_found_by_name_and_printed
         text = capsys.readouterr().out
         assert parse_study(text).fingerprint == read_study(name).fingerprint
     assert "gap_challenge" not in listed
+    assert read_challenge("gap_challenge_small").challenge.name == "gap_challenge_small"
     (tmp_path / "quick.toml").write_text(STUDY)
     assert read_study("quick.toml").fits == 8
 
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("goodworth", "shipped with mcstudy: goodworth2018"), ("pipelines/quick.toml", "quick"), ("x", "mcstudy studies")],
+    [
+        ("goodworth", "(similar: goodworth2018)"),
+        ("pipelines/quick.toml", "(similar: quick)"),
+        ("x", "large, low_frequency"),
+    ],
 )
 def test_a_study_that_is_not_there_is_one_line_with_similar_names(
     name: str, hint: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -313,7 +313,15 @@ class MonteCarlo:
     def starts_needed_quantiles(self, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
         """Quantiles of `starts_needed` over realizations, median and 90th percentile by default. Needs all starts.
 
-        Dims (amplitude, fmax, quantile), with a 95 % interval (``lower``, ``upper``).
+        Parameters
+        ----------
+        q
+            The quantiles, 0 to 1.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dims (amplitude, fmax, quantile), with a 95 % interval (``lower``, ``upper``).
         """
         return self._result(convergence.starts_needed_quantiles(convergence.starts_needed(self._cube), q))
 

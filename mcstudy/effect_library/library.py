@@ -47,6 +47,11 @@ class Library(Mapping[str, Effect]):
     def register(self, effect: Effect) -> None:
         """Add an effect; every simulation and diagnosis of this process then knows it.
 
+        Parameters
+        ----------
+        effect
+            Its declaration, `mcstudy.Effect`.
+
         Raises
         ------
         InputError

@@ -255,7 +255,7 @@ class Recording(Summary):
         return replace(model, parameters=scaled)
 
     def select(self, trials: tuple[int, ...]) -> Recording:
-        """The recording with some of its trials."""
+        """The recording with some of its trials, given by their positions, (0, 2) for the first and third."""
         return replace(self, trials=tuple(self.trials[k] for k in trials))
 
 

@@ -78,9 +78,24 @@ def rightmost_root(model: Model, theta: np.ndarray) -> Rightmost:
 
 
 def growth_rate(model: Model, theta: np.ndarray) -> np.ndarray:
-    """Real part of the rightmost characteristic root in 1/s, (..., P) -> (...); negative is stable.
+    """Growth rate of the closed loop: real part of its rightmost characteristic root, 1/s; negative is stable.
 
-    See `rightmost_root` for what counts as a root and for the errors.
+    Parameters
+    ----------
+    model
+        The table.
+    theta
+        (..., P), parameter values.
+
+    Returns
+    -------
+    numpy.ndarray
+        (...), 1/s; NaN where a parameter is not finite. `rightmost_root` says what counts as a root.
+
+    Raises
+    ------
+    ModelError
+        The model has no inertia, a negative delay, or a delayed term of higher order than the inertia.
     """
     return rightmost_root(model, theta).root.real
 

@@ -131,6 +131,11 @@ class DiagnosisWithFigures(Diagnosis):
     def to_html(self, path: str | Path) -> Path:
         """Write the page of the diagnosis, as ``mcstudy gap report`` does; returns its path.
 
+        Parameters
+        ----------
+        path
+            File to write, ``.html``.
+
         Raises
         ------
         InputError

@@ -99,18 +99,40 @@ def fit(
 
     Parameters
     ----------
-    recording: what `read_recording` or `simulate` returned, a path, or several of one person, which are pooled.
-    effects: linear effects of `mcstudy.effects` that are added to the model, by name; their sizes are estimated too.
-    quantities: further quantities beside the parameters and K11 + Kpas1, K22 + Kpas2: expressions such as
-        ``"K11 + Kpas1 - 490"``, or a mapping from names to expressions and functions of a mapping of parameters.
-    bounds: of parameters by name, in their unit; by default gains from 0 to 5 times the value that is typical of the
-        recording's body, delays from 0.01 to 0.3 s.
-    level: of the intervals. model: the two-segment model of the recording's body when None.
-    fmax: highest frequency, Hz. discard: transient cycles left out of every trial.
-    accept: codes of warnings about mislabelled channels that are to be accepted. seed: random seed.
+    recording
+        What `read_recording` or `simulate` returned, or a path. Several recordings of one person are pooled.
+    effects
+        Names of linear `effects` that are added to the model; their sizes are estimated too.
+    quantities
+        Further quantities beside the parameters and the sums K11 + Kpas1 and K22 + Kpas2: expressions such as
+        ``"K11 + Kpas1 - 490"``, or a mapping from names to expressions and to functions of a mapping of parameters.
+    bounds
+        Bounds of parameters by name, in their unit. By default gains lie between 0 and 5 times the value that is
+        typical of the recording's body, delays between 0.01 and 0.3 s.
+    level
+        Level of the intervals.
+    model
+        The two-segment model of the recording's body when None.
+    fmax
+        Highest frequency used, Hz.
+    discard
+        Transient cycles left out at the start of every trial.
+    accept
+        Codes of warnings about mislabelled channels that are to be accepted, e.g. ``"swapped"``.
+    seed
+        Random seed; the same seed gives the same numbers.
 
-    Returns estimates by name (``result["K11"].low``), ``text()``, ``to_xarray()`` and ``to_dict()``. Raises
-    `RecordingError` for recordings that cannot be analysed, `InputError` for a wrong argument.
+    Returns
+    -------
+    FitResult
+        Estimates by name (``result["K11"].low``), ``text()``, ``to_xarray()`` and ``to_dict()``.
+
+    Raises
+    ------
+    RecordingError
+        A recording cannot be analysed, or its channels are not what their labels say.
+    InputError
+        An argument is wrong.
     """
     return fit_recording(
         _read(recording),

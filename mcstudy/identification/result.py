@@ -27,15 +27,25 @@ BANDS_HZ = (0.0, 0.3, 1.0, 3.0, np.inf)
 
 @dataclass(frozen=True, repr=False)
 class Estimate:
-    """One quantity.
+    """One quantity of a fit.
 
     Attributes
     ----------
-    name, unit: as in `mcstudy.identification.quantities.Quantity`. estimate: at the lowest minimum.
-    low, high: profile likelihood interval. low_from, high_from: what ends it: "data", "bound" (of the parameters),
-        "not finite" (the quantity is not defined beyond) or "steps" (the search gave up).
-    wald_low, wald_high: estimate -+ Gaussian quantile times the Gauss-Newton standard error, for comparison.
-    information: share of the information in each band of `BANDS_HZ`, sums to 1. profile: its profile.
+    name, unit
+        A parameter and its unit, or an expression; the unit is empty when it is not known.
+    estimate
+        Value at the lowest minimum.
+    low, high
+        Profile likelihood interval.
+    low_from, high_from
+        What ends it: "data", "bound" (of the parameters), "not finite" (the quantity is not defined beyond) or "steps"
+        (the search gave up).
+    wald_low, wald_high
+        Gauss-Newton interval, for comparison; nan on a bound.
+    information
+        Share of the information in the bands below 0.3, 1 and 3 Hz, and above; sums to 1.
+    profile
+        The profile (`Profile`).
     """
 
     name: str
@@ -71,13 +81,34 @@ class FitResult(Summary):
 
     Attributes
     ----------
-    name: of the recording. level: of the intervals. estimates: of all quantities, by name in ``result["K11"]``.
-    theta: (P,) the best fit. chi2: its deviance; expected_chi2, p_value: what noise alone would give.
-    growth_rate: of the closed loop at the estimate, 1/s, negative is stable.
-    correlation: (P, P) of the Gauss-Newton errors; nan for a parameter on a bound.
-    without_chi2: deviance of the best fit without effects, None if none were added.
-    minima: distinct minima; `missed` tells how likely another one is. model: with the bounds of the fit.
-    lines: what was fitted. warnings: about the recording and the fit. method: settings.
+    name
+        Name of the recording.
+    level
+        Level of the intervals.
+    estimates
+        All quantities (`Estimate`), also by name: ``result["K11"]``.
+    theta
+        (P,), parameters of the best fit.
+    chi2, expected_chi2, p_value
+        Squared residual of the best fit, its mean for noise alone, and the p-value of the fit.
+    growth_rate
+        Of the closed loop at the estimate, 1/s; negative is stable.
+    correlation
+        (P, P), of the Gauss-Newton errors; nan for a parameter on a bound.
+    minima
+        Distinct minima, and how likely another one is (`Minima`).
+    model
+        The model with the bounds of the fit.
+    lines
+        The measured lines, with their noise.
+    warnings
+        Warnings about the recording and the fit.
+    method
+        Settings of the fit.
+    without_chi2
+        Squared residual of the best fit without effects; None if none were added.
+    recording
+        The fitted recording (several are pooled); None for lines alone.
     """
 
     name: str

@@ -67,8 +67,8 @@ def _style() -> AbstractContextManager[None]:
     return matplotlib.rc_context({**matplotlib.rcParamsDefault, **own, "axes.titley": 1.0})
 
 
-def inline(text: str, key: str, title: str, described_by: str, below: str) -> str:
-    """matplotlib's SVG document as an element of a page, drawn over ``below``."""
+def inline(text: str, key: str, title: str, described_by: str, below: str = "") -> str:
+    """matplotlib's SVG document as an element of a page, drawn over the SVG elements ``below``."""
     body = text[text.index("<svg") :]
     viewbox = re.search(r'viewBox="([^"]+)"', body)
     assert viewbox is not None  # matplotlib always writes one

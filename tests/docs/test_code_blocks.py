@@ -1,7 +1,7 @@
 """Every code block of the documentation runs as it is printed, in order, in a directory of its own.
 
 - ``bash`` blocks run in a shell, ``python`` blocks of a page share one namespace; both start where a clone's root is.
-  Blocks of nothing but ``mcstudy ...`` and ``python FILE ...`` are run in the process of the tests, which has
+  Lines of nothing but ``mcstudy ...`` and ``python FILE ...`` are run in the process of the tests, which has
   everything imported.
 - The study files they name are cut down to a few realizations and starts, so that a page takes seconds.
 - A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
@@ -43,6 +43,8 @@ SECONDS = 900
 """After which a block counts as hung, on the slowest machine."""
 SHELL = re.compile(r"[|&;<>()$`*?~{}\[\]]")
 """Characters that mean something to a shell."""
+SCRIPT = re.compile(r"[$&]|<<|^(umask|export|cd|for|while|if) ", re.MULTILINE)
+"""What makes the lines of a block depend on each other."""
 MOST = {"realizations": 4, "starts": 10}
 
 
@@ -74,11 +76,19 @@ def cut_down(study: Path) -> None:
     study.write_text(text, encoding="utf-8")
 
 
-def commands(block: Block) -> list[list[str]] | None:
-    """The words of every line of a block that needs no shell: all begin with ``mcstudy`` or ``python``."""
-    lines = [shlex.split(line, comments=True) for line in block.text.replace("\\\n", " ").splitlines()]
-    simple = all(words[0] in ("mcstudy", "python") and not SHELL.search(" ".join(words)) for words in lines if words)
-    return [words for words in lines if words] if simple else None
+def pieces(block: Block) -> list[str]:
+    """What of a ``bash`` block runs one after the other: its lines, or all of it where one line needs another."""
+    lines = block.text.replace("\\\n", " ").splitlines()
+    return [block.text] if SCRIPT.search(block.text) else [line for line in lines if line.strip()]
+
+
+def run_piece(text: str, block: Block, where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process where it is but ``mcstudy ...`` or ``python FILE ...``, else in a shell."""
+    words = shlex.split(text, comments=True)
+    if words[:1] in (["mcstudy"], ["python"]) and not SHELL.search(" ".join(words)) and "\n" not in text.strip():
+        run_here(words, monkeypatch)
+    else:
+        run_bash(text, block, where)
 
 
 def run_here(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,10 +107,10 @@ def run_here(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     assert not code, words
 
 
-def run_bash(block: Block, where: Path) -> None:
+def run_bash(text: str, block: Block, where: Path) -> None:
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", block.text],
+        ["bash", "-euo", "pipefail", "-c", text],
         cwd=where,
         env=environment,
         capture_output=True,
@@ -121,11 +131,9 @@ def test_every_block_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     for block in blocks(page):
         if not block.run or block.language in PROSE or block.language.startswith("{"):  # {toctree}: for the site
             continue
-        if block.language == "bash" and (simple := commands(block)) is not None:
-            for words in simple:
-                run_here(words, monkeypatch)
-        elif block.language == "bash":
-            run_bash(block, tmp_path)
+        if block.language == "bash":
+            for text in pieces(block):
+                run_piece(text, block, tmp_path, monkeypatch)
         elif block.language == "python":
             exec(compile("\n" * block.line + block.text, str(ROOT / page), "exec"), namespace)
             if plt := sys.modules.get("matplotlib.pyplot"):

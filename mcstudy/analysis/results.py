@@ -56,7 +56,13 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
     # not considered.
     layouts = {name: store.layout for name, store in cube.groups.items()}
     guarded: Any = CheckedStore(path, layouts, cube.study.fingerprint)
-    root = xr.open_datatree(guarded, engine="zarr", consolidated=False, zarr_format=3, chunks=None)
+    try:
+        root = xr.open_datatree(guarded, engine="zarr", consolidated=False, zarr_format=3, chunks=None)
+    except StoreError:
+        raise
+    except Exception as error:  # Zarr also reads the copies of the metadata, which `Cube.open` does not
+        why = " ".join(str(error).split())[:200]
+        raise StoreError(f"{path}: damaged metadata ({why}); mcstudy verify names the file") from None
     groups = {}
     for name, store in cube.groups.items():
         group, depth = store.layout.group, store.layout.realizations_a_chunk

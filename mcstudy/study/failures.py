@@ -48,7 +48,7 @@ def _read(store: GroupStore) -> tuple[Counter[Status], int, list[tuple[Chunk, in
     failures = 0
     failed: list[tuple[Chunk, int, int, int, Status]] = []
     for chunk in store.layout.chunks:
-        status = store.status(chunk) if store.complete(chunk) else None
+        status = store.read("status", chunk) if store.complete(chunk) else None
         if status is None or (status == Status.PENDING).all():
             total[Status.PENDING] += store.layout.fits(chunk)
             continue

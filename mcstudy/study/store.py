@@ -52,18 +52,6 @@ class GroupStore:
         self.path, self.name, self.experiment, self.fingerprint = path / name, name, experiment, fingerprint
         e = experiment
         self.layout: Layout = layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, depth)
-        self._opened: dict[str, zarr.Array[Any]] = {}
-
-    def array(self, name: str) -> zarr.Array[Any]:
-        """One of the results arrays, opened from its own metadata only, so that damage elsewhere does not matter."""
-        if name not in self._opened:
-            import zarr  # slow, and not needed to say how far a cube is
-
-            from mcstudy.study.checked_store import CheckedStore
-
-            store = CheckedStore(self.path.parent, {self.name: self.layout}, self.fingerprint)
-            self._opened[name] = zarr.open_array(store, path=f"{self.name}/{name}", mode="r", zarr_format=3)
-        return self._opened[name]
 
     def write(self, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
         """Write one chunk: arrays, folders, status, checksums, in this order; on return all of it is on disk."""
@@ -84,39 +72,31 @@ class GroupStore:
     def read(self, name: str, chunk: Chunk) -> np.ndarray:
         """One array of a chunk; fill values where it was never written.
 
+        Needs neither Zarr, which is slow to import, nor the metadata of the array, which follow from the study.
         Raises `StoreError` when it is damaged or, according to the stored checksums, missing or swapped.
         """
-        try:
-            return np.asarray(self.array(name)[self.layout.region(name, chunk)])
-        except StoreError:
-            raise
-        except Exception as error:  # every codec fails on damaged bytes with its own exceptions
-            raise StoreError(f"{self.chunk_file(name, chunk)}: damaged ({_reason(error)})") from None
-
-    def status(self, chunk: Chunk) -> np.ndarray:
-        """The status of every fit of a chunk of a cube whose metadata have been checked, as `read` but without Zarr."""
-        name = self.layout.results[-1]
-        spec, shape = self.layout.arrays[name], self.layout.empty(chunk)[name].shape
-        key = f"{self.name}/{name}/{self.layout.key(name, chunk)}"
+        spec, key = self.layout.arrays[name], f"{self.name}/{name}/{self.layout.key(name, chunk)}"
         content = Checked(self.path.parent, {self.name: self.layout}, self.fingerprint).content(key)
         if content is None:
-            return np.full(shape, spec.fill, dtype=spec.dtype)
+            return self.layout.empty(chunk)[name]
         try:
-            return decoded(spec, content)[tuple(slice(n) for n in shape)]
-        except Exception as error:  # as in `read`
+            whole = decoded(spec, content)
+        except Exception as error:  # every codec fails on damaged bytes with its own exceptions
             raise StoreError(f"{self.chunk_file(name, chunk)}: damaged ({_reason(error)})") from None
+        size = {"realization": len(self.layout.realizations(chunk))}  # the last chunk of an axis is filled up
+        return whole[tuple(slice(size.get(dim)) for dim in spec.dims)].copy()
 
     def chunk_file(self, name: str, chunk: Chunk) -> Path:
         """The file of one array's chunk."""
         return self.path / name / self.layout.key(name, chunk)
 
-    def intact(self, name: str, chunk: Chunk) -> bool:
-        """Whether an array's chunk is on disk with a correct checksum; reads the file without decoding it."""
+    def seal(self, name: str, chunk: Chunk) -> int | None:
+        """CRC-32C of an array's chunk if it is on disk and correct, else None; reads the file without decoding it."""
         try:
             content = real_bytes(self.chunk_file(name, chunk))
         except (OSError, StoreError):
-            return False
-        return sealed(content)  # the checksum is the outermost codec
+            return None
+        return checksum(content) if sealed(content) else None  # it is the outermost codec
 
     def note_file(self, chunk: Chunk) -> Path:
         """The file with the checksums of a chunk's files (`mcstudy.study.checksums`)."""
@@ -147,12 +127,17 @@ class GroupStore:
 
     def complete(self, chunk: Chunk) -> bool:
         """Whether every array of a chunk is intact and, if checksums are stored, matches them."""
-        if not all(self.intact(name, chunk) for name in self.layout.results):
-            return False
+        sums = []
+        for name in self.layout.results:
+            crc = self.seal(name, chunk)
+            if crc is None:
+                return False
+            sums.append(crc)
         try:
-            return not self.annotated(chunk) or real_bytes(self.note_file(chunk), LARGEST_NOTE) == self.note(chunk)
+            said = real_bytes(self.note_file(chunk), LARGEST_NOTE) if self.annotated(chunk) else None
         except (OSError, StoreError):
             return False
+        return said is None or said == self._note(chunk, sums)
 
     def consistent(self, chunk: Chunk) -> bool:
         """Whether a chunk is intact and holds an estimate exactly where its status says so."""

@@ -182,7 +182,7 @@ def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iter
             continue  # already reported among the files that do not belong to the cube
         if not file.exists():
             yield f"{file}: missing"
-        elif not store.intact(name, chunk):
+        elif store.seal(name, chunk) is None:
             yield f"{file}: checksum does not match (a changed byte or a truncated file)"
         elif said is not None and checksum(real_bytes(file)) != said[place]:
             yield f"{file}: expected the file whose checksum is in {note_file}, found another one ({OTHER})"

@@ -89,6 +89,18 @@ def test_a_chunk_that_is_missing_or_another_ones_is_refused_by_name(
     assert [f for f in either if str(f) in str(caught.value)]
 
 
+@pytest.mark.parametrize("read", READERS)
+def test_a_damaged_copy_of_metadata_which_only_zarr_reads_is_refused_in_one_line(
+    copy: Path, read: Callable[[Path], object]
+) -> None:
+    file = copy / "noisy" / "zarr.json"
+    document = json.loads(file.read_text())
+    document["consolidated_metadata"]["metadata"]["cost"]["chunk_key_encoding"] = {"neme": "default"}
+    file.write_text(json.dumps(document))
+    with pytest.raises(StoreError, match=r"^[^\n]*out\.zarr: damaged metadata [^\n]*$"):
+        read(copy)
+
+
 def test_a_missing_chunk_is_refused_by_replay(copy: Path) -> None:
     file = chunk_file(copy, "initial", 0)
     file.unlink()

@@ -131,8 +131,9 @@ def diagram(model: Model, title: str, described_by: str) -> str:
         boxes.append(_words(sums[rows[0]][0] + 24, y - 6, f"{row} torque", "start"))
         drives = [t for t in model.terms if t.row == row and t.sense == "stimulus"]
         if drives:
-            lines.append(_arrow(f"M34 {y}H{x - 9}"))
-            boxes.append(_words(8, y + 5, _name("u"), "start") + _words(x - 22, y - 6, "+"))
+            drive = " + ".join(_drive(t) for t in drives)
+            lines.append(_arrow(f"M{20 if drive == 'u' else 86} {y}H{x - 9}"))
+            boxes.append(_words(4, y + 5, drive, "start") + _words(x - 15, y - 7, "+"))
     high = _STEP * (len(rows) - 1) + 32
     boxes.append(_box(*_BODY, _TOP + (high - 32) / 2, high, "body and gravity"))
     for angle, (x, y) in taps.items():
@@ -167,6 +168,11 @@ def diagram(model: Model, title: str, described_by: str) -> str:
         f'<g style="fill:none;stroke:var(--ink);stroke-width:1.1">{"".join(lines)}</g>'
         f'<g style="fill:var(--ink);font-size:14px">{"".join(boxes)}</g></svg>'
     )
+
+
+def _drive(term: Term) -> str:
+    power = {0: "", 1: "s ", 2: "s² ", -1: "1/s "}[term.order]
+    return ("" if term.coefficient == 1 else f"{term.coefficient:.4g} ".replace("-", "−")) + power + "u"
 
 
 def _written(term: Term) -> str:

@@ -73,7 +73,7 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
     if pairs:
         first, second = pairs[0]
         r = correlation(view.cells.sel(amplitude=amplitude, fmax=f)).sel(parameter=first, parameter_2=second)
-        remark = f"of estimates, {cell_label(view, amplitude, f)}; their sum is better determined."
+        remark = f"of estimates, {cell_label(view, amplitude, f)}; near −1 only their sum is determined."
         tiles.append((f"Correlation of {first} and {second}", value_of(r), remark, "pairs"))
     needed = next((c for c in cells if c["fmax"] == f and c.get("starts_needed_median", {}).get("value")), None)
     if needed and view.group.starts > 1:

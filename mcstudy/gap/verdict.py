@@ -153,21 +153,20 @@ def not_a_body(d: Diagnosis) -> str:
     parts = [_not_a_body(d.base, "The base model", d.base.theta.size)]
     if d.leading is not None and d.added is not None:
         parts.append(_not_a_body(d.added, f"The model with {effects_of(d.leading)}", d.base.theta.size))
-    return " ".join(part for part in parts if part)
+    said = " ".join(part for part in parts if part)
+    why = "These values make up for what the model lacks; do" if d.detected else "Do"
+    return said and f"{said} {why} not read them as this person's."
 
 
 def _not_a_body(fitted: Fitted, model: str, n: int) -> str:
-    """The warning about one fit, from its first ``n`` parameters, those of the base model."""
+    """What is wrong with one fit, from its first ``n`` parameters, those of the base model; empty if nothing is."""
     parameters = list(zip(fitted.model.parameters, fitted.theta, sources(fitted), strict=True))[:n]
     on_bound = [p.name for p, _, source in parameters if source == "bound"]
     if len(on_bound) < ON_BOUNDS:
         return ""
     negative = [p.name for p, x, _ in parameters if x < 0 < p.value]
     also = f", and {_and(negative)} {'is' if len(negative) == 1 else 'are'} negative" if negative else ""
-    return (
-        f"{model} describes no body: {_and(on_bound)} end on a bound{also}. These values make up for what the model "
-        "lacks; do not read them as this person's."
-    )
+    return f"{model} describes no body: {_and(on_bound)} end on a bound{also}."
 
 
 def _and(names: list[str]) -> str:

@@ -160,7 +160,7 @@ def bounded_step(gram, gradient, lower, upper, p, side):  # type: ignore[no-unty
         elif lower[i] >= 0.0 and gradient[i] >= 0.0:
             side[i] = -1
     for _ in range(10 * n):
-        m = 0
+        m = np.int64(0)  # a literal 0 would be a type of its own: `solve` would be compiled twice
         for i in range(n):
             if side[i] == 0:
                 free[m] = i
@@ -217,7 +217,8 @@ def propose(table: LinearTable, bounds: Bounds, y, W, movable, mixes, x):  # typ
         for k in range(mixes.shape[1]):
             if np.isnan(mixes[m, k]):
                 break
-            at[:] = x[m]
+            for i in range(P):  # a slice would be compiled with the text of its error, which takes two seconds
+                at[i] = x[m, i]
             e = normal_equations(table, at, mixes[m, k], y, W, gram, gradient)
             largest = 0.0
             for i in range(P):

@@ -38,7 +38,7 @@ def _step(gram, ridge, gradient, at, low, high, scale, damping, goal):  # type: 
         held[p] = low[p] >= high[p] or outward
         goal[p] = at[p]
     for _ in range(P + 1):
-        m = 0
+        m = np.int64(0)  # a literal 0 would be a type of its own: `solve` would be compiled twice
         for p in range(P):
             if not held[p]:
                 free[m] = p

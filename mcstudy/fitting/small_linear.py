@@ -102,7 +102,8 @@ def orthonormal(J, X, least):  # type: ignore[no-untyped-def]
                     row[d] -= inner * Q[k, d]
         left = np.sqrt(np.sum(row * row))
         if left > (1e-9 if m < P else least):
-            Q[count] = row / left
+            for d in range(D):  # a slice would be compiled with the text of its error, which takes two seconds
+                Q[count, d] = row[d] / left
             count += 1
         if m == P - 1:
             first = count

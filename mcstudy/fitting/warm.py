@@ -145,8 +145,8 @@ PARTS = {
     "gram": Part(_gram, 21, 6.0),
     "steps": Part(_steps, 9, 1.3),
     "lm": Part(_lm, 22, 3.3, ("gram", "steps")),
-    "diagnosis": Part(_diagnosis, 73, 7.5, ("gram",)),
-    "time_domain": Part(_simulation, 14, 2.8),
-    "linearised": Part(_starts, 57, 5.0),
+    "diagnosis": Part(_diagnosis, 35, 5.7, ("gram",)),
+    "time_domain": Part(_simulation, 13, 1.7),
+    "linearised": Part(_starts, 20, 2.8),
 }
 """What needs which functions, by the name of the simulator, solver or kind of starts in a study file, or our own."""

@@ -145,7 +145,8 @@ def integrate(
     samples, n = history.shape[1], 4 + states.shape[1]
     y, stage_y, slopes, scratch = np.zeros(n), np.zeros(n), np.zeros((6, n)), np.zeros(2)
     for step in range(samples):
-        _slope(step, 0, y, slopes[0], torque[step], history, loop, inputs, rules)
+        # A literal 0 would be a type of its own: `_slope` would be compiled twice.
+        _slope(step, np.int64(0), y, slopes[0], torque[step], history, loop, inputs, rules)
         for c in range(2):
             history[c, step, 0] = y[c]
             history[c, step, 1] = y[2 + c]

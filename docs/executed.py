@@ -18,7 +18,7 @@ from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
-from sphinx.errors import ExtensionError
+from sphinx.errors import SphinxError
 from sphinx.transforms import SphinxTransform
 
 WIDEST = 120
@@ -28,10 +28,10 @@ WIDEST = 120
 class Executed(SphinxTransform):
     """Output below every executed block of one page."""
 
-    default_priority = 400  # images are collected later
+    default_priority = 400  # any will do: nothing else changes code blocks
 
     def apply(self, **_: Any) -> None:
-        """Run the blocks in order. Raises `ExtensionError` that names page and line for a block that fails."""
+        """Run the blocks in order. Raises `SphinxError` that names page and line for a block that fails."""
         page, root = self.env.docname, Path(self.env.srcdir)
         if not page.startswith(tuple(self.config.executed_pages)):
             return
@@ -46,7 +46,7 @@ class Executed(SphinxTransform):
                 try:
                     printed = _bash(block) if block["language"] == "bash" else _python(block, where, namespace)
                 except Exception as error:
-                    raise ExtensionError(f"{where}: {type(error).__name__}: {error}") from error
+                    raise SphinxError(f"{where}: {type(error).__name__}: {error}") from error
                 shown: list[nodes.Node] = []
                 if printed.strip():
                     classes = ["output", *(["wrapped"] if max(map(len, printed.splitlines())) > WIDEST else [])]

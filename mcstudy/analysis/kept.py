@@ -1,4 +1,4 @@
-"""Statistics of a cube that are kept, so that the next look at the same cube need not compute them again.
+"""Statistics and the page of a cube that are kept, so that the next look at the same cube need not compute them again.
 
 They lie in ``OUT.log/statistics/``, next to the cube and not part of it; whoever deletes them loses nothing but time.
 The name of a file is a hash of everything that the numbers depend on: every byte of the cube and of its run log, the
@@ -17,7 +17,7 @@ import os
 import stat
 from collections.abc import Callable, Sequence
 from hashlib import file_digest, sha256
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +33,8 @@ MOST = 8
 LARGEST = 1 << 28
 """Bytes of a file that is read at most."""
 
-PACKAGES = ("xarray", "pandas")
-"""Libraries of the statistics whose versions `environment` does not hold."""
+PACKAGES = ("xarray", "pandas", "matplotlib")
+"""Libraries of statistics and figures whose versions `environment` does not hold."""
 
 
 def folder(cube: Path) -> Path:
@@ -45,9 +45,10 @@ def folder(cube: Path) -> Path:
 def kept(
     kind: str, cubes: Sequence[Path], words: Sequence[str], compute: Callable[[], dict[str, Any]]
 ) -> dict[str, Any]:
-    """What ``compute`` returns, a JSON value that conforms to the schema ``kind``; computed only if it is not kept.
+    """What ``compute`` returns, a JSON value that conforms to the schema ``kind`` if there is one of this name.
 
-    ``cubes``: all that it is computed from; it is kept beside the first. ``words``: what else it depends on.
+    It is computed only if it is not kept. ``cubes``: all that it is computed from; it is kept beside the first.
+    ``words``: what else it depends on.
     """
     key = _key(kind, cubes, words)
     if key is None:
@@ -67,9 +68,16 @@ def _key(kind: str, cubes: Sequence[Path], words: Sequence[str]) -> str | None:
         content = [_content(cube) for cube in cubes]
     except OSError:
         return None
-    versions = {name: version(name) for name in PACKAGES}
+    versions = {name: _version(name) for name in PACKAGES}
     parts = [kind, content, list(words), environment(), versions, source((".",))]
     return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
 
 
 def _content(cube: Path) -> str:
@@ -103,7 +111,8 @@ def _read(file: Path, kind: str) -> dict[str, Any] | None:
         seal, _, text = real_bytes(file, LARGEST).partition(b"\n")
         if seal == _seal(file.name, text):
             value = json_document(text)
-            schema.validate(kind, value, str(file))
+            if kind in schema.names():
+                schema.validate(kind, value, str(file))
             return dict(value)
     return None
 

@@ -22,6 +22,12 @@ def load(name: str) -> dict[str, Any]:
     return dict(json.loads(file.read_text(encoding="utf-8")))
 
 
+@cache
+def names() -> frozenset[str]:
+    """Names of all schemas of the current version."""
+    return frozenset(file.stem for file in (packaged("results_schema") / VERSION).glob("*.json"))
+
+
 def identifier(name: str) -> str:
     """The identifier that a file carries: ``$id`` of its schema."""
     return str(load(name)["$id"])

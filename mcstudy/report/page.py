@@ -11,6 +11,7 @@ from pathlib import Path
 
 import xarray as xr
 
+from mcstudy.analysis.kept import kept
 from mcstudy.analysis.paper.published import METHODS, VARIANTS
 from mcstudy.analysis.results import open_results
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult, read_alternative
@@ -35,11 +36,15 @@ def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
 
     ``beside``: alternatives to show too, each a cube or a file of `mcstudy.report.alternatives`.
 
+    It is drawn once and kept (`mcstudy.analysis.kept`), unless it shows alternatives.
     Raises `StoreError` for a file that is neither.
     """
-    with _rarely_collected():
-        alternatives = [_Beside.open(file) for file in beside]
-        return page_of(open_results(path, lazy=None), alternatives)
+
+    def drawn() -> dict[str, str]:
+        with _rarely_collected():
+            return {"html": page_of(open_results(path, lazy=None), [_Beside.open(file) for file in beside])}
+
+    return str((drawn() if beside else kept("page", [Path(path)], [str(path)], drawn))["html"])
 
 
 @contextmanager

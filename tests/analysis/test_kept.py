@@ -229,3 +229,13 @@ def test_only_the_newest_are_kept(cube: Path) -> None:
     computed = Computed()
     kept(KIND, [cube], [str(MOST + 2)], computed)
     assert computed.times == 0
+
+
+def test_a_page_is_drawn_once(cube: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mcstudy.report import page as module
+
+    first = module.page(cube)
+    monkeypatch.setattr(module, "page_of", lambda *_: pytest.fail("drawn again"))
+    assert module.page(cube) == first
+    with pytest.raises(pytest.fail.Exception, match="drawn again"):
+        module.page(cube, [cube])

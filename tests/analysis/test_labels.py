@@ -239,7 +239,7 @@ def test_the_accessor_lists_its_methods(group: xr.Dataset) -> None:
     for method in ("bias", "only", "efficiency", "best", "lazy"):
         (line,) = [x for x in lines if x.split()[0] == method]
         assert len(line.split()) > 2, method
-    assert "  bias                        Mean estimate minus truth, in units." in lines
+    assert "  bias                        Mean estimate minus truth, in the unit of the parameter." in lines
     assert max(map(len, lines)) <= 160
 
 

@@ -227,7 +227,7 @@ class MonteCarlo:
         return self._result(accuracy.rmse(self._cells))
 
     def correlation(self) -> xr.Dataset:
-        """Correlation of every pair of estimates over realizations."""
+        """Correlation of every pair of estimates over realizations. Reads the best fits at once."""
         return self._result(correlation.correlation(self._cells))
 
     def at_bound(self) -> xr.Dataset:

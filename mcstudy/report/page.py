@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import xarray as xr
-
 from mcstudy.analysis.kept import kept
 from mcstudy.analysis.paper.published import METHODS, VARIANTS
 from mcstudy.analysis.results import open_results
@@ -42,7 +40,7 @@ def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
 
     def drawn() -> dict[str, str]:
         with _rarely_collected():
-            return {"html": page_of(open_results(path, lazy=None), [_Beside.open(file) for file in beside])}
+            return {"html": _page(_context(Path(path)), [_Beside.open(file) for file in beside])}
 
     return str((drawn() if beside else kept("page", [Path(path)], [str(path)], drawn))["html"])
 
@@ -66,7 +64,7 @@ class _Beside:
 
     @classmethod
     def open(cls, file: Path) -> _Beside:
-        return cls(Context(open_results(file, lazy=None)) if file.is_dir() else read_alternative(file))
+        return cls(_context(file) if file.is_dir() else read_alternative(file))
 
     def figure(self, key: str) -> tuple[Figure | Missing, str]:
         """Its figure, and the command that made it."""
@@ -76,9 +74,11 @@ class _Beside:
         return (two_stimuli(c, key) if isinstance(c, TwoStimuliResult) else population(c, key)), c.command
 
 
-def page_of(tree: xr.DataTree, beside: Sequence[_Beside] = ()) -> str:
-    """The page of an open cube; see `page`."""
-    context = Context(tree)
+def _context(path: Path) -> Context:
+    return Context(open_results(path, lazy=None), path)
+
+
+def _page(context: Context, beside: Sequence[_Beside]) -> str:
     main = context.accuracy
     paper = signal_figures(context) + paper_search_figures(context) + paper_estimate_figures(context)
     beyond = [pairs_figure(context), *further_search_figures(context)]

@@ -235,7 +235,7 @@ def test_a_page_is_drawn_once(cube: Path, monkeypatch: pytest.MonkeyPatch) -> No
     from mcstudy.report import page as module
 
     first = module.page(cube)
-    monkeypatch.setattr(module, "page_of", lambda *_: pytest.fail("drawn again"))
+    monkeypatch.setattr(module, "_page", lambda *_: pytest.fail("drawn again"))
     assert module.page(cube) == first
     with pytest.raises(pytest.fail.Exception, match="drawn again"):
         module.page(cube, [cube])

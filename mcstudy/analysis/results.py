@@ -10,6 +10,7 @@ import xarray as xr
 
 import mcstudy.analysis.accessors  # noqa: F401 - results open with their .mc methods
 from mcstudy.errors import StoreError
+from mcstudy.files.plain_errors import short
 from mcstudy.study.checked_store import CheckedStore
 from mcstudy.study.readable import readable, text_attributes
 from mcstudy.study.store import Cube, GroupStore
@@ -47,7 +48,10 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
     # not considered.
     layouts = {name: store.layout for name, store in cube.groups.items()}
     guarded: Any = CheckedStore(path, layouts, cube.study.fingerprint)
-    root = xr.open_datatree(guarded, engine="zarr", consolidated=False, zarr_format=3, chunks=None)
+    try:
+        root = xr.open_datatree(guarded, engine="zarr", consolidated=False, zarr_format=3, chunks=None)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:  # Zarr's, about the copies in group metadata
+        raise StoreError(f"{path}: damaged metadata, mcstudy verify names the file ({short(str(error))})") from None
     groups = {}
     for name, store in cube.groups.items():
         group, depth = store.layout.group, store.layout.realizations_a_chunk

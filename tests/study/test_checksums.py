@@ -96,6 +96,16 @@ def test_a_missing_chunk_is_refused_by_replay(copy: Path) -> None:
         replay(copy, None, 5.0, 0.41, 0, 0)
 
 
+def test_a_damaged_consolidated_copy_of_the_metadata_is_refused_in_one_line(copy: Path) -> None:
+    file = copy / "noisy" / "zarr.json"
+    own, name, consolidated = file.read_text().partition('"consolidated_metadata"')
+    assert '"name"' in consolidated
+    file.write_text(own + name + consolidated.replace('"name"', '"neme"'))
+    with pytest.raises(StoreError, match=r"^[^\n]*out\.zarr: damaged metadata, mcstudy verify names the file[^\n]+$"):
+        open_results(copy)
+    assert [line for line in verify(copy, cells=0).damage if str(file) in line]
+
+
 def test_swapped_chunks_are_not_taken_over_when_the_study_grows(copy: Path, tmp_path: Path) -> None:
     swap(copy, "estimate")
     extend(copy, Growth(realizations=5), ONE)

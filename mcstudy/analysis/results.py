@@ -10,6 +10,7 @@ import xarray as xr
 
 import mcstudy.analysis.accessors  # noqa: F401 - results open with their .mc methods
 from mcstudy.errors import StoreError
+from mcstudy.files.plain_errors import short
 from mcstudy.study.checked_store import CheckedStore
 from mcstudy.study.readable import readable, text_attributes
 from mcstudy.study.store import Cube, GroupStore
@@ -58,11 +59,8 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
     guarded: Any = CheckedStore(path, layouts, cube.study.fingerprint)
     try:
         root = xr.open_datatree(guarded, engine="zarr", consolidated=False, zarr_format=3, chunks=None)
-    except StoreError:
-        raise
-    except Exception as error:  # Zarr also reads the copies of the metadata, which `Cube.open` does not
-        why = " ".join(str(error).split())[:200]
-        raise StoreError(f"{path}: damaged metadata ({why}); mcstudy verify names the file") from None
+    except (AttributeError, KeyError, TypeError, ValueError) as error:  # Zarr's, about the copies in group metadata
+        raise StoreError(f"{path}: damaged metadata ({short(str(error))}); mcstudy verify names the file") from None
     groups = {}
     for name, store in cube.groups.items():
         group, depth = store.layout.group, store.layout.realizations_a_chunk

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
@@ -10,7 +9,6 @@ from typing import Self
 from mcstudy.files.guarded_store import GuardedStore
 from mcstudy.study.checksums import Checked
 from mcstudy.study.layout import Layout
-from mcstudy.study.metadata import own_document
 
 
 class CheckedStore(GuardedStore):
@@ -30,11 +28,5 @@ class CheckedStore(GuardedStore):
         return type(self)(self.root, self._checked.layouts, self._checked.fingerprint, read_only=read_only)
 
     def content(self, key: str) -> bytes | None:
-        """One value; None where a chunk has not been run, `StoreError` where it is missing or swapped.
-
-        Metadata come without their consolidated copy: it is not read here, and Zarr refuses all when it is damaged.
-        """
-        value = self._checked.content(key)
-        if value is None or Path(key).name != "zarr.json":
-            return value
-        return json.dumps(own_document(self.root / Path(key).parent)).encode()
+        """One value; None where a chunk has not been run, `StoreError` where it is missing or swapped."""
+        return self._checked.content(key)

@@ -108,19 +108,6 @@ def test_a_missing_chunk_is_refused_by_replay(copy: Path) -> None:
         replay(copy, None, 5.0, 0.41, 0, 0)
 
 
-@pytest.mark.parametrize("folder", ["", "noisy"])
-def test_a_damaged_consolidated_copy_of_the_metadata_is_not_read_but_named(
-    copy: Path, sound: Path, folder: str
-) -> None:
-    file = copy / folder / "zarr.json"
-    own, name, consolidated = file.read_text().partition('"consolidated_metadata"')
-    assert '"name"' in consolidated
-    file.write_text(own + name + consolidated.replace('"name"', '"neme"'))
-    opened = open_results(copy, lazy=False)["noisy"].to_dataset()
-    assert opened.identical(open_results(sound, lazy=False)["noisy"].to_dataset())
-    assert [line for line in verify(copy, cells=0).damage if str(file) in line]
-
-
 def test_swapped_chunks_are_not_taken_over_when_the_study_grows(copy: Path, tmp_path: Path) -> None:
     swap(copy, "estimate")
     extend(copy, Growth(realizations=5), ONE)

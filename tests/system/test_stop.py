@@ -228,6 +228,7 @@ COMMANDS = {
     "simulate": ("simulate", "-o", "nothing.nc"),
     **{verb: (verb,) for verb in ("warm", "studies", "help")},
     "completion": ("completion", "bash"),
+    "fit": ("fit", "nothing"),
     "gap": ("gap", "diagnose", "nothing"),
     "gap challenge score": ("gap", "challenge", "score", "nothing", "--key", "k", "--answers", "a"),
     "run": ("run", "nothing"),

@@ -235,7 +235,8 @@ def test_plan_tells_cost_and_precision(study: Path, capsys: pytest.CaptureFixtur
 @pytest.fixture
 def no_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages are words alone: most of the time a page takes goes into figures."""
-    monkeypatch.setattr("mcstudy.report.figure.draw", lambda *_: "")
+    for name, result in (("drawn", None), ("_share", None), ("left_margin", 0.0), ("rendered", ("", {}))):
+        monkeypatch.setattr(f"mcstudy.report.figure.{name}", lambda *_, result=result: result)
 
 
 @pytest.fixture

@@ -142,8 +142,11 @@ def test_declarations_are_complete() -> None:
 
 
 @pytest.mark.parametrize("width", [50, 100])
-def test_the_list_of_effects_fits_the_terminal_and_states_where_every_size_comes_from(width: int) -> None:
-    blocks = library.table_text(width).split("\n\n")
+def test_the_list_of_effects_fits_the_terminal_and_states_where_every_size_comes_from(
+    width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    blocks = library.table_text().split("\n\n")
     assert [block.split()[0] for block in blocks] == list(library.LIBRARY)
     for block, e in zip(blocks, library.LIBRARY.values(), strict=True):
         assert max(map(len, block.splitlines())) <= width

@@ -81,9 +81,9 @@ def replace_in_two_steps(old: Path, new: Path) -> None:
     new.rename(old)
 
 
-def there(self: GroupStore, name: str, chunk: Chunk) -> bool:
-    """A file that is not looked into."""
-    return self.chunk_file(name, chunk).exists()
+def there(self: GroupStore, chunk: Chunk) -> bool:
+    """Files that are not looked into."""
+    return all(self.chunk_file(name, chunk).exists() for name in self.layout.results)
 
 
 LINES = f"{KILLS}run, between"
@@ -93,7 +93,7 @@ SABOTAGES: tuple[tuple[str, Any, str, Any], ...] = (
     (LINES, GroupStore, "write", status_first),
     (f"{KILLS}run, any moment", experiment, "start_stream", next_stream),
     (f"{KILLS}extend, between", extend, "replace_tree", replace_in_two_steps),
-    ("file damaged", GroupStore, "intact", there),
+    ("file damaged", GroupStore, "complete", there),
 )
 """Faults that are tried, and what is replaced by what."""
 
@@ -134,7 +134,7 @@ def blind(cube: Cube, made_in: dict[str, Any]) -> Iterator[tuple[Path, str]]:
 
 
 STATE_SABOTAGES: tuple[tuple[Any, str, Any], ...] = (
-    (GroupStore, "intact", there),
+    (GroupStore, "complete", there),
     (GroupStore, "write", status_first),
     (extend, "replace_tree", replace_in_two_steps),
     (verify, "_skeleton_damage", blind),

@@ -251,17 +251,18 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
         return Missing("", title, f"group {view.name} has no noise covariance")
     result = efficiency_of(view)
     amplitudes = view.cube["amplitude"].values.tolist()
-    if not bool(result["applies"].any()):
-        reason = (
-            "in every condition more than 10 % of the fits end on a bound, where the Cramér–Rao bound does not apply"
-        )
-        return Missing("", f"{title}, group {view.name}", reason)
     missing = [
         f" None at {a:g} {unit(view)} up to {f:g} Hz: {why}."
         for a in amplitudes
         for f in result["fmax"].values.tolist()
         if (why := str(result["why_not"].sel(amplitude=a, fmax=f).item()))
     ]
+    if not bool(result["applies"].any()):
+        every = "every" if not missing else "every other"
+        reason = f"in {every} condition more than 10 % of the fits end on a bound, where it does not apply."
+        if len(missing) == len(amplitudes) * result["fmax"].size:
+            reason = ""
+        return Missing("", f"{title}, group {view.name}", "".join([*missing, reason and f" {reason}"]).strip())
     ticks = (
         " Vertical ticks: efficiency of the paper's weights, to first order." if view.group.fit.cost == "paper" else ""
     )

@@ -307,7 +307,7 @@ def test_show_and_report_name_the_cell_without_a_number(
     assert any("No Cramér-Rao bound" in note and "Fmax 1.2 Hz" in note for note in group["notes"])
     assert all(p["efficiency"]["value"] is None for p in group["cells"][0]["parameters"] if "efficiency" in p)
     assert main(["report", str(out), "-o", str(page)]) == Exit.DONE
-    assert "None at 5 N m up to 1.2 Hz: frequency: 16 points do not determine 12 parameters." in page.read_text()
+    assert "None at 5 N·m up to 1.2 Hz: frequency: 16 points do not determine 12 parameters." in page.read_text()
 
 
 def test_one_realization_is_shown_with_what_it_cannot_tell(

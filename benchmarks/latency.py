@@ -18,7 +18,7 @@ HELP = ("argparse",)
 READ = ("numpy", "pydantic", "jsonschema", "numcodecs.zstd")
 KEPT = ("jsonschema", "llvmlite.binding")
 STATISTICS = (*READ, "scipy.special", "numba", "zarr", "xarray", "dask.array")
-DIAGNOSIS = (*READ, "scipy.special", "scipy.fft", "numba", "h5netcdf")
+DIAGNOSIS = (*READ, "scipy.special", "scipy.sparse.csgraph", "scipy.fft", "numba", "h5netcdf")
 PAGE = ("matplotlib.figure", "matplotlib.backends.backend_svg")
 
 

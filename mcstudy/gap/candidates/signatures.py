@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.declare import Effect
@@ -163,12 +164,8 @@ def alike_groups(names: Sequence[str], cosine: np.ndarray, threshold: float = AL
     """Connected sets of effects with |cosine| above the threshold, including sets of one."""
     if not names:
         return []
-    # Each takes the lowest number among those next to it until none changes. SciPy's `connected_components` gives the
-    # same, but importing it takes a tenth of a fast diagnosis.
-    label, before = np.arange(len(names)), None
-    while before is None or (label != before).any():
-        before, label = label, np.where(cosine > threshold, label, label[:, None]).min(axis=1)
-    return [tuple(n for n, own in zip(names, label, strict=True) if own == k) for k in np.unique(label)]
+    count, label = connected_components(cosine > threshold, directed=False)
+    return [tuple(n for n, own in zip(names, label, strict=True) if own == k) for k in range(count)]
 
 
 def ambiguity_groups(found: Sequence[Signature]) -> list[tuple[str, ...]]:

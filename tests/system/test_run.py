@@ -227,7 +227,7 @@ def test_other_thread_settings_are_warned_of_and_noted_and_a_cube_keeps_those_it
     first, last = (e for e in events if e["event"] == "begin")
     assert first["environment"]["threads"]["OMP_NUM_THREADS"] == "1"
     assert last["environment"]["threads"]["OMP_NUM_THREADS"] == "2"
-    assert [e["other_environment"] for e in events if e["event"] == "block"][-1] == differ
+    assert [e for e in events if e["event"] == "block"][-1]["other_environment"] == differ
     assert tree_digest(out) == whole
 
 

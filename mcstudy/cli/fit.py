@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from mcstudy.cli.recording_options import add_recording_arguments, read_recordings, with_names
+from mcstudy.cli.recording_options import (
+    add_output_arguments,
+    add_recording_arguments,
+    read_recordings,
+    tell,
+    with_names,
+)
 from mcstudy.exits import Exit
 
 
@@ -35,16 +40,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="bounds of a parameter (default: gains 0 to 5 times typical values, delays 0.01:0.3 s); may be repeated",
     )
     parser.add_argument("--level", type=float, default=0.95, help="level of the intervals (default 0.95)")
-    parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write fit.json and fit.txt")
-    parser.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
+    add_output_arguments(parser, "fit")
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Fit and print; returns the exit code."""
-    from mcstudy.files.json_files import json_text, write_json, write_text
     from mcstudy.identification.fit import fit
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
+    from mcstudy.text_tables import folded
 
     bounds = dict(_bounds(given) for given in args.bounds)
     read = read_recordings(args)
@@ -61,10 +65,7 @@ def main(args: argparse.Namespace) -> Exit:
             accept=args.accept,
             seed=args.seed,
         )
-    if args.out:
-        write_json(args.out / "fit.json", result.to_dict(), "fit")
-        write_text(args.out / "fit.txt", result.text())
-    print(json_text(result.to_dict(), "fit", "fit") if args.json else result.text())
+    tell(args, "fit", result.to_dict, lambda: folded(result.text()))
     return Exit.DONE
 
 

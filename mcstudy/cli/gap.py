@@ -7,7 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import add_scheduler_arguments, cluster_options
-from mcstudy.cli.recording_options import add_recording_arguments, read_recordings, with_names
+from mcstudy.cli.recording_options import (
+    add_output_arguments,
+    add_recording_arguments,
+    read_recordings,
+    tell,
+    with_names,
+)
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -24,8 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     effects.set_defaults(run=_effects)
 
     diagnose = verbs.add_parser("diagnose", help="diagnose one recording, or several of the same person")
-    diagnose.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write diagnosis.json and diagnosis.txt")
-    diagnose.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
+    add_output_arguments(diagnose, "diagnosis")
     diagnose.set_defaults(run=_diagnose)
 
     report = verbs.add_parser("report", help="diagnose, and write the result as one HTML page with figures")
@@ -112,23 +117,13 @@ def _diagnosed(args: argparse.Namespace) -> Diagnosis:
 
 
 def _diagnose(args: argparse.Namespace) -> Exit:
-    from mcstudy.files.json_files import json_text, write_json, write_text
     from mcstudy.gap.tables import text
     from mcstudy.gap.verdict import wrapped
     from mcstudy.scheduler.activity import activity
-    from mcstudy.text_tables import unfolded
 
     with activity(f"{args.recordings[0]}: diagnosing"):
         diagnosis = _diagnosed(args)
-
-    def words() -> str:
-        return f"{wrapped(diagnosis)}\n\n{text(diagnosis)}"
-
-    if args.out:
-        write_json(args.out / "diagnosis.json", diagnosis.to_dict(), "diagnosis")
-        with unfolded():
-            write_text(args.out / "diagnosis.txt", words())
-    print(json_text(diagnosis.to_dict(), "diagnosis", "diagnosis") if args.json else words())
+    tell(args, "diagnosis", diagnosis.to_dict, lambda: f"{wrapped(diagnosis)}\n\n{text(diagnosis)}")
     return Exit.DONE
 
 

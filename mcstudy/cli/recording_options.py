@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mcstudy.recordings.frf import FrfRecording
@@ -37,6 +37,25 @@ def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CODE",
         help="accept the labels of the data despite the warning CODE; may be repeated",
     )
+
+
+def add_output_arguments(parser: argparse.ArgumentParser, name: str) -> None:
+    """Where and how the outcome ``name`` is told."""
+    parser.add_argument("-o", "--out", type=Path, metavar="DIR", help=f"also write {name}.json and {name}.txt")
+    parser.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
+
+
+def tell(args: argparse.Namespace, name: str, to_dict: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
+    """Print the outcome ``name``, whose schema has this name, and write it where it was asked for."""
+    from mcstudy.files.json_files import json_text, write_json, write_text
+    from mcstudy.text_tables import unfolded
+
+    document = to_dict() if args.out or args.json else {}
+    if args.out:
+        write_json(args.out / f"{name}.json", document, name)
+        with unfolded():
+            write_text(args.out / f"{name}.txt", text())
+    print(json_text(document, name, name) if args.json else text())
 
 
 def read_recordings(args: argparse.Namespace) -> list[Recording | FrfRecording]:

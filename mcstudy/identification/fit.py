@@ -15,7 +15,7 @@ from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.identification.correction import correction
 from mcstudy.identification.minimum import MISSED, search, without_prior
-from mcstudy.identification.profile import Profile, profiles, tangents
+from mcstudy.identification.profile import Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities
 from mcstudy.identification.result import BANDS_HZ, Estimate, FitResult
 from mcstudy.recordings.frf import FrfRecording
@@ -86,16 +86,15 @@ def fit_lines(
     fitter = Fitter(model, without_prior(model, nominal), lines.f)
     minima = search(fitter, data, seed)
     theta = minima.theta[0]
-    free = (theta > model.lower) & (theta < model.upper)
+    near = Linearised.at(model, minima, of)
     jacobian = whiten(data.weight, frf_jacobian(model, theta, lines.f)[1])
-    gradients = np.array([q.gradient(theta) for q in of])
-    corrected = correction(jacobian[:, free], gradients[:, free], lines.noise, stream(seed, "fit correction"))
+    free, draws = near.free, stream(seed, "fit correction")
+    corrected = correction(jacobian[:, free], near.gradients[:, free], lines.noise, draws)
     null = corrected.null_chi2
     worse = max(1.0, float(minima.chi2[0] / null.mean()))  # Birge (1932): residuals above the noise widen the intervals
-    found = profiles(fitter, data, minima, of, worse * corrected.threshold(level), stream(seed, "fit profiles"))
-    tangent, variance = tangents(minima.information[0], gradients, free)
-    error = ndtri(0.5 + level / 2) * np.sqrt(variance)
-    share = _information(jacobian @ tangent.T, lines.f)
+    found = profiles(fitter, data, minima, of, near, worse * corrected.threshold(level), stream(seed, "fit profiles"))
+    error = ndtri(0.5 + level / 2) * np.sqrt(near.variance)
+    share = _information(jacobian @ near.tangent.T, lines.f)
     return FitResult(
         name=name,
         level=level,
@@ -105,7 +104,7 @@ def fit_lines(
         expected_chi2=float(null.mean()),
         p_value=float((1 + (null >= minima.chi2[0]).sum()) / (1 + null.size)),
         growth_rate=float(growth_rate(model, theta)),
-        correlation=_correlation(minima.information[0], free),
+        correlation=_correlation(near),
         minima=minima,
         model=model,
         lines=lines,
@@ -181,11 +180,10 @@ def _information(sensitivity: np.ndarray, f: np.ndarray) -> np.ndarray:
     return np.asarray(np.divide(share, total, out=np.full_like(share, np.nan), where=total > 0))
 
 
-def _correlation(information: np.ndarray, free: np.ndarray) -> np.ndarray:
-    out = np.full(information.shape, np.nan)
-    covariance = np.linalg.pinv(information[np.ix_(free, free)], hermitian=True)
-    scale = np.sqrt(np.diag(covariance))
-    out[np.ix_(free, free)] = covariance / np.outer(scale, scale)
+def _correlation(near: Linearised) -> np.ndarray:
+    out = np.full((near.free.size, near.free.size), np.nan)
+    scale = np.sqrt(np.diag(near.covariance))
+    out[np.ix_(near.free, near.free)] = near.covariance / np.outer(scale, scale)
     return out
 
 

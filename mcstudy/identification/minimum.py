@@ -49,13 +49,8 @@ class Minima:
 
     @property
     def missed(self) -> float:
-        """Expected share of starts that would end in a minimum not seen yet, W (W + 1) / (S (S - 1)).
-
-        W is ``found`` (Boender & Rinnooy Kan 1987, uniform prior on their
-        number and shares).
-        """
-        w, s = self.found, self.starts
-        return min(1.0, w * (w + 1) / (s * (s - 1)))
+        """Expected share of starts that would end in a minimum not seen yet; see `unseen`."""
+        return unseen(self.found, self.starts)
 
 
 def without_prior(model: Model, base: Model) -> Prior:
@@ -71,24 +66,31 @@ def search(fitter: Fitter, data: Data, seed: int) -> Minima:
     for first in range(0, MOST, BATCH):
         starts = drawn[first : first + BATCH]
         fits.append(fitter.fits(data.packed, starts, tolerance=TOLERANCE, max_iterations=ITERATIONS))
-        theta, chi2, information = (
-            np.concatenate([getattr(f, n) for f in fits]) for n in ("estimate", "chi2", "information")
-        )
-        found = _distinct(model, theta, np.where(np.isfinite(chi2), chi2, np.inf), information, len(aimed))
-        if found.missed < MISSED:
+        chi2 = np.concatenate([f.chi2 for f in fits])
+        chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
+        best, hits = _distinct(chi2, len(aimed))
+        found, waterfall = int((hits > 0).sum()), np.sort(chi2[len(aimed) :])
+        if unseen(found, waterfall.size) < MISSED:
             break
-    return found
+    theta, information = (np.concatenate([getattr(f, n) for f in fits]) for n in ("estimate", "information"))
+    stable = growth_rate(model, theta[best]) < 0
+    if stable.any():  # the person stood
+        best, hits = best[stable], hits[stable]
+    return Minima(theta[best], chi2[best], information[best], hits, waterfall.size, found, waterfall)
 
 
-def _distinct(model: Model, theta: np.ndarray, chi2: np.ndarray, information: np.ndarray, aimed: int) -> Minima:
+def _distinct(chi2: np.ndarray, aimed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Index of one fit per minimum, the lowest first, and the random starts (all but the first ``aimed``) in each."""
     order = np.argsort(chi2)
     order = order[np.isfinite(chi2[order])]
     group = np.cumsum(np.diff(chi2[order], prepend=chi2[order[0]]) > APART)
     first = np.searchsorted(group, np.arange(group[-1] + 1))
-    hits = np.bincount(group, weights=order >= aimed).astype(int)
-    best, reached = order[first], int((hits > 0).sum())
-    stable = growth_rate(model, theta[best]) < 0
-    if stable.any():  # the person stood
-        best, hits = best[stable], hits[stable]
-    waterfall = np.sort(chi2[aimed:])
-    return Minima(theta[best], chi2[best], information[best], hits, len(waterfall), reached, waterfall)
+    return order[first], np.bincount(group, weights=order >= aimed).astype(int)
+
+
+def unseen(found: int, starts: int) -> float:
+    """Expected share of starts that would end in a minimum not seen yet, W (W + 1) / (S (S - 1)).
+
+    W: minima that S random starts ``found`` (Boender & Rinnooy Kan 1987, uniform prior on their number and shares).
+    """
+    return min(1.0, found * (found + 1) / (starts * (starts - 1)))

@@ -22,6 +22,7 @@ from mcstudy.fitting.arguments import Restraint
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.quantities import Quantity
+from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import growth_rate
 
 TOLERANCE, ITERATIONS = 1e-9, 200
@@ -113,16 +114,52 @@ class Profile:
     high_theta: np.ndarray = field(repr=False)
 
 
+@dataclass(frozen=True)
+class Linearised:
+    """K quantities at a minimum, to first order.
+
+    Attributes
+    ----------
+    free: (P,) which parameters no bound holds. covariance: (F, F) Gauss-Newton covariance of these.
+    gradients: (K, P) of the quantities. tangent: (K, P) change of the parameters per unit of each quantity along its
+    profile. variance: (K,) of Wald; nan for a quantity that no free parameter changes.
+    """
+
+    free: np.ndarray
+    covariance: np.ndarray
+    gradients: np.ndarray
+    tangent: np.ndarray
+    variance: np.ndarray
+
+    @classmethod
+    def at(cls, model: Model, minima: Minima, wanted: Sequence[Quantity]) -> Linearised:
+        """At the lowest minimum."""
+        theta = minima.theta[0]
+        free = (theta > model.lower) & (theta < model.upper)
+        covariance = np.linalg.pinv(minima.information[0][np.ix_(free, free)], hermitian=True)
+        gradients = np.array([q.gradient(theta) for q in wanted])
+        tangent = np.zeros(gradients.shape)
+        tangent[:, free] = gradients[:, free] @ covariance
+        variance = np.einsum("kp,kp->k", tangent, gradients)
+        moves = variance > 0
+        tangent[moves] /= variance[moves, None]
+        return cls(free, covariance, gradients, tangent, np.where(moves, variance, np.nan))
+
+
 def profiles(
     fitter: Fitter,
     data: Data,
     minima: Minima,
     wanted: Sequence[Quantity],
+    near: Linearised,
     threshold: np.ndarray,
     rng: np.random.Generator,
 ) -> list[Profile]:
-    """Intervals of the ``wanted`` quantities where the deviance rises by less than ``threshold`` (K,)."""
-    at = _Fits(fitter, data, minima, wanted)
+    """Intervals of the ``wanted`` quantities where the deviance rises by less than ``threshold`` (K,).
+
+    ``near``: the quantities at the lowest minimum.
+    """
+    at = _Fits(fitter, data, minima, wanted, near)
     walks = []
     for k in range(len(wanted)):
         for m in np.flatnonzero(minima.chi2 - minima.chi2[0] < threshold[k]):
@@ -140,18 +177,14 @@ def profiles(
 class _Fits:
     """Fits with a restrained quantity."""
 
-    def __init__(self, fitter: Fitter, data: Data, minima: Minima, wanted: Sequence[Quantity]) -> None:
+    def __init__(
+        self, fitter: Fitter, data: Data, minima: Minima, wanted: Sequence[Quantity], near: Linearised
+    ) -> None:
         self.fitter, self.wanted = fitter, wanted
         self.model, self._packed, self._least = fitter.model, data.packed, minima.chi2[0]
-        lowest = minima.theta[0]
-        gradients = np.array([q.gradient(lowest) for q in wanted])
-        self.tangent, self.variance = tangents(minima.information[0], gradients, self.free(lowest))
-        held = np.isnan(self.variance)  # by bounds: the first step is a tenth of what is typical of people
-        self.variance[held] = ((0.1 * gradients[held] * fitter.prior.scale) ** 2).sum(axis=1)
-
-    def free(self, theta: np.ndarray) -> np.ndarray:
-        """Which parameters no bound holds, (P,)."""
-        return np.asarray((theta > self.model.lower) & (theta < self.model.upper))
+        # Of a quantity that bounds hold the first step is a tenth of what is typical of people.
+        typical = ((0.1 * near.gradients * fitter.prior.scale) ** 2).sum(axis=1)
+        self.tangent, self.variance = near.tangent, np.where(np.isnan(near.variance), typical, near.variance)
 
     def admissible(self, theta: np.ndarray) -> np.ndarray:
         """Whether the closed loop is stable with parameters (S, P): the person stood."""
@@ -194,20 +227,6 @@ class _Fits:
 
     def _values(self, k: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return np.array([self.wanted[i].value(x) for i, x in zip(k, theta, strict=True)])
-
-
-def tangents(information: np.ndarray, gradients: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Change of the parameters per unit of each quantity along its profile (K, P), and Wald variances (K,).
-
-    The variance is nan for a quantity that no free parameter changes.
-    """
-    inner = np.linalg.pinv(information[np.ix_(free, free)], hermitian=True)
-    out = np.zeros(gradients.shape)
-    out[:, free] = gradients[:, free] @ inner
-    variance = np.einsum("kp,kp->k", out, gradients)
-    moves = variance > 0
-    out[moves] /= variance[moves, None]
-    return out, np.where(moves, variance, np.nan)
 
 
 def _walk(at: _Fits, walks: list[Walk], threshold: np.ndarray) -> None:

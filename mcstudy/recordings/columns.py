@@ -20,6 +20,16 @@ NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|na
 """Pattern of a number in a text file. Python's ``float`` would also accept 1_000 and digits of other scripts."""
 
 
+def content(path: Path, most: int) -> bytes:
+    """Bytes of a file of at most ``most``; raises `RecordingError` for anything else."""
+    try:
+        return real_bytes(path, most, follow=True)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    except StoreError as error:
+        raise RecordingError(str(error)) from error
+
+
 class TextTable:
     """One text file of numbers, read whole.
 
@@ -30,11 +40,7 @@ class TextTable:
     def __init__(self, path: str | Path) -> None:
         self.path = path = Path(path)
         try:
-            lines = real_bytes(path, LARGEST_FILE, follow=True).decode("utf-8-sig").splitlines()
-        except OSError as error:
-            raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-        except StoreError as error:
-            raise RecordingError(str(error)) from error
+            lines = content(path, LARGEST_FILE).decode("utf-8-sig").splitlines()
         except UnicodeDecodeError as error:
             raise RecordingError(f"{path}: expected a text file: {error}") from error
         numbered = [(k, line) for k, line in enumerate(lines, start=1) if line.strip() and line.lstrip()[0] != "#"]

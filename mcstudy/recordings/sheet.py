@@ -30,11 +30,11 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from mcstudy.errors import ModelError, RecordingError, StoreError
+from mcstudy.errors import ModelError, RecordingError
 from mcstudy.files.plain_errors import one_line
-from mcstudy.files.untrusted import real_bytes, toml
+from mcstudy.files.untrusted import toml
 from mcstudy.recordings.checks import rate_of
-from mcstudy.recordings.columns import TextTable
+from mcstudy.recordings.columns import TextTable, content
 from mcstudy.recordings.frf import FrfRecording, frf_of_columns
 from mcstudy.recordings.guards import inside
 from mcstudy.recordings.recording import EXPECTED, Recording, Trial, refuse_size
@@ -141,11 +141,7 @@ def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | 
     """
     path = Path(path)
     try:
-        text = toml(real_bytes(path, LARGEST_SHEET, follow=True).decode("utf-8"))
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-    except StoreError as error:
-        raise RecordingError(str(error)) from error
+        text = toml(content(path, LARGEST_SHEET).decode("utf-8"))
     except ValueError as error:
         raise RecordingError(f"{path}: expected TOML: {error}") from error
     for section, kind in OTHER_FILES.items():

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import psutil
 
-from mcstudy.scheduler.cluster import cores
+from mcstudy.fitting.compilers import cores
 
 T = TypeVar("T")
 

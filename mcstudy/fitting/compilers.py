@@ -134,7 +134,7 @@ def begin(parts: Iterable[str] = ()) -> Compilation | None:
         folder = folder_of(evaluate) if needed else None
         if not needed or folder is None or not sys.executable:
             return None
-        _current = Compilation(needed, folder, _cores())
+        _current = Compilation(needed, folder, cores())
         return _current
 
 
@@ -153,8 +153,11 @@ def warm(parts: Iterable[str] = (), show: Callable[[Compilation], None] | None =
     return compiled + compile_here(wanted)  # nothing is left, unless a process has failed
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def cores() -> int:
+    """Number of cores this process may use; all cores where the system does not tell (macOS)."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @contextlib.contextmanager

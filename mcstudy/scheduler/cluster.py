@@ -6,7 +6,6 @@ import contextlib
 import ipaddress
 import logging
 import math
-import os
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from distributed import Client, Scheduler, SpecCluster, Worker
 from distributed.security import Security
 
 from mcstudy.errors import InputError
+from mcstudy.fitting.compilers import cores
 
 CONNECT_S = 10
 
@@ -58,13 +58,6 @@ class ClusterOptions:
     def threads(self) -> int:
         """Threads of the local scheduler."""
         return self.workers or cores()
-
-
-def cores() -> int:
-    """Number of cores this process may use; all cores where the system does not tell (macOS)."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _loopback(host: str) -> bool:

@@ -10,7 +10,6 @@ and Wald; the standard error of 95 % among n recordings is sqrt(0.95 x 0.05 / n)
 from __future__ import annotations
 
 import argparse
-import os
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -18,6 +17,7 @@ from functools import partial
 import numpy as np
 
 import mcstudy as mc
+from mcstudy.fitting.compilers import cores
 from mcstudy.identification.fit import fit_lines
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
@@ -59,7 +59,7 @@ def main() -> None:
     args = parser.parse_args()
     count: dict[tuple[float, str], list[tuple[bool, bool, bool]]] = defaultdict(list)
     run = partial(one, fmax=tuple(args.fmax), cycles=args.cycles)
-    with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+    with ProcessPoolExecutor(cores()) as pool:
         for rows in pool.map(run, range(args.recordings)):
             for f, name, *held in rows:
                 count[f, name].append(tuple(held))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import runpy
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ import mcstudy as mc
 from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.files import schema
-from mcstudy.identification.correction import correction
+from mcstudy.identification.correction import correction, simulated
 from mcstudy.identification.minimum import MISSED
 from mcstudy.identification.result import FitResult
 from mcstudy.spectra.line_noise import LineNoise
@@ -61,7 +59,7 @@ def test_no_prior_pulls_an_estimate(recording: mc.Recording) -> None:
 def test_a_known_covariance_needs_no_correction() -> None:
     J, gradients = np.random.default_rng(0).standard_normal((40, 3)), np.eye(3)
     known = LineNoise(np.tile(np.eye(2, dtype=complex), (10, 1, 1)), np.full(10, 1e6))
-    found = correction(J, gradients, known, np.random.default_rng(1))
+    found = correction(J, gradients, simulated(known, np.random.default_rng(1)))
     np.testing.assert_allclose(found.threshold(0.95), 3.841, atol=1e-3)
     assert found.null_chi2.mean() == pytest.approx(37, abs=1.5)  # forty numbers, three parameters
 
@@ -69,7 +67,7 @@ def test_a_known_covariance_needs_no_correction() -> None:
 def test_few_degrees_of_freedom_widen_an_interval(recording: mc.Recording) -> None:
     lines = measure(recording, 1.2)
     J = np.random.default_rng(0).standard_normal((4 * len(lines), 3))
-    found = correction(J, np.eye(3), lines.noise, np.random.default_rng(1))
+    found = correction(J, np.eye(3), simulated(lines.noise, np.random.default_rng(1)))
     assert (found.threshold(0.95) > 3.9).all()
 
 
@@ -123,23 +121,6 @@ def test_a_wrong_argument_is_one_line(
     line = capsys.readouterr().err.strip()
     assert said in line
     assert "\n" not in line
-
-
-def test_the_coverage_example_counts_intervals(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = Path(__file__).parents[2] / "pipelines" / "examples" / "interval_coverage.py"
-    words = ["interval_coverage.py", "--recordings", "1", "--cycles", "3", "--fmax", "1.2"]
-    monkeypatch.setattr("sys.argv", words)
-    example = runpy.run_path(str(file), run_name="example")
-    example["main"].__globals__["ProcessPoolExecutor"] = ThreadPoolExecutor
-    example["main"]()
-    first, _, *rows, mean = capsys.readouterr().out.splitlines()
-    assert first.startswith("1 recordings: % of 95 % intervals")
-    held = [float(line[14:].split()[0]) for line in rows]
-    assert len(held) == 14
-    assert set(held) <= {0.0, 100.0}
-    assert float(mean.split()[1]) == pytest.approx(np.mean(held), abs=0.06)
 
 
 def test_an_added_effect_has_a_size_with_an_interval() -> None:

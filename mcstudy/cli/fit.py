@@ -50,7 +50,7 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
     from mcstudy.text_tables import folded
 
-    bounds = dict(_bounds(given) for given in args.bounds)
+    bounds = _all_bounds(args.bounds)
     read = read_recordings(args)
     compile_kernels(DIAGNOSIS)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
@@ -67,6 +67,18 @@ def main(args: argparse.Namespace) -> Exit:
         )
     tell(args, "fit", result.to_dict, lambda: folded(result.text()))
     return Exit.DONE
+
+
+def _all_bounds(given: list[str]) -> dict[str, tuple[float, float]]:
+    from mcstudy.errors import InputError
+
+    bounds: dict[str, tuple[float, float]] = {}
+    for words in given:
+        name, ends = _bounds(words)
+        if name in bounds:
+            raise InputError(f"--bounds {words}: expected one pair of bounds for {name}, got two")
+        bounds[name] = ends
+    return bounds
 
 
 def _bounds(given: str) -> tuple[str, tuple[float, float]]:

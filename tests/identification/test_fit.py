@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ import pytest
 
 import mcstudy as mc
 from mcstudy.cli import main
+from mcstudy.errors import RecordingError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.identification.correction import correction, simulated
+from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.minimum import MISSED
 from mcstudy.identification.result import FitResult
 from mcstudy.spectra.line_noise import LineNoise
@@ -107,6 +110,9 @@ def test_the_command_prints_and_writes_what_python_returns(
         (["--bounds", "K11=5:1"], "bounds of K11: expected a lower and a larger upper value"),
         (["--bounds", "Td1=-1:1"], "bounds of Td1"),
         (["--bounds", "X=0:1"], "got 'X'"),
+        (["--bounds", "K11=0:5", "--bounds", "K11=1:6"], "expected one pair of bounds for K11"),
+        (["--quantity", "K11 + Kpas1"], "expected a name that is not taken"),
+        (["--quantity", "K11 @ Kpas1"], "expected parameters and numbers with"),
         (["--level", "2"], "level: expected a number"),
         (["--quantity", "3"], "at least one parameter"),
         (["--fmax", "0.1"], "0.1 Hz"),
@@ -121,6 +127,19 @@ def test_a_wrong_argument_is_one_line(
     line = capsys.readouterr().err.strip()
     assert said in line
     assert "\n" not in line
+
+
+def test_fewer_lines_than_parameters_need_are_one_line(recording: mc.Recording) -> None:
+    few = measure(recording, 2.0)
+    few = few.below(float(few.f[2]))
+    with pytest.raises(RecordingError, match="expected more than 3 lines, got 3"):
+        fit_lines(few, recording.base_model())
+
+
+def test_a_stimulus_without_power_is_one_line(recording: mc.Recording) -> None:
+    silent = [replace(t, stimulus=np.zeros_like(t.stimulus)) for t in recording.trials]
+    with pytest.raises(RecordingError, match="stimulus"):
+        mc.fit(replace(recording, trials=tuple(silent)))
 
 
 def test_an_added_effect_has_a_size_with_an_interval() -> None:

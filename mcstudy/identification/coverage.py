@@ -17,7 +17,7 @@ import numpy as np
 
 from mcstudy.effect_library.simulated import simulate
 from mcstudy.identification.correction import Draws, simulated
-from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.fit import NOISE_HZ, fit_lines
 from mcstudy.identification.result import FitResult
 from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
 from mcstudy.spectra.line_noise import LineNoise
@@ -64,7 +64,8 @@ class Source:
         theta = np.array(list(body(condition.truth).values()))
         stimulus, self._period_s = _stimulus()
         excited = excited_lines(stimulus[None])
-        self._wanted = excited[excited <= condition.fmax * self._period_s + 0.5]
+        self._wanted = excited[excited <= max(condition.fmax, NOISE_HZ) * self._period_s + 0.5]
+        self._fmax = condition.fmax
         self.f = self._wanted / self._period_s
         self._estimator = EvenLineCovariance(
             self._wanted, stimulus.size - 1, (TRIALS, TRIALS * (condition.cycles - DISCARD - 1))
@@ -101,12 +102,12 @@ class Source:
             amplitude=np.full(TRIALS * R, np.nan),
             power=np.abs(self._stimulus) ** 2,
             harmonic=self._wanted,
-        )
+        ).below(self._fmax)
 
     def draws(self) -> Draws:
         """What the correction of all recordings of this condition shares."""
         noise = LineNoise(np.empty((self.f.size, 2, 2)), self._estimator.dof * TRIALS, self._pooling)
-        return simulated(noise, stream(0, "fit correction"))
+        return simulated(noise.at(self.f <= self._fmax), stream(0, "fit correction"))
 
 
 COLUMNS = ("estimate", "low", "high", "low_by_data", "high_by_data", "wald_low", "wald_high")
@@ -128,7 +129,7 @@ def intervals(condition: Condition, first: int, last: int, time_domain: bool = F
     for r in range(first, last):
         if time_domain:
             recording = simulate(parameters=body(condition.truth), cycles=condition.cycles, seed=r)
-            lines = measure(recording, condition.fmax, DISCARD)
+            lines = measure(recording, max(condition.fmax, NOISE_HZ), DISCARD).below(condition.fmax)
         else:
             lines = source(stream(r, f"coverage {condition.truth} {condition.cycles}"))
         fits.append(fit_lines(lines, model, seed=r, curve=(), draws=None if time_domain else draws))

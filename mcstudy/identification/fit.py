@@ -21,6 +21,7 @@ from mcstudy.identification.result import BANDS_HZ, Estimate, FitResult
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.measure import measure
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.stance.stability import growth_rate
@@ -31,6 +32,10 @@ GAIN_UPTO = 5.0
 
 DELAY_S = (0.01, 0.3)
 """Default bounds of a delay, s."""
+
+NOISE_HZ = 8.0
+"""The covariance of the noise is estimated up to this frequency, even if fewer lines are fitted. Its autoregression
+follows chance where it has few lines: estimated up to 1.2 Hz only, the covariance is 9 % too small."""
 
 
 def fit(
@@ -51,6 +56,8 @@ def fit(
     Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong argument.
     """
     one, lines = checked_lines(recording, fmax, discard, accept)
+    if isinstance(one, Recording) and one.period_s is not None and fmax < NOISE_HZ:
+        lines = measure(one, max(fmax, min(NOISE_HZ, one.rate_hz / 2.5)), discard).below(fmax)
     nominal = model or one.base_model()
     result = fit_lines(
         lines, nominal, effects=effects, wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mcstudy.errors import InputError
+from mcstudy.fitting.penalised import whiten
 from mcstudy.identification.coverage import COLUMNS, Condition, Source, body, intervals, truths
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
@@ -27,7 +28,7 @@ def example() -> dict[str, Any]:
 def test_drawn_lines_scatter_as_their_covariance_says() -> None:
     """Errors of drawn lines, whitened by the estimated covariance, have the variance that its uncertainty implies."""
     source, model = Source(Condition(0, 6, 3.1)), two_segment()
-    H = frf(model, model.truth, source.f)
+    H = frf(model, model.truth, source(stream(0, "a test")).f)
     ratio = []
     for r in range(40):
         lines = source(stream(r, "a test"))
@@ -36,12 +37,22 @@ def test_drawn_lines_scatter_as_their_covariance_says() -> None:
     np.testing.assert_allclose(np.mean(ratio, axis=0), 2.0, rtol=0.15)
 
 
+def test_a_true_model_is_not_rejected_too_often_up_to_a_low_frequency() -> None:
+    """The deviance of the truth has the mean of its null distribution; a covariance of few lines made it 9 % higher."""
+    source, model = Source(Condition(0, 6, 1.2)), two_segment()
+    drawn = [source(stream(r, "a test")) for r in range(150)]
+    H = frf(model, model.truth, drawn[0].f)
+    deviance = [(whiten(x.noise.whitener, x.y - H) ** 2).sum() for x in drawn]
+    null = (drawn[0].noise.draw(np.random.default_rng(0), 2000) ** 2).sum(axis=0)
+    assert np.mean(deviance) == pytest.approx(null.mean(), rel=0.05)  # three standard errors
+
+
 def test_drawn_lines_are_those_of_a_simulated_recording() -> None:
     import mcstudy as mc
 
     condition = Condition(1, 3, 2.0)
     drawn = Source(condition)(stream(0, "a test"))
-    lines = measure(mc.simulate(parameters=body(1), cycles=3), 2.0)
+    lines = measure(mc.simulate(parameters=body(1), cycles=3), 8.0).below(2.0)
     np.testing.assert_allclose(drawn.f, lines.f)
     np.testing.assert_allclose(drawn.noise.dof, lines.noise.dof)
     np.testing.assert_allclose(drawn.power, lines.power, rtol=1e-6)

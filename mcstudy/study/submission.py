@@ -267,7 +267,7 @@ class Submission:
         block, reason = flight.block, f"ran longer than {limit:g} s"
         self.timeouts[block] += 1
         self.log.add("block_timeout", group=block.group, attempt=self.timeouts[block], reason=reason)
-        if self.options.scheduler is None:
+        if self.options.here:
             self.lost_threads[flight.worker] += 1
             replace_thread(self.client, flight.worker, self.lost_threads[flight.worker])
         else:
@@ -280,7 +280,7 @@ class Submission:
     def _drain(self) -> None:
         """Let running blocks write their results; blocks on other machines end on their own."""
         self.progress.say("stopping: writing finished fits (press Ctrl-C again to quit at once)")
-        if self.options.scheduler is not None:
+        if not self.options.here:
             self.client.cancel(list(self.window.running))
             return
         end = time.monotonic() + DRAIN_S

@@ -173,7 +173,12 @@ def restart_worker(client: Client, address: str) -> None:
     try:
         client.restart_workers([address], timeout=RESTART_S, raise_for_error=False)
     except ValueError:  # no nanny, or the worker has gone already
-        client.retire_workers([address], close_workers=True, remove=True)
+        dismiss_worker(client, address)
+
+
+def dismiss_worker(client: Client, address: str) -> None:
+    """Close a worker for good."""
+    client.retire_workers([address], close_workers=True, remove=True)
 
 
 class Capacity:

@@ -30,16 +30,17 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from mcstudy.errors import ModelError, RecordingError
+from mcstudy.errors import RecordingError
 from mcstudy.files.plain_errors import one_line
 from mcstudy.files.untrusted import toml
+from mcstudy.recordings.body_sheet import BodySheet, body_of
 from mcstudy.recordings.checks import rate_of
 from mcstudy.recordings.columns import TextTable, content
 from mcstudy.recordings.frf import FrfRecording, frf_of_columns
 from mcstudy.recordings.guards import inside
 from mcstudy.recordings.recording import EXPECTED, Recording, Trial, refuse_size
 from mcstudy.recordings.units import factor
-from mcstudy.stance.body import SEGMENTS, STIMULI, Body
+from mcstudy.stance.body import STIMULI, Body
 
 LARGEST_SHEET = 1_000_000
 """Bytes of a TOML file."""
@@ -87,31 +88,6 @@ class Units(_Strict):
     angle: str = "rad"
 
 
-class BodySheet(_Strict):
-    """The table's constants, or segments, or a file whose first row holds segments in the order of ``order``.
-
-    ``reference = "goodworth2018"`` is the body of the paper.
-    """
-
-    J1: float | None = Field(default=None, gt=0)
-    J2: float | None = Field(default=None, gt=0)
-    C1: float | None = Field(default=None, gt=0)
-    C2: float | None = Field(default=None, gt=0)
-    A1: float | None = Field(default=None, gt=0)
-    A2: float | None = Field(default=None, gt=0)
-    g: float = Field(default=9.81, gt=0)
-    m1: float | None = Field(default=None, gt=0)
-    h1: float | None = Field(default=None, gt=0)
-    I1: float | None = Field(default=None, gt=0)
-    m2: float | None = Field(default=None, gt=0)
-    h2: float | None = Field(default=None, gt=0)
-    I2: float | None = Field(default=None, gt=0)
-    L1: float | None = Field(default=None, gt=0)
-    file: str | None = None
-    order: tuple[str, ...] = ()
-    reference: Literal["goodworth2018"] | None = None
-
-
 class FrfSheet(_Strict):
     """A file of FRFs (columns of `mcstudy.recordings.frf.frf_of_columns`) in place of trials."""
 
@@ -154,7 +130,8 @@ def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | 
     if sheet.stimulus not in STIMULI:
         raise RecordingError(f"{path}: stimulus: expected one of {', '.join(STIMULI)}, got {sheet.stimulus!r}")
     files = _Files(path.parent if data is None else Path(data), str(path))
-    body = _body(sheet.body, files, str(path))
+    body, source = body_of(sheet.body, files.table, str(path))
+    sheet = sheet.model_copy(update={"provenance": "; ".join(filter(None, (sheet.provenance, source)))})
     if sheet.frf is not None:
         if sheet.trials:
             raise RecordingError(f"{path}: frf: expected either trials or an frf, got both")
@@ -231,32 +208,3 @@ def _recording(sheet: Sheet, files: _Files, body: Body, path: Path) -> Recording
         )
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
-
-
-def _body(sheet: BodySheet, files: _Files, where: str) -> Body:
-    values = {n: getattr(sheet, n) for n in SEGMENTS if getattr(sheet, n) is not None}
-    if sheet.file is not None:
-        row = files.table(sheet.file).values[0]
-        if len(sheet.order) != row.size or set(sheet.order) != set(SEGMENTS):
-            raise RecordingError(
-                f"{where}: body.order: expected the {len(SEGMENTS)} names {', '.join(SEGMENTS)} in the order of the "
-                f"{row.size} columns of {sheet.file}"
-            )
-        values |= {n: float(v) for n, v in zip(sheet.order, row, strict=True)}
-    constants = {n: getattr(sheet, n) for n in ("J1", "J2", "C1", "C2", "A1", "A2") if getattr(sheet, n) is not None}
-    if values and constants:
-        raise RecordingError(f"{where}: body: expected either segments or J1 ... A2, got both")
-    for given, names in ((values, SEGMENTS), (constants, ("J1", "J2", "C1", "C2", "A1", "A2"))):
-        missing = [n for n in names if n not in given]
-        if given and missing:
-            raise RecordingError(f"{where}: body: {', '.join(missing)} missing")
-    try:
-        if values:
-            return Body.from_segments(**values, g=sheet.g)
-        if constants:
-            return Body(**constants, g=sheet.g)
-    except ModelError as error:
-        raise RecordingError(f"{where}: {error}") from error
-    if sheet.reference is None:
-        raise RecordingError(f'{where}: body: expected J1 ... A2, segments, or reference = "goodworth2018"')
-    return Body()

@@ -32,7 +32,9 @@ def write_c3d(
             seen = np.isfinite(values[k]).all()
             frame[j, :3], frame[j, 3] = (values[k] if seen else 0.0), (0.0 if seen else -1.0)
         channels = np.array([v[k * per_frame : (k + 1) * per_frame] for v in analog.values()]).reshape(-1, per_frame)
-        writer.add_frames([(frame, channels)])
+        pair = np.empty((1, 2), object)
+        pair[0, 0], pair[0, 1] = frame, channels
+        writer.add_frames(pair)
     writer.set_point_labels(list(points))
     writer.set_analog_labels(list(analog) or ["none"])
     if angles:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from lab_files import write_c3d, write_mat73
 from scipy.io import savemat
 
+from mcstudy import Body, fit
 from mcstudy.cli import main
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError
@@ -231,3 +233,22 @@ def test_a_mistake_gets_one_line_that_names_the_field(lab: Path, name: str) -> N
     with pytest.raises(InputError, match=message) as caught:
         import_files([lab / "columns.mat"], None, {**MAT_COLUMNS, "upper_body": "space", **changes})
     assert "\n" not in str(caught.value)
+
+
+def test_fits_of_the_same_recording_in_other_formats_agree_to_rounding(lab: Path, truth: Recording) -> None:
+    """Estimates from C3D (32 bits) and MATLAB differ from those of the simulated recording by far less than their
+    errors."""
+    body = Body.from_person(1.80, 75.0)
+    expected = estimates(replace(truth, body=body))
+    for name, most in (("MATLAB 7.3", 1e-6), ("C3D", 1e-3)):
+        files, described, _ = FORMATS[name]
+        options = {**described, "upper_body": "space", "period_s": truth.period_s}
+        found = estimates(import_files([lab / f for f in files], None, options).recording)
+        for parameter, (value, width) in expected.items():
+            assert abs(found[parameter][0] - value) <= most * width, (name, parameter)
+
+
+def estimates(recording: Recording) -> dict[str, tuple[float, float]]:
+    """Estimate and width of the interval of every quantity."""
+    result = fit(recording, fmax=1.5)
+    return {n: (result[n].estimate, result[n].high - result[n].low) for n in ("K11 + Kpas1", "B11", "Td1")}

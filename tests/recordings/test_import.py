@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 from lab_files import write_c3d, write_mat73
 from scipy.io import savemat
 
@@ -17,8 +18,10 @@ from mcstudy.cli import main
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
+from mcstudy.recordings.columns import Dialect
 from mcstudy.recordings.importing import import_files
 from mcstudy.recordings.io import read_recording
+from mcstudy.recordings.lab_files import open_source
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stimulus import Prts
@@ -252,3 +255,24 @@ def estimates(recording: Recording) -> dict[str, tuple[float, float]]:
     """Estimate and width of the interval of every quantity."""
     result = fit(recording, fmax=1.5)
     return {n: (result[n].estimate, result[n].high - result[n].low) for n in ("K11 + Kpas1", "B11", "Td1")}
+
+
+MATLABS_OWN = Path(scipy.io.__file__).parent / "matlab" / "tests" / "data"
+"""Files that MATLAB wrote, of versions 5 to 7.4 on several machines; SciPy brings them for its own tests."""
+
+
+@pytest.mark.skipif(not MATLABS_OWN.is_dir(), reason="this SciPy comes without its test files")
+def test_files_that_matlab_wrote_hold_the_numbers_that_scipy_finds_in_them() -> None:
+    compared = 0
+    for file in sorted(MATLABS_OWN.glob("test*_[5-7].*.mat")):
+        if "hdf5" in file.name:
+            continue
+        found, expected = open_source(file, Dialect()), scipy.io.loadmat(file)
+        for name, values in expected.items():
+            if isinstance(values, np.ndarray) and values.dtype.kind in "fiu" and values.size:
+                np.testing.assert_array_equal(found.pick(name).values, values, f"{file.name}: {name}")
+                compared += 1
+    assert compared >= 20
+    newer = open_source(MATLABS_OWN / "testhdf5_7.4_GLNX86.mat", Dialect())
+    assert newer.kind == "MATLAB 7.3"
+    np.testing.assert_allclose(newer.pick("testdouble").values[0], np.linspace(0, 2 * np.pi, 9))

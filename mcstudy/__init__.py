@@ -1,8 +1,8 @@
 """Monte Carlo studies of identifiability, and diagnosis of the gap between model and body.
 
 Studies: `Study` (or `read_study`), `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
-Recordings: `read_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with intervals;
-`diagnose` says what a model lacks; `effects` are what it may lack, by name.
+Recordings: `read_recording`, `import_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with
+intervals; `diagnose` says what a model lacks; `effects` are what it may lack, by name.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from mcstudy.analysis.results import open_results
-    from mcstudy.api.recordings import diagnose, fit
+    from mcstudy.api.recordings import diagnose, fit, import_recording
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
@@ -44,6 +44,7 @@ _FROM = {
     "diagnose": "api.recordings",
     "effects": "effect_library.library:LIBRARY",
     "fit": "api.recordings",
+    "import_recording": "api.recordings",
     "open_results": "analysis.results",
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
@@ -70,6 +71,7 @@ __all__ = [
     "diagnose",
     "effects",
     "fit",
+    "import_recording",
     "open_results",
     "read_recording",
     "read_study",

@@ -25,6 +25,7 @@ VERBS = {
     "show": "print the tables of a results cube",
     "report": "write one HTML page with tables and figures of a results cube",
     "simulate": "simulate a recording of a standing body, optionally with effects that the model lacks",
+    "import": "read a recording from a laboratory's files (MATLAB, C3D, text), check it and write it for fit and gap",
     "fit": "estimate the parameters of the person in a recording, with confidence intervals",
     "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
     "warm": "compile the kernels ahead of the first run",

@@ -7,6 +7,7 @@ from pathlib import Path
 import xarray as xr
 
 from mcstudy.analysis.results import open_results
+from mcstudy.analysis.show.tables import report_of, show
 from mcstudy.report.summary import StudySummary
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.slurm import read_slurm_options
@@ -91,7 +92,7 @@ def summary(results: xr.DataTree | str | Path, reference: xr.DataTree | str | Pa
     Parameters
     ----------
     results
-        What `run` or `open_results` returned, or the path of a cube.
+        What `run` or `open_results` returned, or the path of a cube, whose statistics are computed once and kept.
     reference
         Another study; groups are compared with its groups of the same name.
 
@@ -105,7 +106,10 @@ def summary(results: xr.DataTree | str | Path, reference: xr.DataTree | str | Pa
     StoreError
         A path is not that of a cube.
     """
-    return StudySummary(_tree(results), None if reference is None else _tree(reference))
+    if isinstance(results, xr.DataTree) or isinstance(reference, xr.DataTree):
+        tree = _tree(results)
+        return StudySummary(report_of(tree, None if reference is None else _tree(reference)), lambda: tree)
+    return StudySummary(show(results, reference), lambda: _tree(results))
 
 
 def _tree(results: xr.DataTree | str | Path) -> xr.DataTree:

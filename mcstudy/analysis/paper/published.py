@@ -54,6 +54,10 @@ LARGEST_BIAS = ("Kpas1", "Kpas2", "B21")
 BETTER_AT_8HZ = ("Td1", "Td2", "Kpas1", "Kpas2")
 WORSE_AT_8HZ = ("K11", "K12", "K21", "K22", "B11", "B12", "B21", "B22")
 COMBINED_STIFFNESS = ("K11+Kpas1", "K22+Kpas2")
+REDUNDANT = (("K11", "Kpas1"), ("K22", "Kpas2"))
+LOW_CV_STIFFNESSES = ("K11", "K12", "K21", "K22")
+DELAYS = ("Td1", "Td2")
+SMALL_BIAS_PERCENT, LOW_CV = 5.0, 0.2
 
 FMAX_HZ = (0.41, 1.2, 8.0)
 AMPLITUDES_NM = (3.0, 5.0)

@@ -48,8 +48,9 @@ class Measures:
 
 def measures(m: Means, truth: np.ndarray, fmax: Sequence[float]) -> Measures:
     """`Measures` of moments whose last axes are (amplitude, fmax, `NAMES`), with the true values (names,)."""
-    bias, sd = 100 * abs(m.mean - truth) / abs(truth), 100 * m.sd / abs(truth)
-    return Measures(bias, sd, m.sd / abs(m.mean), tuple(fmax))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bias, sd = 100 * abs(m.mean - truth) / abs(truth), 100 * m.sd / abs(truth)
+        return Measures(bias, sd, m.sd / abs(m.mean), tuple(fmax))
 
 
 Statistic = Callable[[Measures], np.ndarray]
@@ -187,7 +188,11 @@ def leaders(x: np.ndarray, names: Sequence[str], n: int, largest: bool) -> str:
 
 
 def _small_bias(names: Iterable[str], fmax: float) -> Statistic:
-    return lambda m: 100 * (m.of("bias", names, fmax) < published.SMALL_BIAS_PERCENT).mean(-1)
+    def of(m: Measures) -> np.ndarray:
+        x = m.of("bias", names, fmax)
+        return np.asarray(np.where(np.isfinite(x).all(-1), 100 * (x < published.SMALL_BIAS_PERCENT).mean(-1), np.nan))
+
+    return of
 
 
 COUNTED: dict[str, tuple[tuple[float, ...], Statistic]] = {
@@ -206,10 +211,19 @@ def by_influence(influence: np.ndarray, mostly_high: np.ndarray) -> dict[str, St
     either = (rank <= len(published.LEAST_INFLUENTIAL)) | mostly_high
     upper = rank > len(TWELVE) / 2
 
-    def share(of: np.ndarray, among: np.ndarray) -> np.ndarray:
+    def share(of: np.ndarray, x: np.ndarray, among: np.ndarray) -> np.ndarray:
         """Percent; 100 where there is none among which to count: the statement then has no exception."""
         total = among.sum(-1)
-        return np.asarray(np.where(total > 0, 100 * (of & among).sum(-1) / np.maximum(total, 1), 100.0))
+        percent = np.where(total > 0, 100 * (of & among).sum(-1) / np.maximum(total, 1), 100.0)
+        return np.asarray(np.where(np.isfinite(x).all(-1), percent, np.nan))
+
+    def explained(m: Measures) -> np.ndarray:
+        x = m.of("bias", TWELVE, MID)
+        return share(either, x, x > published.SMALL_BIAS_PERCENT)
+
+    def influential(m: Measures) -> np.ndarray:
+        x = m.of("cv", TWELVE, MID)
+        return share(upper, x, x < published.LOW_CV)
 
     def follows(what: str) -> Statistic:
         centred = rank - rank.mean()
@@ -223,8 +237,8 @@ def by_influence(influence: np.ndarray, mostly_high: np.ndarray) -> dict[str, St
         return of
 
     return {
-        "bias_over_5": lambda m: share(either, m.of("bias", TWELVE, MID) > published.SMALL_BIAS_PERCENT),
-        "low_cv_influential": lambda m: share(upper, m.of("cv", TWELVE, MID) < published.LOW_CV),
+        "bias_over_5": explained,
+        "low_cv_influential": influential,
         "influence_cv": follows("cv"),
         "influence_bias": follows("bias"),
     }

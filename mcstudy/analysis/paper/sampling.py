@@ -111,7 +111,8 @@ def jackknife(whole: T, deleted: T, used: np.ndarray, statistics: Statistics[T],
     g = used.sum(1)
     out = {}
     for key, of in statistics.items():
-        value, r = of(whole), np.where(used, of(deleted), 0.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            value, r = of(whole), np.where(used, of(deleted), 0.0)
         centre = r.sum(1) / np.maximum(g, 1)
         squares = np.where(used, (r - centre[:, None]) ** 2, 0.0).sum(1)
         error = np.sqrt(squares * (g - 1) / np.where(g > 2, g, np.nan))
@@ -142,7 +143,8 @@ def bootstrap(x: np.ndarray, of_means: Callable[[Means], T], statistics: Statist
     again = of_means(Means(mean + whole.mean[flat], sd, n))
     most = int(used.reshape(*used.shape[:2], -1).any(-1).sum(1).max())
     first = of_means(whole)
-    return {k: pooled(of(first), of(again).std(1, ddof=1), most, size) for k, of in statistics.items()}
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {k: pooled(of(first), of(again).std(1, ddof=1), most, size) for k, of in statistics.items()}
 
 
 def without_one(x: np.ndarray) -> np.ndarray:
@@ -153,10 +155,20 @@ def without_one(x: np.ndarray) -> np.ndarray:
 
 
 def correlation(x: np.ndarray, y: np.ndarray, axis: int) -> np.ndarray:
-    """Pearson's correlation along an axis; pairs with NaN are left out. NaN for fewer than three pairs."""
+    """Pearson's correlation along an axis; pairs with a number that is not finite are left out.
+
+    NaN for fewer than three pairs and where one side varies by rounding only.
+    """
     used = np.isfinite(x) & np.isfinite(y)
     n = used.sum(axis, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
-        a, b = (np.where(used, z - np.where(used, z, 0.0).sum(axis, keepdims=True) / n, 0.0) for z in (x, y))
+        (a, flat_x), (b, flat_y) = (_centred(z, used, n, axis) for z in (x, y))
         r = (a * b).sum(axis) / np.sqrt((a**2).sum(axis) * (b**2).sum(axis))
-    return np.where(n.squeeze(axis) > 2, r, np.nan)
+    return np.where((n.squeeze(axis) > 2) & ~flat_x & ~flat_y, r, np.nan)
+
+
+def _centred(z: np.ndarray, used: np.ndarray, n: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Deviations from the mean, zero where not used; and whether they are rounding."""
+    z = np.where(used, z, 0.0)
+    d = np.where(used, z - z.sum(axis, keepdims=True) / n, 0.0)
+    return d, np.abs(d).max(axis) <= 1e-12 * np.abs(z).max(axis)

@@ -49,7 +49,7 @@ def json_number(x: Any) -> float | None:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    p = row.published
+    p, ours, v = row.published, row.ours, row.verdict
     return {
         "key": p.key,
         "label": p.label,
@@ -58,15 +58,22 @@ def _row(row: Row) -> dict[str, Any]:
         "criterion": p.criterion,
         "paper": json_number(p.value),
         "paper_text": p.shown,
-        "value": json_number(row.value),
-        "mcse": json_number(row.mcse),
-        "n": row.n,
+        "half_unit": p.half_unit,
+        "margin": p.margin if p.criterion == "equal" else None,
+        "value": json_number(ours.value),
+        "mcse": json_number(ours.mcse),
+        "low": json_number(ours.low),
+        "high": json_number(ours.high),
+        "n": ours.n,
+        "blocks": ours.blocks,
         "floor": json_number(row.floor),
         "group": row.group,
-        "agrees": row.agrees,
-        "distance_in_mcse": json_number(row.distance),
-        "distance_in_both_errors": json_number(row.distance_both),
-        "detail": row.detail,
+        "verdict": v.name or None,
+        "distance": json_number(v.distance),
+        "paper_mcse": json_number(v.paper_error),
+        "needed": v.needed or None,
+        "limited_by": v.limited_by or None,
+        "detail": ours.detail,
         "explanation": row.note,
     }
 

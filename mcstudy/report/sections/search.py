@@ -62,7 +62,7 @@ def _fig_3a(context: Context) -> Figure | Missing:
                 ],
             )
         ],
-        ("theory_cost",),
+        ("theory_cost", "theory_misses", "theory_relation"),
         f'figures.controller_error(tree["{view.name}"], fmax={f:g})',
     )
 
@@ -85,7 +85,7 @@ def _fig_3b(context: Context) -> Figure | Missing:
         ],
         [Panel(f"group {v.name}, Fmax {f:g} Hz", partial(figures.starts_curve, v, f)) for v, f in shown],
         [_starts_table(context, v) for v in views] + [_curve_table(v) for v in views],
-        ("starts_noise_free", "starts_5", "starts_3"),
+        ("starts_noise_free", "starts_5", "starts_3", "cost_order", "misses"),
         f'figures.starts_curve(tree["{views[0].name}"])',
     )
 
@@ -145,7 +145,7 @@ def _fig_3c(context: Context) -> Figure | Missing:
             for f in sorted({f for _, f in conditions(view)})
         ],
         [Table("Best fits, ± MCSE", header, rows)],
-        ("unstable_8",),
+        ("unstable_8", "unstable_8_most", *(f"relation_{r}_{o}" for r in ("noise", "8hz") for o in ("starts", "best"))),
         f'figures.controller_error_by_noise(tree["{view.name}"], fmax={view.cube["fmax"].values[-1]:g})',
     )
 

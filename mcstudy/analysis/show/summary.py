@@ -147,6 +147,7 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
         "inside_bounds": fraction(selection.inside_bounds(cells), cells["cost"].notnull()),
         "median_cost": quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True),
         "median_j_nc": quantiles(neural.j_nc(cells, view.model), (0.5,)).isel(quantile=0, drop=True),
+        "missed_minimum": _mean_over_realizations(needed["missed"]),
         "starts_needed_median": quantile.sel(quantile=0.5, drop=True),
         "starts_needed_90th": quantile.sel(quantile=0.9, drop=True),
     }
@@ -172,6 +173,11 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
                 }
             )
     return out
+
+
+def _mean_over_realizations(x: xr.DataArray) -> xr.Dataset:
+    """Mean with its standard error, dims (amplitude, fmax)."""
+    return jackknives(x, xr.DataArray(0.0), [lambda m: m.mean])[0]
 
 
 def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:

@@ -160,6 +160,14 @@ def _count(value: float | None) -> str:
     return "-" if value is None else f"{value:.0f}"
 
 
+def _starts(cell: dict[str, Any]) -> str:
+    """Median and 90th percentile of the starts needed, with the interval of the latter; - is an open end."""
+    median, many = (cell[f"starts_needed_{q}"] for q in ("median", "90th"))
+    numbers = f"{_count(median['value'])}/{_count(many['value'])}"
+    ends = [_count(many[end]) for end in ("lower", "upper")]
+    return numbers if ends == ["-", "-"] else f"{numbers} [{', '.join(ends)}]"
+
+
 def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
     def stat(s: dict[str, Any], factor: float = 1.0) -> str:
         return with_error(*(None if s[k] is None else factor * s[k] for k in ("value", "mcse")))
@@ -180,14 +188,18 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
                 number(cell["median_cost"]["value"]),
                 number(cell["median_j_nc"]["value"]),
                 number(cell["hit_rate"], 2),
-                "/".join(_count(cell[f"starts_needed_{q}"]["value"]) for q in ("median", "90th")),
+                number(None if (missed := cell["missed_minimum"]["value"]) is None else 100 * missed, 2),
+                _starts(cell),
             ]
         )
-    header = ["", "used", "|bias| %", "floor", "SD %", "unstable %", "no bound %", "cost", "J_NC", "success", "starts"]
+    header = ["", "used", "|bias| %", "floor", "SD %", "unstable %", "no bound %", "cost", "J_NC", "success"]
+    header += ["missed %", "starts"]
     return table(header, rows) + (
         "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, no bound: % of best "
         "fits that\nare unstable, that touch no bound. cost, J_NC: medians. success: fraction of starts that reach "
-        "the lowest cost.\nstarts: number needed for 95 % certainty, median/90th percentile over realizations."
+        "the lowest cost.\nmissed: chance that as many new starts miss that cost, and so that these missed a lower "
+        "one (mean).\nstarts: new starts needed for 95 % certainty, median/90th percentile over realizations "
+        "[95 % interval of the\n90th percentile]."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -95,13 +96,25 @@ def _starts_table(context: Context, view: GroupView) -> Table:
         [
             cell_label(view, c["amplitude"], c["fmax"]),
             short(100 * (c["hit_rate"] or 0.0)),
-            stat(c["starts_needed_median"]),
-            stat(c["starts_needed_90th"]),
+            stat(c["missed_minimum"], 100.0),
+            *(_with_interval(c[f"starts_needed_{q}"]) for q in ("median", "90th")),
         ]
         for c in context.cells(view)
     ]
-    header = ["condition", "starts that reach the minimum (%)", "needed, median", "needed, 90th percentile"]
-    return Table(f"Group {view.name}: starts for 95 % certainty of the lowest minimum, ± MCSE", header, rows)
+    header = [
+        "condition",
+        "starts that reach the minimum (%)",
+        "chance that the pool missed it (%)",
+        "needed, median [95 % interval]",
+        "needed, 90th percentile [95 % interval]",
+    ]
+    return Table(f"Group {view.name}: new starts for 95 % certainty of the lowest minimum", header, rows)
+
+
+def _with_interval(statistic: dict[str, Any]) -> str:
+    """A number of starts with its interval; a dash is an end that so few realizations cannot bound."""
+    value, low, high = ("–" if statistic[k] is None else f"{statistic[k]:.0f}" for k in ("value", "lower", "upper"))
+    return value if low == high == "–" else f"{value} [{low}, {high}]"
 
 
 def _curve_table(view: GroupView) -> Table:

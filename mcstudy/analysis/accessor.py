@@ -306,12 +306,13 @@ class MonteCarlo:
         -------
         xarray.Dataset
             Dims (amplitude, fmax, realization): ``value``, exact, for starts drawn from those of the cell;
-            ``independent`` for new starts, with ``mcse``, ``lower``, ``upper``; ``hit_rate``, ``hits``, ``starts``.
+            ``independent`` for new starts, with ``mcse``, ``lower``, ``upper``; ``missed``, the chance that as many new
+            starts miss that cost; ``hit_rate``, ``hits``, ``starts``.
         """
         return self._result(convergence.starts_needed(self._cube, confidence))
 
     def starts_needed_quantiles(self, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
-        """Quantiles of `starts_needed` over realizations, median and 90th percentile by default. Needs all starts.
+        """Quantiles over realizations of the new starts needed, median and 90th percentile. Needs all starts.
 
         Parameters
         ----------

@@ -1,6 +1,8 @@
 """Recordings described by a small TOML file that states where the columns are and what they mean.
 
     name = "subject 1"
+    person = "s01"             # for groups of people; may be left out, as condition
+    condition = "eyes closed"
     rate_hz = 200              # or a time column
     period_s = 43.72           # leave out when the stimulus is not periodic
     stimulus = "ankle_torque"  # or hip_torque, platform_translation
@@ -123,6 +125,8 @@ class Sheet(_Strict):
 
     name: str = "recording"
     provenance: str = ""
+    person: str = ""
+    condition: str = ""
     rate_hz: float | None = Field(default=None, gt=0)
     period_s: float | None = Field(default=None, gt=0)
     stimulus: str = "ankle_torque"
@@ -227,7 +231,16 @@ def _recording(sheet: Sheet, files: _Files, body: Body, path: Path) -> Recording
             raise RecordingError(f"{path}: trial {k}: time: {own:g} Hz, but the first trials have {rate:g} Hz")
     try:
         return Recording(
-            tuple(trials), rate, sheet.period_s, sheet.stimulus, body, sheet.convention, sheet.name, sheet.provenance
+            tuple(trials),
+            rate,
+            sheet.period_s,
+            sheet.stimulus,
+            body,
+            sheet.convention,
+            sheet.name,
+            sheet.provenance,
+            person=sheet.person,
+            condition=sheet.condition,
         )
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error

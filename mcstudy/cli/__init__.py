@@ -120,7 +120,7 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     import contextlib
 
     from mcstudy.cli.stop import stopped, with_command
-    from mcstudy.errors import InputError, Interrupted
+    from mcstudy.errors import InputError, Interrupted, Stopped
     from mcstudy.exits import Exit
 
     try:
@@ -129,6 +129,8 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     except InputError as error:
         print(f"mcstudy: {_one_line(error)}", file=sys.stderr)
         return Exit.BAD_INPUT
+    except Stopped as error:
+        message, code = _one_line(error), Exit.STOPPED
     except Interrupted as error:
         message, code = with_command(_one_line(error), [verb, *words]), Exit.INTERRUPTED
     except KeyboardInterrupt:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mcstudy.study.submission import Outcome
 
 
-def add_scheduler_arguments(parser: argparse.ArgumentParser) -> None:
+def add_scheduler_arguments(parser: argparse._ActionsContainer) -> None:
     """Arguments that choose where to run."""
     parser.add_argument("--workers", type=positive, help="threads of the local scheduler; default one per core")
     parser.add_argument(

@@ -101,7 +101,8 @@ class Profile:
     Attributes
     ----------
     low, high: ends of the interval. low_from, high_from: what ends it, as in `Walk`. value, rise: (M,) points of the
-    profile, ascending. low_theta, high_theta: (P,) parameters at the ends.
+    profile, ascending. theta: (M, P) parameters of the best fit at each of them. low_theta, high_theta: (P,) parameters
+    at the ends.
     """
 
     low: float
@@ -110,6 +111,7 @@ class Profile:
     high_from: str
     value: np.ndarray = field(repr=False)
     rise: np.ndarray = field(repr=False)
+    theta: np.ndarray = field(repr=False)
     low_theta: np.ndarray = field(repr=False)
     high_theta: np.ndarray = field(repr=False)
 
@@ -345,6 +347,7 @@ def _profile(walks: list[Walk]) -> Profile:
     low, high = (w for _, w in sorted(_last(walks).items()))
     value = np.concatenate([w.value for w in walks])
     rise = np.concatenate([w.rise for w in walks])
+    theta = np.concatenate([w.theta for w in walks])
     value, first = np.unique(value, return_index=True)
     i, j = low.inside(), high.inside()
     return Profile(
@@ -354,6 +357,7 @@ def _profile(walks: list[Walk]) -> Profile:
         high_from=high.ended,
         value=value,
         rise=rise[first],
+        theta=theta[first],
         low_theta=low.theta[i],
         high_theta=high.theta[j],
     )

@@ -2,7 +2,7 @@
 
 Studies: `Study` (or `read_study`), `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
 Recordings: `read_recording`, `import_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with
-intervals, `fit_group` those of many people; `diagnose` says what a model lacks; `effects` are what it may lack, by name.
+intervals, `fit_group` those of many people; `diagnose` says what a model lacks; `effects` are what it may lack.
 """
 
 from __future__ import annotations

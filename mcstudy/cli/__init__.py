@@ -26,6 +26,7 @@ VERBS = {
     "report": "write one HTML page with tables and figures of a results cube",
     "simulate": "simulate a recording of a standing body, optionally with effects that the model lacks",
     "fit": "estimate the parameters of the person in a recording, with confidence intervals",
+    "infer": "infer the paper's lost true values from its printed numbers",
     "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
     "warm": "compile the kernels ahead of the first run",
     "help": "print a page of the documentation: mcstudy help gap",

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from mcstudy.effect_library.library import LIBRARY as effects
     from mcstudy.effect_library.simulated import simulate
     from mcstudy.errors import InputError, Interrupted
-    from mcstudy.identification.result import FitResult
     from mcstudy.own_model import run_model
     from mcstudy.recordings.frf import FrfRecording
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
+    from mcstudy.report.person.plots import FitWithFigures as FitResult
     from mcstudy.stance.body import Body
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
@@ -34,7 +34,7 @@ _FROM = {
     "Body": "stance.body",
     "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
     "Effect": "effect_library.declare",
-    "FitResult": "identification.result",
+    "FitResult": "report.person.plots:FitWithFigures",
     "FrfRecording": "recordings.frf",
     "InputError": "errors",
     "Interrupted": "errors",

@@ -10,11 +10,11 @@ from mcstudy.errors import InputError
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
 from mcstudy.identification.fit import fit as fit_recording
-from mcstudy.identification.result import FitResult
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
+from mcstudy.report.person.plots import FitWithFigures
 from mcstudy.stance.feedback import Model
 
 AnyRecording = Recording | FrfRecording | str | Path
@@ -94,7 +94,7 @@ def fit(
     discard: int = 1,
     accept: Iterable[str] = (),
     seed: int = 0,
-) -> FitResult:
+) -> FitWithFigures:
     """Parameters of the person in a recording, with profile likelihood intervals and no prior.
 
     Parameters
@@ -125,7 +125,8 @@ def fit(
     Returns
     -------
     FitResult
-        Estimates by name (``result["K11"].low``), ``text()``, ``to_xarray()`` and ``to_dict()``.
+        Estimates by name (``result["K11"].low``), ``text()``, ``plot``, ``to_html(path)``, ``to_xarray()`` and
+        ``to_dict()``.
 
     Raises
     ------
@@ -134,7 +135,7 @@ def fit(
     InputError
         An argument is wrong.
     """
-    return fit_recording(
+    found = fit_recording(
         _read(recording),
         effects=effects,
         wanted=quantities,
@@ -146,6 +147,7 @@ def fit(
         accept=accept,
         seed=seed,
     )
+    return FitWithFigures.of(found)
 
 
 def _read(recording: AnyRecording | Sequence[AnyRecording]) -> list[Recording | FrfRecording]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.cli.recording_options import (
     add_output_arguments,
@@ -12,6 +15,9 @@ from mcstudy.cli.recording_options import (
     with_names,
 )
 from mcstudy.exits import Exit
+
+if TYPE_CHECKING:
+    from mcstudy.identification.result import FitResult
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,15 +47,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--level", type=float, default=0.95, help="level of the intervals (default 0.95)")
     add_output_arguments(parser, "fit")
+    parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Fit and print; returns the exit code."""
     from mcstudy.identification.fit import fit
+    from mcstudy.report.style import require_matplotlib
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
     from mcstudy.text_tables import folded
 
+    if args.html:
+        require_matplotlib()
     bounds = dict(_bounds(given) for given in args.bounds)
     read = read_recordings(args)
     compile_kernels(DIAGNOSIS)
@@ -65,8 +75,27 @@ def main(args: argparse.Namespace) -> Exit:
             accept=args.accept,
             seed=args.seed,
         )
+    if args.html:
+        _write_page(args, result)
     tell(args, "fit", result.to_dict, lambda: folded(result.text()))
     return Exit.DONE
+
+
+def _write_page(args: argparse.Namespace, result: FitResult) -> None:
+    from mcstudy.report.document import write_page
+    from mcstudy.report.person.page import fit_page
+
+    repeated = [
+        *(w for e in args.effects for w in ("--with", e)),
+        *(w for q in args.quantity for w in ("--quantity", q)),
+        *(w for b in args.bounds for w in ("--bounds", b)),
+        *(w for code in args.accept for w in ("--accept", code)),
+    ]
+    for name, default in (("level", 0.95), ("seed", 0), ("fmax", 8.0), ("discard", 1), ("data", None)):
+        if getattr(args, name) != default:
+            repeated += [f"--{name}", str(getattr(args, name))]
+    command = shlex.join(["mcstudy", "fit", *map(str, args.recordings), *repeated, "--html", str(args.html)])
+    write_page(args.html, lambda: fit_page(result, command))
 
 
 def _bounds(given: str) -> tuple[str, tuple[float, float]]:

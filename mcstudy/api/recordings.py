@@ -10,12 +10,12 @@ from mcstudy.errors import InputError
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
 from mcstudy.identification.fit import fit as fit_recording
-from mcstudy.identification.result import FitResult
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.importing import import_files
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
+from mcstudy.report.person.plots import FitWithFigures
 from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 from mcstudy.stance.feedback import Model
 
@@ -97,7 +97,7 @@ def fit(
     discard: int = 1,
     accept: Iterable[str] = (),
     seed: int = 0,
-) -> FitResult:
+) -> FitWithFigures:
     """Parameters of the person in a recording, with profile likelihood intervals and no prior.
 
     Parameters
@@ -128,7 +128,8 @@ def fit(
     Returns
     -------
     FitResult
-        Estimates by name (``result["K11"].low``), ``text()``, ``to_xarray()`` and ``to_dict()``.
+        Estimates by name (``result["K11"].low``), ``text()``, ``plot``, ``to_html(path)``, ``to_xarray()`` and
+        ``to_dict()``.
 
     Raises
     ------
@@ -139,7 +140,7 @@ def fit(
     """
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
-    return fit_recording(
+    found = fit_recording(
         read,
         effects=effects,
         wanted=quantities,
@@ -151,6 +152,7 @@ def fit(
         accept=accept,
         seed=seed,
     )
+    return FitWithFigures.of(found)
 
 
 def import_recording(

@@ -91,7 +91,7 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "effects": args.effects,
         "wanted": args.quantity,
-        "bounds": dict(_bounds(given) for given in args.bounds),
+        "bounds": _all_bounds(args.bounds),
         "level": args.level,
         "fmax": args.fmax,
         "discard": args.discard,
@@ -172,6 +172,18 @@ def _write_page(args: argparse.Namespace, result: FitResult) -> None:
             repeated += [f"--{name}", str(getattr(args, name))]
     command = shlex.join(["mcstudy", "fit", *map(str, args.recordings), *repeated, "--html", str(args.html)])
     write_page(args.html, lambda: fit_page(result, command))
+
+
+def _all_bounds(given: list[str]) -> dict[str, tuple[float, float]]:
+    from mcstudy.errors import InputError
+
+    bounds: dict[str, tuple[float, float]] = {}
+    for words in given:
+        name, ends = _bounds(words)
+        if name in bounds:
+            raise InputError(f"--bounds {words}: expected one pair of bounds for {name}, got two")
+        bounds[name] = ends
+    return bounds
 
 
 def _bounds(given: str) -> tuple[str, tuple[float, float]]:

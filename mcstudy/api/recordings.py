@@ -16,6 +16,7 @@ from mcstudy.recordings.importing import import_files
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
+from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 from mcstudy.stance.feedback import Model
 
 AnyRecording = Recording | FrfRecording | str | Path
@@ -68,6 +69,7 @@ def diagnose(
     if fast and bootstrap is not None:
         raise InputError("bootstrap: expected without fast, which does not use it")
     read = _read(recording)
+    compile_kernels(DIAGNOSIS)
     if fast:
         found = diagnose_fast(read, seed=seed, model=model, fmax=fmax, discard=discard, accept=accept)
     else:
@@ -135,8 +137,10 @@ def fit(
     InputError
         An argument is wrong.
     """
+    read = _read(recording)
+    compile_kernels(DIAGNOSIS)
     return fit_recording(
-        _read(recording),
+        read,
         effects=effects,
         wanted=quantities,
         bounds=bounds,

@@ -58,6 +58,8 @@ def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) ->
             sheet.convention,
             sheet.name,
             "; ".join(filter(None, (sheet.provenance, *notes))),
+            person=sheet.person,
+            condition=sheet.condition,
         )
     except RecordingError as error:
         raise RecordingError(f"{where}: {error}") from error

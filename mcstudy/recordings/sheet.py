@@ -1,6 +1,8 @@
 """Descriptions of recordings: a small TOML file that states which variable is which and what it means.
 
     name = "subject 1"
+    person = "s01"             # for groups of people; may be left out, as condition
+    condition = "eyes closed"
     rate_hz = 200              # or a time column, or the rate that a C3D file states
     period_s = 43.72           # leave out when the stimulus is not periodic
     stimulus = "ankle_torque"  # or hip_torque, platform_translation
@@ -175,6 +177,8 @@ class Sheet(_Strict):
 
     name: str = "recording"
     provenance: str = ""
+    person: str = ""
+    condition: str = ""
     rate_hz: float | None = Field(default=None, gt=0)
     period_s: float | None = Field(default=None, gt=0)
     stimulus: str = "ankle_torque"

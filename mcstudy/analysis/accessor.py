@@ -399,9 +399,8 @@ class MonteCarlo:
         """
         cube = self._cube
         for name, value in (("amplitude", amplitude), ("fmax", fmax)):
-            cube = cube.sel({name: [self._held(name, value)]})
-        found = basins.basins(cube, most).isel(amplitude=0, fmax=0).compute()
-        return self._result(atlases.atlas(found, self._data["lower"], self._data["upper"]))
+            cube = cube.sel({name: self._held(name, value)})
+        return self._result(atlases.atlas_of_starts(cube, most))
 
     def _held(self, name: str, value: float | None) -> float:
         held = [float(x) for x in self._data[name].values]

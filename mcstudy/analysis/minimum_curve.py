@@ -51,12 +51,11 @@ def minimum_curve(cube: xr.Dataset, drawn: np.ndarray | None = None) -> xr.Datas
     if cost.chunks is not None:
         cost = cost.chunk({"start": -1})
     mean, sd = xr.apply_ufunc(
-        _curve_of_pool,
+        _curves,
         cost,
         input_core_dims=[["start"]],
         output_core_dims=[["drawn"], ["drawn"]],
         kwargs={"drawn": tuple(int(x) for x in drawn)},
-        vectorize=True,
         dask="parallelized",
         output_dtypes=[float, float],
         dask_gufunc_kwargs={"output_sizes": {"drawn": drawn.size}},
@@ -71,13 +70,19 @@ def minimum_curve(cube: xr.Dataset, drawn: np.ndarray | None = None) -> xr.Datas
     )
 
 
-def _curve_of_pool(cost: np.ndarray, drawn: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    cost = np.sort(cost[np.isfinite(cost)])
-    if cost.size == 0:
-        return np.full(len(drawn), np.nan), np.full(len(drawn), np.nan)
-    w = weights_without_replacement(cost.size, drawn)
-    mean = w @ cost
-    return mean, np.sqrt((w * (cost - mean[:, None]) ** 2).sum(1))
+def _curves(cost: np.ndarray, drawn: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and SD (..., len(drawn)) of the lowest of costs (..., start); all pools with as many costs at once."""
+    pools = np.sort(np.where(np.isfinite(cost), cost, np.nan).reshape(-1, cost.shape[-1]))  # NaN last
+    held = np.isfinite(pools).sum(1)
+    mean, sd = (np.full((len(pools), len(drawn)), np.nan) for _ in range(2))
+    for n in np.unique(held[held > 0]):
+        rows = np.flatnonzero(held == n)
+        own, weights = pools[rows, :n], weights_without_replacement(int(n), drawn)
+        mean[rows] = own @ weights.T
+        for i, w in enumerate(weights):
+            sd[rows, i] = np.sqrt((own - mean[rows, i, None]) ** 2 @ w)
+    shape = (*cost.shape[:-1], len(drawn))
+    return mean.reshape(shape), sd.reshape(shape)
 
 
 def average_curve(curve: xr.Dataset) -> xr.Dataset:

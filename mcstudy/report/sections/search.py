@@ -17,7 +17,7 @@ from mcstudy.report import figures
 from mcstudy.report.context import Context, conditions, finite, largest_amplitude, short, stat, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
-from mcstudy.report.figures.search import spread_of_curve
+from mcstudy.report.figures.search import curve_of, printed_starts
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 
@@ -118,7 +118,7 @@ def _with_interval(statistic: dict[str, Any]) -> str:
 
 
 def _curve_table(view: GroupView) -> Table:
-    curve = spread_of_curve(view.cube)
+    curve = curve_of(view).sel(drawn=printed_starts(view))
     rows = [
         [cell_label(view, float(a), float(f)), *(value_of(curve.sel(amplitude=a, fmax=f, drawn=x)) for x in drawn)]
         for a in curve["amplitude"].values

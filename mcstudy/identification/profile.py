@@ -52,8 +52,8 @@ class Profile:
     ----------
     low, high: ends of the interval. low_from, high_from: what ends it: "data", "bound", "not finite" (the quantity is
     not defined beyond) or "steps" (the search did not converge). value, rise: (M,) points of the profile, ascending:
-    ends of the intervals at lower ceilings, and the increase of the deviance there. low_theta, high_theta: (P,)
-    parameters at the ends.
+    ends of the intervals at lower ceilings, and the increase of the deviance there. theta: (M, P) parameters of the
+    best fit at each of them. low_theta, high_theta: (P,) parameters at the ends.
     """
 
     low: float
@@ -62,6 +62,7 @@ class Profile:
     high_from: str
     value: np.ndarray = field(repr=False)
     rise: np.ndarray = field(repr=False)
+    theta: np.ndarray = field(repr=False)
     low_theta: np.ndarray = field(repr=False)
     high_theta: np.ndarray = field(repr=False)
 
@@ -126,7 +127,7 @@ def profiles(
         if not search.go_on(quantity, side, last):
             break
     inner = [search.from_minima(quantity, side, share**2) for share in curve]
-    return [_profile(2 * k, wanted[k].value(minima.theta[0]), last, inner) for k in range(len(wanted))]
+    return [_profile(2 * k, wanted[k].value(minima.theta[0]), minima.theta[0], last, inner) for k in range(len(wanted))]
 
 
 class _Search:
@@ -255,10 +256,11 @@ def _outermost(points: _Points, side: np.ndarray, which: np.ndarray) -> _Points:
     return _Points(*(field[pick] for field in points))
 
 
-def _profile(n: int, estimate: float, last: _Points, inner: list[_Points]) -> Profile:
-    """Profile of the quantity whose ends are points ``n`` and ``n + 1``."""
+def _profile(n: int, estimate: float, best: np.ndarray, last: _Points, inner: list[_Points]) -> Profile:
+    """Profile of the quantity whose ends are points ``n`` and ``n + 1``; ``best``: (P,) parameters of the estimate."""
     value = np.array([estimate, *(p.value[i] for p in (*inner, last) for i in (n, n + 1))])
     rise = np.array([0.0, *(p.rise[i] for p in (*inner, last) for i in (n, n + 1))])
+    theta = np.array([best, *(p.theta[i] for p in (*inner, last) for i in (n, n + 1))])
     value, first = np.unique(value, return_index=True)
     return Profile(
         low=float(last.value[n]),
@@ -267,6 +269,7 @@ def _profile(n: int, estimate: float, last: _Points, inner: list[_Points]) -> Pr
         high_from=str(last.status[n + 1]),
         value=value,
         rise=rise[first],
+        theta=theta[first],
         low_theta=last.theta[n],
         high_theta=last.theta[n + 1],
     )

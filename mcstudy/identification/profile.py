@@ -127,6 +127,9 @@ def profiles(
         if not search.go_on(quantity, side, last):
             break
     inner = [search.from_minima(quantity, side, share**2) for share in curve]
+    for lower in inner:  # on a bound the lowest deviance is the profile's
+        same = (last.status == "bound") & (lower.value == last.value) & (lower.rise < last.rise)
+        last.rise[same], last.theta[same] = lower.rise[same], lower.theta[same]
     return [_profile(2 * k, wanted[k].value(minima.theta[0]), minima.theta[0], last, inner) for k in range(len(wanted))]
 
 
@@ -261,6 +264,8 @@ def _profile(n: int, estimate: float, best: np.ndarray, last: _Points, inner: li
     value = np.array([estimate, *(p.value[i] for p in (*inner, last) for i in (n, n + 1))])
     rise = np.array([0.0, *(p.rise[i] for p in (*inner, last) for i in (n, n + 1))])
     theta = np.array([best, *(p.theta[i] for p in (*inner, last) for i in (n, n + 1))])
+    order = np.lexsort((rise, value))
+    value, rise = value[order], rise[order]
     value, first = np.unique(value, return_index=True)
     return Profile(
         low=float(last.value[n]),

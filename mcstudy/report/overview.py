@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from mcstudy.analysis.correlation import correlation
+from mcstudy.analysis.paper.verdict import AGREES, CANNOT_TELL
 from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.view import GroupView
 from mcstudy.report.context import Context, largest_amplitude, stat, value_of
@@ -52,9 +53,11 @@ def _tiles(context: Context) -> list[Tile]:
     view = context.accuracy
     if view is not None:
         tiles += _accuracy(context, view)
-    judged = [r["agrees"] for r in context.published.values() if r["agrees"] is not None]
+    judged = [r["verdict"] for r in context.published.values() if r["verdict"]]
     if judged:
-        tiles.append(("Published numbers reproduced", f"{sum(judged)} of {len(judged)}", "within 3 MCSE.", "paper"))
+        told = [v for v in judged if v != CANNOT_TELL]
+        remark = f"{len(judged) - len(told)} more cannot be told from two studies of 50 realizations."
+        tiles.append(("Published statements that agree", f"{told.count(AGREES)} of {len(told)}", remark, "paper"))
     return tiles
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import gc
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mcstudy.analysis.kept import kept
+from mcstudy.analysis.kept import Look, looking
 from mcstudy.analysis.paper.published import METHODS, VARIANTS
 from mcstudy.analysis.results import open_results
+from mcstudy.analysis.show.summary import show_data
+from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult, read_alternative
 from mcstudy.report.context import Context
 from mcstudy.report.document import document
@@ -38,11 +40,15 @@ def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
     Raises `StoreError` for a file that is neither.
     """
 
-    def drawn() -> dict[str, str]:
-        with _rarely_collected():
-            return {"html": _page(_context(Path(path)), [_Beside.open(file) for file in beside])}
+    with ExitStack() as stack:
+        look = stack.enter_context(looking(Path(path)))
 
-    return str((drawn() if beside else kept("page", [Path(path)], [str(path)], drawn))["html"])
+        def drawn() -> dict[str, str]:
+            with _rarely_collected():
+                shown = [_Beside.open(file, stack) for file in beside]
+                return {"html": _page(_context(Path(path), look), shown)}
+
+        return str((drawn() if beside else look.kept("page", [str(path)], drawn))["html"])
 
 
 @contextmanager
@@ -63,8 +69,11 @@ class _Beside:
     content: Context | TwoStimuliResult | PopulationResult
 
     @classmethod
-    def open(cls, file: Path) -> _Beside:
-        return cls(_context(file) if file.is_dir() else read_alternative(file))
+    def open(cls, file: Path, looks: ExitStack) -> _Beside:
+        """Read it; statistics of a cube are kept when ``looks`` close."""
+        if file.is_dir():
+            return cls(_context(file, looks.enter_context(looking(file))))
+        return cls(read_alternative(file))
 
     def figure(self, key: str) -> tuple[Figure | Missing, str]:
         """Its figure, and the command that made it."""
@@ -74,8 +83,8 @@ class _Beside:
         return (two_stimuli(c, key) if isinstance(c, TwoStimuliResult) else population(c, key)), c.command
 
 
-def _context(path: Path) -> Context:
-    return Context(open_results(path, lazy=None), path)
+def _context(path: Path, look: Look) -> Context:
+    return Context(open_results(path, lazy=None), lambda study: look.kept(SCHEMA, [], lambda: show_data(study)))
 
 
 def _page(context: Context, beside: Sequence[_Beside]) -> str:

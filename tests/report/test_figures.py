@@ -139,6 +139,14 @@ def test_the_dashed_line_of_a_scatter_holds_the_pairs_with_the_true_sum(paper_tr
     assert x + y == pytest.approx(1057 + 146)
 
 
+def test_a_scatter_of_many_realizations_shows_the_first(
+    paper_tree: xr.DataTree, ax: Axes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mcstudy.report.figures.pairs.MOST_POINTS", 2)
+    figures.estimate_scatter(paper_tree["accuracy"], "K11", "Kpas1", ax=ax)
+    assert [len(line.get_xdata()) for line in ax.lines[:3]] == [2, 2, 2]
+
+
 def test_a_waterfall_starts_at_the_lowest_cost_and_never_falls(paper_tree: xr.DataTree, ax: Axes) -> None:
     figures.waterfall(paper_tree["accuracy"], ax=ax)
     assert len(ax.lines) == paper_tree["accuracy"].sizes["realization"]

@@ -1,42 +1,71 @@
 """The paper's statements about estimates, as functions of the best fits of a study: Table II, Fig. 5-7B.
 
-Every function takes `Moments` with the dims amplitude, fmax and parameter (12 parameters and the two sums of
-stiffnesses, any further dims pass through) and averages over the paper's amplitudes, as the paper does. Percent means
-percent of the true value, or of the number compared with.
+Every function takes `Measures` (12 parameters and the two sums of stiffnesses) and averages over the paper's
+amplitudes, as the paper does. Percent means percent of the true value, or of the number compared with.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
 from scipy.stats import rankdata
 
-from mcstudy.analysis import accuracy
-from mcstudy.analysis.montecarlo import Moments, Statistic
 from mcstudy.analysis.paper import published
 from mcstudy.analysis.paper.published import FMAX_HZ
+from mcstudy.analysis.paper.sampling import Means
 
 LOW, MID, HIGH = FMAX_HZ
+WEAK, STRONG = range(len(published.AMPLITUDES_NM))
 TWO = published.COMBINED_STIFFNESS
 TWELVE = (*published.BETTER_AT_8HZ, *published.WORSE_AT_8HZ)
 TEN = (*TWO, *(n for n in TWELVE if n not in ("K11", "Kpas1", "K22", "Kpas2")))
+NAMES = (*TWELVE, *TWO)
 PASSIVE, DAMPINGS = ("Kpas1", "Kpas2"), ("B11", "B12", "B21", "B22")
 STIFFNESSES = published.LOW_CV_STIFFNESSES
-
-Measure = Callable[[Moments], xr.DataArray]
-"""A measure of every parameter, e.g. its |bias| in percent."""
+_AT = {name: i for i, name in enumerate(NAMES)}
 
 
-def mean(of: Measure, names: Iterable[str], fmax: float) -> Statistic:
-    """Mean over both amplitudes and the parameters ``names`` at an Fmax."""
-    return lambda m: of(m).sel(fmax=fmax, parameter=list(names)).mean(["amplitude", "parameter"])
+@dataclass(frozen=True)
+class Measures:
+    """|bias|, standard deviation (percent of the truth) and CV, each (..., amplitude, fmax, `NAMES`).
+
+    ``fmax``: Hz, of that axis; the amplitudes are 3 and 5 N m.
+    """
+
+    bias: np.ndarray
+    sd: np.ndarray
+    cv: np.ndarray
+    fmax: tuple[float, ...]
+
+    def of(self, what: str, names: Iterable[str], fmax: float, amplitude: int | None = None) -> np.ndarray:
+        """A measure of each of the parameters, mean over both amplitudes or at one of them."""
+        x = getattr(self, what)[..., self.fmax.index(fmax), :][..., [_AT[n] for n in names]]
+        found: np.ndarray = x.mean(-2) if amplitude is None else x[..., amplitude, :]
+        return found
 
 
-def each(of: Measure, names: Iterable[str], fmax: float) -> Statistic:
-    """Mean over both amplitudes of each of the parameters ``names`` at an Fmax."""
-    return lambda m: of(m).sel(fmax=fmax, parameter=list(names)).mean("amplitude")
+def measures(m: Means, truth: np.ndarray, fmax: Sequence[float]) -> Measures:
+    """`Measures` of moments whose last axes are (amplitude, fmax, `NAMES`), with the true values (names,)."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bias, sd = 100 * abs(m.mean - truth) / abs(truth), 100 * m.sd / abs(truth)
+        return Measures(bias, sd, m.sd / abs(m.mean), tuple(fmax))
+
+
+Statistic = Callable[[Measures], np.ndarray]
+Statistics = dict[str, Statistic]
+OfMeans = Callable[[Means], np.ndarray]
+
+
+def mean(what: str, names: Iterable[str], fmax: float, amplitude: int | None = None) -> Statistic:
+    """Mean over parameters, and over both amplitudes unless one is given."""
+    return lambda m: m.of(what, names, fmax, amplitude).mean(-1)
+
+
+def each(what: str, names: Iterable[str], fmax: float) -> Statistic:
+    """Each parameter, mean over both amplitudes: (..., names)."""
+    return lambda m: m.of(what, names, fmax)
 
 
 def reduction(before: Statistic, after: Statistic) -> Statistic:
@@ -51,196 +80,176 @@ def excess(larger: Statistic, smaller: Statistic) -> Statistic:
 
 def least(*statistics: Statistic) -> Statistic:
     """The smallest of several numbers."""
-    return lambda m: _stacked(m, statistics).min("_")
+    return lambda m: np.min([s(m) for s in statistics], axis=0)
 
 
 def most(*statistics: Statistic) -> Statistic:
     """The largest of several numbers."""
-    return lambda m: _stacked(m, statistics).max("_")
-
-
-def _stacked(m: Moments, statistics: Iterable[Statistic]) -> xr.DataArray:
-    parts = [s(m).reset_coords(drop=True) for s in statistics]
-    return xr.concat(parts, dim="_", coords="minimal", compat="override")
+    return lambda m: np.max([s(m) for s in statistics], axis=0)
 
 
 def least_parameter(of: Statistic) -> Statistic:
     """The smallest over parameters."""
-    return lambda m: of(m).min("parameter")
+    return lambda m: of(m).min(-1)
 
 
-def lead(x: xr.DataArray, first: tuple[str, ...], largest: bool) -> xr.DataArray:
-    """Margin in percent by which the worst of ``first`` ranks ahead of the best other parameter (larger or smaller)."""
-    chosen = x["parameter"].isin(list(first))
-    inside, outside = x.sel(parameter=chosen), x.sel(parameter=~chosen)
+def lead(x: np.ndarray, names: Sequence[str], first: Iterable[str], largest: bool) -> np.ndarray:
+    """Margin in percent by which the worst of ``first`` ranks ahead of the best other parameter (larger or smaller).
+
+    ``x``: (..., names).
+    """
+    chosen = np.isin(np.array(names), list(first))
+    inside, outside = x[..., chosen], x[..., ~chosen]
     if largest:
-        return 100 * (inside.min("parameter") / outside.max("parameter") - 1)
-    return 100 * (outside.min("parameter") / inside.max("parameter") - 1)
+        return np.asarray(100 * (inside.min(-1) / outside.max(-1) - 1))
+    return np.asarray(100 * (outside.min(-1) / inside.max(-1) - 1))
 
 
-def at_one(of: Measure, amplitude: float, fmax: float, names: Iterable[str] = TWELVE) -> Statistic:
-    """Mean over parameters at one amplitude and Fmax."""
-    return lambda m: of(m).sel(fmax=fmax, amplitude=amplitude, parameter=list(names), drop=True).mean("parameter")
+def ranked(what: str, first: Iterable[str], largest: bool, names: Sequence[str] = TWELVE) -> Statistic:
+    """`lead` of parameters at 1.2 Hz."""
+    return lambda m: lead(m.of(what, names, MID), names, first, largest)
 
 
-bias, sd, cv = accuracy.absolute_bias_of, accuracy.relative_sd_of, accuracy.cv_of
-WEAK, STRONG = published.AMPLITUDES_NM
-
-
-def _difference_of_bias(m: Moments) -> xr.DataArray:
-    b = bias(m).sel(parameter=list(TWELVE)).mean(["fmax", "parameter"])
-    return b.sel(amplitude=WEAK, drop=True) - b.sel(amplitude=STRONG, drop=True)
-
-
-def _ratio_of_cv(m: Moments) -> xr.DataArray:
-    together = each(cv, TWO, MID)(m)
-    single = each(cv, ("K11", "K22"), MID)(m).assign_coords(parameter=together["parameter"].values)
-    return (together / single).mean("parameter")
-
-
-def _ranked(of: Measure, first: tuple[str, ...], largest: bool) -> Statistic:
-    return lambda m: lead(each(of, TWELVE, MID)(m), first, largest)
-
-
-def _of_passive(of: Measure) -> Statistic:
+def _of_passive(what: str) -> Statistic:
     """Smallest excess, over the Fmax, of the passive stiffnesses over the other parameters (means)."""
     others = tuple(n for n in TWELVE if n not in PASSIVE)
-    return least(*(excess(mean(of, PASSIVE, f), mean(of, others, f)) for f in FMAX_HZ))
+    return least(*(excess(mean(what, PASSIVE, f), mean(what, others, f)) for f in FMAX_HZ))
 
+
+def _difference_of_bias(m: Measures) -> np.ndarray:
+    weak, strong = (np.mean([mean("bias", TWELVE, f, a)(m) for f in FMAX_HZ], axis=0) for a in (WEAK, STRONG))
+    return np.asarray(weak - strong)
+
+
+def _over_fmax(what: str, names: Iterable[str]) -> Statistic:
+    return reduction(mean(what, names, LOW), mean(what, names, MID))
+
+
+def _over_amplitude(what: str, fmax: float) -> Statistic:
+    return reduction(mean(what, TWELVE, fmax, WEAK), mean(what, TWELVE, fmax, STRONG))
+
+
+_BETTER, _WORSE = published.BETTER_AT_8HZ, published.WORSE_AT_8HZ
 
 SMOOTH: dict[str, tuple[tuple[float, ...], Statistic]] = {
-    **{f"bias_12_{f:g}": ((f,), mean(bias, TWELVE, f)) for f in FMAX_HZ},
-    **{f"bias_10_{f:g}": ((f,), mean(bias, TEN, f)) for f in FMAX_HZ},
-    **{f"bias_2_{f:g}": ((f,), mean(bias, TWO, f)) for f in (LOW, MID)},
+    **{f"bias_12_{f:g}": ((f,), mean("bias", TWELVE, f)) for f in FMAX_HZ},
+    **{f"bias_10_{f:g}": ((f,), mean("bias", TEN, f)) for f in FMAX_HZ},
+    **{f"bias_2_{f:g}": ((f,), mean("bias", TWO, f)) for f in (LOW, MID)},
     "bias_amplitude": (FMAX_HZ, _difference_of_bias),
-    "bias_8_largest": (FMAX_HZ, excess(mean(bias, TWELVE, HIGH), most(*(mean(bias, TWELVE, f) for f in (LOW, MID))))),
-    "bias_passive": (FMAX_HZ, _of_passive(bias)),
-    "largest_bias": ((MID,), _ranked(bias, published.LARGEST_BIAS, largest=True)),
-    "spread_fmax": ((LOW, MID), reduction(mean(sd, TWELVE, LOW), mean(sd, TWELVE, MID))),
-    "spread_fmax_cv": ((LOW, MID), reduction(mean(cv, TWELVE, LOW), mean(cv, TWELVE, MID))),
-    "spread_fmax_10": ((LOW, MID), reduction(mean(sd, TEN, LOW), mean(sd, TEN, MID))),
-    "spread_fmax_2": ((LOW, MID), reduction(mean(sd, TWO, LOW), mean(sd, TWO, MID))),
-    "spread_8_larger": ((MID, HIGH), excess(mean(sd, TWELVE, HIGH), mean(sd, TWELVE, MID))),
-    "spread_8hz_better": (
-        (MID, HIGH),
-        reduction(mean(sd, published.BETTER_AT_8HZ, MID), mean(sd, published.BETTER_AT_8HZ, HIGH)),
+    "bias_8_largest": (
+        FMAX_HZ,
+        excess(mean("bias", TWELVE, HIGH), most(mean("bias", TWELVE, LOW), mean("bias", TWELVE, MID))),
     ),
+    "bias_passive": (FMAX_HZ, _of_passive("bias")),
+    "largest_bias": ((MID,), ranked("bias", published.LARGEST_BIAS, largest=True)),
+    "spread_fmax": ((LOW, MID), _over_fmax("sd", TWELVE)),
+    "spread_fmax_cv": ((LOW, MID), _over_fmax("cv", TWELVE)),
+    "spread_fmax_10": ((LOW, MID), _over_fmax("sd", TEN)),
+    "spread_fmax_2": ((LOW, MID), _over_fmax("sd", TWO)),
+    "spread_8_larger": ((MID, HIGH), excess(mean("sd", TWELVE, HIGH), mean("sd", TWELVE, MID))),
+    "spread_8hz_better": ((MID, HIGH), reduction(mean("sd", _BETTER, MID), mean("sd", _BETTER, HIGH))),
     "spread_8hz_better_each": (
         (MID, HIGH),
-        least_parameter(reduction(each(sd, published.BETTER_AT_8HZ, MID), each(sd, published.BETTER_AT_8HZ, HIGH))),
+        least_parameter(reduction(each("sd", _BETTER, MID), each("sd", _BETTER, HIGH))),
     ),
-    "spread_8hz_worse": (
-        (MID, HIGH),
-        reduction(mean(sd, published.WORSE_AT_8HZ, HIGH), mean(sd, published.WORSE_AT_8HZ, MID)),
-    ),
+    "spread_8hz_worse": ((MID, HIGH), reduction(mean("sd", _WORSE, HIGH), mean("sd", _WORSE, MID))),
     "spread_8hz_worse_each": (
         (MID, HIGH),
-        least_parameter(reduction(each(sd, published.WORSE_AT_8HZ, HIGH), each(sd, published.WORSE_AT_8HZ, MID))),
+        least_parameter(reduction(each("sd", _WORSE, HIGH), each("sd", _WORSE, MID))),
     ),
-    "spread_passive": (FMAX_HZ, _of_passive(sd)),
-    "spread_sums": (FMAX_HZ, least(*(excess(mean(sd, TWELVE, f), mean(sd, TWO, f)) for f in FMAX_HZ))),
-    **{f"spread_amplitude_{f:g}": ((f,), reduction(at_one(sd, WEAK, f), at_one(sd, STRONG, f))) for f in FMAX_HZ},
-    **{f"spread_amplitude_cv_{f:g}": ((f,), reduction(at_one(cv, WEAK, f), at_one(cv, STRONG, f))) for f in FMAX_HZ},
-    "lowest_cv": ((MID,), _ranked(cv, published.LOWEST_CV, largest=False)),
-    "highest_cv": ((MID,), _ranked(cv, published.HIGHEST_CV, largest=True)),
-    "low_cv": ((MID,), lambda m: each(cv, STIFFNESSES, MID)(m).max("parameter")),
-    "cv_stiffness_damping": ((MID,), excess(mean(cv, DAMPINGS, MID), mean(cv, STIFFNESSES, MID))),
-    "cv_stiffness_damping_each": (
-        (MID,),
-        lambda m: lead(each(cv, (*STIFFNESSES, *DAMPINGS), MID)(m), STIFFNESSES, largest=False),
-    ),
-    "combined_cv_lowest": ((MID,), lambda m: lead(each(cv, (*TWO, *TWELVE), MID)(m), TWO, largest=False)),
-    "combined_cv_ratio": ((MID,), _ratio_of_cv),
+    "spread_passive": (FMAX_HZ, _of_passive("sd")),
+    "spread_sums": (FMAX_HZ, least(*(excess(mean("sd", TWELVE, f), mean("sd", TWO, f)) for f in FMAX_HZ))),
+    **{f"spread_amplitude_{f:g}": ((f,), _over_amplitude("sd", f)) for f in FMAX_HZ},
+    **{f"spread_amplitude_cv_{f:g}": ((f,), _over_amplitude("cv", f)) for f in FMAX_HZ},
+    "lowest_cv": ((MID,), ranked("cv", published.LOWEST_CV, largest=False)),
+    "highest_cv": ((MID,), ranked("cv", published.HIGHEST_CV, largest=True)),
+    "low_cv": ((MID,), lambda m: m.of("cv", STIFFNESSES, MID).max(-1)),
+    "cv_stiffness_damping": ((MID,), excess(mean("cv", DAMPINGS, MID), mean("cv", STIFFNESSES, MID))),
+    "cv_stiffness_damping_each": ((MID,), ranked("cv", STIFFNESSES, False, (*STIFFNESSES, *DAMPINGS))),
+    "combined_cv_lowest": ((MID,), ranked("cv", TWO, False, NAMES)),
+    "combined_cv_ratio": ((MID,), lambda m: (m.of("cv", TWO, MID) / m.of("cv", ("K11", "K22"), MID)).mean(-1)),
 }
 """Smooth statistics of the moments: (the Fmax they need, the function)."""
 
-RANKINGS: dict[str, tuple[Measure, tuple[str, ...], int, bool]] = {
-    "largest_bias": (bias, TWELVE, 4, True),
-    "lowest_cv": (cv, TWELVE, 4, False),
-    "highest_cv": (cv, TWELVE, 4, True),
-    "low_cv": (cv, STIFFNESSES, 4, True),
-    "combined_cv_lowest": (cv, (*TWO, *TWELVE), 3, False),
+RANKINGS: dict[str, tuple[str, tuple[str, ...], int, bool]] = {
+    "largest_bias": ("bias", TWELVE, 4, True),
+    "lowest_cv": ("cv", TWELVE, 4, False),
+    "highest_cv": ("cv", TWELVE, 4, True),
+    "low_cv": ("cv", STIFFNESSES, 4, True),
+    "combined_cv_lowest": ("cv", NAMES, 3, False),
 }
 """Rows that print the parameters behind a ranking at 1.2 Hz: measure, parameters, how many, largest first."""
 
 
-def leaders(x: xr.DataArray, n: int, largest: bool) -> str:
-    """The first ``n`` of a ranking as text."""
-    ranked = x.sortby(x, ascending=not largest).isel(parameter=slice(n))
-    return ", ".join(f"{p} {v:.3g}" for p, v in zip(ranked["parameter"].values, ranked.values, strict=True))
+def leaders(x: np.ndarray, names: Sequence[str], n: int, largest: bool) -> str:
+    """The first ``n`` of a ranking of ``x`` (names,) as text."""
+    order = np.argsort(-x if largest else x, kind="stable")[:n]
+    return ", ".join(f"{names[i]} {x[i]:.3g}" for i in order)
 
 
-def ranks(x: xr.DataArray) -> xr.DataArray:
-    """Ranks along ``parameter``, from 1 for the smallest."""
-    x = x.transpose(..., "parameter")
-    return x.copy(data=rankdata(x.values, axis=-1))
-
-
-def small_bias(names: Iterable[str], fmax: float) -> Statistic:
-    """Percent of the parameters whose |bias| is below 5 %."""
-    return lambda m: 100 * (each(bias, names, fmax)(m) < published.SMALL_BIAS_PERCENT).mean("parameter")
-
-
-def counted(influence: xr.DataArray, mostly_high: xr.DataArray) -> dict[str, Statistic]:
-    """Counts and ranks at 1.2 Hz that need the sensitivity: ``influence`` and whether it is largest at high frequency.
-
-    Both have the dim parameter (the 12). The three least influential parameters count as of small influence.
-    """
-    influence, mostly_high = (x.sel(parameter=list(TWELVE)) for x in (influence, mostly_high))
-    rank = ranks(influence)
-
-    def explained(m: Moments) -> xr.DataArray:
-        large = each(bias, TWELVE, MID)(m) > published.SMALL_BIAS_PERCENT
-        either = (rank <= len(published.LEAST_INFLUENTIAL)) | mostly_high
-        return (100 * (large & either).sum("parameter") / large.sum("parameter")).where(large.any("parameter"), 100.0)
-
-    def influential(m: Moments) -> xr.DataArray:
-        precise = each(cv, TWELVE, MID)(m) < published.LOW_CV
-        upper = rank > len(TWELVE) / 2
-        return (100 * (precise & upper).sum("parameter") / precise.sum("parameter")).where(precise.any("parameter"))
-
-    def follows(of: Measure) -> Statistic:
-        return lambda m: -xr.corr(ranks(each(of, TWELVE, MID)(m)), rank, dim="parameter")
-
-    return {
-        "bias_over_5": explained,
-        "low_cv_influential": influential,
-        "influence_cv": follows(cv),
-        "influence_bias": follows(bias),
-    }
-
-
-COUNTED: dict[str, tuple[tuple[float, ...], Statistic]] = {
-    f"bias_below_5_{len(names)}_{f:g}": ((f,), small_bias(names, f)) for names in (TWELVE, TEN) for f in (LOW, MID)
-}
-"""Counts that need the best fits only."""
-
-
-def together(pair: tuple[str, str]) -> Callable[[xr.Dataset], xr.DataArray]:
-    """Correlation over realizations of the estimates of two parameters, mean over amplitudes and Fmax."""
-    a, b = pair
-
-    def of(data: xr.Dataset) -> xr.DataArray:
-        x = data["estimate"]
-        r = xr.corr(x.sel(parameter=a, drop=True), x.sel(parameter=b, drop=True), dim="realization")
-        return r.mean(["amplitude", "fmax"])
+def _small_bias(names: Iterable[str], fmax: float) -> Statistic:
+    def of(m: Measures) -> np.ndarray:
+        x = m.of("bias", names, fmax)
+        return np.asarray(np.where(np.isfinite(x).all(-1), 100 * (x < published.SMALL_BIAS_PERCENT).mean(-1), np.nan))
 
     return of
 
 
-def relation(data: xr.Dataset) -> xr.DataArray:
-    """Correlation over realizations of the logarithms of ``cost`` and ``j_nc``, dims (amplitude, fmax)."""
-    logarithm = data[["cost", "j_nc"]].map(np.log)
-    return xr.corr(logarithm["cost"], logarithm["j_nc"], dim="realization")
+COUNTED: dict[str, tuple[tuple[float, ...], Statistic]] = {
+    f"bias_below_5_{len(names)}_{f:g}": ((f,), _small_bias(names, f)) for names in (TWELVE, TEN) for f in (LOW, MID)
+}
+"""Counts that need the best fits only: percent of the parameters whose |bias| is below 5 %."""
 
 
-def weaker_with_noise(r: xr.DataArray) -> xr.DataArray:
-    """By how much a correlation is smaller at the small amplitude, mean over 1.2 and 8 Hz."""
-    r = r.sel(fmax=[MID, HIGH]).mean("fmax")
-    return r.sel(amplitude=STRONG, drop=True) - r.sel(amplitude=WEAK, drop=True)
+def by_influence(influence: np.ndarray, mostly_high: np.ndarray) -> dict[str, Statistic]:
+    """Counts and ranks at 1.2 Hz that need the sensitivity, both (`TWELVE`,).
+
+    ``influence``: of each parameter; the three smallest count as of small influence. ``mostly_high``: whether it is
+    largest at high frequencies.
+    """
+    rank = rankdata(influence)
+    either = (rank <= len(published.LEAST_INFLUENTIAL)) | mostly_high
+    upper = rank > len(TWELVE) / 2
+
+    def share(of: np.ndarray, x: np.ndarray, among: np.ndarray) -> np.ndarray:
+        """Percent; 100 where there is none among which to count: the statement then has no exception."""
+        total = among.sum(-1)
+        percent = np.where(total > 0, 100 * (of & among).sum(-1) / np.maximum(total, 1), 100.0)
+        return np.asarray(np.where(np.isfinite(x).all(-1), percent, np.nan))
+
+    def explained(m: Measures) -> np.ndarray:
+        x = m.of("bias", TWELVE, MID)
+        return share(either, x, x > published.SMALL_BIAS_PERCENT)
+
+    def influential(m: Measures) -> np.ndarray:
+        x = m.of("cv", TWELVE, MID)
+        return share(upper, x, x < published.LOW_CV)
+
+    def follows(what: str) -> Statistic:
+        centred = rank - rank.mean()
+        scale = np.sqrt((centred**2).sum())
+
+        def of(m: Measures) -> np.ndarray:
+            own = rankdata(m.of(what, TWELVE, MID), axis=-1)
+            own = own - own.mean(-1, keepdims=True)
+            return np.asarray(-(own * centred).sum(-1) / (scale * np.sqrt((own**2).sum(-1))))
+
+        return of
+
+    return {
+        "bias_over_5": explained,
+        "low_cv_influential": influential,
+        "influence_cv": follows("cv"),
+        "influence_bias": follows("bias"),
+    }
 
 
-def weaker_at_8hz(r: xr.DataArray) -> xr.DataArray:
-    """By how much a correlation is smaller at 8 than at 1.2 Hz, mean over amplitudes."""
-    r = r.mean("amplitude")
-    return r.sel(fmax=MID, drop=True) - r.sel(fmax=HIGH, drop=True)
+def weaker_with_noise(r: np.ndarray) -> np.ndarray:
+    """By how much a correlation (..., amplitude, fmax) is smaller at the small amplitude, mean over 1.2 and 8 Hz."""
+    at = [FMAX_HZ.index(MID), FMAX_HZ.index(HIGH)]
+    return np.asarray((r[..., STRONG, :] - r[..., WEAK, :])[..., at].mean(-1))
+
+
+def weaker_at_8hz(r: np.ndarray) -> np.ndarray:
+    """By how much a correlation (..., amplitude, fmax) is smaller at 8 than at 1.2 Hz, mean over amplitudes."""
+    return np.asarray((r[..., FMAX_HZ.index(MID)] - r[..., FMAX_HZ.index(HIGH)]).mean(-1))

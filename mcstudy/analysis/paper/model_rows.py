@@ -6,12 +6,11 @@ They follow in closed form from the true values, so ours have no Monte Carlo err
 from __future__ import annotations
 
 import numpy as np
-import xarray as xr
 
 from mcstudy.analysis.paper import published
-from mcstudy.analysis.paper.accuracy_rows import DAMPINGS, STIFFNESSES, lead, leaders
+from mcstudy.analysis.paper.accuracy_rows import DAMPINGS, STIFFNESSES, TWELVE, lead, leaders
 from mcstudy.analysis.paper.sampling import Value, exact
-from mcstudy.analysis.sensitivity import influence, sensitivity
+from mcstudy.analysis.sensitivity import sensitivity
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise, record_frequencies
 from mcstudy.stance.simulate_spectral import sway_psd
@@ -20,33 +19,37 @@ EQUAL_SHARE = 100 / 12
 """Share of each of 12 parameters that all matter equally, percent."""
 
 
-def influences(model: Model, f: np.ndarray) -> tuple[xr.DataArray, xr.DataArray]:
-    """Per parameter: its influence over all ranges, and whether its share is largest in the high range."""
-    share = sensitivity(model, model.truth, f)["share"]
-    others = share.sel(range=[r for r in share["range"].values if r != "high"]).max("range")
-    high = share.sel(range="high", drop=True) if "high" in share["range"] else others * 0
-    return influence(model, model.truth, f), high > others
+def influences(model: Model, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Per parameter (`TWELVE`,): its influence over all ranges, and whether its share is largest in the high range."""
+    found = sensitivity(model, model.truth, f).sel(parameter=list(TWELVE))
+    share = found["share"]
+    highest = share["range"].values[share.argmax("range").values]
+    return found["value"].mean(("range", "direction")).values, highest == "high"
 
 
 def sensitivity_values(model: Model, f: np.ndarray) -> dict[str, Value]:
     """Rows about Fig. 7C at the truth of ``model``; ``f``: (N,) Hz, points that reach all three ranges."""
-    matter = influence(model, model.truth, f)
+    matter = influences(model, f)[0]
     share = 100 * sensitivity(model, model.truth, f)["share"]
-    low, mid, high = (share.sel(range=r, drop=True) for r in ("low", "mid", "high"))
-    delays, stiff, damp = list(published.DELAYS), list(STIFFNESSES), list(DAMPINGS)
+
+    def of(names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
+        low, mid, high = (share.sel(range=r, parameter=list(names)).values for r in ("low", "mid", "high"))
+        text = [f"{n} {a:.2g}/{b:.2g}/{c:.2g}" for n, a, b, c in zip(names, low, mid, high, strict=True)]
+        return low, mid, high, ", ".join(text) + " % at low/mid/high frequencies"
+
     least = published.LEAST_INFLUENTIAL
-
-    def of(names: list[str]) -> str:
-        shares = [f"{n} " + "/".join(f"{float(x.sel(parameter=n)):.2g}" for x in (low, mid, high)) for n in names]
-        return ", ".join(shares) + " % at low/mid/high frequencies"
-
+    low, mid, high, delays = of(published.DELAYS)
+    stiff_low, _, stiff_high, stiffnesses = of(STIFFNESSES)
+    damp_low, _, damp_high, dampings = of(DAMPINGS)
     return {
-        "least_influential": exact(float(lead(matter, least, False)), leaders(matter, len(least) + 1, False)),
-        "delays_low": exact(float(low.sel(parameter=delays).max()), of(delays)),
-        "delays_high": exact(float(high.sel(parameter=delays).min()), of(delays)),
-        "delays_most_high": exact(float((high - np.maximum(low, mid)).sel(parameter=delays).min()), of(delays)),
-        "stiffness_low": exact(float((low - high).sel(parameter=stiff).min()), of(stiff)),
-        "damping_high": exact(float((high - low).sel(parameter=damp).min()), of(damp)),
+        "least_influential": exact(
+            float(lead(matter, TWELVE, least, False)), leaders(matter, TWELVE, len(least) + 1, False)
+        ),
+        "delays_low": exact(low.max(), delays),
+        "delays_high": exact(high.min(), delays),
+        "delays_most_high": exact((high - np.maximum(low, mid)).min(), delays),
+        "stiffness_low": exact((stiff_low - stiff_high).min(), stiffnesses),
+        "damping_high": exact((damp_high - damp_low).min(), dampings),
     }
 
 

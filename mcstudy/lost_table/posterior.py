@@ -92,11 +92,6 @@ class Posterior:
     log_likelihood: np.ndarray
     log_evidence: float
 
-    @property
-    def best(self) -> np.ndarray:
-        """The point of highest posterior density among the particles (the prior is uniform in the cube), (U,)."""
-        return np.asarray(self.u[int(self.log_likelihood.argmax())])
-
 
 def sample(
     likelihood: Likelihood,

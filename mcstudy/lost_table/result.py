@@ -44,9 +44,9 @@ def result(file: InferenceFile, out: Path, options: ClusterOptions) -> xr.Datase
     found = infer(file, out, options)
     inference = file.inference
     seed, n = inference.seed, inference.realizations
-    best = checks.best(found, seed, n, out, options)
     where = (seed, checks.WAVE_OF_STAND_IN, n)
     stand_in = checks.repeated(found, checks.stand_in(found), where, out, options)
+    best = checks.best(found, stand_in, (seed, n), out, options)
     replicates = checks.replicated(found, seed)
     p = checks.tail(replicates)
     failed = [row.key for row, value in zip(ROWS, p, strict=True) if row.kind != "told" and value < NOT_REPRODUCED]
@@ -97,7 +97,7 @@ def _dataset(
             u.std(axis=0) / found.prior_bank.u.std(axis=0),
             "standard deviation of the posterior over that of the prior, on the scale of the prior",
         ),
-        "best": (("unknown",), prior.values(best.u), "configuration of highest posterior density"),
+        "best": (("unknown",), prior.values(best.u), "configuration whose studies come nearest to the printed numbers"),
         "stand_in": (("unknown",), prior.values(stand_in.u), "hand-calibrated stand-in"),
         "printed": (("row",), np.array([row.value for row in ROWS]), "number printed in the paper; 0 for a ranking"),
         "predicted": (("particle", "row"), shown(replicates), "rows of papers drawn from the posterior predictive"),

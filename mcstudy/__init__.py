@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from mcstudy.effect_library.simulated import simulate
     from mcstudy.errors import InputError, Interrupted
     from mcstudy.identification.group_result import GroupResult
-    from mcstudy.identification.result import FitResult
     from mcstudy.own_model import run_model
     from mcstudy.recordings.frf import FrfRecording
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
+    from mcstudy.report.person.plots import FitWithFigures as FitResult
     from mcstudy.stance.body import Body
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
@@ -36,7 +36,7 @@ _FROM = {
     "Body": "stance.body",
     "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
     "Effect": "effect_library.declare",
-    "FitResult": "identification.result",
+    "FitResult": "report.person.plots:FitWithFigures",
     "FrfRecording": "recordings.frf",
     "GroupResult": "identification.group_result",
     "InputError": "errors",

@@ -27,6 +27,7 @@ VERBS = {
     "simulate": "simulate a recording of a standing body, optionally with effects that the model lacks",
     "import": "read a recording from a laboratory's files (MATLAB, C3D, text), check it and write it for fit and gap",
     "fit": "estimate the parameters of the person in a recording, with confidence intervals",
+    "infer": "infer the paper's lost true values from its printed numbers",
     "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
     "warm": "compile the kernels ahead of the first run",
     "help": "print a page of the documentation: mcstudy help gap",

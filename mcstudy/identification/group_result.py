@@ -61,7 +61,8 @@ class GroupMean:
     mean, low, high
         Mean of the population with its interval.
     low_from, high_from
-        What ends the interval: "data", or "bound" where most people have no own limit on that side.
+        What ends the interval: "data", "bound" where most people have no own limit on that side, or "flat" where flat
+        parts of their likelihoods make up half of the interval.
     between, between_low, between_high, between_low_from, between_high_from
         Standard deviation between people with its interval; the errors of the fits are not in it.
     individuals

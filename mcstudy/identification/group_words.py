@@ -15,8 +15,8 @@ SHOWN = 0.1
 
 def interval(value: float, of: GroupMean | GroupDifference) -> str:
     """``815 [586, 1309] N m/rad``, with the ends that bounds set in words."""
-    low = number(of.low) if of.low_from == "data" else f"bound {number(of.low)}"
-    high = number(of.high) if of.high_from == "data" else f"bound {number(of.high)}"
+    low = number(of.low) if of.low_from == "data" else f"{of.low_from} {number(of.low)}"
+    high = number(of.high) if of.high_from == "data" else f"{of.high_from} {number(of.high)}"
     return f"{number(value)} [{low}, {high}] {of.unit}".rstrip()
 
 
@@ -84,8 +84,8 @@ def sentences(r: GroupResult) -> list[str]:
     open_ = list(dict.fromkeys(m.quantity for m in r.means if m.verdict != "determined"))
     if open_:
         out.append(
-            f"Not determined by these people: {', '.join(open_)}. Most of them have no own limit on a side, so bounds "
-            "of the fits end these intervals; averaging does not change that."
+            f"Not determined by these people: {', '.join(open_)}. Bounds of the fits end the intervals of most of "
+            "them, or their data hardly tell values apart; averaging does not change that."
         )
     else:
         out.append("All means are determined by the data alone.")

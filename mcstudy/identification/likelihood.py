@@ -43,7 +43,7 @@ class Likelihood:
     limits
         Values that are possible; beyond them the likelihood is zero.
     open
-        For either side, whether a bound of this or of another parameter helps to end the individual interval there.
+        For either side, whether something else than the data ends the individual interval there.
     """
 
     value: np.ndarray
@@ -55,16 +55,8 @@ class Likelihood:
     open: tuple[bool, bool] = (False, False)
 
     @classmethod
-    def of(
-        cls,
-        e: Estimate,
-        level: float,
-        limits: tuple[float, float] = (-np.inf, np.inf),
-        on_bound: tuple[bool, bool] = (False, False),
-    ) -> Likelihood:
-        """Of an estimate whose interval has ``level``.
-
-        ``limits``: values that are possible. ``on_bound``: for either end, whether a parameter is on a bound there.
+    def of(cls, e: Estimate, level: float, limits: tuple[float, float] = (-np.inf, np.inf)) -> Likelihood:
+        """Of an estimate whose interval has ``level``; ``limits``: values that are possible.
 
         The threshold of that interval holds all corrections for the estimated noise. The deviance is divided by its
         ratio to the threshold of a known noise.
@@ -75,7 +67,7 @@ class Likelihood:
         root = root * goal / max([goal, *root[ends]])
         root[[k for k in ends if value[k] != e.estimate]] = goal  # also where the deviance jumps over the threshold
         value, root = hull(value, root, e.estimate)
-        open_ = e.low_from not in FREE or on_bound[0], e.high_from not in FREE or on_bound[1]
+        open_ = e.low_from not in FREE, e.high_from not in FREE
         return cls(value, np.sign(value - e.estimate) * root, e.estimate, e.low_from, e.high_from, limits, open_)
 
     @classmethod
@@ -92,6 +84,18 @@ class Likelihood:
     def support(self) -> tuple[float, float]:
         """Between which values the likelihood is not zero."""
         return self.at_root(-REACH), self.at_root(REACH)
+
+    @property
+    def flat(self) -> tuple[float, float]:
+        """Between which values the likelihood is flatter than a Gaussian one with the same interval.
+
+        On either side: how much farther from the estimate the root is 1/2 than if it rose in a straight line up to 2.
+        """
+        ends = []
+        for side in (-1, 1):
+            near, far = (abs(self.at_root(side * root) - self.estimate) for root in (0.5, 2.0))
+            ends.append(self.estimate + side * max(near - far / 4, 0.0))
+        return ends[0], ends[1]
 
     def at_root(self, root: float) -> float:
         """The value at which the signed root of the deviance is ``root``, or the end before it."""
@@ -122,16 +126,7 @@ class Likelihood:
 
 def of_fit(fitted: FitResult) -> dict[str, Likelihood]:
     """Likelihoods of all quantities of a fit, by name."""
-    model, out = fitted.model, {}
-    for e in fitted.estimates:
-        own = e.name.split(" + ")
-        other = np.array([n not in own for n in model.names])
-        on_bound = [
-            bool((other & ((theta <= model.lower) | (theta >= model.upper))).any())
-            for theta in (e.profile.low_theta, e.profile.high_theta)
-        ]
-        out[e.name] = Likelihood.of(e, fitted.level, possible(model, e.name), (on_bound[0], on_bound[1]))
-    return out
+    return {e.name: Likelihood.of(e, fitted.level, possible(fitted.model, e.name)) for e in fitted.estimates}
 
 
 def possible(model: Model, name: str) -> tuple[float, float]:

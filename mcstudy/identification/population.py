@@ -14,6 +14,9 @@ no other reason than that there are more of them. So a person of whom little is 
 - tau maximises the likelihood integrated over mu (REML for Gaussian likelihoods).
 - The interval of mu is that of its profile likelihood. Its threshold n log(1 + t^2 / (n - 1)), with Student's t of
   n - 1 degrees of freedom, makes it exact for few people who are measured without error: it is their t interval.
+- Where likelihoods are flatter than Gaussian ones, the interval also covers the means of people who are all at the low,
+  or all at the high, end of their flat part (each with its t interval). If flat parts make up half of it, it is said to
+  be "flat", which is not determined.
 - The value of each person, given the others, has weights averaged over mu and tau (flat priors).
 """
 
@@ -48,14 +51,20 @@ NONE = 1e-3
 """Log likelihood ratio up to which no spread at all counts as the best estimate."""
 
 MOST_UNDETERMINED = 0.5
-"""Share of people whose interval a bound helps to end, from which the mean counts as undetermined on that side."""
+"""Share of people whose interval a bound ends, from which the mean counts as undetermined on that side."""
+
+FLAT = 0.25
+"""Share of the interval of the mean, from which flat parts of the likelihoods are taken at their full length."""
+
+MOST_FLAT = 0.5
+"""Share of the interval of the mean, from which flat parts of the likelihoods count as what makes it wide."""
 
 LEAST_TO_SHRINK = 3
 """Fewest people from whom the spread is known well enough to draw individual values towards the mean."""
 
 
 class Interval(NamedTuple):
-    """A value with the ends of its interval, and what sets each: "data" or "bound"."""
+    """A value with the ends of its interval, and what sets each: "data", "bound" or "flat"."""
 
     value: float
     low: float
@@ -173,7 +182,16 @@ class Population:
         at = int(np.argmax(self.restricted))
         value = _argmax(self.mu, self.joint[at])
         goal = stdtrit(self.n - 1, 0.5 + self.level / 2) ** 2
-        return self.bounded(Interval(value, *crossings(self.mu, self.t_squared, goal)))
+        low, high = crossings(self.mu, self.t_squared, goal)
+        flat = np.array([p.flat for p in self.people])
+        length = float(np.median(np.diff(flat, axis=1)))  # of most people: one who is not determined tells nothing
+        share = length / max(high - low, length, 1e-300)
+        end = "flat" if share > MOST_FLAT else "data"
+        # All people may be at the same end of the flat parts of their likelihoods, which is no matter of chance.
+        away, weight = np.sqrt(goal / self.n) * flat.std(axis=0, ddof=1), min(share / FLAT, 1.0)
+        low += weight * min(flat[:, 0].mean() - away[0] - low, 0.0)
+        high += weight * max(flat[:, 1].mean() + away[1] - high, 0.0)
+        return self._bounded(Interval(value, float(low), float(high), end, end))
 
     def _spread(self, density: np.ndarray) -> np.ndarray:
         """Densities (T, G) of means, each convolved with the normal density of its tau."""
@@ -185,11 +203,11 @@ class Population:
         together = fft.rfft(cells, axis=1) * fft.rfft(density, 2 * G, axis=1)
         return np.asarray(fft.irfft(together, 2 * G, axis=1)[:, :G])
 
-    def bounded(self, found: Interval) -> Interval:
+    def _bounded(self, found: Interval) -> Interval:
         """An interval that reaches as far as any person's on every side that most people leave undetermined."""
         goal = float(ndtri(0.5 + self.level / 2))
         open_low, open_high = np.mean([p.open for p in self.people], axis=0) >= MOST_UNDETERMINED
-        low, high, low_from, high_from = found.low, found.high, "data", "data"
+        _, low, high, low_from, high_from = found
         if open_low or low <= self.limits[0]:
             low, low_from = min(low, *(p.at_root(-goal) for p in self.people)), "bound"
         if open_high or high >= self.limits[1]:
@@ -264,12 +282,16 @@ def unpaired(second: Population, first: Population) -> Difference:
     goal = stdtrit(dof, 0.5 + a.level / 2) ** 2
     low, high = crossings(wanted, together, goal)
     m, k = a.mean(), b.mean()
-    low_from = "bound" if "bound" in (k.low_from, m.high_from) else "data"
-    high_from = "bound" if "bound" in (k.high_from, m.low_from) else "data"
-    low = k.low - m.high if low_from == "bound" else low
-    high = k.high - m.low if high_from == "bound" else high
+    low_from, high_from = _worse(k.low_from, m.high_from), _worse(k.high_from, m.low_from)
+    low = k.low - m.high if low_from != "data" else low
+    high = k.high - m.low if high_from != "data" else high
     t = np.sqrt(np.interp(0.0, wanted, together))
     return Difference(Interval(at, min(low, at), max(high, at), low_from, high_from), float(2 * stdtr(dof, -t)))
+
+
+def _worse(*ends: str) -> str:
+    """What ends the interval of a difference of two means whose intervals end at these."""
+    return next((end for end in ("bound", "flat") if end in ends), "data")
 
 
 def _half(p: Population) -> float:

@@ -13,7 +13,7 @@ from mcstudy.report.context import Context, largest_amplitude, stat, value_of
 from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.html import escape
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
-from mcstudy.text_tables import number, with_error
+from mcstudy.text_tables import counted, number, with_error
 
 Tile = tuple[str, str, str, str]
 """What, number, remark, id of the figure or section with more."""
@@ -36,8 +36,9 @@ def _question(context: Context) -> str:
     return (
         f"Asked: how well do frequency responses to one stimulus ({g.stimulus.kind.replace('_', ' ')}) identify the "
         f"{len(view.model.names)} parameters of the {segments} model? {fits:,} fits in {len(groups)} "
-        f"group{'s' * (len(groups) > 1)}; group {view.name}: {g.realizations} realizations × {g.starts} starts, "
-        f"Fmax {_listed(g.fmax)} Hz, stimulus {', '.join(amplitude_label(view, a) for a in g.amplitude)}."
+        f"group{'s' * (len(groups) > 1)}; group {view.name}: {counted(g.realizations, 'realization')} × "
+        f"{counted(g.starts, 'start')}, Fmax {_listed(g.fmax)} Hz, "
+        f"stimulus {', '.join(amplitude_label(view, a) for a in g.amplitude)}."
     )
 
 

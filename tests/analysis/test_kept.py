@@ -258,10 +258,11 @@ def test_a_summary_of_a_path_is_what_is_kept_and_that_of_a_tree_is_the_same(
 
 
 def test_a_page_is_drawn_once(cube: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mcstudy.report import page as module
+    from mcstudy.report import study_page
+    from mcstudy.report.page import page
 
-    first = module.page(cube)
-    monkeypatch.setattr(module, "_page", lambda *_: pytest.fail("drawn again"))
-    assert module.page(cube) == first
+    first = page(cube)
+    monkeypatch.setattr(study_page, "_page", lambda *_: pytest.fail("drawn again"))
+    assert page(cube) == first
     with pytest.raises(pytest.fail.Exception, match="drawn again"):
-        module.page(cube, [cube])
+        page(cube, [cube])

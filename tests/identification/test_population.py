@@ -104,6 +104,7 @@ def test_the_likelihood_of_a_difference_of_gaussians_is_gaussian() -> None:
     x = np.array([-1.0, 2.0, 4.0, 9.0])
     np.testing.assert_allclose(found.log(x), -((x - 4) ** 2) / 10, atol=1e-3)
     assert not any(found.open)
+    np.testing.assert_allclose(found.flat, 4.0, atol=0.02)
 
 
 def test_flat_likelihoods_give_a_flat_difference() -> None:
@@ -118,6 +119,20 @@ def test_people_of_whom_only_bounds_are_known_do_not_determine_a_mean() -> None:
     found = Population([box(0, 700 + 10 * k) for k in range(10)], 0.95, (0.0, 800.0)).mean()
     assert (found.low, found.high) == (0.0, 790.0)
     assert (found.low_from, found.high_from) == ("bound", "bound")
+
+
+def test_people_whose_likelihoods_are_flat_may_all_lie_at_the_same_end() -> None:
+    """The ends of the flat parts are the true means when a trade between parameters is settled at a bound."""
+    rng = np.random.default_rng(2)
+    top = rng.normal(1200, 150, 10)
+    people = [
+        Likelihood(np.array([t - 750, t - 700, t - 300, t, t + 50]), np.array([-2.0, -0.1, 0.0, 0.1, 2.0]), t - 300)
+        for t in top
+    ]
+    found = Population(people, 0.95).mean()
+    assert found.low < top.mean() - 650
+    assert found.high > top.mean() - 50
+    assert (found.low_from, found.high_from) == ("flat", "flat")
 
 
 def test_one_undetermined_person_among_many_changes_little() -> None:

@@ -25,7 +25,7 @@ LAYERS = (
     ("study", "gap"),
     ("identification",),
     ("analysis",),
-    ("challenge",),
+    ("challenge", "lost_table"),
     ("adaptive", "own_model"),
     ("report",),
     ("api",),

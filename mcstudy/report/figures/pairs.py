@@ -40,9 +40,15 @@ def correlation_map(
     view, ax = view_of(data), axes(ax, (4.3, 4.3))
     a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
     r = correlations_of(view, a, f)["value"]
-    names = [str(n) for n in r["parameter"].values]
+    draw_correlations(ax, [str(n) for n in r["parameter"].values], r.values)
+    ax.set_title(cell_label(view, a, f))
+    return ax
+
+
+def draw_correlations(ax: Axes, names: list[str], matrix: np.ndarray) -> None:
+    """Draw correlations ``matrix`` (P, P) as in `correlation_map`; those that are nan are left out."""
     row, column = np.tril_indices(len(names), -1)
-    value = r.values[row, column]
+    value = matrix[row, column]
     for which, marker, colour, fill in ((value > 0, "o", "blue", True), (value < 0, "s", "orange", False)):
         ax.scatter(
             column[which],
@@ -68,8 +74,6 @@ def correlation_map(
     ax.tick_params(axis="x", labelrotation=90)
     ax.set_xlim(-0.6, len(names) - 0.4)
     ax.set_ylim(len(names) - 0.4, -0.6)
-    ax.set_title(cell_label(view, a, f))
-    return ax
 
 
 def estimate_scatter(

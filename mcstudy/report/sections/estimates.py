@@ -74,6 +74,11 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
         for what, draw in (("angles", figures.frf_gain), ("neural controllers", figures.controller_gain))
         for f in fmaxes
     ]
+    panels += [
+        Panel(f"phase of the {what}, Fmax {f:g} Hz", partial(draw, view, a, f), share="xy")
+        for what, draw in (("angles", figures.frf_phase), ("neural controllers", figures.controller_phase))
+        for f in fmaxes
+    ]
     return Figure(
         "fig4noise",
         "",
@@ -81,7 +86,7 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
         [
             "Lines: truth. Bands: 10th to 90th percentile of the best fits over realizations, at each frequency. "
             "Dashed: Fmax. Beyond Fmax a fit extrapolates: a low Fmax does not determine the dynamics above it, as in "
-            "the paper.",
+            "the paper. The phase is that of stable fits only: an unstable loop has no response to be measured.",
         ],
         panels,
         (),

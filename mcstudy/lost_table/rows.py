@@ -15,7 +15,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from mcstudy.analysis.paper import published
-from mcstudy.analysis.paper.published import FMAX_HZ, RESULTS
+from mcstudy.analysis.paper.published import FMAX_HZ
+from mcstudy.analysis.paper.statements import RESULTS
 from mcstudy.lost_table.simulate import PARAMETERS, Moments
 
 Kind = Literal["equal", "above", "told"]
@@ -39,7 +40,7 @@ class Row:
 
 def _published(key: str, scale: Scale, half: float, kind: Kind | None = None) -> Row:
     p = RESULTS[key]
-    found: Kind = "above" if p.criterion == "above zero" else "equal"
+    found: Kind = "above" if p.criterion == "at least" else "equal"
     return Row(key, p.label, kind or found, scale, p.value, half)
 
 

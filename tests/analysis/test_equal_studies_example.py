@@ -1,4 +1,4 @@
-"""`pipelines/examples/equal_studies.py`: the verdicts on studies that are equal, and on one with another truth."""
+"""`pipelines/examples/equal_studies.py`: the verdicts on studies that are equal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 
 from mcstudy.analysis.paper.sampling import Value
 from mcstudy.analysis.paper.statements import RESULTS
-from mcstudy.analysis.paper.verdict import AGREES
 
 EXAMPLE = Path(__file__).parents[2] / "pipelines" / "examples" / "equal_studies.py"
 
@@ -49,10 +48,8 @@ def test_shares_are_of_normal_numbers_what_theory_says(example: ModuleType) -> N
     assert example.shares(key, equal, far, 60, same=False)[0] > 98
 
 
-def test_a_small_run_prints_every_row_and_tells_another_truth(
-    example: ModuleType, capsys: pytest.CaptureFixture[str]
-) -> None:
-    example.main(["--studies", "3", "--starts", "2", "--workers", "1", "--shift", "K11=800"])
+def test_a_small_run_prints_every_row(example: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    example.main(["--studies", "3", "--starts", "2", "--workers", "1"])
     text = capsys.readouterr().out
     lines = [line for line in text.splitlines() if re.search(r"/ +\d+\.\d$", line)]
     judged = [r.label for r in RESULTS.values() if r.label.startswith("mean |bias|")]
@@ -61,7 +58,4 @@ def test_a_small_run_prints_every_row_and_tells_another_truth(
     worst = re.search(r"that differ, any row: ([\d.]+) %", text)
     assert worst is not None
     assert float(worst[1]) < 35  # a share of 6 comparisons or of 3: one of 3 is 33 %
-    told = re.search(r"more than half of comparisons: (.*)", text)
-    assert told is not None
-    assert told[1] != "none"
-    assert AGREES not in told[1]
+    assert re.search(r"more than half of comparisons: \S", text)

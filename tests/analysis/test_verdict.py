@@ -55,12 +55,12 @@ def test_the_needed_realizations_tell_and_fewer_do_not() -> None:
 
 
 def test_rounding_is_not_a_difference() -> None:
-    assert verdict(14.5, 1.0).name == DIFFERS
-    assert verdict(14.5, 1.0, half_unit=0.5).name == CANNOT_TELL
-    assert verdict(14.5, 1.0, half_unit=0.5).distance == pytest.approx(4 / np.sqrt(2))
+    assert verdict(16.0, 1.0).name == DIFFERS
+    assert verdict(16.0, 1.0, half_unit=1.0).name == CANNOT_TELL
+    assert verdict(16.0, 1.0, half_unit=1.0).distance == pytest.approx(5 / np.sqrt(2))
 
 
-@pytest.mark.parametrize(("ours", "name"), [(9.0, AGREES), (2.0, CANNOT_TELL), (-5.0, DIFFERS)])
+@pytest.mark.parametrize(("ours", "name"), [(9.0, AGREES), (2.0, CANNOT_TELL), (-6.0, DIFFERS)])
 def test_a_ranking_holds_fails_or_is_open(ours: float, name: str) -> None:
     assert verdict(ours, 1.0, value=0.0, criterion="at least").name == name  # type: ignore[arg-type]
     assert verdict(-ours, 1.0, value=0.0, criterion="at most").name == name  # type: ignore[arg-type]

@@ -56,7 +56,7 @@ READING = (
     "over blocks of the paper's 50 realizations; the paper's error is that of one such block.",
     "agrees: the 90 % interval of the difference is within {bias:g} % of the truth for a bias, {spread:g} percentage "
     "points for a reduction of SD or CV, {ratio:.2g} for a ratio, {sway:g} deg for sway, {starts:g} starts. differs: "
-    "more than 3 errors apart.",
+    "more than 3 errors apart (3.75 from fewer than 20 blocks, whose error is itself an estimate).",
     "cannot tell: neither; n is the number of realizations that would settle it if our value stays. (paper's error): "
     "none would, because the paper's own error does not shrink. (definition): the paper does not say how it counts.",
     "'> 0', '> 50' and the like: a ranking or a majority; ours is the margin or the share, and 'agrees' means that it "

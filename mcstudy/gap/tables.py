@@ -9,7 +9,7 @@ from mcstudy import text_tables
 from mcstudy.effect_library import library
 from mcstudy.effect_library.library import usual_size
 from mcstudy.gap.questions.contrasts import DRAWS
-from mcstudy.gap.questions.parameters import SOURCES, SOURCES_EXPLAINED
+from mcstudy.gap.questions.parameters import PRIOR_EXPLAINED, SOURCES, SOURCES_EXPLAINED
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import FOUND
 from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, shown_causes, undetected
@@ -207,7 +207,7 @@ def _parameters(d: Diagnosis) -> Table:
     header = ["parameter", "base model", *([] if d.added is None else [added_name(d)]), "unit"]
     origins = {origin for s in d.shifts for origin in (s.without_from, s.added_from)}
     explained = [text for origin, text in SOURCES_EXPLAINED.items() if origin in origins]
-    note = " ".join(part for part in (*explained, not_a_body(d)) if part)
+    note = " ".join(part for part in (*explained, PRIOR_EXPLAINED, not_a_body(d)) if part)
     return Table("Parameters ± standard error", header, rows, note)
 
 

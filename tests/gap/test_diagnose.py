@@ -15,7 +15,14 @@ from mcstudy.files import schema
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose, diagnose_fast
 from mcstudy.gap.questions.labels import refuse
-from mcstudy.gap.questions.parameters import MOSTLY_PRIOR, SOURCES, SOURCES_EXPLAINED, sources
+from mcstudy.gap.questions.parameters import (
+    MOSTLY_PRIOR,
+    PRIOR_EXPLAINED,
+    SOURCES,
+    SOURCES_EXPLAINED,
+    prior_share,
+    sources,
+)
 from mcstudy.gap.tables import text
 from mcstudy.recordings.recording import Recording, Suspicion, Trial
 from mcstudy.spectra.measure import measure
@@ -102,7 +109,8 @@ def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging:
     """At 1.2 Hz the data say little about delays and the passive ankle; the prior's values must not pass as theirs."""
     out = diagnose_fast(lagging, fmax=1.2)
     base = detect_fast(lagging, fmax=1.2).base
-    share = np.sqrt(np.diag(base.covariance)) / base.prior.scale
+    alone = replace(base, prior=base.prior._replace(scale=1e4 * base.prior.scale))
+    share = 1 - np.diag(base.covariance) / np.diag(alone.covariance)
     by_name = {s.name: s for s in out.shifts}
     expected = {n: "prior" if x >= MOSTLY_PRIOR else "data" for n, x in zip(base.model.names, share, strict=True)}
     assert {n: s.without_from for n, s in by_name.items()} == expected
@@ -112,11 +120,16 @@ def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging:
     assert re.search(r"Kpas1 .* mostly prior +N m/rad", text(out))
     shown = " ".join(text(out).split())
     assert SOURCES_EXPLAINED["prior"] in shown
+    assert PRIOR_EXPLAINED in shown
     assert SOURCES_EXPLAINED["bound"] not in shown  # explained only where it occurs
     assert "mostly prior" in out._repr_html_()
     plain = out.to_dict()
     schema.validate("diagnosis", plain, "diagnosis")
     assert plain["parameters"][8]["without_from"] == "prior"
+    # What a profile without a prior leaves open must not pass as the data's: active stiffness trades for passive one.
+    whole = detect_fast(lagging).base
+    assert dict(zip(whole.model.names, sources(whole), strict=True))["K11"] == "prior"
+    assert prior_share(whole)[whole.model.names.index("K21")] < MOSTLY_PRIOR
     tight = base.model.with_bounds({"K11": (base.theta[0], 5000.0)})
     assert sources(replace(base, model=tight))[0] == "bound"
 

@@ -7,16 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.fitting.penalised import Fitted
+from mcstudy.gap.fits.priors import DELAY_SPREAD_S, GAIN_SPREAD
 
-MOSTLY_PRIOR = 0.7
-"""Standard error relative to the prior standard deviation from which a value counts as determined by the prior."""
+MOSTLY_PRIOR = 0.5
+"""Share of the precision of an estimate that the priors add, its own and those of parameters that trade for it, from
+which its value counts as determined by the prior."""
 
 SOURCES = {"data": "", "prior": "mostly prior", "bound": "on its bound"}
 """What determines the value of a parameter, and the text for it in a table."""
 
+PRIOR_EXPLAINED = (
+    "The diagnosis uses a weak prior, not knowledge of this person: a normal distribution around the values of the base "
+    "model (by default stand-ins for the subjects of Goodworth & Peterka, gains scaled to this body's weight), with a "
+    f"standard deviation of {100 * GAIN_SPREAD:.0f} % of a gain and {1000 * DELAY_SPREAD_S:.0f} ms of a delay. "
+    "`mcstudy fit` estimates without a prior."
+)
+"""What the prior of the diagnosis is (`mcstudy.gap.fits.priors`)."""
+
 SOURCES_EXPLAINED = {
-    "prior": f"mostly prior: the standard error is at least {MOSTLY_PRIOR:g} times the prior standard deviation, so "
-    "the prior determines the value more than the data do.",
+    "prior": "mostly prior: without the priors its variance would be at least twice as large, so they determine the "
+    "value and its error more than the data do; this includes the prior of a parameter that it trades for.",
     "bound": "on its bound: the fit ends on a bound, so there is no standard error.",
 }
 """What those texts mean."""
@@ -50,13 +60,24 @@ class Shift:
 
 def sources(fitted: Fitted) -> tuple[str, ...]:
     """Per parameter of a fit, a key of `SOURCES`."""
-    model, prior = fitted.model, fitted.prior
-    share = np.sqrt(np.diag(fitted.covariance)) / prior.scale
+    model = fitted.model
+    share = prior_share(fitted)
     near = 1e-6 * (model.upper - model.lower)
     on_bound = (fitted.theta <= model.lower + near) | (fitted.theta >= model.upper - near)
     return tuple(
         "bound" if bound else "prior" if s >= MOSTLY_PRIOR else "data" for bound, s in zip(on_bound, share, strict=True)
     )
+
+
+def prior_share(fitted: Fitted) -> np.ndarray:
+    """(P,) share of the precision of every estimate that the priors add: 1 if the data alone do not determine it."""
+    scale = fitted.prior.scale
+    scaled = fitted.information * np.outer(scale, scale)
+    value, vector = np.linalg.eigh(scaled)
+    value = np.maximum(value, 1e-12)  # directions of which the data say nothing
+    alone = (vector**2 / value).sum(axis=1)
+    both = (vector**2 / (value + fitted.prior.weight)).sum(axis=1)
+    return np.asarray(1 - both / alone)
 
 
 def shifts(base: Fitted, added: Fitted | None) -> tuple[Shift, ...]:

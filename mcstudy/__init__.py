@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from mcstudy.analysis.results import open_results
-    from mcstudy.api.groups import fit_group
+    from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.recordings import diagnose, fit, import_recording
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
@@ -55,6 +55,7 @@ _FROM = {
     "run": "api.studies",
     "run_model": "own_model",
     "simulate": "effect_library.simulated",
+    "study_from": "api.groups",
     "summary": "api.studies",
     "write_recording": "recordings.io",
 }
@@ -84,6 +85,7 @@ __all__ = [
     "run",
     "run_model",
     "simulate",
+    "study_from",
     "summary",
     "write_recording",
 ]

@@ -1,4 +1,4 @@
-"""Recordings of many people: their population, and differences between conditions."""
+"""From recordings to groups of people, and from one person to a study."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from mcstudy.identification.group_fit import Known, fit_members
 from mcstudy.identification.group_result import GroupResult
 from mcstudy.identification.people import members
 from mcstudy.identification.result import FitResult
+from mcstudy.identification.study_of import study_of
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.feedback import Model
+from mcstudy.study.design import Study
 
 
 def fit_group(
@@ -81,3 +83,33 @@ def fit_group(
     }
     options = ClusterOptions(workers=workers, scheduler=scheduler)
     return fit_members(members(known, person, condition), options, pair=paired, **settings)
+
+
+def study_from(
+    fitted: FitResult, name: str = "experiment", *, realizations: int = 100, starts: int = 10, seed: int = 1
+) -> Study:
+    """A study of a person's experiment: the estimate as truth, with the same stimulus, noise, cycles and lines.
+
+    Parameters
+    ----------
+    fitted
+        What `fit` returned for a recording with a pseudorandom ternary stimulus.
+    name
+        Name of the study.
+    realizations, starts
+        Of its only group.
+    seed
+        Random seed of the study.
+
+    Returns
+    -------
+    Study
+        Several trials are one record with as many cycles; the noise has the form that all studies have, with the
+        densities and the corner that explain the measured variances best.
+
+    Raises
+    ------
+    InputError
+        A study file cannot express this experiment, or its noise does not explain the measured sway.
+    """
+    return study_of(fitted, name, realizations=realizations, starts=starts, seed=seed)

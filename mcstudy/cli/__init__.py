@@ -27,13 +27,14 @@ VERBS = {
     "simulate": "simulate a recording of a standing body, optionally with effects that the model lacks",
     "import": "read a recording from a laboratory's files (MATLAB, C3D, text), check it and write it for fit and gap",
     "fit": "estimate the parameters of the person in a recording, with confidence intervals",
+    "study-from": "write a study of the experiment in which a person was recorded",
     "infer": "infer the paper's lost true values from its printed numbers",
     "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
     "warm": "compile the kernels ahead of the first run",
     "help": "print a page of the documentation: mcstudy help gap",
     "completion": "print a script for completion in bash, zsh or fish",
 }
-"""Verbs and their one-line help; verb ``x`` lives in ``mcstudy.cli.x`` (``add_arguments(parser)``, ``main(args)``)."""
+"""Verbs and their one-line help; ``x-y`` lives in ``mcstudy.cli.x_y`` (``add_arguments(parser)``, ``main(args)``)."""
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """Variables that are set to 1 unless the user has set them."""
@@ -104,7 +105,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 def _module(verb: str) -> Any:
     import importlib
 
-    return importlib.import_module(f"mcstudy.cli.{verb}")
+    return importlib.import_module(f"mcstudy.cli.{verb.replace('-', '_')}")
 
 
 def _epilog() -> str:

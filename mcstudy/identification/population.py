@@ -237,7 +237,8 @@ class Population:
         width = np.gradient(self.tau)[:, None]  # a flat prior on tau, whose grid is not even
         out = []
         for i in range(self.n):
-            others = self.joint - self.marginal[i]
+            possible = np.isfinite(self.joint)  # without spread, no mean beyond the bounds of any person is
+            others = np.where(possible, self.joint, 0.0) - np.where(possible, self.marginal[i], np.inf)
             others = np.exp(others - others.max()) * width
             prior = np.log(np.maximum(self._spread(others).sum(axis=0), 1e-300))
             log = self._log[i] + prior

@@ -1,0 +1,46 @@
+"""``mcstudy study-from``: write a study of the experiment in which a person was recorded."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from mcstudy.cli.options import positive
+from mcstudy.cli.recording_options import add_recording_arguments, read_recordings, with_names
+from mcstudy.exits import Exit
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_recording_arguments(parser)
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="STUDY", help="study file (.toml) to write")
+    parser.add_argument("--realizations", type=positive, default=100, metavar="N", help="realizations (default 100)")
+    parser.add_argument("--starts", type=positive, default=10, metavar="N", help="starts per fit (default 10)")
+
+
+def main(args: argparse.Namespace) -> Exit:
+    """Fit, write the study and say what it holds; returns the exit code."""
+    from mcstudy.errors import InputError
+    from mcstudy.files.json_files import write_text
+    from mcstudy.identification.fit import fit
+    from mcstudy.identification.study_of import study_of
+    from mcstudy.scheduler.activity import activity
+    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
+    from mcstudy.text_tables import fill
+
+    name = re.sub(r"[^A-Za-z0-9_-]", "_", args.out.stem)[:64]
+    if args.out.suffix != ".toml" or not name[:1].isalpha():
+        raise InputError(f"{args.out}: expected a name that begins with a letter and ends in .toml")
+    read = read_recordings(args)
+    compile_kernels(DIAGNOSIS)
+    with activity(f"{args.recordings[0]}: fitting"), with_names(args):
+        fitted = fit(read, fmax=args.fmax, discard=args.discard, accept=args.accept, seed=args.seed)
+        study = study_of(fitted, name, realizations=args.realizations, starts=args.starts)
+    write_text(args.out, study.to_toml().rstrip("\n"))
+    print(study)
+    open_ = [e.name for e in fitted.estimates if e.verdict != "identifiable" and e.name in fitted.model.names]
+    if open_:
+        print(fill(f"Not determined by the recording, so its estimates are arbitrary true values: {', '.join(open_)}."))
+    print(f"{args.out}: next: mcstudy plan {args.out}")
+    return Exit.DONE

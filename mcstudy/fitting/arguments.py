@@ -102,15 +102,35 @@ class Bounds(NamedTuple):
     upper: np.ndarray
 
 
+class InteriorPoint(NamedTuple):
+    """What the solver ``interior_point`` does where fmincon's documentation leaves a choice; see that module.
+
+    own_units: whether it works in the parameters' own units, or in units of the width of their bounds.
+    scaled: whether the first quasi-Newton matrix is scaled to the first change of the gradient, or is the identity.
+    difference_step: step of the forward differences, times the larger of 1 and the parameter.
+    step_tolerance: step, relative to the larger of 1 and the parameter, at which a fit ends.
+    max_evaluations: most evaluations of the cost. barrier: barrier parameter at the start.
+    """
+
+    own_units: bool = True
+    scaled: bool = False
+    difference_step: float = 2.0**-26
+    step_tolerance: float = 1e-10
+    max_evaluations: int = 3000
+    barrier: float = 0.1
+
+
 class Options(NamedTuple):
-    """Stop rules.
+    """Stop rules, and the choices of one solver.
 
     tolerance: predicted decrease of the cost below which a fit has converged, relative to the cost (in a penalised
-    fit, of the deviance itself). max_iterations: most evaluations of the model with its derivatives.
+    fit, of the deviance itself; for ``interior_point``, first-order optimality, relative to the gradient at the start).
+    max_iterations: most evaluations of the model with its derivatives. interior_point: for that solver only.
     """
 
     tolerance: float = 1e-12
     max_iterations: int = 1000
+    interior_point: InteriorPoint = InteriorPoint()
 
 
 class Outcomes(NamedTuple):
@@ -172,6 +192,36 @@ class PenalisedFits(NamedTuple):
         """What was minimised, (M,); inf where the model was not finite."""
         total = self.chi2 + self.penalty
         return np.where(np.isfinite(total), total, np.inf)
+
+
+class Goal(NamedTuple):
+    """What each of M searches for the end of an interval maximises, and how far it may go.
+
+    direction: (M, P), of the quantity, pointing outwards. ceiling: (M,), highest deviance. height: (M,), of the ceiling
+    above the lowest minimum. scale: (P,), typical sizes of the parameters.
+    """
+
+    direction: np.ndarray
+    ceiling: np.ndarray
+    height: np.ndarray
+    scale: np.ndarray
+
+
+class Ends(NamedTuple):
+    """M ends of intervals: estimate (M, P), chi2 (M,), status (M,) int64 and iterations (M,) int64.
+
+    ``status``: `DATA`, `BOUND` or `GAVE_UP` of `mcstudy.fitting.outermost_kernel`.
+    """
+
+    estimate: np.ndarray
+    chi2: np.ndarray
+    status: np.ndarray
+    iterations: np.ndarray
+
+    @classmethod
+    def empty(cls, M: int, P: int) -> Ends:
+        """To be filled."""
+        return cls(np.empty((M, P)), np.empty(M), np.empty(M, dtype=np.int64), np.empty(M, dtype=np.int64))
 
 
 def pack(y: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -182,6 +182,118 @@ def _evaluate_filters(w, x, at, slope_at, omega, filters: Filters):
         store(w, slot + 1, im)
 
 
+@njit(nogil=True, forceinline=True)
+def _gains(w, x, entry, weight, at_gain):
+    """Gain of every term, which does not depend on the frequency."""
+    for e in range(entry.shape[0]):
+        gain = splat(weight[e, 0])
+        for g in range(3, 5):
+            if entry[e, g] >= 0:
+                gain = gain * load(w, x + entry[e, g])
+        store(w, at_gain + e, gain)
+
+
+@njit(nogil=True, forceinline=True)
+def _equations(
+    w, x, n, omega, constant, entry, weight, group_delay, group_filters, filters: Filters, at_A, at_E, at_gain,
+    at_filter, at_slope, filter_stride,
+):  # fmt: skip
+    """Equations of motion A(s) H = b(s) at ``n`` frequencies ``omega``: A and b by rows from ``at_A``.
+
+    Leaves the product of delay and filters of every group from ``at_E``, and the filters from ``at_filter``.
+    """
+    F = BLOCK
+    stride = 2 * F
+    zero = splat(0.0)
+    # filters, delays and their products, which the terms of a group share
+    if filters.monomial.shape[0] > 0:
+        for f in range(n):
+            at, om = f * filter_stride, omega[f]
+            _evaluate_filters(w, x, at_filter + at, at_slope + at, om, filters)
+    for g in range(group_delay.shape[0]):
+        at = at_E + g * stride
+        delay = group_delay[g]
+        if delay >= 0:
+            value = load(w, x + delay)
+            for f in range(n):
+                sine, cosine = _sin_cos(splat(omega[f]) * value)
+                store(w, at + f, cosine)
+                store(w, at + F + f, negative(sine))
+        else:
+            for f in range(n):
+                store(w, at + f, splat(1.0))
+                store(w, at + F + f, zero)
+        for c in range(4):
+            k = group_filters[g, c]
+            if k >= 0:
+                for f in range(n):
+                    own = at_filter + f * filter_stride + 4 * k
+                    re, im = _times(load(w, at + f), load(w, at + F + f), load(w, own), load(w, own + 1))
+                    store(w, at + f, re)
+                    store(w, at + F + f, im)
+
+    # A(s) and b(s): what does not depend on the parameters, then term by term
+    for k in range(12):
+        for f in range(n):
+            store(w, at_A + k * F + f, splat(constant[f, k]))
+    for e in range(entry.shape[0]):
+        row, order, of, gain = entry[e, 0], entry[e, 1], at_E + entry[e, 2] * stride, load(w, at_gain + e)
+        for c in range(3):
+            if weight[e, 1 + c] != 0.0:
+                at = at_A + (8 + 2 * row if c == 2 else 4 * row + 2 * c) * F
+                factor = splat(-weight[e, 1 + c] if c == 2 else weight[e, 1 + c]) * gain
+                if order == 0:
+                    for f in range(n):
+                        store(w, at + f, fma(factor, load(w, of + f), load(w, at + f)))
+                        store(w, at + F + f, fma(factor, load(w, of + F + f), load(w, at + F + f)))
+                elif order == 1:
+                    for f in range(n):
+                        by = splat(omega[f]) * factor
+                        store(w, at + f, fnma(by, load(w, of + F + f), load(w, at + f)))
+                        store(w, at + F + f, fma(by, load(w, of + f), load(w, at + F + f)))
+                else:
+                    for f in range(n):
+                        re, im = _times_s(load(w, of + f), load(w, of + F + f), order, omega[f])
+                        store(w, at + f, fma(factor, re, load(w, at + f)))
+                        store(w, at + F + f, fma(factor, im, load(w, at + F + f)))
+
+
+@njit(nogil=True, forceinline=True)
+def _solved(w, at):
+    """Inverse of A(s) by the adjugate, and H = A^-1 b, at one frequency, from slot ``at`` on."""
+    F = BLOCK
+    ar, ai = load(w, at), load(w, at + F)
+    br, bi = load(w, at + 2 * F), load(w, at + 3 * F)
+    cr, ci = load(w, at + 4 * F), load(w, at + 5 * F)
+    dr, di = load(w, at + 6 * F), load(w, at + 7 * F)
+    pr, pi = _times(ar, ai, dr, di)
+    qr, qi = _times(br, bi, cr, ci)
+    det_r, det_i = _inverse(pr - qr, pi - qi)
+    ar, ai = _times(ar, ai, det_r, det_i)
+    br, bi = _times(br, bi, det_r, det_i)
+    cr, ci = _times(cr, ci, det_r, det_i)
+    dr, di = _times(dr, di, det_r, det_i)
+    f0r, f0i = load(w, at + 8 * F), load(w, at + 9 * F)
+    f1r, f1i = load(w, at + 10 * F), load(w, at + 11 * F)
+    pr, pi = _times(dr, di, f0r, f0i)
+    qr, qi = _times(br, bi, f1r, f1i)
+    h0r, h0i = pr - qr, pi - qi
+    pr, pi = _times(ar, ai, f1r, f1i)
+    qr, qi = _times(cr, ci, f0r, f0i)
+    h1r, h1i = pr - qr, pi - qi
+    return ar, ai, br, bi, cr, ci, dr, di, h0r, h0i, h1r, h1i
+
+
+@njit(nogil=True, forceinline=True)
+def _residual(w, at, y0r, y0i, y1r, y1i):
+    """Weighted residual W (y - data) at one frequency, whose data and weights begin at slot ``at``."""
+    w00, w11, w10r, w10i = load(w, at + 4), load(w, at + 5), load(w, at + 6), load(w, at + 7)
+    e0r, e0i = y0r - load(w, at), y0i - load(w, at + 1)
+    e1r, e1i = y1r - load(w, at + 2), y1i - load(w, at + 3)
+    pr, pi = _times(w10r, w10i, e0r, e0i)
+    return w00 * e0r, w00 * e0i, fma(w11, e1r, pr), fma(w11, e1i, pi)
+
+
 @njit(nogil=True)
 def _add(w, slot, value):
     """Add lanes to a slot."""
@@ -277,91 +389,20 @@ def evaluate(plan: Plan, work: Workspace) -> None:
                 store(w, at_T + k * stride + f, zero)
                 if k >= W:
                     store(w, at_cross + (k - W) * stride + f, zero)
-    for e in range(E):
-        gain = splat(weight[e, 0])
-        for g in range(3, 5):
-            if entry[e, g] >= 0:
-                gain = gain * load(w, x + entry[e, g])
-        store(w, at_gain + e, gain)
+    _gains(w, x, entry, weight, at_gain)
 
     for first in range(0, N, F):
         n = min(F, N - first)
 
-        # filters, delays and their products, which the terms of a group share
-        if monomial.shape[0] > 0:
-            for f in range(n):
-                at, om = f * filter_stride, omega[first + f]
-                _evaluate_filters(w, x, at_filter + at, at_slope + at, om, plan.filters)
-        for g in range(G):
-            at = at_E + g * stride
-            delay = group_delay[g]
-            if delay >= 0:
-                value = load(w, x + delay)
-                for f in range(n):
-                    sine, cosine = _sin_cos(splat(omega[first + f]) * value)
-                    store(w, at + f, cosine)
-                    store(w, at + F + f, negative(sine))
-            else:
-                for f in range(n):
-                    store(w, at + f, splat(1.0))
-                    store(w, at + F + f, zero)
-            for c in range(4):
-                k = group_filters[g, c]
-                if k >= 0:
-                    for f in range(n):
-                        own = at_filter + f * filter_stride + 4 * k
-                        re, im = _times(load(w, at + f), load(w, at + F + f), load(w, own), load(w, own + 1))
-                        store(w, at + f, re)
-                        store(w, at + F + f, im)
-
-        # A(s) and b(s): what does not depend on the parameters, then term by term
-        for k in range(12):
-            for f in range(n):
-                store(w, at_A + k * F + f, splat(constant[first + f, k]))
-        for e in range(E):
-            row, order, of, gain = entry[e, 0], entry[e, 1], at_E + entry[e, 2] * stride, load(w, at_gain + e)
-            for c in range(3):
-                if weight[e, 1 + c] != 0.0:
-                    at = at_A + (8 + 2 * row if c == 2 else 4 * row + 2 * c) * F
-                    factor = splat(-weight[e, 1 + c] if c == 2 else weight[e, 1 + c]) * gain
-                    if order == 0:
-                        for f in range(n):
-                            store(w, at + f, fma(factor, load(w, of + f), load(w, at + f)))
-                            store(w, at + F + f, fma(factor, load(w, of + F + f), load(w, at + F + f)))
-                    elif order == 1:
-                        for f in range(n):
-                            by = splat(omega[first + f]) * factor
-                            store(w, at + f, fnma(by, load(w, of + F + f), load(w, at + f)))
-                            store(w, at + F + f, fma(by, load(w, of + f), load(w, at + F + f)))
-                    else:
-                        for f in range(n):
-                            re, im = _times_s(load(w, of + f), load(w, of + F + f), order, omega[first + f])
-                            store(w, at + f, fma(factor, re, load(w, at + f)))
-                            store(w, at + F + f, fma(factor, im, load(w, at + F + f)))
+        _equations(
+            w, x, n, omega[first : first + n], constant[first : first + n], entry, weight, group_delay, group_filters,
+            plan.filters, at_A, at_E, at_gain, at_filter, at_slope, filter_stride,
+        )  # fmt: skip
 
         cost = load(w, gram + n_triangle - 1)
         for f in range(n):
-            # H = A^-1 b by the adjugate; M = A^-1 with the output filters on its rows
-            at = at_A + f
-            ar, ai = load(w, at), load(w, at + F)
-            br, bi = load(w, at + 2 * F), load(w, at + 3 * F)
-            cr, ci = load(w, at + 4 * F), load(w, at + 5 * F)
-            dr, di = load(w, at + 6 * F), load(w, at + 7 * F)
-            pr, pi = _times(ar, ai, dr, di)
-            qr, qi = _times(br, bi, cr, ci)
-            det_r, det_i = _inverse(pr - qr, pi - qi)
-            ar, ai = _times(ar, ai, det_r, det_i)
-            br, bi = _times(br, bi, det_r, det_i)
-            cr, ci = _times(cr, ci, det_r, det_i)
-            dr, di = _times(dr, di, det_r, det_i)
-            f0r, f0i = load(w, at + 8 * F), load(w, at + 9 * F)
-            f1r, f1i = load(w, at + 10 * F), load(w, at + 11 * F)
-            pr, pi = _times(dr, di, f0r, f0i)
-            qr, qi = _times(br, bi, f1r, f1i)
-            h0r, h0i = pr - qr, pi - qi
-            pr, pi = _times(ar, ai, f1r, f1i)
-            qr, qi = _times(cr, ci, f0r, f0i)
-            h1r, h1i = pr - qr, pi - qi
+            # H = A^-1 b; M = A^-1 with the output filters on its rows
+            ar, ai, br, bi, cr, ci, dr, di, h0r, h0i, h1r, h1i = _solved(w, at_A + f)
             at = at_H + f
             store(w, at, h0r)
             store(w, at + F, h0i)
@@ -388,10 +429,7 @@ def evaluate(plan: Plan, work: Workspace) -> None:
             # weighted residual W (H - y), and B = -W M, the response of the residual to a torque on each row
             at = data + 8 * (first + f)
             w00, w11, w10r, w10i = load(w, at + 4), load(w, at + 5), load(w, at + 6), load(w, at + 7)
-            e0r, e0i = y0r - load(w, at), y0i - load(w, at + 1)
-            e1r, e1i = y1r - load(w, at + 2), y1i - load(w, at + 3)
-            pr, pi = _times(w10r, w10i, e0r, e0i)
-            r0r, r0i, r1r, r1i = w00 * e0r, w00 * e0i, fma(w11, e1r, pr), fma(w11, e1i, pi)
+            r0r, r0i, r1r, r1i = _residual(w, at, y0r, y0i, y1r, y1i)
             cost = fma(r1i, r1i, fma(r1r, r1r, fma(r0i, r0i, fma(r0r, r0r, cost))))
             for row in range(2):
                 if row == 1:
@@ -572,6 +610,41 @@ def evaluate(plan: Plan, work: Workspace) -> None:
                     if p >= 0 and q >= 0:
                         store(w, gram + max(p, q) * (max(p, q) + 1) // 2 + min(p, q), load(w, tile + k))
             tile += 9
+
+
+@partial(compiled, allocates=False)
+def evaluate_cost(plan: Plan, work: Workspace) -> None:
+    """The cost alone at the parameters in ``work.trial``, as `evaluate` computes it, to the last slot of its sums."""
+    w, x, data, omega, output_filter = work.w, work.trial, work.data, plan.omega, plan.filters.output
+    P, E, G, N = plan.column.shape[0], plan.entry.shape[0], plan.group_delay.shape[0], plan.omega.shape[0]
+    F = BLOCK
+    at_A = work.scratch
+    at_E = at_A + 12 * F
+    at_gain = at_E + 2 * G * F
+    at_filter = at_gain + E
+    at_slope = at_filter + 4 * (plan.filters.monomial.shape[0] + 1)
+    filter_stride = 4 * (plan.filters.monomial.shape[0] + 1) + 4 * plan.filters.pair.shape[0]
+    _gains(w, x, plan.entry, plan.weight, at_gain)
+    cost = splat(0.0)
+    for first in range(0, N, F):
+        n = min(F, N - first)
+        _equations(
+            w, x, n, omega[first : first + n], plan.constant[first : first + n], plan.entry, plan.weight,
+            plan.group_delay, plan.group_filters, plan.filters, at_A, at_E, at_gain, at_filter, at_slope, filter_stride,
+        )  # fmt: skip
+        for f in range(n):
+            _, _, _, _, _, _, _, _, y0r, y0i, y1r, y1i = _solved(w, at_A + f)
+            k = output_filter[0]
+            if k >= 0:
+                at = at_filter + f * filter_stride + 4 * k
+                y0r, y0i = _times(y0r, y0i, load(w, at), load(w, at + 1))
+            k = output_filter[1]
+            if k >= 0:
+                at = at_filter + f * filter_stride + 4 * k
+                y1r, y1i = _times(y1r, y1i, load(w, at), load(w, at + 1))
+            r0r, r0i, r1r, r1i = _residual(w, data + 8 * (first + f), y0r, y0i, y1r, y1i)
+            cost = fma(r1i, r1i, fma(r1r, r1r, fma(r0i, r0i, fma(r0r, r0r, cost))))
+    store(w, work.gram_trial + (P + 1) * (P + 2) // 2 - 1, cost)
 
 
 @njit(nogil=True, forceinline=True)

@@ -7,17 +7,23 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mcstudy.fitting.arguments import Options
-from mcstudy.fitting.lm import lm, lm_queue
+from mcstudy.fitting.interior_point import interior_point_queue
+from mcstudy.fitting.lm import lm_queue
 from mcstudy.fitting.problem import Fits, Problem
 from mcstudy.fitting.scipy_trf import trf
 from mcstudy.fitting.scipy_trust_constr import trust_constr
 from mcstudy.fitting.status import Status
 
-SOLVERS: dict[str, Callable[[Problem, np.ndarray, float, int], Fits]] = {
-    "lm": lm,
-    "trf": trf,
-    "trust-constr": trust_constr,
+QUEUES: dict[str, Callable[[Sequence[Problem], np.ndarray, np.ndarray, Options], Fits]] = {
+    "lm": lambda problems, which, starts, o: lm_queue(problems, which, starts, o.tolerance, o.max_iterations),
+    "interior_point": interior_point_queue,
 }
+"""Compiled solvers, which keep their lanes full across problems: (problems, problem of each start, starts, options)."""
+
+SINGLE: dict[str, Callable[[Problem, np.ndarray, float, int], Fits]] = {"trf": trf, "trust-constr": trust_constr}
+"""SciPy's solvers: (problem, starts, tolerance, iteration limit)."""
+
+SOLVERS = (*QUEUES, *SINGLE)
 
 
 def fit(problem: Problem, starts: np.ndarray, solver: str = "lm", options: Options | None = None) -> Fits:
@@ -27,13 +33,9 @@ def fit(problem: Problem, starts: np.ndarray, solver: str = "lm", options: Optio
     ----------
     problem: see `Problem`.
     starts: (S, P), inside the model's bounds.
-    solver: a key of `SOLVERS`.
+    solver: one of `SOLVERS`.
     """
-    options = options or Options()
-    starts = np.ascontiguousarray(starts, dtype=float)
-    if not problem.finite:
-        return Fits.failed(starts, Status.NON_FINITE_DATA)
-    return SOLVERS[solver](problem, starts, options.tolerance, options.max_iterations)
+    return fit_queue([problem], np.zeros(len(starts), dtype=np.int64), starts, solver, options)
 
 
 def fit_queue(
@@ -45,21 +47,20 @@ def fit_queue(
 ) -> Fits:
     """Fit M starts (M, P), start m on problem ``which[m]`` of R problems that share model and frequencies.
 
-    The same results as `fit` start by start; the compiled solver keeps its lanes full across problems.
+    The same results as `fit` start by start; the compiled solvers keep their lanes full across problems.
     """
     options = options or Options()
     starts, which = np.ascontiguousarray(starts, dtype=float), np.asarray(which)
     out = Fits.failed(starts, Status.NON_FINITE_DATA)
     fine = np.flatnonzero(np.array([p.finite for p in problems])[which])
-    if solver == "lm":
+    if solver in QUEUES:
         if fine.size:
             used, index = np.unique(which[fine], return_inverse=True)
-            few = [problems[r] for r in used]
-            out.put(fine, lm_queue(few, index, starts[fine], options.tolerance, options.max_iterations))
+            out.put(fine, QUEUES[solver]([problems[r] for r in used], index, starts[fine], options))
         return out
     for r in np.unique(which[fine]):
         own = fine[which[fine] == r]
-        out.put(own, SOLVERS[solver](problems[r], starts[own], options.tolerance, options.max_iterations))
+        out.put(own, SINGLE[solver](problems[r], starts[own], options.tolerance, options.max_iterations))
     return out
 
 

@@ -31,7 +31,7 @@ _TEXTS = {
     Status.PENDING: "not run yet",
     Status.CONVERGED: "converged: no step within the bounds is predicted to lower the cost by more than the tolerance",
     Status.STALLED: "stalled: no smaller step lowers the cost although one is predicted to (rounding)",
-    Status.ITERATION_LIMIT: "stopped at the iteration limit before convergence",
+    Status.ITERATION_LIMIT: "stopped at the limit of iterations or evaluations before convergence",
     Status.NON_FINITE_MODEL: "the model is not finite at the start: nothing was fitted",
     Status.NON_FINITE_DATA: "the data or weights are not finite: nothing was fitted",
     Status.SOLVER_ERROR: "the solver raised an error: nothing was fitted",

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Prior, Queue, pack
+from mcstudy.fitting.arguments import Bounds, Options, Prior, Queue, pack
+from mcstudy.fitting.interior_point import interior_point
 from mcstudy.fitting.linearised import POOL, LinearModel
 from mcstudy.fitting.lm import lm, normal_equations
 from mcstudy.fitting.plans import plan, workspace
@@ -117,6 +118,11 @@ def _lm() -> None:
     lm(problem, problem.model.truth[None], 1e-12, 1)
 
 
+def _interior_point() -> None:
+    problem = _problem()
+    interior_point(problem, problem.model.truth[None], Options(max_iterations=1))
+
+
 def _gram() -> None:
     problem = _problem()
     normal_equations(problem, problem.model.truth[None])
@@ -135,17 +141,20 @@ def _diagnosis() -> None:
     problem = _problem()
     model = problem.model
     fitter = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f)
-    fitter.fits(pack(problem.data, problem.weight), model.truth)
+    data = pack(problem.data, problem.weight)
+    fitter.fits(data, model.truth)
+    fitter.ends(data, model.truth[None], np.eye(1, model.truth.size), np.ones(1), np.ones(1))
     gaussian_factor(np.eye(2), np.ones((2, 1)), 1.0)
     orthonormal(np.eye(2, 4), np.ones((1, 4)), 1e-6)
 
 
 PARTS = {
     "stability": Part(_stability, 32, 4.3),
-    "gram": Part(_gram, 21, 6.0),
+    "gram": Part(_gram, 26, 6.0),
     "steps": Part(_steps, 9, 1.3),
     "lm": Part(_lm, 22, 3.3, ("gram", "steps")),
-    "diagnosis": Part(_diagnosis, 35, 5.7, ("gram",)),
+    "interior_point": Part(_interior_point, 55, 13.0, ("steps",)),
+    "diagnosis": Part(_diagnosis, 38, 9.0, ("gram",)),
     "time_domain": Part(_simulation, 13, 1.7),
     "linearised": Part(_starts, 20, 2.8),
 }

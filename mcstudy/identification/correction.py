@@ -80,14 +80,37 @@ class _Linear(NamedTuple):
 
 
 def _linear_fits(J: np.ndarray, z: np.ndarray, root: np.ndarray, gradients: np.ndarray) -> _Linear:
-    weighted = np.einsum("nijd,njp->dnip", root, J)
-    error = np.einsum("nijd,njd->dni", root, z)
-    D, F = weighted.shape[0], weighted.shape[-1]
-    columns, error = weighted.reshape(D, -1, F), error.reshape(D, -1, 1)
-    adjoint = np.conj(np.swapaxes(columns, 1, 2))
-    gram, right = 2 * (adjoint @ columns).real, 2 * (adjoint @ error).real
-    both = np.concatenate([right, np.broadcast_to(gradients.T, (D, *gradients.T.shape))], axis=2)
-    solved = np.linalg.solve(gram, both)
+    """Linear fits to errors ``z`` (N, 2, D), weighted by precisions R^H R with ``root`` R (N, 2, 2, D).
+
+    The Gram matrix of a draw is linear in the four real numbers of each line's precision, so that all draws are one
+    product of matrices.
+    """
+    N, _, D = z.shape
+    F = J.shape[2]
+    R = np.moveaxis(root, -1, 0)
+    precision = np.conj(np.swapaxes(R, 2, 3)) @ R  # (D, N, 2, 2)
+    pulled = np.einsum("dnij,njd->dni", precision, z)
+    deviance = 2 * np.einsum("njd,dnj->d", z.conj(), pulled).real
+    parts = np.stack(
+        [precision[..., 0, 0].real, precision[..., 1, 1].real, precision[..., 0, 1].real, precision[..., 0, 1].imag], -1
+    ).reshape(D, 4 * N)
+    upper = np.triu_indices(F)
+    a, b = J[:, 0], J[:, 1]
+    cross = a.conj()[:, :, None] * b[:, None, :]
+    both = cross + np.conj(np.swapaxes(cross, 1, 2))
+    turned = 1j * (cross - np.conj(np.swapaxes(cross, 1, 2)))
+    squares = [(x.conj()[:, :, None] * x[:, None, :]).real for x in (a, b)]
+    products = np.stack([*squares, both.real, turned.real], axis=1)[:, :, upper[0], upper[1]].reshape(4 * N, -1)
+    gram = np.empty((D, F, F))
+    gram[:, upper[0], upper[1]] = gram[:, upper[1], upper[0]] = 2 * (parts @ products)
+    flat = J.reshape(2 * N, F)
+    pulled = pulled.reshape(D, 2 * N)
+    right = 2 * (pulled.real @ flat.real + pulled.imag @ flat.imag)
+    solved = np.linalg.solve(gram, np.concatenate([right[..., None], _repeated(gradients.T, D)], axis=2))
     variance = np.einsum("dfk,kf->dk", solved[:, :, 1:], gradients)
-    chi2 = 2 * (np.abs(error) ** 2).sum(axis=(1, 2)) - np.einsum("df,df->d", solved[:, :, 0], right[:, :, 0])
+    chi2 = deviance - np.einsum("df,df->d", solved[:, :, 0], right)
     return _Linear((solved[:, :, 0] @ gradients.T) ** 2 / variance, variance, chi2)
+
+
+def _repeated(x: np.ndarray, n: int) -> np.ndarray:
+    return np.broadcast_to(x, (n, *x.shape))

@@ -95,7 +95,7 @@ def fit_lines(
     corrected = correction(jacobian[:, free], near.gradients[:, free], lines.noise, draws)
     null = corrected.null_chi2
     worse = max(1.0, float(minima.chi2[0] / null.mean()))  # Birge (1932): residuals above the noise widen the intervals
-    found = profiles(fitter, data, minima, of, near, worse * corrected.threshold(level), stream(seed, "fit profiles"))
+    found = profiles(fitter, data, minima, of, worse * corrected.threshold(level))
     error = ndtri(0.5 + level / 2) * np.sqrt(near.variance)
     share = _information(jacobian @ near.tangent.T, lines.f)
     return FitResult(

@@ -31,5 +31,4 @@ def further_profiles(
     corrected = correction(jacobian[:, free], near.gradients[:, free], lines.noise, stream(seed, "fit correction"))
     worse = max(1.0, float(minima.chi2[0] / corrected.null_chi2.mean()))
     fitter = Fitter(model, without_prior(model, base), lines.f)
-    draws = stream(seed, "fit further profiles")
-    return profiles(fitter, data, minima, wanted, near, worse * corrected.threshold(level), draws)
+    return profiles(fitter, data, minima, wanted, worse * corrected.threshold(level))

@@ -193,6 +193,13 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
             )
 
 
+def repeats_every(stimulus: np.ndarray, rate_hz: float) -> float | None:
+    """Period of a stimulus (n,), s, which it has at least twice, or None."""
+    u = stimulus - stimulus.mean()
+    found = _true_period(u)
+    return None if found is None or 2 * found > u.size else found / rate_hz
+
+
 def _true_period(u: np.ndarray) -> int | None:
     """Lag in samples at which a zero-mean stimulus repeats, or None."""
     n = u.size

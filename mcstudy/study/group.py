@@ -7,11 +7,12 @@ or robot needs; a value outside it is a typing error and would lead to numbers t
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer
 
 from mcstudy.files.sections import Name, Section
+from mcstudy.fitting.arguments import InteriorPoint, Options
 from mcstudy.stance.ranges import AMPLITUDE, GAIN, RATE, Range
 
 GAIN_BOUND = Range(1e-12, 1e15, or_zero=True, signed=True)
@@ -106,14 +107,53 @@ class SpectraSection(Section):
     exclude_hz: tuple[Annotated[float, FREQUENCY], ...] = ()
 
 
+class InteriorPointSection(Section):
+    """Choices of the solver ``interior_point`` that the documentation of fmincon leaves open.
+
+    Defaults: the documented ones of fmincon, and the parameters as they are (`mcstudy.fitting.interior_point`).
+    """
+
+    units: Literal["own", "bounds"] = "own"
+    hessian: Literal["identity", "scaled"] = "identity"
+    difference_step: float = Field(default=2.0**-26, ge=1e-15, le=0.1)
+    step_tolerance: float = Field(default=1e-10, gt=0, lt=1)
+    max_evaluations: int = Field(default=3000, ge=1, le=1_000_000)
+    barrier: float = Field(default=0.1, ge=1e-12, le=1000)
+
+
 class FitSection(Section):
     """Cost, solver, kind of starts and stop rules."""
 
     cost: Literal["paper", "ml"] = "paper"
-    solver: Literal["lm", "trf", "trust-constr"] = "lm"
+    solver: Literal["lm", "interior_point", "trf", "trust-constr"] = "lm"
     starts: Literal["uniform", "latin_hypercube", "sobol", "linearised"] = "uniform"
     tolerance: float = Field(default=1e-12, gt=0, lt=1)
     max_iterations: int = Field(default=1000, ge=1, le=1_000_000)
+    interior_point: InteriorPointSection = InteriorPointSection()
+
+    def options(self) -> Options:
+        """What the solvers are handed."""
+        own = self.interior_point
+        return Options(
+            self.tolerance,
+            self.max_iterations,
+            InteriorPoint(
+                own_units=own.units == "own",
+                scaled=own.hessian == "scaled",
+                difference_step=own.difference_step,
+                step_tolerance=own.step_tolerance,
+                max_evaluations=own.max_evaluations,
+                barrier=own.barrier,
+            ),
+        )
+
+    @model_serializer(mode="wrap")
+    def _without_unused(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Settings of a solver that is not used change no number: they do not enter the fingerprint."""
+        plain: dict[str, Any] = dump(self)
+        if self.solver != "interior_point":
+            del plain["interior_point"]
+        return plain
 
 
 class Group(Section):

@@ -19,8 +19,11 @@ CHUNKS_A_GROUP = 400
 """Number of chunks of a large group: enough to distribute, few enough for a file system."""
 
 FITS_A_CHUNK = (1500, 50_000)
-"""Smallest and largest target number of fits per chunk of the compiled solver. The smallest keeps its vector lanes full
+"""Smallest and largest target number of fits per chunk of the solver ``lm``. The smallest keeps its vector lanes full
 and makes the few milliseconds of writing negligible; the largest takes some seconds and 5 MB."""
+
+INTERIOR_POINT_FITS_A_CHUNK = (300, 2000)
+"""The same for ``interior_point``, which takes some milliseconds per fit."""
 
 SLOW_FITS_A_CHUNK = (20, 500)
 """The same for SciPy's solvers, which take 10 ms to 1 s per fit."""
@@ -79,15 +82,6 @@ class Layout:
         """Number of fits of a chunk."""
         return len(self.group.fmax) * self.group.starts * len(self.realizations(chunk))
 
-    def region(self, name: str, chunk: Chunk) -> tuple[slice, ...]:
-        """Index of a chunk in one of the results arrays."""
-        r = self.realizations(chunk)
-        place = {
-            "amplitude": slice(chunk.amplitude, chunk.amplitude + 1),
-            "realization": slice(r.start, r.stop),
-        }
-        return tuple(place.get(dim, slice(None)) for dim in self.arrays[name].dims)
-
     def empty(self, chunk: Chunk) -> dict[str, np.ndarray]:
         """Results of a chunk before any fit: every array at its fill value."""
         out = {}
@@ -123,7 +117,8 @@ class Layout:
 
 def realizations_a_chunk(group: Group) -> int:
     """Realizations that share a chunk."""
-    low, high = FITS_A_CHUNK if group.fit.solver == "lm" else SLOW_FITS_A_CHUNK
+    compiled = {"lm": FITS_A_CHUNK, "interior_point": INTERIOR_POINT_FITS_A_CHUNK}
+    low, high = compiled.get(group.fit.solver, SLOW_FITS_A_CHUNK)
     target = min(max(group.fits // CHUNKS_A_GROUP, low), high)
     return max(1, min(group.realizations, round(target / (len(group.fmax) * group.starts))))
 

@@ -33,7 +33,7 @@ from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.tasks import fill
 from mcstudy.study.unstable import refuse_unstable, warnings_of
 
-PILOT_FITS = {"lm": 1500}
+PILOT_FITS = {"lm": 1500, "interior_point": 96}
 """Fits timed per group; SciPy's solvers are timed on two starts per Fmax."""
 
 PILOT_REALIZATIONS = {"spectral": 48, "time_domain": 12}
@@ -176,9 +176,9 @@ class _Watch:
 
 def _pilot(group: Group) -> Group:
     """The group with few realizations and starts, all of them one chunk."""
-    if group.fit.solver != "lm":
+    if group.fit.solver not in PILOT_FITS:
         return group.model_copy(update={"realizations": 1, "starts": min(group.starts, 2)})
-    most = PILOT_FITS["lm"] // len(group.fmax)
+    most = PILOT_FITS[group.fit.solver] // len(group.fmax)
     starts = max(1, min(group.starts, most // min(2, group.realizations)))
     depth = min(max(1, most // starts), realizations_a_chunk(group))
     return group.model_copy(update={"realizations": depth, "starts": starts})

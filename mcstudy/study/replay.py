@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.fitting.arguments import Options
 from mcstudy.fitting.problem import Problem
 from mcstudy.fitting.solvers import fit
 from mcstudy.fitting.status import Status
@@ -101,7 +100,7 @@ def _path(problem: Problem, theta: np.ndarray, iterations: int, store: GroupStor
     settings = store.layout.group.fit
     points = [Point(0, problem.cost(theta), theta, np.zeros_like(theta))]
     for k in range(1, iterations + 1):
-        one = fit(problem, theta[None], settings.solver, Options(settings.tolerance, k))
+        one = fit(problem, theta[None], settings.solver, settings.options()._replace(max_iterations=k))
         x = one.estimate[0]
         points.append(Point(k, float(one.cost[0]), x, x - points[-1].theta))
     return tuple(points)

@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Options
 from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.solvers import fit_queue
 from mcstudy.fitting.status import USABLE, Status
@@ -26,7 +25,7 @@ from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import Chunk
 from mcstudy.study.store import GroupStore
 
-STARTS_A_CALL = {"lm": 1024}
+STARTS_A_CALL = {"lm": 1024, "interior_point": 128}
 """Starts per call of a solver; few for SciPy's slow solvers, because stop requests are checked between calls."""
 
 OTHERS_A_CALL = 1
@@ -112,7 +111,7 @@ def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: 
     """Run every pending fit of a chunk, in place in ``data``, until done or ``stopped()``."""
     experiment, group = store.experiment, store.experiment.group
     amplitude, realizations = group.amplitude[chunk.amplitude], store.layout.realizations(chunk)
-    options = Options(group.fit.tolerance, group.fit.max_iterations)
+    options = group.fit.options()
     step = STARTS_A_CALL.get(group.fit.solver, OTHERS_A_CALL)
     wanted = np.flatnonzero((data["status"][0] == Status.PENDING).any(axis=(0, 2)))
     measured = {r: experiment.measure(amplitude, realizations[r]) for r in wanted}

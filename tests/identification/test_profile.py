@@ -55,7 +55,7 @@ def constrained(fitted: FitResult, e: Estimate, side: int) -> float:
     return max(found, key=lambda v: side * v)
 
 
-@pytest.mark.parametrize("name", ["K12", "K11 + Kpas1", "sqrt(B11 * B22)"])
+@pytest.mark.parametrize("name", ["K21", "K11 + Kpas1", "sqrt(B11 * B22)"])
 def test_an_interval_ends_where_another_optimiser_says(fitted: FitResult, name: str) -> None:
     e = fitted[name]
     assert (e.low_from, e.high_from) == ("data", "data")

@@ -18,11 +18,11 @@ from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.questions.labels import READINGS
 from mcstudy.recordings import netcdf_zarr
 from mcstudy.recordings.columns import TextTable
+from mcstudy.recordings.described import read_sheet
 from mcstudy.recordings.guards import check_hdf5, check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import Recording, Trial
-from mcstudy.recordings.sheet import read_sheet
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway

@@ -27,6 +27,13 @@ fmax = [1.2]
 amplitude = [5.0]
 fit.solver = "trf"
 
+[group.emulated]
+realizations = 2
+starts = 3
+fmax = [1.2]
+amplitude = [5.0]
+fit = { solver = "interior_point", max_iterations = 40 }
+
 [group.data]
 realizations = 2
 starts = 2
@@ -72,6 +79,17 @@ def test_the_path_goes_down_from_the_stored_start_to_the_stored_estimate(
     costs = [p.cost for p in again.path]
     assert all(b <= a * (1 + 1e-12) for a, b in itertools.pairwise(costs))
     assert np.allclose(first.theta + sum(p.step for p in again.path), last.theta)
+
+
+def test_the_path_of_the_emulated_solver_leads_to_the_stored_estimate(sound: Path) -> None:
+    """Its merit falls, not its cost: the barrier pushes away from the bounds at first."""
+    store = Cube.open(sound).groups["emulated"]
+    again = replay(sound, "emulated", None, None, 1, 2)
+    assert again.differ == ()
+    assert len(again.path) == 41
+    stored = store.read("estimate", store.layout.chunks[-1])
+    np.testing.assert_array_equal(again.path[-1].theta, stored[0, 0, -1, 2])
+    assert again.path[-1].cost < again.path[0].cost
 
 
 def test_the_command_prints_the_path_and_says_that_it_is_equal(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -148,6 +148,8 @@ def test_data_that_are_not_finite_are_an_outcome_with_a_reason(tmp_path: Path, t
     [
         "[fit]\nsolver = 'trf'",
         "[fit]\nsolver = 'trust-constr'\nmax_iterations = 20",
+        "[fit]\nsolver = 'interior_point'\n[fit.interior_point]\nunits = 'bounds'\nhessian = 'scaled'",
+        "[fit]\nsolver = 'interior_point'\n[group.noisy.fit]\ncost = 'ml'",
         "[fit]\nstarts = 'linearised'",
         "[fit]\nstarts = 'sobol'",
         "[fit]\nstarts = 'latin_hypercube'",

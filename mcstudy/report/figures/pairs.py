@@ -9,7 +9,15 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import GroupLike, axes, chosen_amplitude, chosen_fmax, fixed_ticks, view_of
+from mcstudy.report.figures.common import (
+    MOST_POINTS,
+    GroupLike,
+    axes,
+    chosen_amplitude,
+    chosen_fmax,
+    fixed_ticks,
+    view_of,
+)
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label, with_units
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 
@@ -71,7 +79,7 @@ def draw_correlations(ax: Axes, names: list[str], matrix: np.ndarray) -> None:
 def estimate_scatter(
     data: GroupLike, first: str, second: str, amplitude: float | None = None, ax: Axes | None = None
 ) -> Axes:
-    """Best fits of two parameters, one point per realization and one marker per Fmax; cross: the truth.
+    """Best fits of two parameters, a point per realization (`MOST_POINTS`), a marker per Fmax; cross: the truth.
 
     Dashed, for parameters of the same unit: pairs with the true sum. Raises `InputError` for an unknown parameter.
     """
@@ -81,7 +89,7 @@ def estimate_scatter(
     for name in (first, second):
         if name not in units:
             raise InputError(f"parameter: expected one of {', '.join(units)}, got {name!r}")
-    cells = view.cells.sel(amplitude=a)
+    cells = view.cells.sel(amplitude=a).isel(realization=slice(0, MOST_POINTS))
     for i, f in enumerate(cells["fmax"].values):
         x, y = (cells["estimate"].sel(fmax=f, parameter=n).values for n in (first, second))
         ax.plot(x, y, MARKERS[i % len(MARKERS)], color=SERIES[i % len(SERIES)], alpha=0.8, label=fmax_label(float(f)))

@@ -18,7 +18,7 @@ SOURCES = {"data": "", "prior": "mostly prior", "bound": "on its bound"}
 
 PRIOR_EXPLAINED = (
     "The diagnosis uses a weak prior, not knowledge of this person: a normal distribution around the values of the "
-    "base model (by default stand-ins for the subjects of Goodworth & Peterka, gains scaled to this body's weight), with "
+    "base model (by default stand-ins for the subjects of Goodworth & Peterka, gains scaled to this weight), with "
     f"a standard deviation of {100 * GAIN_SPREAD:.0f} % of a gain and {1000 * DELAY_SPREAD_S:.0f} ms of a delay. "
     "`mcstudy fit` estimates without a prior."
 )

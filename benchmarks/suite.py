@@ -4,13 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from benchmarks import diagnosis, framework, kernel_time, large_cubes, latency, limits, speedup, starts_needed, studies
+from benchmarks import (
+    diagnosis,
+    framework,
+    kernel_time,
+    large_cubes,
+    latency,
+    limits,
+    paper_solver,
+    speedup,
+    starts_needed,
+    studies,
+)
 from benchmarks.report import Result, Sizes
 
 BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "speedup": speedup.run,
     "kernel": kernel_time.run,
     "starts": starts_needed.run,
+    "paper_solver": paper_solver.run,
     "study": studies.whole_study,
     "plan": studies.planner,
     "limits": limits.run,

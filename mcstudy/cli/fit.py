@@ -95,7 +95,7 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "effects": args.effects,
         "wanted": args.quantity,
-        "bounds": dict(_bounds(given) for given in args.bounds),
+        "bounds": _all_bounds(args.bounds),
         "level": args.level,
         "fmax": args.fmax,
         "discard": args.discard,
@@ -105,12 +105,15 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _group(args: argparse.Namespace) -> Exit:
+    from mcstudy.errors import InputError
     from mcstudy.identification.group_fit import fit_members
     from mcstudy.identification.people import Member, members, named, read_people, rows_of
     from mcstudy.recordings.io import read_recording
     from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
     from mcstudy.text_tables import folded
 
+    if args.html:
+        raise InputError("--html: expected a fit of one person")
     known: Sequence[Member[Any]]
     if args.people:
         rows = rows_of(read_people(args.people, args.group), args.recordings, args.people)
@@ -119,9 +122,10 @@ def _group(args: argparse.Namespace) -> Exit:
         _require(args)
         known = named([read_recording(path, data=args.data) for path in args.recordings], args.recordings, args.group)
     settings = _settings(args)
-    if args.scheduler is None:
+    options = cluster_options(args)
+    if options.here:
         compile_kernels(DIAGNOSIS)
-    result = fit_members(known, cluster_options(args), pair=args.paired, data=args.data, **settings)
+    result = fit_members(known, options, pair=args.paired, data=args.data, **settings)
     tell(args, "group", result.to_dict, lambda: folded(result.text()))
     return Exit.FITS_FAILED if result.failed else Exit.DONE
 
@@ -172,6 +176,18 @@ def _write_page(args: argparse.Namespace, result: FitResult) -> None:
             repeated += [f"--{name}", str(getattr(args, name))]
     command = shlex.join(["mcstudy", "fit", *map(str, args.recordings), *repeated, "--html", str(args.html)])
     write_page(args.html, lambda: fit_page(result, command))
+
+
+def _all_bounds(given: list[str]) -> dict[str, tuple[float, float]]:
+    from mcstudy.errors import InputError
+
+    bounds: dict[str, tuple[float, float]] = {}
+    for words in given:
+        name, ends = _bounds(words)
+        if name in bounds:
+            raise InputError(f"--bounds {words}: expected one pair of bounds for {name}, got two")
+        bounds[name] = ends
+    return bounds
 
 
 def _bounds(given: str) -> tuple[str, tuple[float, float]]:

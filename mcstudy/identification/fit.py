@@ -14,9 +14,9 @@ from mcstudy.errors import InputError, RecordingError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.identification.complete import complete
-from mcstudy.identification.correction import correction
+from mcstudy.identification.correction import Draws, correction, simulated
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
-from mcstudy.identification.profile import Linearised, Profile, profiles
+from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.tables import BANDS_HZ
@@ -73,12 +73,15 @@ def fit_lines(
     level: float = 0.95,
     seed: int = 0,
     name: str = "lines",
+    curve: Sequence[float] = CURVE,
+    draws: Draws | None = None,
 ) -> FitResult:
     """The fit of measured lines.
 
     Parameters
     ----------
     nominal: model with values of the order of magnitude of a person's. effects: linear effects that are added to it.
+    curve: see `mcstudy.identification.profile.profiles`. draws: for the correction, where many recordings share them.
     """
     if not 0.5 <= level < 1:
         raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
@@ -91,11 +94,12 @@ def fit_lines(
     theta = minima.theta[0]
     near = Linearised.at(model, minima, of)
     jacobian = whiten(data.weight, frf_jacobian(model, theta, lines.f)[1])
-    free, draws = near.free, stream(seed, "fit correction")
-    corrected = correction(jacobian[:, free], near.gradients[:, free], lines.noise, draws)
+    free = near.free
+    drawn = draws or simulated(lines.noise, stream(seed, "fit correction"))
+    corrected = correction(jacobian[:, free], near.gradients[:, free], drawn)
     null = corrected.null_chi2
     worse = max(1.0, float(minima.chi2[0] / null.mean()))  # Birge (1932): residuals above the noise widen the intervals
-    found = profiles(fitter, data, minima, of, worse * corrected.threshold(level))
+    found = profiles(fitter, data, minima, of, worse * corrected.threshold(level), curve)
     error = ndtri(0.5 + level / 2) * np.sqrt(near.variance)
     share = _information(jacobian @ near.tangent.T, lines.f)
     return FitResult(

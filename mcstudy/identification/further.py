@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mcstudy.fitting.penalised import Data, Fitter, whiten
-from mcstudy.identification.correction import correction
+from mcstudy.identification.correction import correction, simulated
 from mcstudy.identification.minimum import Minima, without_prior
 from mcstudy.identification.profile import Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity
@@ -28,7 +28,8 @@ def further_profiles(
     near = Linearised.at(model, minima, wanted)
     jacobian = whiten(data.weight, frf_jacobian(model, theta, lines.f)[1])
     free = near.free
-    corrected = correction(jacobian[:, free], near.gradients[:, free], lines.noise, stream(seed, "fit correction"))
+    draws = simulated(lines.noise, stream(seed, "fit correction"))
+    corrected = correction(jacobian[:, free], near.gradients[:, free], draws)
     worse = max(1.0, float(minima.chi2[0] / corrected.null_chi2.mean()))
     fitter = Fitter(model, without_prior(model, base), lines.f)
     return profiles(fitter, data, minima, wanted, worse * corrected.threshold(level))

@@ -22,13 +22,13 @@ from mcstudy.stance.body import two_segment
 from mcstudy.streams import stream
 
 LIMIT = 3.0
-CANDIDATES, TRIALS = 8, 4
+CANDIDATES, TRIALS = 5, 2
 """Configurations compared by real studies, and studies of each."""
 
 EXACT = 0.02
 """Least error of a row on its scale (of logarithms: 2 %): a ranking read from a figure is no sharper."""
 
-REPEATS = 20
+REPEATS = 8
 """Studies of the configuration that is reported."""
 
 WAVE_OF_CANDIDATES, WAVE_OF_BEST, WAVE_OF_STAND_IN = 101, 102, 103

@@ -1,9 +1,9 @@
 """Which printed numbers cannot be reproduced together: how near each pair of rows can be met at once.
 
-For a row that the posterior does not reproduce, configurations are sought that meet this row and one other row alone,
-everything else left open. If none meets both, the two contradict each other under the model; the pairs of distances
-that cannot be improved in both form the trade-off. If every pair can be met, the contradiction is with several rows
-together, and the row's own column says how near it can be met at all.
+For a row that the posterior does not reproduce, configurations are sought that meet this row alone, everything else
+left open; those of the bank and of the posterior are added. The pairs of distances of this row and another that no
+configuration improves in both form the trade-off of the two. If none comes near both, the two contradict each other
+under the model; if every pair can be met, the contradiction is with several rows together.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mcstudy.streams import stream
 
 PARTICLES = 300
 SHARPEN = 4.0
-"""Power of the likelihood of the two rows: what can be reached is sought, not what is probable."""
+"""Power of the likelihood of the row: what can be reached is sought, not what is probable."""
 
 POINTS = 9
 """Points of a trade-off."""
@@ -45,16 +45,17 @@ def front(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.asarray(points[np.linspace(0, len(points) - 1, POINTS).round().astype(int)])
 
 
-def trade_offs(emulator: Emulator, rows: Sequence[str], seed: int) -> np.ndarray:
-    """Trade-offs (len(rows), R, POINTS, 2) of each of ``rows`` with every row; NaN with itself and unused rows."""
+def trade_offs(emulator: Emulator, rows: Sequence[str], others: np.ndarray, seed: int) -> np.ndarray:
+    """Trade-offs (len(rows), R, POINTS, 2) of each of ``rows`` with every row; NaN with itself and unused rows.
+
+    They are sought among `PARTICLES` configurations that meet the row alone and the points ``others`` (N, U).
+    """
     out = np.full((len(rows), len(KEYS), POINTS, 2), np.nan)
     for i, first in enumerate(rows):
-        for j, second in enumerate(KEYS):
-            if second == first or ROWS[j].kind == "told":
-                continue
-            others = tuple(k for k in KEYS if k not in (first, second))
-            likelihood = Likelihood.of(emulator, stated(), leave_out=others)
-            found = sample(likelihood, stream(seed, "table_pair", KEYS.index(first), j), PARTICLES, SHARPEN)
-            d = distance(emulator, found.u)
-            out[i, j] = front(d[:, KEYS.index(first)], d[:, j])
+        alone = Likelihood.of(emulator, stated(), leave_out=tuple(k for k in KEYS if k != first))
+        found = sample(alone, stream(seed, "table_row", KEYS.index(first)), PARTICLES, SHARPEN)
+        d = distance(emulator, np.concatenate([found.u, others]))
+        for j, row in enumerate(ROWS):
+            if row.key != first and row.kind != "told":
+                out[i, j] = front(d[:, KEYS.index(first)], d[:, j])
     return out

@@ -62,7 +62,7 @@ class Likelihood:
     def of(cls, emulator: Emulator, observed: np.ndarray, leave_out: tuple[str, ...] = ()) -> Likelihood:
         """The likelihood of ``observed`` (R,), without the rows ``leave_out``."""
         used = [(k, row.kind) for k, row in enumerate(ROWS) if row.key not in leave_out and row.kind != "told"]
-        equal = np.array([k for k, kind in used if kind == "equal"])
+        equal = np.array([k for k, kind in used if kind == "equal"], dtype=int)
         above = np.array([k for k, kind in used if kind == "above"], dtype=int)
         c = emulator.covariance[np.ix_(equal, equal)]
         c = (1 - SHRINK) * c + SHRINK * np.diag(np.diag(c))
@@ -75,7 +75,8 @@ class Likelihood:
 
     def at(self, rows: np.ndarray) -> np.ndarray:
         """Log likelihood (N,) when the expected rows are ``rows`` (N, R)."""
-        white = solve_triangular(self.root, (rows[:, self.equal] - self.observed[self.equal]).T, lower=True)
+        off = (rows[:, self.equal] - self.observed[self.equal]).T
+        white = solve_triangular(self.root, off, lower=True) if self.equal.size else off
         sign = np.where(self.observed[self.above] >= 0, 1.0, -1.0)
         error = np.sqrt(INFLATE * np.diag(self.emulator.covariance)[self.above])
         told = log_ndtr(sign * rows[:, self.above] / error).sum(axis=1)

@@ -50,7 +50,7 @@ def result(file: InferenceFile, out: Path, options: ClusterOptions) -> xr.Datase
     replicates = checks.replicated(found, seed)
     p = checks.tail(replicates)
     failed = [row.key for row, value in zip(ROWS, p, strict=True) if row.kind != "told" and value < NOT_REPRODUCED]
-    fronts = trade_offs(found.emulator, failed, seed)
+    fronts = trade_offs(found.emulator, failed, np.concatenate([found.bank.u, found.posterior.u]), seed)
     honest = calibrate(found.prior, found.prior_bank, inference.papers, n, inference.particles, seed)
     dataset = _dataset(found, best, stand_in, replicates, p, failed, fronts, honest)
     dataset.attrs |= {"fingerprint": file.fingerprint, "studies": len(found.bank), "realizations": n}

@@ -114,8 +114,8 @@ def _contradictions(result: xr.Dataset) -> str:
         alone = float(fronts.sel(of="failed").min())
         lines.append([label[str(key)], f"{alone:.1f}", names or "no single row; several together"])
     note = (
-        "alone: smallest distance of the row with one other row and nothing else required. contradicts: rows that "
-        f"cannot be met together with it, with the smallest distance that one of the two keeps (above {REACHED:g} "
+        "alone: smallest distance of the row when nothing else is required. contradicts: rows that no configuration "
+        f"found meets together with it, with the smallest distance that one of the two keeps (above {REACHED:g} "
         "standard errors of a study)."
     )
     return (

@@ -53,7 +53,7 @@ class BodySheet(BaseModel):
 
 
 def body_of(sheet: BodySheet, table: Callable[[str], TextTable], where: str) -> tuple[Body, str]:
-    """The body, and a sentence on where its constants come from when they were not measured.
+    """The body, and a sentence on where its constants come from when they were not measured, or on what is odd.
 
     ``table`` opens a data file by its name. `RecordingError` names ``where`` and the field.
     """
@@ -81,7 +81,7 @@ def body_of(sheet: BodySheet, table: Callable[[str], TextTable], where: str) -> 
             raise RecordingError(f"{where}: body.{name}: {' or '.join(known)} needs height and weight")
     try:
         if segments:
-            return Body.from_segments(**segments, g=sheet.g), ""
+            return Body.from_segments(**segments, g=sheet.g), _exchanged(segments)
         if constants:
             return Body(**constants, g=sheet.g), ""
         if person:
@@ -93,3 +93,13 @@ def body_of(sheet: BodySheet, table: Callable[[str], TextTable], where: str) -> 
     if sheet.reference is None:
         raise RecordingError(f"{where}: body: {EXPECTED}")
     return Body(), ""
+
+
+def _exchanged(segments: dict[str, float]) -> str:
+    """A remark on legs that are heavier than the upper body; in both tables they have less than 0.7 of its mass."""
+    if segments["m1"] <= segments["m2"]:
+        return ""
+    return (
+        f"odd: body: the lower body (m1 = {segments['m1']:g} kg) is heavier than the upper body "
+        f"(m2 = {segments['m2']:g} kg); are the segments exchanged?"
+    )

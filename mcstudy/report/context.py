@@ -101,6 +101,19 @@ class Context:
         """The group without noise for Fig. 3B."""
         return self._if_held(self.study.noise_free(CONVERGENCE_FMAX_HZ, 100)) or self.theory
 
+    @cached_property
+    def other_solvers(self) -> list[GroupView]:
+        """Groups that differ from `pools` in nothing but the solver and its settings."""
+        main = self.pools
+        held = [g for g in self.held if main is not None and g is not main]
+        return [g for g in held if _without_solver(g) == _without_solver(main)]
+
+
+def _without_solver(view: GroupView | None) -> str:
+    """Everything but the solver and its settings."""
+    fit = {"solver", "tolerance", "max_iterations", "interior_point"}
+    return json.dumps(view and view.group.model_dump(mode="json", exclude={"fit": fit}), sort_keys=True)
+
 
 def _settings(view: GroupView) -> str:
     """Everything but the axes."""

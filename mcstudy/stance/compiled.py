@@ -12,6 +12,7 @@ was made for this very processor.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import pickle
 import re
@@ -41,6 +42,9 @@ SLOW = {
     "outermost": 12,
 }
 """Functions that take several seconds to compile, with all they call: whoever waits for one of them is told."""
+
+SAVING = "mcstudy-saving.lock"
+"""File whose lock is held while code is written to its folder."""
 
 NOTICE = "compiling {}, once for this installation: about {} s ..."
 
@@ -186,7 +190,7 @@ class _Cache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Code for a signature; None: to be compiled."""
-        found = super().load_overload(sig, target_context)
+        found = _of(sig, super().load_overload(sig, target_context))
         if found is None:
             found = self._shipped(sig, target_context)
         if found is None and getattr(_state, "only", False):
@@ -196,16 +200,28 @@ class _Cache(FunctionCache):
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, where there is room for it."""
+        """Keep what was compiled, where there is room for it.
+
+        Numba reads the index of a function, chooses a free file name, and writes both. Two processes that compile one
+        function for different types would choose the same name, and the index would lead one to the other's code.
+        """
         with contextlib.suppress(OSError):
-            super().save_overload(sig, data)
+            locator: Any = self.impl.locator
+            locator.ensure_cache_path()
+            with (Path(locator.get_cache_path()) / SAVING).open("wb") as file:
+                with contextlib.suppress(OSError):  # some shared file systems have no locks
+                    fcntl.flock(file, fcntl.LOCK_EX)
+                super().save_overload(sig, data)
 
     def _shipped(self, sig: Any, target_context: Any) -> Any:
         # Whatever is wrong with a file that came with the package, compiling is the remedy: there is nothing to tell.
         with contextlib.suppress(Exception):
             code = shipped.find(self.function, self.stamp, sig, target_context.codegen())
             if code is not None:
-                result = self.impl.rebuild(target_context, pickle.loads(code))
-                if tuple(result.signature.args) == tuple(sig):
-                    return result
+                return _of(sig, self.impl.rebuild(target_context, pickle.loads(code)))
         return None
+
+
+def _of(sig: Any, result: Any) -> Any:
+    """Code that was found for a signature; None when it is for another one: an index and its files do not agree."""
+    return result if result is not None and tuple(result.signature.args) == tuple(sig) else None

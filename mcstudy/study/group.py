@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, field_validator, model_serializer
 
 from mcstudy.files.sections import Name, Section
 from mcstudy.fitting.arguments import InteriorPoint, Options
 from mcstudy.stance.ranges import AMPLITUDE, GAIN, RATE, Range
+from mcstudy.stance.truths import TRUTHS
 
 GAIN_BOUND = Range(1e-12, 1e15, or_zero=True, signed=True)
 """Bounds of true values."""
@@ -71,6 +72,16 @@ class ModelSection(Section):
     truth: dict[str, Annotated[float, GAIN]] = Field(default={})
     body: dict[str, Annotated[float, BODY]] = Field(default={})
     bounds: BoundsSection = BoundsSection()
+
+    @field_validator("truth", mode="before")
+    @classmethod
+    def _named(cls, truth: Any) -> Any:
+        """The values of a set that is given by its name."""
+        if not isinstance(truth, str):
+            return truth
+        if truth not in TRUTHS:
+            raise ValueError(f"expected a table, or one of {', '.join(TRUTHS)}")
+        return dict(TRUTHS[truth].values)
 
 
 class StimulusSection(Section):

@@ -7,6 +7,7 @@ from dataclasses import asdict, fields, replace
 from mcstudy.errors import DesignError, ModelError
 from mcstudy.stance.body import Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model, Parameter
+from mcstudy.stance.truths import provenance_of
 from mcstudy.study.group import BoundsSection, Group
 
 
@@ -42,7 +43,8 @@ def build_model(group: Group) -> Model:
     )
     replaced = [p.name for p, own in zip(model.parameters, parameters, strict=True) if p.value != own.value]
     note = "; replaced by the study file: " + ", ".join(replaced) if replaced else ""
-    return replace(model, parameters=parameters, provenance=model.provenance + note)
+    named = provenance_of({p.name: p.value for p in parameters})
+    return replace(model, parameters=parameters, provenance=named or model.provenance + note)
 
 
 def with_model_values(group: Group) -> Group:

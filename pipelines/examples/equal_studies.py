@@ -25,6 +25,8 @@ from mcstudy.analysis.paper.verdict import AGREES, DIFFERS, judge
 from mcstudy.analysis.view import GroupView
 
 GROUP, SEED = "accuracy", 990017
+LARGER = 10
+"""Studies of 50 that make up a larger one."""
 
 
 def studies(path: Path, count: int, starts: int, seed: int, truth: dict[str, float], workers: int) -> list[dict]:
@@ -56,7 +58,7 @@ def shares(key: str, papers: list[dict], others: list[dict], size: int, same: bo
     n, found = len(others), Counter()
     for i, paper in enumerate(papers):
         statement = quoted(RESULTS[key], paper[key].value)
-        for first in range(1, n) if size < n - 1 else [1]:
+        for first in range(1, n) if size < n - 1 else [1]:  # the largest size leaves one way to choose
             chosen = [(i + first + j) % n for j in range(size)]
             if not (same and i in chosen):
                 found[judge(statement, together([others[j][key] for j in chosen])).name] += 1
@@ -83,17 +85,18 @@ def main(argv: Sequence[str] | None = None) -> None:
         folder = given.output or Path(temporary)
         base = studies(folder / "equal.zarr", given.studies, given.starts, SEED, {}, given.workers)
         truth = {name: float(value)}
-        moved = studies(folder / "shifted.zarr", given.studies, given.starts, SEED + 1, truth, given.workers)
-    sizes = sorted({1, min(10, given.studies - 1), given.studies - 1})
+        larger = min(LARGER, given.studies - 1)
+        moved = studies(folder / "shifted.zarr", larger, given.starts, SEED + 1, truth, given.workers)
+    sizes = sorted({1, larger, given.studies - 1})
     keys = [k for k in base[0] if RESULTS[k].criterion != "none"]
     print(f"{given.studies} equal studies of {REALIZATIONS} realizations; percent of comparisons that differ / agree")
     heads = "".join(f"{f'ours {k} x 50':>16}" for k in sizes)
-    print(f"{'':48}{heads}{f'{given.shift}, {sizes[-1]} x 50':>20}")
+    print(f"{'':48}{heads}{f'{given.shift}, {larger} x 50':>20}")
     worst, counts = 0.0, {k: np.zeros(2) for k in sizes}
     told = []
     for key in keys:
         found = {k: shares(key, base, base, k, same=True) for k in sizes}
-        shifted = shares(key, base, moved, sizes[-1], same=False)
+        shifted = shares(key, base, moved, larger, same=False)
         for k in sizes:
             counts[k] += found[k][:2]
         worst = max(worst, *(found[k][0] for k in sizes))

@@ -1,4 +1,4 @@
-"""How many starts does a fit need when the solver estimates derivatives, as in the paper?
+"""How many starts does a fit need when a solver of SciPy estimates derivatives? (Slow reference for `interior_point`.)
 
 Goodworth & Peterka 2018 (Fig. 3B) needed about 20 starts with fmincon, which by default estimates derivatives by
 differences in the parameters' own units. This script compares, with the same noise and the same starts up to 1.2 Hz and

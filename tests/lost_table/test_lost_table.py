@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from mcstudy.analysis.paper.values import cells_of, fit_values
+from mcstudy.cli import main
 from mcstudy.errors import DesignError
+from mcstudy.exits import Exit
+from mcstudy.lost_table import checks, contradictions
 from mcstudy.lost_table.bank import Bank, prior_points, simulated
 from mcstudy.lost_table.design import parse_inference, read_inference
 from mcstudy.lost_table.emulator import Emulator, packed, ridge, unpacked
 from mcstudy.lost_table.posterior import Likelihood, sample
+from mcstudy.lost_table.result import RESULT, opened
 from mcstudy.lost_table.rows import KEYS, ROWS, columns, folded, rounding, shown, stated
 from mcstudy.lost_table.simulate import Moments, damped, reduced, simulate, study_of, sway_rms
 from mcstudy.lost_table.unknowns import Prior
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.body import two_segment
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.truths import TRUTHS
 from mcstudy.streams import stream
+from mcstudy.study.group import Group
+from mcstudy.study.models import build_model
 
 FILE = """
 [inference]
@@ -185,3 +197,63 @@ def test_a_mistake_in_the_prior_gives_one_line_with_the_field(prior: dict[str, l
 
 def test_the_shipped_file_is_found_by_name() -> None:
     assert read_inference("table_one").inference.name == "table_one"
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As few studies and particles as show the way from file to tables."""
+    for module, name, value in (
+        (checks, "CANDIDATES", 2),
+        (checks, "TRIALS", 2),
+        (checks, "REPEATS", 3),
+        (contradictions, "PARTICLES", 12),
+    ):
+        monkeypatch.setattr(module, name, value)
+
+
+@pytest.mark.usefixtures("few")
+def test_a_killed_inference_resumes_with_the_same_bits_and_prints_its_tables(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "tiny.toml"
+    file.write_text(FILE)
+    killed, undisturbed = tmp_path / "killed", tmp_path / "undisturbed"
+    command = [sys.executable, "-m", "mcstudy", "infer", str(file), "-o", str(killed), "--workers", "1"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        while process.poll() is None and not list(killed.glob("bank/*.npz")):
+            time.sleep(0.05)
+        process.kill()
+    assert len(list(killed.glob("bank/*.npz"))) < 4  # the bank and its wave have four files
+    assert not (killed / RESULT).exists()
+    for out in (killed, undisturbed):
+        figure = ["--figure", str(out / "m.svg")]
+        assert main(["infer", str(file), "-o", str(out), "--workers", "1", *figure]) == Exit.DONE
+    xr.testing.assert_identical(opened(killed), opened(undisturbed))
+    assert (killed / "m.svg").read_bytes() == (undisturbed / "m.svg").read_bytes()
+    printed = capsys.readouterr().out
+    for part in ("an inference about a lost table", "Unknowns", "Choices", "Printed numbers", "Calibration: 2 papers"):
+        assert part in printed
+    file.write_text(FILE.replace("seed = 3", "seed = 4"))
+    assert main(["infer", str(file), "-o", str(killed)]) == Exit.BAD_INPUT
+    assert "made from another inference file" in capsys.readouterr().err
+
+
+def test_a_trade_off_is_what_cannot_be_improved_in_both() -> None:
+    x, y = np.array([1.0, 2.0, 3.0, 2.5, 0.5]), np.array([3.0, 2.0, 1.0, 2.5, 9.0])
+    points = {tuple(p) for p in contradictions.front(x, y)}
+    assert points == {(0.5, 9.0), (1.0, 3.0), (2.0, 2.0), (3.0, 1.0)}
+
+
+def test_a_study_file_names_a_set_of_true_values_and_its_origin_is_shown() -> None:
+    def model(truth: object) -> Model:
+        plain = {"realizations": 1, "starts": 1, "fmax": [1.2], "amplitude": [5.0], "model": {"truth": truth}}
+        return build_model(Group(**plain))
+
+    for name, truth in TRUTHS.items():
+        named = model(name)
+        assert {p.name: p.value for p in named.parameters} == dict(truth.values)
+        assert named.provenance == truth.provenance
+    changed = model({**TRUTHS["stand_in"].values, "K11": 1000.0})
+    assert changed.provenance.endswith("replaced by the study file: K11")
+    with pytest.raises(DesignError, match="truth: expected a table, or one of stand_in"):
+        model("strange")

@@ -42,7 +42,7 @@ FILES = ("five.mat", "packed.mat", "seven.mat", "a.c3d", "a.csv")
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, rng = tmp_path_factory.mktemp("honest"), np.random.default_rng(0)
     u, x, y = rng.standard_normal((3, 64))
-    variables = {"u": u, "k": {"x": x, "y": y, "note": "text"}, "c": [x, y]}
+    variables = {"c": [x, y], "u": u, "k": {"x": x, "y": y, "note": "text"}}  # what is needed comes last
     cells = np.empty(2, object)
     cells[:] = [x, y]
     savemat(folder / "five.mat", {**variables, "c": cells})

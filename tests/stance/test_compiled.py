@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import fcntl
 import importlib
 import os
 import re
@@ -10,8 +11,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+from numba.core.caching import FunctionCache
+
 import mcstudy
-from mcstudy.stance.compiled import compiled, sources
+from mcstudy.stance.compiled import SAVING, compiled, sources
 
 PACKAGE = Path(mcstudy.__file__).parent
 
@@ -68,6 +72,51 @@ def test_an_edit_of_a_file_whose_functions_are_called_is_seen(tmp_path: Path) ->
     assert run(2) == ["3", "0"]
     assert run(2) == ["3", "1"]  # kept
     assert run(3) == ["4", "0"]  # and not kept too long
+
+
+TWICE = """
+from mcstudy.stance.compiled import compiled
+
+@compiled
+def twice(x):
+    return 2 * x
+
+def called():
+    return [twice(3), twice(0.5)]
+"""
+
+
+def test_code_of_other_types_under_a_functions_name_is_not_run(tmp_path: Path) -> None:
+    """As two processes would leave it that keep a function for different types at once."""
+    (tmp_path / "two_types.py").write_text(TWICE)
+    variables = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {"PYTHONPATH": str(tmp_path)}
+
+    def called() -> str:
+        command = [sys.executable, "-c", "from two_types import called; print(called())"]
+        return subprocess.run(command, capture_output=True, text=True, check=True, env=variables).stdout.strip()
+
+    assert called() == "[6, 1.0]"
+    first, second = (tmp_path / "__pycache__").glob("*.nbc")
+    texts = first.read_bytes(), second.read_bytes()
+    first.write_bytes(texts[1])
+    second.write_bytes(texts[0])
+    assert called() == "[6, 1.0]"
+
+
+def test_one_process_at_a_time_keeps_code_in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "two_types.py"
+    file.write_text(TWICE)
+    monkeypatch.syspath_prepend(tmp_path)
+    module, saved = importlib.import_module("two_types"), list[str]()
+
+    def save(_: object, sig: object, __: object) -> None:
+        with (tmp_path / "__pycache__" / SAVING).open("wb") as lock, pytest.raises(BlockingIOError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        saved.append(str(sig))
+
+    monkeypatch.setattr(FunctionCache, "save_overload", save)
+    assert module.called() == [6, 1.0]
+    assert saved == ["(int64,)", "(float64,)"]
 
 
 def test_the_kernels_that_call_other_files_are_stamped_with_all_they_import() -> None:

@@ -34,7 +34,7 @@ def built(hook: ModuleType) -> tuple[dict[str, Any], list[str]]:
     """What the hook tells the builder, and its warnings."""
     warnings: list[str] = []
     one = hook.CompiledKernels(str(ROOT), {}, None, None, "", "wheel")
-    one._CompiledKernels__app = one._BuildHookInterface__app = SimpleNamespace(display_warning=warnings.append)
+    one._BuildHookInterface__app = SimpleNamespace(display_warning=warnings.append)
     data: dict[str, Any] = {**PURE, "force_include": {}}
     one.initialize("standard", data)
     one.finalize("standard", data, "")

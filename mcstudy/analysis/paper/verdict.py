@@ -10,6 +10,7 @@ difference, beyond what the rounding of the published number explains. Else the 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,10 +99,17 @@ def _name(beyond: float, inside: float, error: float) -> str:
 
 def _blocks_needed(beyond: float, inside: float, one: float) -> int:
     """Blocks of the paper's size that would decide if our value stays; 0 if none would."""
-    for blocks in np.unique(np.geomspace(1, MOST_BLOCKS, 200).round().astype(int)):
-        if _name(beyond, inside, one * np.sqrt(1 + 1 / blocks)) != CANNOT_TELL:
-            return int(blocks)
-    return 0
+
+    def told(blocks: int) -> bool:
+        return _name(beyond, inside, one * math.sqrt(1 + 1 / blocks)) != CANNOT_TELL
+
+    if not told(MOST_BLOCKS):  # a smaller error of ours only helps
+        return 0
+    few, enough = 0, MOST_BLOCKS
+    while enough - few > 1:
+        middle = (few + enough) // 2
+        few, enough = (few, middle) if told(middle) else (middle, enough)
+    return enough
 
 
 def _of_range(paper: Published, ours: Value) -> Verdict:

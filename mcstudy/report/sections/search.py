@@ -70,7 +70,7 @@ def _fig_3a(context: Context) -> Figure | Missing:
 
 def _fig_3b(context: Context) -> Figure | Missing:
     noisy, free = context.pools, context.free_pools
-    views = [v for v in (noisy, free) if v is not None and v.group.starts > 1]
+    views = [v for v in (noisy, *context.other_solvers, free) if v is not None and v.group.starts > 1]
     if not views:
         return Missing("Fig. 3B", CURVE_TITLE, "no group has more than one start")
     shown = [(v, f) for v in views for f in v.cube["fmax"].values.tolist()]
@@ -84,7 +84,10 @@ def _fig_3b(context: Context) -> Figure | Missing:
             "statistics of the whole pool, not by resampling. The mean hides the realizations that need more starts: "
             "see the median and the 90th percentile in the table.",
         ],
-        [Panel(f"group {v.name}, Fmax {f:g} Hz", partial(figures.starts_curve, v, f)) for v, f in shown],
+        [
+            Panel(f"group {v.name}, solver {v.group.fit.solver}, Fmax {f:g} Hz", partial(figures.starts_curve, v, f))
+            for v, f in shown
+        ],
         [_starts_table(context, v) for v in views] + [_curve_table(v) for v in views],
         ("starts_noise_free", "starts_5", "starts_3", "cost_order", "misses"),
         f'figures.starts_curve(tree["{views[0].name}"])',

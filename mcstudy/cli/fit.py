@@ -82,7 +82,11 @@ def _group_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Fit and print; returns the exit code."""
+    from mcstudy.errors import InputError
+
     if args.people or args.group:
+        if args.html:
+            raise InputError("--html: expected recordings of one person, not --people or --group")
         return _group(args)
     return _one_person(args)
 

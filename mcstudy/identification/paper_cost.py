@@ -2,8 +2,8 @@
 
 That cost is the mean squared deviation relative to the measured response, over the paper's averaged frequency points.
 It says nothing about the noise, so it has no likelihood and no profile likelihood interval. Its estimates are printed
-beside those of maximum likelihood without intervals of their own; README.md says what was measured about a sandwich
-interval.
+beside those of maximum likelihood without intervals of their own: a sandwich interval would be symmetric and blind to
+bounds and other minima like Wald's, which README.md shows to hold the truth far too rarely.
 """
 
 from __future__ import annotations

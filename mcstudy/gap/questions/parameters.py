@@ -17,9 +17,9 @@ SOURCES = {"data": "", "prior": "mostly prior", "bound": "on its bound"}
 """What determines the value of a parameter, and the text for it in a table."""
 
 PRIOR_EXPLAINED = (
-    "The diagnosis uses a weak prior, not knowledge of this person: a normal distribution around the values of the base "
-    "model (by default stand-ins for the subjects of Goodworth & Peterka, gains scaled to this body's weight), with a "
-    f"standard deviation of {100 * GAIN_SPREAD:.0f} % of a gain and {1000 * DELAY_SPREAD_S:.0f} ms of a delay. "
+    "The diagnosis uses a weak prior, not knowledge of this person: a normal distribution around the values of the "
+    "base model (by default stand-ins for the subjects of Goodworth & Peterka, gains scaled to this weight), with "
+    f"a standard deviation of {100 * GAIN_SPREAD:.0f} % of a gain and {1000 * DELAY_SPREAD_S:.0f} ms of a delay. "
     "`mcstudy fit` estimates without a prior."
 )
 """What the prior of the diagnosis is (`mcstudy.gap.fits.priors`)."""

@@ -1,9 +1,12 @@
 """Compiles the kernels when a wheel is built and puts them into it, so that a first run does not have to.
 
-The code is for any x86-64 processor with AVX2 and fused multiply-add (x86-64-v3), on Linux; that of the fits is there
-once more for AVX-512 (x86-64-v4), whose wider registers suit them. The numbers are the same. A wheel for
-other machines has none, and neither has one that is built where the kernels cannot be compiled; both compile on first
-use. Nothing happens for editable installations and source archives. HATCH_BUILD_NO_HOOKS=1 builds without.
+A wheel is for the machine that it is built on. On x86-64 Linux its code is for any processor with AVX2 and fused
+multiply-add (x86-64-v3); that of the fits is there once more for AVX-512 (x86-64-v4), whose wider registers suit them.
+The numbers are the same. On AArch64 Linux it is for any processor (ARMv8-A with its vector unit). Such a wheel has the
+tag of the Python and the platform that built it, ``cp311-cp311-linux_x86_64`` for example; the code is linked against
+no library, so that the version of the C library does not matter. A wheel that is built on another machine, or where
+the kernels cannot be compiled, holds none, has the tag ``py3-none-any``, and compiles on first use. Nothing happens for
+editable installations and source archives. HATCH_BUILD_NO_HOOKS=1 builds without.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
@@ -29,8 +32,30 @@ V3 = (
 
 V4 = (*V3, "avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
 
-TARGETS = {"x86-64-v3": (V3, ()), "x86-64-v4": (V4, ("lm", "gram", "diagnosis"))}
-"""What the code may use, and which parts of `mcstudy.fitting.warm` it is made of (none: all), by processor."""
+FITS = ("lm", "gram", "diagnosis")
+"""Parts of `mcstudy.fitting.warm` that wide registers suit."""
+
+
+class Target(NamedTuple):
+    """A kind of processor.
+
+    Attributes
+    ----------
+    name: of its folder in the wheel. cpu: as LLVM calls it. features: what the code may use.
+    parts: of `mcstudy.fitting.warm` that are compiled for it; none: all.
+    """
+
+    name: str
+    cpu: str
+    features: tuple[str, ...]
+    parts: tuple[str, ...] = ()
+
+
+TARGETS = {
+    "x86_64": (Target("x86-64-v3", "x86-64-v3", V3), Target("x86-64-v4", "x86-64-v4", V4, FITS)),
+    "aarch64": (Target("armv8-a", "generic", ("fp-armv8", "neon")),),
+}
+"""Kinds of processors that a wheel built on a machine has code for, by the machine's name."""
 
 NEEDED = ("llvmlite", "numba", "numpy", "scipy")
 """What the compiled modules and those around them import."""
@@ -52,20 +77,22 @@ class CompiledKernels(BuildHookInterface):  # type: ignore[type-arg]
 
     def dependencies(self) -> list[str]:
         """Versions to compile with: those of constraints.txt, since the code is used with no others."""
-        if not _possible() or _editable():
+        if not targets() or _editable():
             return []
         text = (Path(self.root) / "constraints.txt").read_text(encoding="utf-8")
         return re.findall(rf"^(?:{'|'.join(NEEDED)})==.*$", text, re.MULTILINE)
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and add what came of it to the wheel."""
-        if version != "standard" or not _possible():
+        if version != "standard" or not (wanted := targets()):
             return
         self._folder = tempfile.mkdtemp(prefix="mcstudy-compiled-")
         folder = Path(self._folder)
         code = folder / "code"
         with ThreadPoolExecutor() as pool:
-            reasons = pool.map(lambda cpu: _compile(Path(self.root), cpu, code / cpu, folder / f"numba-{cpu}"), TARGETS)
+            reasons = pool.map(
+                lambda t: _compile(Path(self.root), t, code / t.name, folder / f"numba-{t.name}"), wanted
+            )
         if reason := next(filter(None, reasons), ""):
             self.app.display_warning(f"the wheel is built without compiled kernels: {reason}")
             return
@@ -79,8 +106,11 @@ class CompiledKernels(BuildHookInterface):  # type: ignore[type-arg]
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _possible() -> bool:
-    return sys.platform == "linux" and platform.machine() == "x86_64" and sys.implementation.name == "cpython"
+def targets() -> tuple[Target, ...]:
+    """Kinds of processors that a wheel built here has code for; none where it holds no code."""
+    if sys.platform != "linux" or sys.implementation.name != "cpython":
+        return ()
+    return TARGETS.get(platform.machine(), ())
 
 
 def _editable() -> bool:
@@ -93,14 +123,13 @@ def _editable() -> bool:
     return False
 
 
-def _compile(root: Path, cpu: str, code: Path, kept: Path) -> str:
+def _compile(root: Path, target: Target, code: Path, kept: Path) -> str:
     """Compile the kernels of the source at ``root`` into the folder ``code``; returns why it was not possible."""
-    features, parts = TARGETS[cpu]
     inherited = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     variables = {
         "NUMBA_CACHE_DIR": str(kept),
-        "NUMBA_CPU_NAME": cpu,
-        "NUMBA_CPU_FEATURES": ",".join(f"+{name}" for name in features),
+        "NUMBA_CPU_NAME": target.cpu,
+        "NUMBA_CPU_FEATURES": ",".join(f"+{name}" for name in target.features),
         # Isolated builds hand their packages over in this variable too.
         "PYTHONPATH": os.pathsep.join([str(root), *filter(None, [inherited.get("PYTHONPATH")])]),
         "PYTHONDONTWRITEBYTECODE": "1",
@@ -108,7 +137,7 @@ def _compile(root: Path, cpu: str, code: Path, kept: Path) -> str:
     # From an empty folder, so that nothing but the source at `root` is found as mcstudy.
     kept.mkdir()
     done = subprocess.run(
-        [sys.executable, "-c", COMPILE, str(code), *parts],
+        [sys.executable, "-c", COMPILE, str(code), *target.parts],
         env=inherited | variables,
         cwd=kept,
         capture_output=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from benchmarks.cases import study_text
 from benchmarks.measure import mcstudy, run_command
 from benchmarks.report import Result, Sizes
+from mcstudy.analysis import kept
 from mcstudy.fitting.status import Status
 from mcstudy.study.layout import Chunk
 from mcstudy.study.store import Cube, GroupStore
@@ -20,7 +22,7 @@ FMAX, STARTS = (0.41, 1.2, 8.0), 50
 
 
 def run(sizes: Sizes) -> Result:
-    """CPU seconds and peak memory of ``show``, the first time and again, for cubes of growing size."""
+    """CPU seconds and peak memory of ``show``, first and again, and of ``report``, for cubes of growing size."""
     result = Result("show")
     with tempfile.TemporaryDirectory() as name:
         for wanted in sizes.fits:
@@ -29,6 +31,8 @@ def run(sizes: Sizes) -> Result:
             first, again = (run_command(*mcstudy("show", cube)) for _ in range(2))
             if first.output != again.output:
                 raise RuntimeError(f"{wanted} fits: the second look printed something else than the first")
+            shutil.rmtree(kept.folder(cube))
+            report = run_command(*mcstudy("report", cube, "-o", Path(name) / "page.html"))
             result.table.append(
                 {
                     "fits": fits,
@@ -36,11 +40,15 @@ def run(sizes: Sizes) -> Result:
                     "first peak MB": first.peak / 1e6,
                     "again CPU s": again.cpu,
                     "again peak MB": again.peak / 1e6,
+                    "report CPU s": report.cpu,
+                    "report peak MB": report.peak / 1e6,
                 }
             )
             result.keys[f"show.first_cpu_s.{wanted}"] = first.cpu
             result.keys[f"show.first_peak_bytes.{wanted}"] = first.peak
             result.keys[f"show.again_cpu_s.{wanted}"] = again.cpu
+            result.keys[f"show.report_cpu_s.{wanted}"] = report.cpu
+            result.keys[f"show.report_peak_bytes.{wanted}"] = report.peak
     return result
 
 

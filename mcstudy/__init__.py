@@ -1,8 +1,8 @@
 """Monte Carlo studies of identifiability, and diagnosis of the gap between model and body.
 
 Studies: `Study` (or `read_study`), `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
-Recordings: `read_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with intervals;
-`diagnose` says what a model lacks; `effects` are what it may lack, by name.
+Recordings: `read_recording`, `import_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with
+intervals, `fit_group` those of many people; `diagnose` says what a model lacks; `effects` are what it may lack.
 """
 
 from __future__ import annotations
@@ -12,18 +12,20 @@ if TYPE_CHECKING:
     from typing import Any
 
     from mcstudy.analysis.results import open_results
-    from mcstudy.api.recordings import diagnose, fit
+    from mcstudy.api.groups import fit_group
+    from mcstudy.api.recordings import diagnose, fit, import_recording
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
     from mcstudy.effect_library.simulated import simulate
     from mcstudy.errors import InputError, Interrupted
-    from mcstudy.identification.result import FitResult
+    from mcstudy.identification.group_result import GroupResult
     from mcstudy.own_model import run_model
     from mcstudy.recordings.frf import FrfRecording
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
+    from mcstudy.report.person.plots import FitWithFigures as FitResult
     from mcstudy.stance.body import Body
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
@@ -34,8 +36,9 @@ _FROM = {
     "Body": "stance.body",
     "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
     "Effect": "effect_library.declare",
-    "FitResult": "identification.result",
+    "FitResult": "report.person.plots:FitWithFigures",
     "FrfRecording": "recordings.frf",
+    "GroupResult": "identification.group_result",
     "InputError": "errors",
     "Interrupted": "errors",
     "Recording": "recordings.recording",
@@ -44,6 +47,8 @@ _FROM = {
     "diagnose": "api.recordings",
     "effects": "effect_library.library:LIBRARY",
     "fit": "api.recordings",
+    "fit_group": "api.groups",
+    "import_recording": "api.recordings",
     "open_results": "analysis.results",
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
@@ -61,6 +66,7 @@ __all__ = [
     "Effect",
     "FitResult",
     "FrfRecording",
+    "GroupResult",
     "InputError",
     "Interrupted",
     "Recording",
@@ -70,6 +76,8 @@ __all__ = [
     "diagnose",
     "effects",
     "fit",
+    "fit_group",
+    "import_recording",
     "open_results",
     "read_recording",
     "read_study",

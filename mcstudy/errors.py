@@ -41,3 +41,7 @@ class FallsError(InputError):
 
 class Interrupted(McstudyError):
     """The run was stopped before it was complete; it can be resumed."""
+
+
+class Stopped(Interrupted):
+    """Work of which nothing is stored was stopped; it has to begin again."""

@@ -15,10 +15,12 @@ from pydantic import TypeAdapter
 
 import mcstudy.analysis.accessors  # noqa: F401 - the result has its .mc methods
 from mcstudy.files.plain_errors import validated
+from mcstudy.scheduler.compiling import compile_kernels
 from mcstudy.stance.feedback import Model
 from mcstudy.study.checks import check_group
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import Experiment
+from mcstudy.study.kernels import parts_of
 from mcstudy.study.layout import Chunk
 from mcstudy.study.readable import readable
 from mcstudy.study.store import GroupStore
@@ -73,6 +75,7 @@ def run_model(
     axes = {"realizations": realizations, "starts": starts, "fmax": fmax, "amplitude": amplitude}
     group: Group = validated(Group, {**axes, **sections}, whole="settings")
     check_group(group, model)
+    compile_kernels(parts_of([group]))
     refuse_unstable_model(model, group.simulator, allow_unstable)
     experiment = Experiment(group, seed, model)
     # Used only for its layout: a store touches the disk only when it is written to.

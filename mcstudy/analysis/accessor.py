@@ -306,12 +306,13 @@ class MonteCarlo:
         -------
         xarray.Dataset
             Dims (amplitude, fmax, realization): ``value``, exact, for starts drawn from those of the cell;
-            ``independent`` for new starts, with ``mcse``, ``lower``, ``upper``; ``hit_rate``, ``hits``, ``starts``.
+            ``independent`` for new starts, with ``mcse``, ``lower``, ``upper``; ``missed``, the chance that as many new
+            starts miss that cost; ``hit_rate``, ``hits``, ``starts``.
         """
         return self._result(convergence.starts_needed(self._cube, confidence))
 
     def starts_needed_quantiles(self, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
-        """Quantiles of `starts_needed` over realizations, median and 90th percentile by default. Needs all starts.
+        """Quantiles over realizations of the new starts needed, median and 90th percentile. Needs all starts.
 
         Parameters
         ----------
@@ -398,9 +399,8 @@ class MonteCarlo:
         """
         cube = self._cube
         for name, value in (("amplitude", amplitude), ("fmax", fmax)):
-            cube = cube.sel({name: [self._held(name, value)]})
-        found = basins.basins(cube, most).isel(amplitude=0, fmax=0).compute()
-        return self._result(atlases.atlas(found, self._data["lower"], self._data["upper"]))
+            cube = cube.sel({name: self._held(name, value)})
+        return self._result(atlases.atlas_of_starts(cube, most))
 
     def _held(self, name: str, value: float | None) -> float:
         held = [float(x) for x in self._data[name].values]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from mcstudy.analysis.basins import basins
 from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import REALIZATION
 
@@ -18,7 +19,26 @@ TOLERANCE = 0.5
 """Largest difference of a parameter from its cluster's leader, as a fraction of its bounds' distance."""
 
 MOST_BASINS = 4000
-"""Largest number of basins in one atlas; the distances between all pairs are in memory at once."""
+"""Largest number of basins in one atlas; which of all pairs are near is in memory at once."""
+
+_ROWS = 256
+"""Basins that are compared with all others at once: about 8 MB of distances."""
+
+_DIGITS = 9
+"""Decimals to which probabilities are compared; of equal ones, the basin of the first realization leads."""
+
+
+def atlas_of_starts(cube: xr.Dataset, most: int, tolerance: float = TOLERANCE) -> xr.Dataset:
+    """`atlas` of the ``most`` lowest minima of every realization, at one amplitude and Fmax of a cube with all starts.
+
+    Only realizations that the atlas holds are read, so the time does not grow with their number.
+    """
+    held = cube.isel({REALIZATION: slice(0, _realizations(most))})
+    return atlas(basins(held, most).compute(), cube["lower"], cube["upper"], tolerance)
+
+
+def _realizations(most: int) -> int:
+    return max(1, MOST_BASINS // most)
 
 
 def atlas(basins: xr.Dataset, lower: xr.DataArray, upper: xr.DataArray, tolerance: float = TOLERANCE) -> xr.Dataset:
@@ -38,8 +58,7 @@ def atlas(basins: xr.Dataset, lower: xr.DataArray, upper: xr.DataArray, toleranc
     were gathered (the first ones, at most `MOST_BASINS` basins).
     """
     basins = basins.transpose(REALIZATION, "basin", ...)
-    keep = max(1, MOST_BASINS // basins.sizes["basin"])
-    basins = basins.isel({REALIZATION: slice(0, keep)})
+    basins = basins.isel({REALIZATION: slice(0, _realizations(basins.sizes["basin"]))})
     realizations = basins.sizes[REALIZATION]
     reach = basins["value"].values
     place = ((basins["estimate"] - lower) / (upper - lower)).transpose(REALIZATION, "basin", "parameter").values
@@ -88,12 +107,22 @@ def atlas(basins: xr.Dataset, lower: xr.DataArray, upper: xr.DataArray, toleranc
 def _clusters(place: np.ndarray, reach: np.ndarray, tolerance: float) -> np.ndarray:
     """Cluster of every basin (B,), from positions (B, P) between the bounds and probabilities (B,)."""
     near = np.ones((len(place), len(place)), dtype=bool)
-    for column in place.T:  # one parameter at a time: no (B, B, P) array
-        near &= np.abs(column[:, None] - column[None, :]) <= tolerance
+    around = np.empty(len(place))
+    """Probability of reaching a basin that is near and not yet taken."""
+    for rows in _blocks(len(place)):
+        for column in place.T:  # one parameter at a time: no (B, B, P) array
+            near[rows] &= np.abs(column[rows, None] - column) <= tolerance
+        around[rows] = near[rows] @ reach
     label, left, c = np.full(len(place), -1), np.ones(len(place), dtype=bool), 0
     while left.any():
-        leader = int(np.argmax(np.where(left, near @ (reach * left), -1.0)))
-        taken = near[leader] & left
+        leader = int(np.argmax(np.where(left, around.round(_DIGITS), -np.inf)))
+        taken = np.flatnonzero(near[leader] & left)
         label[taken], c = c, c + 1
-        left &= ~taken
+        left[taken] = False
+        for rows in _blocks(taken.size):
+            around -= reach[taken[rows]] @ near[taken[rows]]
     return label
+
+
+def _blocks(n: int) -> list[slice]:
+    return [slice(i, i + _ROWS) for i in range(0, n, _ROWS)]

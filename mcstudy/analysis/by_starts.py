@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy
@@ -25,12 +26,22 @@ def by_starts(
 
     The largest count is always the number of starts the cube has.
     """
+    cells = best_of_first(cube, counts)
+    parts = [statistic(cells.isel(drawn=i, drop=True)) for i in range(cells.sizes["drawn"])]
+    return xr.concat(parts, dim=cells["drawn"], coords="minimal", compat="override")
+
+
+def best_of_first(cube: xr.Dataset, counts: Iterable[int] = COUNTS) -> xr.Dataset:
+    """`best` of the first starts, with the dim ``drawn``, their number; reads every start once.
+
+    The largest count is always the number of starts the cube has.
+    """
     held = cube.sizes["start"]
     drawn = sorted({x for x in counts if x < held} | {held})
     needed = [n for n in ("estimate", "cost", "status", "truth") if n in cube]  # coordinates come along
-    parts = [statistic(best(cube[needed].isel(start=slice(0, x)))) for x in drawn]
-    out = xr.concat(parts, dim="drawn", coords="minimal", compat="override")
-    return out.assign_coords(drawn=("drawn", drawn, {"long_name": "number of starts", "units": ONE}))
+    number = xr.DataArray(drawn, dims="drawn", attrs={"long_name": "number of starts", "units": ONE})
+    first = xr.DataArray(np.arange(held), dims="start") < number
+    return best(cube[needed], first).assign_coords(drawn=number)
 
 
 def mean_cv(cells: xr.Dataset) -> xr.Dataset:

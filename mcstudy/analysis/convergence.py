@@ -88,7 +88,9 @@ def starts_needed(
     -------
     Dataset with dims (amplitude, fmax, realization): ``value`` (exact, from the pool without replacement), ``mcse``
     (of ``independent``, by the delta method from the hit rate), ``independent`` (for endless starts) with ``lower``
-    and ``upper`` (from the hit rate's Wilson interval), ``hit_rate``, ``hits``, ``starts``.
+    and ``upper`` (from the hit rate's Wilson interval), ``missed`` (chance that a new pool of as many starts misses
+    this minimum, and so an estimate of the chance that this pool missed a lower one), ``hit_rate``, ``hits``,
+    ``starts``.
     """
     pool = hits(cube, tolerance, floor)
     rate = wilson(pool["hits"], pool["starts"])
@@ -120,6 +122,7 @@ def starts_needed(
             "independent": independent(rate["value"]),
             "lower": independent(rate["upper"]),
             "upper": independent(rate["lower"]),
+            "missed": ((1 - rate["value"]) ** pool["starts"]).where(pool["hits"] > 0),
             "hit_rate": rate["value"],
             "hits": pool["hits"],
             "starts": pool["starts"],
@@ -134,6 +137,7 @@ def starts_needed(
         independent=(f"{independent_starts} {of}", ONE),
         lower=(f"lower end of the 95 % interval of the {independent_starts} {of}", ONE),
         upper=(f"upper end of the 95 % interval of the {independent_starts} {of}", ONE),
+        missed=("chance that as many new starts miss the lowest cost of the pool", ONE),
         hit_rate=("fraction of starts that reached the lowest cost of the pool", ONE),
         hits=HITS,
         starts=STARTS,
@@ -141,6 +145,10 @@ def starts_needed(
 
 
 def starts_needed_quantiles(needed: xr.Dataset, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
-    """Quantiles of `starts_needed` over realizations, with standard error and order-statistic interval."""
-    name = str(needed["value"].attrs.get("long_name", "starts needed"))
-    return labelled(quantiles(needed["value"], q), needed, f"quantile over realizations of the {name}")
+    """Quantiles of the ``independent`` `starts_needed` over realizations, with standard error and interval.
+
+    They are for new starts: what a reader who plans a fit needs. The number for starts drawn from the pool (``value``)
+    cannot exceed the pool, and is smaller where the minimum is rare.
+    """
+    name = str(needed["independent"].attrs.get("long_name", "independent starts needed"))
+    return labelled(quantiles(needed["independent"], q), needed, f"quantile over realizations of the {name}")

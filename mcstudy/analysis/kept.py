@@ -15,7 +15,7 @@ import contextlib
 import json
 import os
 import stat
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from hashlib import file_digest, sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -45,32 +45,63 @@ def folder(cube: Path) -> Path:
 def kept(
     kind: str, cubes: Sequence[Path], words: Sequence[str], compute: Callable[[], dict[str, Any]]
 ) -> dict[str, Any]:
-    """What ``compute`` returns, a JSON value that conforms to the schema ``kind`` if there is one of this name.
+    """`Look.kept` of one look."""
+    with looking(*cubes) as look:
+        return look.kept(kind, words, compute)
 
-    It is computed only if it is not kept. ``cubes``: all that it is computed from; it is kept beside the first.
-    ``words``: what else it depends on.
+
+@contextlib.contextmanager
+def looking(*cubes: Path) -> Iterator[Look]:
+    """A look at cubes; what was computed in it is kept at its end, unless the cubes have changed meanwhile.
+
+    The cubes are read once, and once more where something was computed.
     """
-    key = _key(kind, cubes, words)
-    if key is None:
-        return compute()
-    file = folder(cubes[0]) / key
-    found = _read(file, kind)
-    if found is None:
-        found = compute()
-        if _key(kind, cubes, words) == key:  # no run has changed the cube meanwhile
-            _write(file, found)
-    return found
+    look = Look(cubes)
+    yield look
+    look.keep()
 
 
-def _key(kind: str, cubes: Sequence[Path], words: Sequence[str]) -> str | None:
-    """Hash of everything that the statistics depend on; None for a cube that cannot be read."""
+class Look:
+    """What is kept of the present content of cubes, beside the first of them; `looking` makes one."""
+
+    def __init__(self, cubes: Sequence[Path]) -> None:
+        self._cubes, self._content = cubes, _contents(cubes)
+        self._new: dict[Path, dict[str, Any]] = {}
+
+    def kept(self, kind: str, words: Sequence[str], compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """What ``compute`` returns, a JSON value that conforms to the schema ``kind`` if there is one of this name.
+
+        It is computed only if it is not kept. ``words``: what it depends on besides the cubes.
+        """
+        if self._content is None:
+            return compute()
+        file = folder(self._cubes[0]) / _key(kind, self._content, words)
+        found = self._new.get(file) or _read(file, kind)
+        if found is None:
+            found = self._new[file] = compute()
+        return found
+
+    def keep(self) -> None:
+        """Write what was computed, unless a run has changed the cubes meanwhile."""
+        if self._new and _contents(self._cubes) == self._content:
+            for file, value in self._new.items():
+                _write(file, value)
+        self._new.clear()
+
+
+def _key(kind: str, content: Sequence[str], words: Sequence[str]) -> str:
+    """Hash of everything that the statistics depend on."""
+    versions = {name: _version(name) for name in PACKAGES}
+    parts = [kind, list(content), list(words), environment(), versions, source((".",))]
+    return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def _contents(cubes: Sequence[Path]) -> list[str] | None:
+    """`_content` of each; None where one cannot be read."""
     try:
-        content = [_content(cube) for cube in cubes]
+        return [_content(cube) for cube in cubes]
     except OSError:
         return None
-    versions = {name: _version(name) for name in PACKAGES}
-    parts = [kind, content, list(words), environment(), versions, source((".",))]
-    return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
 def _version(package: str) -> str:

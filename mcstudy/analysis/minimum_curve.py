@@ -51,12 +51,11 @@ def minimum_curve(cube: xr.Dataset, drawn: np.ndarray | None = None) -> xr.Datas
     if cost.chunks is not None:
         cost = cost.chunk({"start": -1})
     mean, sd = xr.apply_ufunc(
-        _curve_of_pool,
+        _curves,
         cost,
         input_core_dims=[["start"]],
         output_core_dims=[["drawn"], ["drawn"]],
         kwargs={"drawn": tuple(int(x) for x in drawn)},
-        vectorize=True,
         dask="parallelized",
         output_dtypes=[float, float],
         dask_gufunc_kwargs={"output_sizes": {"drawn": drawn.size}},
@@ -71,13 +70,19 @@ def minimum_curve(cube: xr.Dataset, drawn: np.ndarray | None = None) -> xr.Datas
     )
 
 
-def _curve_of_pool(cost: np.ndarray, drawn: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    cost = np.sort(cost[np.isfinite(cost)])
-    if cost.size == 0:
-        return np.full(len(drawn), np.nan), np.full(len(drawn), np.nan)
-    w = weights_without_replacement(cost.size, drawn)
-    mean = w @ cost
-    return mean, np.sqrt((w * (cost - mean[:, None]) ** 2).sum(1))
+def _curves(cost: np.ndarray, drawn: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and SD (..., len(drawn)) of the lowest of costs (..., start); all pools with as many costs at once."""
+    pools = np.sort(np.where(np.isfinite(cost), cost, np.nan).reshape(-1, cost.shape[-1]))  # NaN last
+    held = np.isfinite(pools).sum(1)
+    mean, sd = (np.full((len(pools), len(drawn)), np.nan) for _ in range(2))
+    for n in np.unique(held[held > 0]):
+        rows = np.flatnonzero(held == n)
+        own, weights = pools[rows, :n], weights_without_replacement(int(n), drawn)
+        mean[rows] = own @ weights.T
+        for i, w in enumerate(weights):
+            sd[rows, i] = np.sqrt((own - mean[rows, i, None]) ** 2 @ w)
+    shape = (*cost.shape[:-1], len(drawn))
+    return mean.reshape(shape), sd.reshape(shape)
 
 
 def average_curve(curve: xr.Dataset) -> xr.Dataset:
@@ -101,9 +106,9 @@ def average_curve(curve: xr.Dataset) -> xr.Dataset:
     )
 
 
-def excess(mean: np.ndarray, minimum: np.ndarray) -> np.ndarray:
-    """Relative excess over the pools' minima; none below `COST_FLOOR` (without noise it is rounding)."""
-    over = np.maximum(mean - minimum[:, None] - COST_FLOOR, 0.0)
+def excess(mean: np.ndarray, minimum: np.ndarray, floor: float = COST_FLOOR) -> np.ndarray:
+    """Relative excess over the pools' minima; none below ``floor`` (without noise it is rounding)."""
+    over = np.maximum(mean - minimum[:, None] - floor, 0.0)
     return over / np.maximum(minimum, np.finfo(float).tiny)[:, None]
 
 
@@ -112,14 +117,16 @@ def asymptote(
     tolerance: float = 0.01,
     resamples: int = 400,
     confidence: float = 0.95,
+    floor: float = COST_FLOOR,
 ) -> xr.Dataset:
     """Number of starts at which the averaged curve has flattened: the first x with its `excess` at most ``tolerance``.
 
-    That is as one reads the paper's logarithmic axis.
+    The paper reads it off a logarithmic axis and gives no tolerance, and the number depends on it.
 
     Parameters
     ----------
     curve: from `minimum_curve`.
+    floor: excess of cost that counts as none; it decides without noise, where a ratio to the minimum is rounding.
     resamples: of a bootstrap over realizations, from a fixed stream.
 
     Returns
@@ -142,6 +149,7 @@ def asymptote(
             "tolerance": tolerance,
             "resamples": resamples,
             "confidence": confidence,
+            "floor": floor,
         },
         vectorize=True,
         dask="parallelized",
@@ -160,6 +168,7 @@ def _asymptote_of_pools(
     tolerance: float,
     resamples: int,
     confidence: float,
+    floor: float,
 ) -> tuple[float, float, float, float]:
     keep = np.isfinite(minimum)
     mean, minimum = mean[keep], minimum[keep]
@@ -169,7 +178,7 @@ def _asymptote_of_pools(
     rng = np.random.Generator(np.random.Philox(key=20180114))
     resampled = rng.multinomial(n, np.full(n, 1 / n), size=resamples) / n
     weights = np.vstack([np.full((1, n), 1 / n), resampled])
-    there = excess(weights @ mean, weights @ minimum) <= tolerance
+    there = excess(weights @ mean, weights @ minimum, floor) <= tolerance
     first = np.where(there.any(1), drawn[np.argmax(there, axis=1)], np.nan)
     found = first[1:][np.isfinite(first[1:])]
     # one pool does not show the variation between pools; if the bootstrap often has no solution, its spread is unknown

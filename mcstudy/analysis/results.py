@@ -15,8 +15,8 @@ from mcstudy.study.checked_store import CheckedStore
 from mcstudy.study.readable import readable, text_attributes
 from mcstudy.study.store import Cube, GroupStore
 
-FITS_A_PIECE = 200_000
-"""Fits per Dask chunk: about 20 MB of estimates; some tens of chunks for millions of fits."""
+FITS_A_PIECE = 50_000
+"""Fits per Dask chunk: about 5 MB of estimates, several times that while the best of them are found."""
 
 
 FITS_IN_MEMORY = 1_000_000

@@ -57,7 +57,8 @@ def best(cube: xr.Dataset, allowed: xr.DataArray | None = None) -> xr.Dataset:
     Parameters
     ----------
     cube: with dims (amplitude, fmax, realization, start, parameter) in any order.
-    allowed: which starts may win (e.g. ``cube.growth_rate < 0``, the stable ones); all by default.
+    allowed: which starts may win (e.g. ``cube.growth_rate < 0``, the stable ones); all by default. The result has
+        every further dim of it.
 
     Returns
     -------
@@ -97,12 +98,11 @@ def take(values: xr.DataArray, index: xr.DataArray) -> xr.DataArray:
         keep_attrs=True,
     )
     order = [d for d in values.dims if d != "start"]
-    return out.transpose(*order)
+    return out.transpose(*order, ...)
 
 
 def _take_block(values: np.ndarray, index: np.ndarray) -> np.ndarray:
-    index = np.broadcast_to(index[..., None], (*values.shape[:-1], 1))
-    return np.take_along_axis(values, index.astype(np.intp), axis=-1)[..., 0]
+    return np.take_along_axis(values, index[..., None].astype(np.intp), axis=-1)[..., 0]
 
 
 def outcomes(cube: xr.Dataset) -> xr.DataArray:

@@ -91,8 +91,8 @@ class GroupView:
 
     @cached_property
     def needed(self) -> xr.Dataset:
-        """``value`` and ``hit_rate`` of `mcstudy.analysis.convergence.starts_needed`, per realization."""
-        return starts_needed(self.cube)[["value", "hit_rate"]].compute()
+        """``independent``, ``missed`` and ``hit_rate`` of `mcstudy.analysis.convergence.starts_needed`."""
+        return starts_needed(self.cube)[["independent", "missed", "hit_rate"]].compute()
 
     @cached_property
     def differences(self) -> list[str]:

@@ -10,11 +10,13 @@ from mcstudy.errors import InputError
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
 from mcstudy.identification.fit import fit as fit_recording
-from mcstudy.identification.result import FitResult
 from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.importing import import_files
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
+from mcstudy.report.person.plots import FitWithFigures
+from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 from mcstudy.stance.feedback import Model
 
 AnyRecording = Recording | FrfRecording | str | Path
@@ -67,6 +69,7 @@ def diagnose(
     if fast and bootstrap is not None:
         raise InputError("bootstrap: expected without fast, which does not use it")
     read = _read(recording)
+    compile_kernels(DIAGNOSIS)
     if fast:
         found = diagnose_fast(read, seed=seed, model=model, fmax=fmax, discard=discard, accept=accept)
     else:
@@ -94,7 +97,7 @@ def fit(
     discard: int = 1,
     accept: Iterable[str] = (),
     seed: int = 0,
-) -> FitResult:
+) -> FitWithFigures:
     """Parameters of the person in a recording, with profile likelihood intervals and no prior.
 
     Parameters
@@ -125,7 +128,8 @@ def fit(
     Returns
     -------
     FitResult
-        Estimates by name (``result["K11"].low``), ``text()``, ``to_xarray()`` and ``to_dict()``.
+        Estimates by name (``result["K11"].low``), ``text()``, ``plot``, ``to_html(path)``, ``to_xarray()`` and
+        ``to_dict()``.
 
     Raises
     ------
@@ -134,8 +138,10 @@ def fit(
     InputError
         An argument is wrong.
     """
-    return fit_recording(
-        _read(recording),
+    read = _read(recording)
+    compile_kernels(DIAGNOSIS)
+    found = fit_recording(
+        read,
         effects=effects,
         wanted=quantities,
         bounds=bounds,
@@ -146,6 +152,38 @@ def fit(
         accept=accept,
         seed=seed,
     )
+    return FitWithFigures.of(found)
+
+
+def import_recording(
+    files: str | Path | Sequence[str | Path],
+    map: str | Path | None = None,
+    **fields: Any,
+) -> Recording:
+    """A recording from a laboratory's files: MATLAB, C3D or text with columns.
+
+    Parameters
+    ----------
+    files
+        One path, or one per trial; an empty list when the map names them.
+    map
+        Description of the files (.toml), or None.
+    fields
+        Fields of a description, which replace those of the map: ``channels={"stimulus": "torque"}``,
+        ``units={"angle": "deg"}``, ``rate_hz=100.0``, ``body={"height": 1.80, "weight": 75.0}``, ...
+
+    Returns
+    -------
+    Recording
+        Checked; ``provenance`` says what was done to the data.
+
+    Raises
+    ------
+    RecordingError
+        The recording cannot be used; one line that names file and field.
+    """
+    given = [files] if isinstance(files, str | Path) else list(files)
+    return import_files(given, map, fields).recording
 
 
 def _read(recording: AnyRecording | Sequence[AnyRecording]) -> list[Recording | FrfRecording]:

@@ -7,8 +7,10 @@ from pathlib import Path
 import xarray as xr
 
 from mcstudy.analysis.results import open_results
+from mcstudy.analysis.show.tables import report_of, show
 from mcstudy.report.summary import StudySummary
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.scheduler.slurm import read_slurm_options
 from mcstudy.study.design import Study
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import read_study
@@ -24,6 +26,7 @@ def run(
     tls_cert: str | Path | None = None,
     tls_key: str | Path | None = None,
     insecure: bool = False,
+    slurm: str | Path | None = None,
     quarantine: bool = False,
     allow_unstable: bool = False,
 ) -> xr.DataTree:
@@ -43,6 +46,8 @@ def run(
         PEM files of a ``tls://`` scheduler: certificate authority, client certificate, its key.
     insecure
         Accept an unencrypted ``tcp://`` scheduler on another machine.
+    slurm
+        File of options (TOML) of the jobs that compute the study on a Slurm cluster.
     quarantine
         Move files in the cube's folder that do not belong to it to ``OUT.aside``; nothing is deleted.
     allow_unstable
@@ -69,7 +74,13 @@ def run(
         study = read_study(study)
     ca, cert, key = (None if pem is None else Path(pem) for pem in (tls_ca, tls_cert, tls_key))
     options = ClusterOptions(
-        workers=workers, scheduler=scheduler, insecure=insecure, tls_ca=ca, tls_cert=cert, tls_key=key
+        workers=workers,
+        scheduler=scheduler,
+        insecure=insecure,
+        tls_ca=ca,
+        tls_cert=cert,
+        tls_key=key,
+        slurm=None if slurm is None else read_slurm_options(Path(slurm)),
     )
     run_study(study, out, options, quarantine=quarantine, allow_unstable=allow_unstable)
     return open_results(out, lazy=None)
@@ -81,7 +92,7 @@ def summary(results: xr.DataTree | str | Path, reference: xr.DataTree | str | Pa
     Parameters
     ----------
     results
-        What `run` or `open_results` returned, or the path of a cube.
+        What `run` or `open_results` returned, or the path of a cube, whose statistics are computed once and kept.
     reference
         Another study; groups are compared with its groups of the same name.
 
@@ -95,7 +106,10 @@ def summary(results: xr.DataTree | str | Path, reference: xr.DataTree | str | Pa
     StoreError
         A path is not that of a cube.
     """
-    return StudySummary(_tree(results), None if reference is None else _tree(reference))
+    if isinstance(results, xr.DataTree) or isinstance(reference, xr.DataTree):
+        tree = _tree(results)
+        return StudySummary(report_of(tree, None if reference is None else _tree(reference)), lambda: tree)
+    return StudySummary(show(results, reference), lambda: _tree(results))
 
 
 def _tree(results: xr.DataTree | str | Path) -> xr.DataTree:

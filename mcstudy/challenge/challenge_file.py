@@ -14,8 +14,9 @@ from mcstudy.challenge.design import KINDS, MAIN, SECTIONS, Answering, Challenge
 from mcstudy.challenge.design_checks import check_series
 from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import short, shown, validated
+from mcstudy.files.toml_files import parse_toml, read_text
 from mcstudy.study.catalogue import located
-from mcstudy.study.study_file import check_tables, merge, parse_toml, read_text
+from mcstudy.study.study_file import check_tables, merge
 
 
 def read_challenge(path: str | Path) -> ChallengeFile:

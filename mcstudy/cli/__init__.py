@@ -25,7 +25,9 @@ VERBS = {
     "show": "print the tables of a results cube",
     "report": "write one HTML page with tables and figures of a results cube",
     "simulate": "simulate a recording of a standing body, optionally with effects that the model lacks",
+    "import": "read a recording from a laboratory's files (MATLAB, C3D, text), check it and write it for fit and gap",
     "fit": "estimate the parameters of the person in a recording, with confidence intervals",
+    "infer": "infer the paper's lost true values from its printed numbers",
     "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
     "warm": "compile the kernels ahead of the first run",
     "help": "print a page of the documentation: mcstudy help gap",
@@ -119,7 +121,7 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     import contextlib
 
     from mcstudy.cli.stop import stopped, with_command
-    from mcstudy.errors import InputError, Interrupted
+    from mcstudy.errors import InputError, Interrupted, Stopped
     from mcstudy.exits import Exit
 
     try:
@@ -128,6 +130,8 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     except InputError as error:
         print(f"mcstudy: {_one_line(error)}", file=sys.stderr)
         return Exit.BAD_INPUT
+    except Stopped as error:
+        message, code = _one_line(error), Exit.STOPPED
     except Interrupted as error:
         message, code = with_command(_one_line(error), [verb, *words]), Exit.INTERRUPTED
     except KeyboardInterrupt:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mcstudy.cli.first_look import prepare
 from mcstudy.cli.options import add_cluster_arguments, cluster_options, tell
 from mcstudy.exits import Exit
 
@@ -25,4 +26,7 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.study.extend import Growth, extend
 
     growth = Growth(args.realizations, args.starts, tuple(args.fmax), tuple(args.amplitude), tuple(args.group))
-    return tell(extend(args.out, growth, cluster_options(args), args.block), args.out)
+    outcome = extend(args.out, growth, cluster_options(args), args.block)
+    code = tell(outcome, args.out)
+    prepare(outcome, args.out)
+    return code

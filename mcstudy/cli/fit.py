@@ -1,9 +1,14 @@
-"""``mcstudy fit``: parameters of the person in a recording, with confidence intervals."""
+"""``mcstudy fit``: parameters of the person in a recording, or of many people, with confidence intervals."""
 
 from __future__ import annotations
 
 import argparse
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from mcstudy.cli.options import add_scheduler_arguments, cluster_options
 from mcstudy.cli.recording_options import (
     add_output_arguments,
     add_recording_arguments,
@@ -13,10 +18,13 @@ from mcstudy.cli.recording_options import (
 )
 from mcstudy.exits import Exit
 
+if TYPE_CHECKING:
+    from mcstudy.identification.result import FitResult
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_recording_arguments(parser)
+    add_recording_arguments(parser, "*")
     parser.add_argument(
         "--with",
         dest="effects",
@@ -40,33 +48,142 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="bounds of a parameter (default: gains 0 to 5 times typical values, delays 0.01:0.3 s); may be repeated",
     )
     parser.add_argument("--level", type=float, default=0.95, help="level of the intervals (default 0.95)")
+    _group_arguments(parser)
     add_output_arguments(parser, "fit")
+    parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
+
+
+def _group_arguments(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "many people",
+        "Without these options all recordings are of one person and are pooled. With them each person is fitted, then "
+        "the population: means, spread between people, differences between conditions. -o writes group.json and "
+        "group.txt.",
+    )
+    group.add_argument(
+        "--people",
+        type=Path,
+        metavar="TABLE",
+        help="CSV file with the columns file (relative to it), person and condition; without REC all of its rows",
+    )
+    group.add_argument(
+        "--group",
+        metavar="COLUMN",
+        help="compare what this column of TABLE says (default: condition, if there is one); without TABLE: person or "
+        "condition, as the recordings say",
+    )
+    paired = group.add_mutually_exclusive_group()
+    paired.add_argument("--paired", action="store_true", default=None, help="every person is in every condition")
+    paired.add_argument(
+        "--unpaired", dest="paired", action="store_false", help="people in different conditions are different people"
+    )
+    add_scheduler_arguments(group)
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Fit and print; returns the exit code."""
+    if args.people or args.group:
+        return _group(args)
+    return _one_person(args)
+
+
+def _settings(args: argparse.Namespace) -> dict[str, Any]:
+    return {
+        "effects": args.effects,
+        "wanted": args.quantity,
+        "bounds": _all_bounds(args.bounds),
+        "level": args.level,
+        "fmax": args.fmax,
+        "discard": args.discard,
+        "accept": args.accept,
+        "seed": args.seed,
+    }
+
+
+def _group(args: argparse.Namespace) -> Exit:
+    from mcstudy.errors import InputError
+    from mcstudy.identification.group_fit import fit_members
+    from mcstudy.identification.people import Member, members, named, read_people, rows_of
+    from mcstudy.recordings.io import read_recording
+    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
+    from mcstudy.text_tables import folded
+
+    if args.html:
+        raise InputError("--html: expected a fit of one person")
+    known: Sequence[Member[Any]]
+    if args.people:
+        rows = rows_of(read_people(args.people, args.group), args.recordings, args.people)
+        known = members([r.file for r in rows], [r.person for r in rows], [r.condition for r in rows])
+    else:
+        _require(args)
+        known = named([read_recording(path, data=args.data) for path in args.recordings], args.recordings, args.group)
+    settings = _settings(args)
+    options = cluster_options(args)
+    if options.here:
+        compile_kernels(DIAGNOSIS)
+    result = fit_members(known, options, pair=args.paired, data=args.data, **settings)
+    tell(args, "group", result.to_dict, lambda: folded(result.text()))
+    return Exit.FITS_FAILED if result.failed else Exit.DONE
+
+
+def _require(args: argparse.Namespace) -> None:
+    from mcstudy.errors import InputError
+
+    if not args.recordings:
+        raise InputError("REC: expected at least one recording, or --people TABLE")
+
+
+def _one_person(args: argparse.Namespace) -> Exit:
+    from mcstudy.errors import InputError
     from mcstudy.identification.fit import fit
+    from mcstudy.report.style import require_matplotlib
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
     from mcstudy.text_tables import folded
 
-    bounds = dict(_bounds(given) for given in args.bounds)
+    _require(args)
+    if args.paired is not None:
+        raise InputError("--paired, --unpaired: expected together with --people or --group")
+    if args.html:
+        require_matplotlib()
+    settings = _settings(args)
     read = read_recordings(args)
     compile_kernels(DIAGNOSIS)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
-        result = fit(
-            read,
-            effects=args.effects,
-            wanted=args.quantity,
-            bounds=bounds,
-            level=args.level,
-            fmax=args.fmax,
-            discard=args.discard,
-            accept=args.accept,
-            seed=args.seed,
-        )
+        result = fit(read, **settings)
+    if args.html:
+        _write_page(args, result)
     tell(args, "fit", result.to_dict, lambda: folded(result.text()))
     return Exit.DONE
+
+
+def _write_page(args: argparse.Namespace, result: FitResult) -> None:
+    from mcstudy.report.document import write_page
+    from mcstudy.report.person.page import fit_page
+
+    repeated = [
+        *(w for e in args.effects for w in ("--with", e)),
+        *(w for q in args.quantity for w in ("--quantity", q)),
+        *(w for b in args.bounds for w in ("--bounds", b)),
+        *(w for code in args.accept for w in ("--accept", code)),
+    ]
+    for name, default in (("level", 0.95), ("seed", 0), ("fmax", 8.0), ("discard", 1), ("data", None)):
+        if getattr(args, name) != default:
+            repeated += [f"--{name}", str(getattr(args, name))]
+    command = shlex.join(["mcstudy", "fit", *map(str, args.recordings), *repeated, "--html", str(args.html)])
+    write_page(args.html, lambda: fit_page(result, command))
+
+
+def _all_bounds(given: list[str]) -> dict[str, tuple[float, float]]:
+    from mcstudy.errors import InputError
+
+    bounds: dict[str, tuple[float, float]] = {}
+    for words in given:
+        name, ends = _bounds(words)
+        if name in bounds:
+            raise InputError(f"--bounds {words}: expected one pair of bounds for {name}, got two")
+        bounds[name] = ends
+    return bounds
 
 
 def _bounds(given: str) -> tuple[str, tuple[float, float]]:

@@ -169,7 +169,7 @@ def _compile(args: argparse.Namespace, parts: tuple[str, ...]) -> None:
     """Compile what the cases need before they are counted; other workers do so when they need it."""
     from mcstudy.scheduler.compiling import compile_kernels
 
-    if args.scheduler is None:
+    if args.scheduler is None and args.slurm is None:
         compile_kernels(parts)
 
 

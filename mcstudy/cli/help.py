@@ -34,6 +34,7 @@ OF_VERB = {
     "replay": "cube",
     "report": "pages",
     "simulate": "diagnosis",
+    "import": "recordings",
     "fit": "parameters",
     "gap": "diagnosis",
 }

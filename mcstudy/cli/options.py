@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mcstudy.study.submission import Outcome
 
 
-def add_scheduler_arguments(parser: argparse.ArgumentParser) -> None:
+def add_scheduler_arguments(parser: argparse._ActionsContainer) -> None:
     """Arguments that choose where to run."""
     parser.add_argument("--workers", type=positive, help="threads of the local scheduler; default one per core")
     parser.add_argument(
@@ -27,6 +27,9 @@ def add_scheduler_arguments(parser: argparse.ArgumentParser) -> None:
         "--insecure",
         action="store_true",
         help="accept an unencrypted tcp:// scheduler on another machine",
+    )
+    parser.add_argument(
+        "--slurm", type=Path, metavar="FILE", help="submit the workers as jobs of a Slurm cluster, as FILE (.toml) says"
     )
     parser.add_argument("--dashboard", action="store_true", help="serve Dask's dashboard on 127.0.0.1:8787")
 
@@ -61,7 +64,7 @@ def stable_study(args: argparse.Namespace) -> Study:
     from mcstudy.study.kernels import compile_for_check  # numba is slow to import; report a bad file first
     from mcstudy.study.unstable import refuse_unstable
 
-    compile_for_check(study, fits=getattr(args, "scheduler", None) is None)
+    compile_for_check(study, fits=getattr(args, "scheduler", None) is None and getattr(args, "slurm", None) is None)
     try:
         refuse_unstable(study, args.allow_unstable)
     except DesignError as error:
@@ -72,6 +75,7 @@ def stable_study(args: argparse.Namespace) -> Study:
 def cluster_options(args: argparse.Namespace) -> ClusterOptions:
     """What `add_scheduler_arguments` or `add_cluster_arguments` declared."""
     from mcstudy.scheduler.cluster import ClusterOptions
+    from mcstudy.scheduler.slurm import read_slurm_options
 
     return ClusterOptions(
         workers=args.workers,
@@ -81,6 +85,7 @@ def cluster_options(args: argparse.Namespace) -> ClusterOptions:
         tls_ca=args.tls_ca,
         tls_cert=args.tls_cert,
         tls_key=args.tls_key,
+        slurm=None if args.slurm is None else read_slurm_options(args.slurm),
         block_timeout=getattr(args, "block_timeout", None),
     )
 

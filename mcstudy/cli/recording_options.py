@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from mcstudy.recordings.recording import Recording
 
 
-def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
+def add_recording_arguments(parser: argparse.ArgumentParser, nargs: str = "+") -> None:
     """Which recordings, and how they are read."""
     parser.add_argument(
         "recordings",
-        nargs="+",
+        nargs=nargs,
         type=Path,
         metavar="REC",
         help="recording: .nc, .zarr, .toml or .csv (your own data: `mcstudy help recordings`)",

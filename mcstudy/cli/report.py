@@ -30,10 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Write the page; returns the exit code."""
-    from mcstudy.report.style import require_matplotlib
-
-    require_matplotlib()
-    from mcstudy.report.page import page
+    from mcstudy.report.page import page  # imports what it needs to draw
 
     return write_and_tell(args.output or beside(args.out), lambda: page(args.out, args.beside))
 

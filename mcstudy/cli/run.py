@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcstudy.cli.first_look import prepare
 from mcstudy.cli.options import add_cluster_arguments, add_unstable_argument, cluster_options, stable_study, tell
 from mcstudy.exits import Exit
 
@@ -45,7 +46,9 @@ def main(args: argparse.Namespace) -> Exit:
     outcome = run_study(
         study, out, cluster_options(args), args.block, args.quarantine, allow_unstable=args.allow_unstable
     )
-    return tell(outcome, out)
+    code = tell(outcome, out)
+    prepare(outcome, out)
+    return code
 
 
 def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
@@ -77,4 +80,5 @@ def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
     for line in until.steps:
         print(f"extended: {line}")
     print(until.statement)
+    prepare(until.outcome, out)
     return code if code != Exit.DONE or until.reached else Exit.NOT_REACHED

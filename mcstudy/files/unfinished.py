@@ -45,12 +45,12 @@ def unfinished(path: Path, make: Callable[[], Made]) -> Iterator[Made]:
 
 
 @contextlib.contextmanager
-def scratch_folder(prefix: str) -> Iterator[Path]:
-    """A temporary folder that exists during the block."""
+def scratch_folder(prefix: str, within: Path | None = None) -> Iterator[Path]:
+    """A temporary folder that exists during the block, readable by this user only; ``within``: where it lies."""
     import tempfile  # slow to import
 
     with _changing:
-        path = Path(tempfile.mkdtemp(prefix=prefix))
+        path = Path(tempfile.mkdtemp(prefix=prefix, dir=within))
         _unfinished.add(path)
     try:
         yield path

@@ -194,6 +194,36 @@ class PenalisedFits(NamedTuple):
         return np.where(np.isfinite(total), total, np.inf)
 
 
+class Goal(NamedTuple):
+    """What each of M searches for the end of an interval maximises, and how far it may go.
+
+    direction: (M, P), of the quantity, pointing outwards. ceiling: (M,), highest deviance. height: (M,), of the ceiling
+    above the lowest minimum. scale: (P,), typical sizes of the parameters.
+    """
+
+    direction: np.ndarray
+    ceiling: np.ndarray
+    height: np.ndarray
+    scale: np.ndarray
+
+
+class Ends(NamedTuple):
+    """M ends of intervals: estimate (M, P), chi2 (M,), status (M,) int64 and iterations (M,) int64.
+
+    ``status``: `DATA`, `BOUND` or `GAVE_UP` of `mcstudy.fitting.outermost_kernel`.
+    """
+
+    estimate: np.ndarray
+    chi2: np.ndarray
+    status: np.ndarray
+    iterations: np.ndarray
+
+    @classmethod
+    def empty(cls, M: int, P: int) -> Ends:
+        """To be filled."""
+        return cls(np.empty((M, P)), np.empty(M), np.empty(M, dtype=np.int64), np.empty(M, dtype=np.int64))
+
+
 def pack(y: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Data and weights in the kernel's order, (8 N,): per frequency y1, y2 (re, im), W11, W22 and W21 (re, im).
 

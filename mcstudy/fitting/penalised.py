@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Prior, Queue, Restraint, pack
+from mcstudy.fitting.arguments import Bounds, Ends, Goal, Options, PenalisedFits, Prior, Queue, Restraint, pack
+from mcstudy.fitting.outermost_kernel import outermost
 from mcstudy.fitting.penalised_kernel import penalised_fits
 from mcstudy.fitting.plans import plan, workspace
 from mcstudy.spectra.lines import Lines
@@ -21,6 +22,9 @@ TOLERANCE = 1e-4
 """Decrease of chi2 below which a fit has converged."""
 
 ITERATIONS = 60
+
+ENDED = 1e-9
+"""Predicted change of the end of an interval, in half-widths, below which it is found."""
 
 
 def whiten(weight: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -145,6 +149,42 @@ class Fitter:
         out, options = PenalisedFits.empty(*shape), Options(tolerance, max_iterations)
         held = Restraint.none(shape[1]) if restraint is None else restraint
         penalised_fits(self._plan, workspace(self._plan), queue, bounds, self.prior, held, options, out)
+        return out
+
+    def ends(
+        self,
+        packed: np.ndarray,
+        starts: np.ndarray,
+        direction: np.ndarray,
+        ceiling: np.ndarray,
+        height: np.ndarray,
+        problem: np.ndarray | None = None,
+        tolerance: float = ENDED,
+        max_iterations: int = 3 * ITERATIONS,
+    ) -> Ends:
+        """Ends of intervals: the largest ``direction`` (M, P) . x with a deviance of at most ``ceiling`` (M,).
+
+        ``starts``: (M, P), of the problems (M,) among ``packed`` (R, 8 N). ``height``: (M,) of the ceiling above the
+        lowest minimum.
+        """
+        starts = np.ascontiguousarray(starts, dtype=float)
+        M, P = starts.shape
+        queue = Queue(
+            packed=np.ascontiguousarray(np.atleast_2d(packed)),
+            problem=np.zeros(M, dtype=np.int64) if problem is None else np.asarray(problem, dtype=np.int64),
+            starts=starts,
+        )
+        bounds = Bounds(np.array(self.model.lower, dtype=float), np.array(self.model.upper, dtype=float))
+        goal = Goal(
+            np.array(direction, dtype=float, order="C"),
+            np.array(ceiling, dtype=float),
+            np.array(height, dtype=float),
+            np.array(self.prior.scale, dtype=float),
+        )
+        out = Ends.empty(M, P)
+        if M:
+            options = Options(tolerance, max_iterations)
+            outermost(self._plan, workspace(self._plan), queue, bounds, goal, options, out)
         return out
 
     def best(self, data: Data, starts: np.ndarray) -> Fitted:

@@ -8,10 +8,10 @@ from mcstudy.stance.compiled import compiled
 
 
 @compiled
-def solve(A, b, n):  # type: ignore[no-untyped-def]
-    """Solve A x = b in place for the leading n rows, by Cholesky; False when A is not positive definite.
+def factor(A, n):  # type: ignore[no-untyped-def]
+    """Cholesky factor of the leading n rows, in place; False when A is not positive definite.
 
-    Reads the lower triangle of A and leaves its factor there; x is left in b.
+    Reads the lower triangle of A and leaves its factor there.
     """
     for j in range(n):
         d = A[j, j]
@@ -26,6 +26,12 @@ def solve(A, b, n):  # type: ignore[no-untyped-def]
             for k in range(j):
                 v -= A[i, k] * A[j, k]
             A[i, j] = v / d
+    return True
+
+
+@compiled
+def solve_factored(A, b, n):  # type: ignore[no-untyped-def]
+    """Solve A x = b in place for the leading n rows, with A as `factor` leaves it; x is left in b."""
     for i in range(n):
         v = b[i]
         for k in range(i):
@@ -36,6 +42,17 @@ def solve(A, b, n):  # type: ignore[no-untyped-def]
         for k in range(i + 1, n):
             v -= A[k, i] * b[k]
         b[i] = v / A[i, i]
+
+
+@compiled
+def solve(A, b, n):  # type: ignore[no-untyped-def]
+    """Solve A x = b in place for the leading n rows, by Cholesky; False when A is not positive definite.
+
+    Reads the lower triangle of A and leaves its factor there; x is left in b.
+    """
+    if not factor(A, n):
+        return False
+    solve_factored(A, b, n)
     return True
 
 

@@ -141,7 +141,9 @@ def _diagnosis() -> None:
     problem = _problem()
     model = problem.model
     fitter = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f)
-    fitter.fits(pack(problem.data, problem.weight), model.truth)
+    data = pack(problem.data, problem.weight)
+    fitter.fits(data, model.truth)
+    fitter.ends(data, model.truth[None], np.eye(1, model.truth.size), np.ones(1), np.ones(1))
     gaussian_factor(np.eye(2), np.ones((2, 1)), 1.0)
     orthonormal(np.eye(2, 4), np.ones((1, 4)), 1e-6)
 
@@ -152,7 +154,7 @@ PARTS = {
     "steps": Part(_steps, 9, 1.3),
     "lm": Part(_lm, 22, 3.3, ("gram", "steps")),
     "interior_point": Part(_interior_point, 55, 13.0, ("steps",)),
-    "diagnosis": Part(_diagnosis, 35, 5.7, ("gram",)),
+    "diagnosis": Part(_diagnosis, 38, 9.0, ("gram",)),
     "time_domain": Part(_simulation, 13, 1.7),
     "linearised": Part(_starts, 20, 2.8),
 }

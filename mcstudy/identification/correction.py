@@ -44,25 +44,57 @@ class Correction:
         return self.factor * fdtri(1.0, self.dof, level)
 
 
-def correction(jacobian: np.ndarray, gradients: np.ndarray, noise: LineNoise, rng: np.random.Generator) -> Correction:
+class Draws(NamedTuple):
+    """D simulated errors of N lines, and estimates of their precision; they depend on the noise estimate's design only.
+
+    Attributes
+    ----------
+    precision: (D, 4 N), of every line the four real numbers of the estimated precision: diagonal, then off-diagonal.
+    pulled: (D, 2 N) complex, the errors times it. deviance: (D,) of the errors. exact, exact_deviance: the same for the
+    true precision, which is one. known: whether the covariance is known, so that both are the same.
+    """
+
+    precision: np.ndarray
+    pulled: np.ndarray
+    deviance: np.ndarray
+    exact: np.ndarray
+    exact_deviance: np.ndarray
+    known: bool
+
+
+def simulated(noise: LineNoise, rng: np.random.Generator) -> Draws:
+    """`DRAWS` draws for a noise estimate."""
+    z, root = noise.joint_draws(rng, DRAWS)  # (N, 2, D) unit errors, (N, 2, 2, D) roots of estimated precisions
+    N, _, D = z.shape
+    R, z = np.moveaxis(root, -1, 0), np.moveaxis(z, -1, 0)
+    precision = np.conj(np.swapaxes(R, 2, 3)) @ R  # (D, N, 2, 2)
+    pulled = (precision @ z[..., None]).reshape(D, 2 * N)
+    off = precision[..., 0, 1]
+    parts = np.stack([precision[..., 0, 0].real, precision[..., 1, 1].real, off.real, off.imag], axis=-1)
+    exact = z.reshape(D, 2 * N)
+    deviance, exact_deviance = (2 * np.einsum("dn,dn->d", exact.conj(), x).real for x in (pulled, exact))
+    return Draws(parts.reshape(D, 4 * N), pulled, deviance, exact, exact_deviance, noise.pooling is None)
+
+
+def correction(jacobian: np.ndarray, gradients: np.ndarray, draws: Draws) -> Correction:
     """The correction at an estimate.
 
     Parameters
     ----------
     jacobian: (4 N, F) whitened derivatives by the F parameters that no bound holds.
-    gradients: (K, F) of the quantities.
+    gradients: (K, F) of the quantities. draws: of their noise.
     """
     K = len(gradients)
     factor, dof = np.ones(K), np.full(K, KNOWN_DOF)
     free = np.flatnonzero(gradients.any(axis=1))  # the others are held by bounds at the estimate
-    N = noise.dof.size
-    J = jacobian.reshape(2, N, 2, -1)
+    J = jacobian.reshape(2, -1, 2, jacobian.shape[1])
     J = (J[0] + 1j * J[1]) / np.sqrt(2)  # (N, 2, F)
-    z, root = noise.joint_draws(rng, DRAWS)  # (N, 2, D) unit errors, (N, 2, 2, D) roots of estimated precisions
-    known = _linear_fits(J, z, np.broadcast_to(np.eye(2)[..., None], root.shape), gradients[free])
-    if noise.pooling is None:
+    products = _products(J)
+    one = np.tile([1.0, 1.0, 0.0, 0.0], len(J))[None]
+    known = _linear_fits(J, one @ products, draws.exact, draws.exact_deviance, gradients[free])
+    if draws.known:
         return Correction(factor, dof, known.chi2)
-    estimated = _linear_fits(J, z, root, gradients[free])
+    estimated = _linear_fits(J, draws.precision @ products, draws.pulled, draws.deviance, gradients[free])
     # Both ratios share the errors, so the difference of their means is known far better than either.
     factor[free] += np.maximum((estimated.ratio - known.ratio).mean(axis=0), 0.0)
     stated = estimated.variance / known.variance
@@ -79,15 +111,28 @@ class _Linear(NamedTuple):
     chi2: np.ndarray
 
 
-def _linear_fits(J: np.ndarray, z: np.ndarray, root: np.ndarray, gradients: np.ndarray) -> _Linear:
-    weighted = np.einsum("nijd,njp->dnip", root, J)
-    error = np.einsum("nijd,njd->dni", root, z)
-    D, F = weighted.shape[0], weighted.shape[-1]
-    columns, error = weighted.reshape(D, -1, F), error.reshape(D, -1, 1)
-    adjoint = np.conj(np.swapaxes(columns, 1, 2))
-    gram, right = 2 * (adjoint @ columns).real, 2 * (adjoint @ error).real
-    both = np.concatenate([right, np.broadcast_to(gradients.T, (D, *gradients.T.shape))], axis=2)
-    solved = np.linalg.solve(gram, both)
-    variance = np.einsum("dfk,kf->dk", solved[:, :, 1:], gradients)
-    chi2 = 2 * (np.abs(error) ** 2).sum(axis=(1, 2)) - np.einsum("df,df->d", solved[:, :, 0], right[:, :, 0])
-    return _Linear((solved[:, :, 0] @ gradients.T) ** 2 / variance, variance, chi2)
+def _products(J: np.ndarray) -> np.ndarray:
+    """Gram matrix per unit of each of the four numbers of a line's precision, (4 N, F F), of J (N, 2, F).
+
+    The Gram matrix of a draw is linear in these numbers, so that all draws are one product of matrices.
+    """
+    a, b = J[:, 0], J[:, 1]
+    cross = a.conj()[:, :, None] * b[:, None, :]
+    turned = np.swapaxes(cross, 1, 2)
+    squares = [(x.conj()[:, :, None] * x[:, None, :]).real for x in (a, b)]
+    parts = [*squares, (cross + turned.conj()).real, (1j * (cross - turned.conj())).real]
+    return 2 * np.stack(parts, axis=1).reshape(4 * len(J), -1)
+
+
+def _linear_fits(
+    J: np.ndarray, gram: np.ndarray, pulled: np.ndarray, deviance: np.ndarray, gradients: np.ndarray
+) -> _Linear:
+    """Linear fits to D errors ``pulled`` (D, 2 N) by their precision, with ``gram`` (D or 1, F F)."""
+    F = J.shape[2]
+    flat = J.reshape(-1, F)
+    right = 2 * (pulled.real @ flat.real + pulled.imag @ flat.imag)
+    inverse = np.linalg.inv(gram.reshape(-1, F, F))
+    solved = (inverse @ right[..., None])[..., 0]
+    variance = np.einsum("kf,dfk->dk", gradients, inverse @ gradients.T)
+    chi2 = deviance - np.einsum("df,df->d", solved, right)
+    return _Linear((solved @ gradients.T) ** 2 / variance, variance, chi2)

@@ -13,11 +13,13 @@ from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.gap.checked_lines import checked_lines
-from mcstudy.identification.correction import correction
-from mcstudy.identification.minimum import MISSED, search, without_prior
-from mcstudy.identification.profile import Linearised, Profile, profiles
+from mcstudy.identification.complete import complete
+from mcstudy.identification.correction import Draws, correction, simulated
+from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
+from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities
-from mcstudy.identification.result import BANDS_HZ, Estimate, FitResult
+from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.identification.tables import BANDS_HZ
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
@@ -57,7 +59,8 @@ def fit(
     )
     noted = tuple(s.message for s in one.suspicions) if isinstance(one, Recording) else ()
     method = {**result.method, "fmax": fmax, "discard": discard}
-    return replace(result, recording=one, warnings=(*noted, *result.warnings), method=method)
+    result = replace(result, recording=one, warnings=(*noted, *result.warnings), method=method)
+    return complete(result, one, nominal, _base(nominal, bounds or {}), wanted)
 
 
 def fit_lines(
@@ -70,12 +73,15 @@ def fit_lines(
     level: float = 0.95,
     seed: int = 0,
     name: str = "lines",
+    curve: Sequence[float] = CURVE,
+    draws: Draws | None = None,
 ) -> FitResult:
     """The fit of measured lines.
 
     Parameters
     ----------
     nominal: model with values of the order of magnitude of a person's. effects: linear effects that are added to it.
+    curve: see `mcstudy.identification.profile.profiles`. draws: for the correction, where many recordings share them.
     """
     if not 0.5 <= level < 1:
         raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
@@ -88,11 +94,12 @@ def fit_lines(
     theta = minima.theta[0]
     near = Linearised.at(model, minima, of)
     jacobian = whiten(data.weight, frf_jacobian(model, theta, lines.f)[1])
-    free, draws = near.free, stream(seed, "fit correction")
-    corrected = correction(jacobian[:, free], near.gradients[:, free], lines.noise, draws)
+    free = near.free
+    drawn = draws or simulated(lines.noise, stream(seed, "fit correction"))
+    corrected = correction(jacobian[:, free], near.gradients[:, free], drawn)
     null = corrected.null_chi2
     worse = max(1.0, float(minima.chi2[0] / null.mean()))  # Birge (1932): residuals above the noise widen the intervals
-    found = profiles(fitter, data, minima, of, near, worse * corrected.threshold(level), stream(seed, "fit profiles"))
+    found = profiles(fitter, data, minima, of, worse * corrected.threshold(level), curve)
     error = ndtri(0.5 + level / 2) * np.sqrt(near.variance)
     share = _information(jacobian @ near.tangent.T, lines.f)
     return FitResult(
@@ -110,15 +117,19 @@ def fit_lines(
         lines=lines,
         warnings=_warnings(minima.missed),
         method={"cost": "ml", "seed": seed, "effects": list(effects)},
-        without_chi2=_without(lines, nominal, bounds or {}, seed) if effects else None,
+        without=_without(lines, nominal, bounds or {}, seed) if effects else None,
     )
 
 
-def _without(lines: Lines, nominal: Model, given: Mapping[str, tuple[float, float]], seed: int) -> float:
-    """Deviance of the best fit without effects."""
-    known = {name: ends for name, ends in given.items() if name in nominal.names}
-    model = bounded(nominal, nominal, known)
-    return float(search(Fitter(model, without_prior(model, nominal), lines.f), Data.of(lines), seed).chi2[0])
+def _without(lines: Lines, nominal: Model, given: Mapping[str, tuple[float, float]], seed: int) -> Minima:
+    """Minima of the model without effects."""
+    model = _base(nominal, given)
+    return search(Fitter(model, without_prior(model, nominal), lines.f), Data.of(lines), seed)
+
+
+def _base(nominal: Model, given: Mapping[str, tuple[float, float]]) -> Model:
+    """The model without effects, with the bounds of the fit."""
+    return bounded(nominal, nominal, {name: ends for name, ends in given.items() if name in nominal.names})
 
 
 def bounded(model: Model, base: Model, given: Mapping[str, tuple[float, float]]) -> Model:

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Prior
+from mcstudy.fitting.arguments import PenalisedFits, Prior
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.fits.base_fit import drawn_starts, linearised_starts
 from mcstudy.gap.fits.priors import weak_prior
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import growth_rate
 
-BATCH, MOST = 96, 1920
+BATCH, MOST = 16, 1920
 """Random starts per round, and the most that are drawn."""
 
 MISSED = 0.01
@@ -22,8 +22,14 @@ MISSED = 0.01
 TOLERANCE, ITERATIONS = 1e-7, 300
 """Decrease of the deviance at which a fit has converged, and the most evaluations of one fit."""
 
+FIRST, HOPELESS = 40, 300.0
+"""Evaluations after which a random start is given up whose deviance is still so far above the lowest one known."""
+
 APART = 1e-3
 """Fits whose deviances differ by less are of one minimum."""
+
+REACH = 20.0
+"""Rise of the deviance above the lowest minimum up to which minima count one by one, and all higher ones as one."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +42,7 @@ class Minima:
     ----------
     theta: (K, P). chi2: (K,). information: (K, P, P), J^T J of the whitened data. hits: (K,) random starts that ended
     there; a minimum found only from a linearised start has none. starts: S. found: minima that they reached, unstable
-    ones among them. waterfall: (S,) deviances, ascending.
+    ones among them; all above `REACH` count as one. waterfall: (S,) deviances, ascending.
     """
 
     theta: np.ndarray
@@ -61,15 +67,18 @@ def without_prior(model: Model, base: Model) -> Prior:
 def search(fitter: Fitter, data: Data, seed: int) -> Minima:
     """Starts from the linear structure and at random, until `Minima.missed` is below `MISSED` or `MOST` are drawn."""
     model, drawn = fitter.model, drawn_starts(fitter.model, seed, MOST)
-    aimed = linearised_starts(model, data, seed)
-    fits = [fitter.fits(data.packed, aimed, tolerance=TOLERANCE, max_iterations=ITERATIONS)] if len(aimed) else []
+    aimed = linearised_starts(model, data, seed, 1)
+    fits = [_converged(fitter, data, aimed)] if len(aimed) else []
     for first in range(0, MOST, BATCH):
-        starts = drawn[first : first + BATCH]
-        fits.append(fitter.fits(data.packed, starts, tolerance=TOLERANCE, max_iterations=ITERATIONS))
+        fits.append(
+            _hopeful(fitter, data, drawn[first : first + BATCH], min((f.chi2.min() for f in fits), default=np.inf))
+        )
         chi2 = np.concatenate([f.chi2 for f in fits])
         chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
         best, hits = _distinct(chi2, len(aimed))
-        found, waterfall = int((hits > 0).sum()), np.sort(chi2[len(aimed) :])
+        near = chi2[best] - chi2[best[0]] < REACH
+        found = int((hits[near] > 0).sum() + (hits[~near] > 0).any())
+        waterfall = np.sort(chi2[len(aimed) :])
         if unseen(found, waterfall.size) < MISSED:
             break
     theta, information = (np.concatenate([getattr(f, n) for f in fits]) for n in ("estimate", "information"))
@@ -77,6 +86,20 @@ def search(fitter: Fitter, data: Data, seed: int) -> Minima:
     if stable.any():  # the person stood
         best, hits = best[stable], hits[stable]
     return Minima(theta[best], chi2[best], information[best], hits, waterfall.size, found, waterfall)
+
+
+def _converged(fitter: Fitter, data: Data, starts: np.ndarray) -> PenalisedFits:
+    return fitter.fits(data.packed, starts, tolerance=TOLERANCE, max_iterations=ITERATIONS)
+
+
+def _hopeful(fitter: Fitter, data: Data, starts: np.ndarray, lowest: float) -> PenalisedFits:
+    """Fits from ``starts``, those that become hopeless left where they are."""
+    fits = fitter.fits(data.packed, starts, tolerance=TOLERANCE, max_iterations=FIRST)
+    go_on = np.flatnonzero(fits.chi2 < min(lowest, np.nan_to_num(fits.chi2, nan=np.inf).min()) + HOPELESS)
+    if go_on.size:
+        for mine, new in zip(fits, _converged(fitter, data, fits.estimate[go_on]), strict=True):
+            mine[go_on] = new
+    return fits
 
 
 def _distinct(chi2: np.ndarray, aimed: int) -> tuple[np.ndarray, np.ndarray]:

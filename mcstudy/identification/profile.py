@@ -1,97 +1,47 @@
-"""Profile likelihood intervals: how far a quantity can move before the best fit with it becomes too bad.
+"""Profile likelihood intervals: how far a quantity can move before every fit with it becomes too bad.
 
-From every minimum the profile of a quantity is followed outwards on both sides. A point is a fit in which a strong
-restraint pulls the quantity to a target: wherever that fit ends, it is the best one with the value that the quantity
-then has (the optimality conditions are those of the constrained problem), so the restraint needs no exactness. The
-root of the deviance rises almost linearly with the quantity, which makes the secant rule find the end of an interval
-in a few fits. All quantities, sides and minima advance together, as one queue of the compiled fits.
+An end of an interval is the largest (or smallest) value of the quantity among all parameters within bounds whose
+deviance stays below a ceiling. `mcstudy.fitting.outermost_kernel` solves this from every minimum below the ceiling;
+the interval is the union. The same at lower ceilings gives the curve of the profile.
 
-An end is looked at again from other starts: a lower valley found there is followed on, unless the closed loop is
-unstable in it (the person stood). Along a valley a loop may become slightly unstable: the data then say nothing of its
-slowest mode.
+Two things guard against an end that is only local. The parameters at the end of one quantity lie below the ceiling of
+every other, so none of them may lie outside that one's interval; where one does, the search goes on from it. And a
+search that did not converge is repeated over ceilings that rise in steps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Restraint
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.outermost_kernel import BOUND, DATA, GAVE_UP
+from mcstudy.fitting.penalised import ENDED, Data, Fitter
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.quantities import Quantity
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.stability import growth_rate
 
-TOLERANCE, ITERATIONS = 1e-9, 200
+CURVE = (1 / 6, 1 / 3, 1 / 2, 2 / 3, 5 / 6)
+"""Lower ceilings at which the curve of a profile is computed, as roots of their share of the highest."""
 
-STIFFNESS = 1e8
-"""Strength of the restraint, in inverse variances of the quantity."""
-
-CLOSE = 1e-7
-"""Relative difference between the deviance at an end and the threshold."""
-
-MOST_STEPS = 40
-OVERSHOOT = 1.02
-"""Of a step that extrapolates, so that it brackets the end."""
-
-LONGEST = 3.0
-"""Longest step relative to the distance that was covered."""
-
-STUCK = 1e-6
-"""Step, relative to the one wanted, below which bounds hold a quantity."""
-
-CLIFF = 1e-4
-"""Width, in standard errors, of the gap between a point inside and one outside at which the search ends: there the
-deviance jumps, because a valley ends."""
-
-AGAIN = 6
-"""Further random starts at every end, beside those from the other ends."""
-
-NEAR, LOWER = 1e-3, 1e-4
-"""A valley is followed on from a point that lies at most ``NEAR`` standard errors inside an end, and whose deviance is
-lower than at the end by ``LOWER`` of the threshold."""
+STEPS = (0.25, 0.5, 0.75, 1.0)
+"""The same for a search that is repeated."""
 
 ROUNDS = 3
-"""Times that an end which was not the last is followed on."""
+"""Times that a search goes on from the ends of other quantities."""
 
-RELINEARISED = 8
-"""Most linearisations of a quantity at one point."""
+OUTSIDE = 1e-6
+"""How far outside an interval, in its widths, another quantity's end must lie for the search to go on from it."""
 
-CURVED = 1e-7
-"""Error of the linearisation, in standard errors of the quantity, above which it is made again."""
+RELINEARISED, CURVED = 20, 1e-8
+"""Most linearisations of a quantity that is not linear, and the change of its end, in widths, at which they stop."""
 
+BISECTIONS = 20
+"""Halvings of the ceiling of a quantity that is not finite at its end."""
 
-@dataclass
-class Walk:
-    """The profile on one side of a minimum: points in walking order.
-
-    Attributes
-    ----------
-    quantity, side: index, and -1 or +1. value, rise, theta: of every point inside: the quantity, increase of the
-    deviance over the lowest minimum, parameters (P,). outside: value and rise of the nearest point outside; tried: the
-    last point inside from which it was tried again. ended: what ended the walk: "data", "bound", "not finite" (a
-    quantity that is not defined beyond), "steps".
-    """
-
-    quantity: int
-    side: int
-    value: list[float]
-    rise: list[float]
-    theta: list[np.ndarray]
-    ended: str = ""
-    outside: tuple[float, float] | None = None
-    tried: int = -1
-
-    def inside(self) -> int:
-        """Index of the outermost point inside the interval: the last one."""
-        return len(self.value) - 1
-
-    def before(self) -> int:
-        """Index of the point before it, or of itself if it is the first."""
-        return max(len(self.value) - 2, 0)
+FROM = {DATA: "data", BOUND: "bound", GAVE_UP: "steps"}
 
 
 @dataclass(frozen=True)
@@ -100,8 +50,10 @@ class Profile:
 
     Attributes
     ----------
-    low, high: ends of the interval. low_from, high_from: what ends it, as in `Walk`. value, rise: (M,) points of the
-    profile, ascending. low_theta, high_theta: (P,) parameters at the ends.
+    low, high: ends of the interval. low_from, high_from: what ends it: "data", "bound", "not finite" (the quantity is
+    not defined beyond) or "steps" (the search did not converge). value, rise: (M,) points of the profile, ascending:
+    ends of the intervals at lower ceilings, and the increase of the deviance there. theta: (M, P) parameters of the
+    best fit at each of them. low_theta, high_theta: (P,) parameters at the ends.
     """
 
     low: float
@@ -110,6 +62,7 @@ class Profile:
     high_from: str
     value: np.ndarray = field(repr=False)
     rise: np.ndarray = field(repr=False)
+    theta: np.ndarray = field(repr=False)
     low_theta: np.ndarray = field(repr=False)
     high_theta: np.ndarray = field(repr=False)
 
@@ -146,214 +99,177 @@ class Linearised:
         return cls(free, covariance, gradients, tangent, np.where(moves, variance, np.nan))
 
 
+class _Points(NamedTuple):
+    """Ends (M,): value, rise, status of the quantity, and parameters (M, P)."""
+
+    value: np.ndarray
+    rise: np.ndarray
+    status: np.ndarray
+    theta: np.ndarray
+
+
 def profiles(
     fitter: Fitter,
     data: Data,
     minima: Minima,
     wanted: Sequence[Quantity],
-    near: Linearised,
     threshold: np.ndarray,
-    rng: np.random.Generator,
+    curve: Sequence[float] = CURVE,
 ) -> list[Profile]:
     """Intervals of the ``wanted`` quantities where the deviance rises by less than ``threshold`` (K,).
 
-    ``near``: the quantities at the lowest minimum.
+    ``curve``: further ceilings, see `CURVE`; none where only the ends are wanted.
     """
-    at = _Fits(fitter, data, minima, wanted, near)
-    walks = []
-    for k in range(len(wanted)):
-        for m in np.flatnonzero(minima.chi2 - minima.chi2[0] < threshold[k]):
-            start = minima.theta[m], minima.chi2[m] - minima.chi2[0]
-            walks += [at.begin(k, side, *start) for side in (-1, 1)]
+    search = _Search(fitter, data, minima, wanted, threshold)
+    quantity, side = np.repeat(np.arange(len(wanted)), 2), np.tile([-1, 1], len(wanted))
+    last = search.from_minima(quantity, side, 1.0)
     for _ in range(ROUNDS):
-        _walk(at, walks, threshold)
-        more = _further(at, walks, threshold, rng)
-        if not more:
+        if not search.go_on(quantity, side, last):
             break
-        walks += more
-    return [_profile([w for w in walks if w.quantity == k]) for k in range(len(wanted))]
+    inner = [search.from_minima(quantity, side, share**2) for share in curve]
+    return [_profile(2 * k, wanted[k].value(minima.theta[0]), minima.theta[0], last, inner) for k in range(len(wanted))]
 
 
-class _Fits:
-    """Fits with a restrained quantity."""
+class _Search:
+    """Ends of intervals of one recording."""
 
     def __init__(
-        self, fitter: Fitter, data: Data, minima: Minima, wanted: Sequence[Quantity], near: Linearised
+        self, fitter: Fitter, data: Data, minima: Minima, wanted: Sequence[Quantity], threshold: np.ndarray
     ) -> None:
-        self.fitter, self.wanted = fitter, wanted
-        self.model, self._packed, self._least = fitter.model, data.packed, minima.chi2[0]
-        # Of a quantity that bounds hold the first step is a tenth of what is typical of people.
-        typical = ((0.1 * near.gradients * fitter.prior.scale) ** 2).sum(axis=1)
-        self.tangent, self.variance = near.tangent, np.where(np.isnan(near.variance), typical, near.variance)
+        self._fitter, self._packed, self._minima, self._wanted = fitter, data.packed, minima, wanted
+        self._threshold, self._least = np.asarray(threshold, dtype=float), minima.chi2[0]
+        self._linear = np.array([q.linear for q in wanted])
+        self._gradient = np.array([q.gradient(minima.theta[0]) for q in wanted])
 
-    def admissible(self, theta: np.ndarray) -> np.ndarray:
-        """Whether the closed loop is stable with parameters (S, P): the person stood."""
-        return np.asarray(growth_rate(self.model, theta) < 0)
+    def from_minima(self, quantity: np.ndarray, side: np.ndarray, share: float) -> _Points:
+        """The outermost of the ends from all minima below ``share`` of the thresholds; quantities and sides (M,)."""
+        which, begun = np.nonzero(self._minima.chi2 - self._least < share * self._threshold[quantity, None])
+        found = self._ends(quantity[which], side[which], share, self._minima.theta[begun])
+        return _outermost(found, side[which], which)
 
-    def begin(self, k: int, side: int, theta: np.ndarray, rise: float) -> Walk:
-        """A walk that begins at a point inside."""
-        return Walk(k, side, [self.wanted[k].value(theta)], [float(rise)], [theta])
+    def go_on(self, quantity: np.ndarray, side: np.ndarray, last: _Points) -> bool:
+        """Search from ends of other quantities that lie outside an interval, and move its end in ``last``."""
+        begun, which = [], []
+        below = last.rise[:, None] <= self._threshold * (1 + OUTSIDE)
+        values = np.array([[q.value(theta) for q in self._wanted] for theta in last.theta])
+        for n, (k, s) in enumerate(zip(quantity, side, strict=True)):
+            width = abs(last.value[n] - self._wanted[k].value(self._minima.theta[0]))
+            beyond = np.where(below[:, k] & np.isfinite(values[:, k]), s * (values[:, k] - last.value[n]), -np.inf)
+            if last.status[n] != "not finite" and beyond.max() > OUTSIDE * width:
+                begun.append(int(beyond.argmax()))
+                which.append(n)
+        if not which:
+            return False
+        found = self._ends(quantity[which], side[which], 1.0, last.theta[begun])
+        for m, n in enumerate(which):
+            if side[n] * (found.value[m] - last.value[n]) > 0:
+                for mine, new in zip(last, found, strict=True):
+                    mine[n] = new[m]
+        return True
 
-    def __call__(
-        self, k: np.ndarray, target: np.ndarray, starts: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values (S,), rises (S,) and parameters (S, P) of fits of quantities ``k`` (S,) towards ``target`` (S,)."""
-        theta = np.clip(starts, self.model.lower, self.model.upper)
-        rise = np.empty(len(k))
-        todo = np.arange(len(k))
-        for _ in range(RELINEARISED):
-            near = theta[todo]
-            slope = np.array([self.wanted[i].gradient(x) for i, x in zip(k[todo], near, strict=True)])
-            offset = self._values(k[todo], near) - np.einsum("sp,sp->s", slope, near)
-            restraint = Restraint(slope, target[todo] - offset, STIFFNESS / self.variance[k[todo]])
-            fits = self.fitter.fits(
-                self._packed, near, tolerance=TOLERANCE, max_iterations=ITERATIONS, restraint=restraint
+    def _ends(self, quantity: np.ndarray, side: np.ndarray, share: float, starts: np.ndarray) -> _Points:
+        """Ends from ``starts`` (M, P) below ``share`` of the thresholds."""
+        height = share * self._threshold[quantity]
+        out = self._linear_ends(self._gradient[quantity], quantity, side, height, starts)
+        for m in np.flatnonzero(~self._linear[quantity]):
+            one = self._curved_end(int(quantity[m]), side[m], height[m], starts[m])
+            for mine, new in zip(out, one, strict=True):
+                mine[m] = new
+        return out
+
+    def _linear_ends(
+        self, gradient: np.ndarray, quantity: np.ndarray, side: np.ndarray, height: np.ndarray, starts: np.ndarray
+    ) -> _Points:
+        """Ends of quantities with constant ``gradient`` (M, P)."""
+
+        def solve(which: np.ndarray, part: float, begin: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            goal = part * height[which]
+            found = self._fitter.ends(
+                self._packed, begin, side[which, None] * gradient[which], self._least + goal, goal, tolerance=ENDED
             )
-            theta[todo], rise[todo] = fits.estimate, fits.chi2 - self._least
-            linear = offset + np.einsum("sp,sp->s", slope, fits.estimate)
-            curved = np.abs(self._values(k[todo], fits.estimate) - linear) > CURVED * np.sqrt(self.variance[k[todo]])
-            todo = todo[curved]
-            if not todo.size:
+            return found.estimate, found.chi2 - self._least, found.status
+
+        everything = np.arange(len(quantity))
+        theta, rise, status = solve(everything, 1.0, starts)
+        again = np.flatnonzero(status == GAVE_UP)
+        if again.size:
+            begin = starts[again]
+            for part in STEPS:
+                reached, new_rise, new_status = solve(again, part**2, begin)
+                fine = new_rise <= height[again] * (1 + OUTSIDE)
+                begin = np.where(fine[:, None], reached, begin)
+            # Of the two searches the one that came further within the ceiling, or converged.
+            gain = side[again] * np.einsum("mp,mp->m", gradient[again], reached - theta[again])
+            within = rise[again] <= height[again] * (1 + OUTSIDE)
+            better = fine & ((gain > 0) | ~within)
+            take = again[better]
+            theta[take], rise[take], status[take] = reached[better], new_rise[better], new_status[better]
+            lost = status == GAVE_UP
+            lost &= rise > height * (1 + OUTSIDE)
+            theta[lost], rise[lost] = starts[lost], 0.0
+        value = np.array([self._wanted[k].value(x) for k, x in zip(quantity, theta, strict=True)])
+        return _Points(value, rise, np.array([FROM[int(s)] for s in status], dtype=object), theta)
+
+    def _curved_end(self, k: int, side: int, height: float, start: np.ndarray) -> tuple[float, float, str, np.ndarray]:
+        """End of a quantity that is not linear, by linearising it again and again."""
+        best = self._relinearised(k, side, height, start)
+        if np.isfinite(best[0]):
+            return best
+        low, high, inside = 0.0, height, (self._wanted[k].value(start), 0.0, "", start)
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            found = self._relinearised(k, side, middle, inside[3])
+            low, high, inside = (middle, high, found) if np.isfinite(found[0]) else (low, middle, inside)
+        return (*inside[:2], "not finite", inside[3])
+
+    def _relinearised(
+        self, k: int, side: int, height: float, start: np.ndarray
+    ) -> tuple[float, float, str, np.ndarray]:
+        q, theta, direction = self._wanted[k], start, np.zeros_like(start)
+        origin, before, status, rise = q.value(start), q.value(start), "steps", 0.0
+        for n in range(RELINEARISED):
+            new = q.gradient(theta)
+            # A mean of two directions, once they have had time to settle: they may swing from side to side.
+            direction = new if n < RELINEARISED // 2 else (direction + new) / 2
+            if not np.isfinite(direction).all():
+                return np.nan, rise, "not finite", theta
+            found = self._linear_ends(direction[None], np.array([k]), np.array([side]), np.array([height]), theta[None])
+            theta, rise = found.theta[0], float(found.rise[0])
+            value = q.value(theta)
+            if not np.isfinite(value):
+                return np.nan, rise, "not finite", theta
+            settled = abs(value - before) <= CURVED * max(abs(value - origin), 1e-300)
+            before = value
+            if settled:
+                status = str(found.status[0])
                 break
-        return self._values(k, theta), rise, theta
-
-    def best(self, k: np.ndarray, target: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As a call, from several starts (S, A, P) each; the best fit of each."""
-        S, A, _ = starts.shape
-        value, rise, theta = self(np.repeat(k, A), np.repeat(target, A), starts.reshape(S * A, -1))
-        off = STIFFNESS / self.variance[np.repeat(k, A)] * (value - np.repeat(target, A)) ** 2
-        pick = np.arange(S) * A + np.nan_to_num(rise + off, nan=np.inf).reshape(S, A).argmin(axis=1)
-        return value[pick], rise[pick], theta[pick]
-
-    def _values(self, k: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return np.array([self.wanted[i].value(x) for i, x in zip(k, theta, strict=True)])
+        return before, rise, status, theta
 
 
-def _walk(at: _Fits, walks: list[Walk], threshold: np.ndarray) -> None:
-    """Follow all walks until they have ended."""
-    for _ in range(MOST_STEPS):
-        going = [w for w in walks if not w.ended]
-        if not going:
-            return
-        target = np.array([_target(w, threshold[w.quantity], at.variance[w.quantity]) for w in going])
-        k = np.array([w.quantity for w in going])
-        starts = np.stack([_starts(w, t, at.tangent[w.quantity]) for w, t in zip(going, target, strict=True)])
-        step = target - np.array([w.value[w.inside()] for w in going])
-        value, rise, theta = at.best(k, target, starts)
-        for n, w in enumerate(going):
-            goal, scale = threshold[w.quantity], np.sqrt(at.variance[w.quantity])
-            _take(w, step[n], float(value[n]), float(rise[n]), theta[n], goal, scale)
-    for w in walks:
-        w.ended = w.ended or "steps"
+def _outermost(points: _Points, side: np.ndarray, which: np.ndarray) -> _Points:
+    """The outermost of the points with the same ``which`` (M,), which ascends."""
+    pick = []
+    for n in np.unique(which):
+        own = np.flatnonzero(which == n)
+        reach = np.where(np.isfinite(points.value[own]), side[own] * points.value[own], -np.inf)
+        pick.append(own[int(reach.argmax())])
+    return _Points(*(field[pick] for field in points))
 
 
-def _starts(w: Walk, target: float, tangent: np.ndarray) -> np.ndarray:
-    """Start values (3, P) for the next point: the last one, moved as at the minimum, and as between the last two."""
-    i, j = w.inside(), w.before()
-    step = target - w.value[i]
-    moved = tangent if i == j else (w.theta[i] - w.theta[j]) / (w.value[i] - w.value[j])
-    return np.array([w.theta[i], w.theta[i] + step * tangent, w.theta[i] + step * moved])
-
-
-def _target(w: Walk, threshold: float, variance: float) -> float:
-    """Next value to try: where the root of the rise, continued as a line, reaches that of the threshold.
-
-    A point outside brackets it. It is tried again if the points inside say that it should be inside: the fit may have
-    ended in another valley.
-    """
-    i, j = w.inside(), w.before()
-    value, root, goal = w.value[i], np.sqrt(max(w.rise[i], 0.0)), np.sqrt(threshold)
-    longest = LONGEST * abs(value - w.value[0])
-    if i == j:
-        step = np.sqrt(variance) * max(0.5 * (goal - root), 0.1 * goal)
-    else:
-        slope = w.side * (root - np.sqrt(max(w.rise[j], 0.0))) / (value - w.value[j])
-        step = min(OVERSHOOT * (goal - root) / slope, longest) if slope > 0 else longest
-    if w.outside is None:
-        return float(value + w.side * step)
-    far, rise = w.outside
-    if w.tried != i and step > 1.1 * abs(far - value):
-        w.tried = i
-        return far
-    share = (goal - root) / (np.sqrt(rise) - root)
-    return float(value + np.clip(share, 0.2, 0.98) * (far - value))
-
-
-def _take(w: Walk, step: float, value: float, rise: float, theta: np.ndarray, threshold: float, scale: float) -> None:
-    """Enter a fit into a walk."""
-    i = w.inside()
-    if not np.isfinite(value):
-        w.ended = "not finite"
-        return
-    if rise > threshold:
-        if abs(rise - threshold) < CLOSE * threshold:
-            rise = threshold
-        else:
-            w.outside = (value, rise) if w.outside is None or w.side * (w.outside[0] - value) > 0 else w.outside
-            if abs(w.outside[0] - w.value[i]) < CLIFF * scale:
-                w.ended = "data"
-            return
-    if w.side * (value - w.value[i]) < STUCK * abs(step):
-        w.ended = "bound" if w.outside is None else "data"
-        return
-    if w.outside is not None and w.side * (value - w.outside[0]) >= 0:
-        w.outside = None
-    w.value.append(value)
-    w.rise.append(rise)
-    w.theta.append(theta)
-    if abs(rise - threshold) <= CLOSE * threshold:
-        w.ended = "data"
-
-
-def _further(at: _Fits, walks: list[Walk], threshold: np.ndarray, rng: np.random.Generator) -> list[Walk]:
-    """Walks that go on from lower valleys at the present ends."""
-    last = _last(walks)
-    ends = [w for w in last.values() if w.ended == "data"]
-    if not ends:
-        return []
-    others = np.array([w.theta[w.inside()] for w in last.values()])
-    starts = []
-    for w in ends:
-        drawn = w.theta[w.inside()] + at.fitter.prior.scale * rng.standard_normal((AGAIN, others.shape[1]))
-        starts.append(np.concatenate([drawn, others[rng.permutation(len(others))[:AGAIN]]]))
-    each = [len(s) for s in starts]
-    quantity = np.repeat([w.quantity for w in ends], each)
-    value, rise, theta = at(quantity, np.repeat([w.value[w.inside()] for w in ends], each), np.concatenate(starts))
-    rise = np.where(at.admissible(theta), rise, np.inf)
-    begun: dict[tuple[int, int], Walk] = {}
-    for n in np.argsort(rise):
-        k = int(quantity[n])
-        for side in (-1, 1):
-            w = last[k, side]
-            reached = side * (value[n] - w.value[w.inside()]) > -NEAR * np.sqrt(at.variance[k])
-            if w.ended == "data" and reached and rise[n] < threshold[k] * (1 - LOWER) and (k, side) not in begun:
-                begun[k, side] = at.begin(k, side, theta[n], float(rise[n]))
-    return list(begun.values())
-
-
-def _last(walks: list[Walk]) -> dict[tuple[int, int], Walk]:
-    """The walk that came furthest, by quantity and side."""
-    out: dict[tuple[int, int], Walk] = {}
-    for w in walks:
-        key = w.quantity, w.side
-        if key not in out or w.side * (w.value[w.inside()] - out[key].value[out[key].inside()]) > 0:
-            out[key] = w
-    return out
-
-
-def _profile(walks: list[Walk]) -> Profile:
-    low, high = (w for _, w in sorted(_last(walks).items()))
-    value = np.concatenate([w.value for w in walks])
-    rise = np.concatenate([w.rise for w in walks])
+def _profile(n: int, estimate: float, best: np.ndarray, last: _Points, inner: list[_Points]) -> Profile:
+    """Profile of the quantity whose ends are points ``n`` and ``n + 1``; ``best``: (P,) parameters of the estimate."""
+    value = np.array([estimate, *(p.value[i] for p in (*inner, last) for i in (n, n + 1))])
+    rise = np.array([0.0, *(p.rise[i] for p in (*inner, last) for i in (n, n + 1))])
+    theta = np.array([best, *(p.theta[i] for p in (*inner, last) for i in (n, n + 1))])
     value, first = np.unique(value, return_index=True)
-    i, j = low.inside(), high.inside()
     return Profile(
-        low=low.value[i],
-        high=high.value[j],
-        low_from=low.ended,
-        high_from=high.ended,
+        low=float(last.value[n]),
+        high=float(last.value[n + 1]),
+        low_from=str(last.status[n]),
+        high_from=str(last.status[n + 1]),
         value=value,
         rise=rise[first],
-        low_theta=low.theta[i],
-        high_theta=high.theta[j],
+        theta=theta[first],
+        low_theta=last.theta[n],
+        high_theta=last.theta[n + 1],
     )

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
-from mcstudy.identification import words
+from mcstudy.identification import tables, words
+from mcstudy.identification.belief import GapFound, WithEffects
+from mcstudy.identification.forecast import Forecast
+from mcstudy.identification.loop_stability import Stability
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.profile import Profile
+from mcstudy.identification.sway import PredictedSway
+from mcstudy.identification.trades import Valley, moving
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.short_repr import Summary, shortened
@@ -20,9 +25,6 @@ from mcstudy.stance.feedback import Model
 
 if TYPE_CHECKING:
     import xarray as xr
-
-BANDS_HZ = (0.0, 0.3, 1.0, 3.0, np.inf)
-"""Edges of the bands by which the information on a quantity is told."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,7 +63,7 @@ class Estimate:
     profile: Profile
 
     def __repr__(self) -> str:
-        return f"{self.name} = {words.interval(self)}"
+        return f"{self.name} = {words.with_unit(self)}"
 
     @property
     def verdict(self) -> str:
@@ -105,10 +107,24 @@ class FitResult(Summary):
         Warnings about the recording and the fit.
     method
         Settings of the fit.
-    without_chi2
-        Squared residual of the best fit without effects; None if none were added.
+    without
+        Minima of the model without effects (`Minima`); None if none were added.
     recording
         The fitted recording (several are pooled); None for lines alone.
+    valleys
+        Parameters that trade for each other (`Valley`); empty for lines alone, as are all that follow.
+    stability
+        Stability of the closed loop over the intervals (`Stability`).
+    sway
+        Predicted and measured sway (`PredictedSway`); None for a published response.
+    forecasts
+        What would make the intervals narrower (`Forecast`).
+    gap
+        The test of ``mcstudy gap diagnose --fast`` (`GapFound`).
+    comparison
+        The model with the added effects against that without (`WithEffects`); None if none were added.
+    paper
+        (P,), estimates under the cost of Goodworth & Peterka (2018), for comparison; None without a period.
     """
 
     name: str
@@ -125,8 +141,51 @@ class FitResult(Summary):
     lines: Lines
     warnings: tuple[str, ...]
     method: dict[str, Any]
-    without_chi2: float | None = None
+    without: Minima | None = None
     recording: Recording | FrfRecording | None = None
+    valleys: tuple[Valley, ...] = ()
+    stability: Stability | None = None
+    sway: PredictedSway | None = None
+    forecasts: tuple[Forecast, ...] = ()
+    gap: GapFound | None = None
+    comparison: WithEffects | None = None
+    paper: np.ndarray | None = None
+
+    more: ClassVar[str] = "text(), to_xarray(), to_dict()"
+    """Further methods, named in the representation at a prompt."""
+
+    @property
+    def without_chi2(self) -> float | None:
+        """Squared residual of the best fit without effects; None if none were added."""
+        return None if self.without is None else float(self.without.chi2[0])
+
+    def forecast(self, name: str) -> Forecast | None:
+        """The forecast for one quantity; None for lines alone."""
+        return next((f for f in self.forecasts if f.name == name), None)
+
+    def moving(self, name: str) -> dict[str, tuple[float, float]]:
+        """Parameters that move along the profile of a quantity, with their values at its lower and upper end."""
+        return moving(self.model, self.estimates, self[name])
+
+    def leaning(self, name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Other parameters that lie on a bound at the lower and at the upper end of an interval that the data end.
+
+        With wider bounds of these the interval might be wider.
+        """
+        e, m = self[name], self.model
+
+        def held(theta: np.ndarray, ended: str) -> tuple[str, ...]:
+            on = (theta <= m.lower) | (theta >= m.upper)
+            return tuple(n for n, x in zip(m.names, on, strict=True) if x and n != name and ended == "data")
+
+        return held(e.profile.low_theta, e.low_from), held(e.profile.high_theta, e.high_from)
+
+    def paper_value(self, name: str) -> float | None:
+        """The estimate of a parameter, or of a sum of parameters, under the paper's cost; None where there is none."""
+        terms = name.split(" + ")
+        if self.paper is None or not set(terms) <= set(self.model.names):
+            return None
+        return float(sum(self.paper[self.model.names.index(t)] for t in terms))
 
     def __getitem__(self, name: str) -> Estimate:
         for e in self.estimates:
@@ -138,10 +197,10 @@ class FitResult(Summary):
         """What a prompt shows."""
         return [
             ("recording", shortened(self.name)),
-            *((e.name, words.interval(e)) for e in self.estimates),
+            *((e.name, words.with_unit(e)) for e in self.estimates),
             ("goodness of fit", f"p = {self.p_value:.2g}"),
             *(("note", note) for note in self.warnings),
-            ("more", "to_xarray(), to_dict(), text()"),
+            ("more", self.more),
         ]
 
     def text(self) -> str:
@@ -168,12 +227,18 @@ class FitResult(Summary):
                         "wald_low": e.wald_low,
                         "wald_high": e.wald_high,
                         "verdict": e.verdict,
+                        "on_bound": tables.on_bound(self, e),
+                        "low_leans_on": self.leaning(e.name)[0],
+                        "high_leans_on": self.leaning(e.name)[1],
+                        "paper_cost": self.paper_value(e.name),
+                        "moves_with": self.moving(e.name),
+                        "forecast": without_name(self.forecast(e.name)),
                         "information": e.information,
                         "profile": {"value": e.profile.value, "rise": e.profile.rise},
                     }
                     for e in self.estimates
                 ],
-                "bands_hz": BANDS_HZ[1:-1],
+                "bands_hz": tables.BANDS_HZ[1:-1],
                 "parameters": {
                     "names": self.model.names,
                     "lower": self.model.lower,
@@ -197,13 +262,21 @@ class FitResult(Summary):
                         if c - m.chi2[0] < words.REACH
                     ],
                 },
+                "valleys": [asdict(v) for v in self.valleys],
+                "stability": None if self.stability is None else asdict(self.stability),
+                "sway": None if self.sway is None else asdict(self.sway),
+                "gap": None if self.gap is None else asdict(self.gap),
+                "comparison": None if self.comparison is None else asdict(self.comparison),
                 "warnings": self.warnings,
                 "method": self.method,
             }
         )
 
     def to_xarray(self) -> xr.Dataset:
-        """Estimates and intervals by ``quantity``, the profiles as (quantity, point), padded with nan."""
+        """Estimates, intervals and class by ``quantity``, the profiles as (quantity, point), padded with nan.
+
+        Quantities have different units, so these are the coordinate ``unit``.
+        """
         import xarray as xr
 
         es = self.estimates
@@ -213,13 +286,35 @@ class FitResult(Summary):
             rows = [getattr(e.profile, name) for e in es]
             return np.array([np.pad(r, (0, longest - r.size), constant_values=np.nan) for r in rows])
 
-        columns = ["estimate", "low", "high", "wald_low", "wald_high", "low_from", "high_from", "verdict", "unit"]
+        numbers = {
+            "estimate": "estimate",
+            "low": "lower end of the profile likelihood interval",
+            "high": "upper end of the profile likelihood interval",
+            "wald_low": "lower end of the Gauss-Newton interval",
+            "wald_high": "upper end of the Gauss-Newton interval",
+        }
+        texts = {"low_from": "what ends it below", "high_from": "what ends it above"}
+        own = {"units": "see coordinate unit"}
         return xr.Dataset(
             {
-                **{c: ("quantity", [getattr(e, c) for e in es]) for c in columns},
-                "profile_value": (("quantity", "point"), padded("value")),
-                "profile_rise": (("quantity", "point"), padded("rise")),
+                **{
+                    c: ("quantity", [getattr(e, c) for e in es], {"long_name": name, **own})
+                    for c, name in numbers.items()
+                },
+                **{c: ("quantity", [getattr(e, c) for e in es], {"long_name": name}) for c, name in texts.items()},
+                "class": ("quantity", [e.verdict for e in es], {"long_name": "whether the data determine it"}),
+                "profile_value": (("quantity", "point"), padded("value"), {"long_name": "value on the profile", **own}),
+                "profile_rise": (
+                    ("quantity", "point"),
+                    padded("rise"),
+                    {"long_name": "squared residual above the lowest", "units": "1"},
+                ),
             },
-            coords={"quantity": [e.name for e in es]},
+            coords={"quantity": [e.name for e in es], "unit": ("quantity", [e.unit for e in es])},
             attrs={"level": self.level, "recording": self.name, "p_value": self.p_value},
         )
+
+
+def without_name(f: Forecast | None) -> dict[str, Any] | None:
+    """The fields of a forecast without its name."""
+    return None if f is None else {k: v for k, v in asdict(f).items() if k != "name"}

@@ -1,120 +1,233 @@
-"""A fit in words: the table, what is determined, and what is not."""
+"""A fit in sentences: whether to believe the model, what the data determine, and what they do not."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcstudy.text_tables import number, table
+from mcstudy.gap.diagnosis import LEVEL
+from mcstudy.gap.verdict import p_words
+from mcstudy.identification.tables import as_text, estimates, help_needed, interval, relative
+from mcstudy.text_tables import number, with_error
 
 if TYPE_CHECKING:
     from mcstudy.identification.result import Estimate, FitResult
+    from mcstudy.identification.trades import Combination, Valley
 
 REACH = 10.0
 """Increase of the deviance up to which other minima are told."""
 
-TRADED = 0.9
-"""Correlation from which two parameters count as traded for each other."""
+CORRELATED = 0.9
+"""Correlation of errors from which a pair is named."""
 
-SHARPER = 3.0
-"""A sum counts as better determined than its terms if its relative interval is narrower by this factor."""
+STRONG, WEAK = 5.0, 1.0
+"""ln Bayes factors from which evidence is called strong, and below which it decides nothing."""
+
+CLEAR = 2.0
+"""Difference of unseen cycles, in standard errors, from which it counts."""
+
+SWAY_SD = 2.0
+"""Distance of measured from predicted sway, in standard errors beyond its range, from which they differ."""
 
 
-def interval(e: Estimate) -> str:
-    """``815 [586, 1309] N m/rad``, with the ends that bounds set in words."""
-    low, high = number(e.low), number(e.high)
-    low = low if e.low_from == "data" else f"bound {low}"
-    high = high if e.high_from == "data" else f"bound {high}"
-    return f"{number(e.estimate)} [{low}, {high}] {e.unit}".rstrip()
+def with_unit(e: Estimate) -> str:
+    """``815, 586 to 1309 N m/rad``: estimate and interval on one line."""
+    return f"{number(e.estimate)}, {interval(e)} {e.unit}".rstrip()
 
 
 def text(r: FitResult) -> str:
-    """Table, then sentences."""
-    percent = f"{100 * r.level:g} %"
-    header = ("quantity", "unit", "estimate", f"{percent} interval", "Wald, for comparison", "")
-    rows = [
-        (
-            e.name,
-            e.unit,
-            number(e.estimate),
-            f"{number(e.low)} to {number(e.high)}",
-            f"{number(e.wald_low)} to {number(e.wald_high)}" if math.isfinite(e.wald_low) else "at a bound",
-            e.verdict,
-        )
-        for e in r.estimates
-    ]
-    return "\n".join(
-        [f"{r.name}: {len(r.lines)} lines up to {r.lines.f[-1]:.3g} Hz", "", table(header, rows), "", *sentences(r)]
-    )
+    """Tables, then sentences."""
+    tables = [as_text(t) for t in (estimates(r), help_needed(r)) if t is not None]
+    heading = f"{r.name}: {len(r.lines)} lines up to {r.lines.f[-1]:.3g} Hz"
+    return "\n\n".join([heading, *tables, "\n".join(sentences(r))])
 
 
 def sentences(r: FitResult) -> list[str]:
-    """What the numbers mean, one sentence each."""
-    fits = "fits" if r.p_value >= 0.05 else "does not fit"
-    out = [
-        f"The model {fits} the recording: squared residual {r.chi2:.0f}, noise alone gives {r.expected_chi2:.0f} "
-        f"(p = {r.p_value:.2g})."
-    ]
-    if r.p_value < 0.05:
-        out.append("The intervals hold only if the model is right; `mcstudy gap diagnose` says what it may lack.")
-    if r.without_chi2 is not None:
-        added = ", ".join(r.method["effects"])
-        out.append(f"With {added} the squared residual falls from {r.without_chi2:.0f} to {r.chi2:.0f}.")
-    state = "stable" if r.growth_rate < 0 else "unstable"
-    out.append(f"The closed loop is {state} at the estimate (slowest mode {r.growth_rate:.2g} 1/s).")
-    out += _undetermined(r)
-    out += _sums(r)
-    out += _traded(r)
-    m = r.minima
-    others = int((m.chi2[1:] - m.chi2[0] < REACH).sum())
-    out.append(
-        f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; a further start would find a new one "
-        f"with a chance of {100 * m.missed:.1f} %."
-        + (f" {others} other minima fit almost as well (squared residual at most {REACH:g} higher)." if others else "")
+    """What the numbers mean, one entry per topic."""
+    first = [belief(r), added(r), loop(r), sway(r), undetermined(r)]
+    parts = [*first, *valleys(r), help_words(r), correlated(r), found(r)]
+    return [*(part for part in parts if part), *r.warnings]
+
+
+def belief(r: FitResult) -> str:
+    """Whether the model fits, and whether a gap was found."""
+    fits = "as large as noise makes it" if r.p_value >= LEVEL else "larger than noise makes it"
+    out = (
+        f"The squared residual is {fits}: {r.chi2:.0f}, expected {r.expected_chi2:.0f} ({p_text(r.p_value)}; sound "
+        "recordings give p < 0.05 in about one case of ten)."
     )
-    return [*out, *r.warnings]
-
-
-def _undetermined(r: FitResult) -> list[str]:
-    names = [e.name for e in r.estimates if e.verdict != "identifiable"]
-    if not names:
-        return ["All quantities are determined by the data alone."]
-    return [
-        f"Not determined by the data alone: {', '.join(names)}. A limit of their intervals is a bound of the fit, "
-        "not a finding."
-    ]
-
-
-def _relative(e: Estimate) -> float:
-    """Half-width of an interval relative to the estimate."""
-    return (e.high - e.low) / 2 / abs(e.estimate) if e.estimate else math.inf
-
-
-def _sums(r: FitResult) -> list[str]:
-    out = []
-    for e in r.estimates:
-        terms = e.name.split(" + ")
-        if len(terms) != 2 or not set(terms) <= set(r.model.names):
-            continue
-        single = min(_relative(r[t]) for t in terms)
-        if _relative(e) * SHARPER < single:
-            out.append(
-                f"Only the sum {e.name} is well determined (±{100 * _relative(e):.0f} %); its terms trade for each "
-                "other."
-            )
+    added = r.method["effects"]
+    if r.gap is not None:
+        without = "Without the added effects, `" if added else "`"
+        finds = "a gap" if gap_found(r) else "no gap"
+        p = p_words(r.gap.p_value, r.gap.p_least)
+        out += f" {without}mcstudy gap diagnose --fast` finds {finds} beyond noise ({p})."
+    if doubtful(r):
+        out += " The intervals hold only if the model is right; `mcstudy gap diagnose` says what it may lack."
     return out
 
 
-def _traded(r: FitResult) -> list[str]:
+def p_text(p: float) -> str:
+    """A p-value in words."""
+    return f"p = {number(p, 2)}" if p >= 1e-3 else f"p {p:.1g}"
+
+
+def gap_found(r: FitResult) -> bool:
+    """Whether the test for a gap found one."""
+    return r.gap is not None and r.gap.p_value < LEVEL
+
+
+def doubtful(r: FitResult) -> bool:
+    """Whether this model is not to be believed: too large a residual, or a gap that no added effect was to close."""
+    return r.p_value < LEVEL or (gap_found(r) and not r.method["effects"])
+
+
+def added(r: FitResult) -> str:
+    """What the added effects change; empty without one."""
+    if r.without_chi2 is None:
+        return ""
+    names = " and ".join(r.method["effects"])
+    out = f"With {names} the squared residual falls from {r.without_chi2:.0f} to {r.chi2:.0f}."
+    c = r.comparison
+    if c is None:
+        return out
+    kind = (
+        "decides nothing"
+        if abs(c.log_bayes_factor) < WEAK
+        else f"is {'strong' if abs(c.log_bayes_factor) >= STRONG else 'weak'} "
+        f"{'for' if c.log_bayes_factor > 0 else 'against'} {names}"
+    )
+    out += f" The evidence {kind} (ln Bayes factor {number(c.log_bayes_factor)})."
+    if c.unseen is not None and c.unseen_se is not None:
+        clear = abs(c.unseen) > CLEAR * c.unseen_se
+        better = ("better" if c.unseen > 0 else "worse") if clear else "neither better nor worse"
+        out += (
+            f" It predicts cycles that the fit did not see {better}: their squared residual falls by "
+            f"{with_error(c.unseen, c.unseen_se)}."
+        )
+    return out
+
+
+def loop(r: FitResult) -> str:
+    """Stability at the estimate and over the intervals."""
+    state = "stable" if r.growth_rate < 0 else "unstable"
+    out = f"The closed loop is {state} at the estimate (rightmost root {number(r.growth_rate)} 1/s)"
+    s = r.stability
+    if s is None:
+        return f"{out}."
+    span = f"{number(s.low)} to {number(s.high)} 1/s"
+    if s.stable:
+        return f"{out} and over all intervals ({span})."
+    part = [x for x in s.ranges if not x.whole]
+    limits = ", ".join(f"{x.name} {number(x.low)} to {number(x.high)}" for x in part[:4])
+    more = f" and {len(part) - 4} more" if len(part) > 4 else ""
+    return f"{out}, but not over all intervals ({span}). Stable bodies that fit as well have {limits}{more}."
+
+
+def sway(r: FitResult) -> str:
+    """Predicted and measured sway."""
+    if r.sway is None:
+        return ""
+    out = []
+    for a in r.sway.angles:
+        low, high = a.stimulus_low - SWAY_SD * a.measured_se, a.stimulus_high + SWAY_SD * a.measured_se
+        agree = "" if low <= a.measured <= high else ", which disagrees"
+        out.append(
+            f"{a.angle} {number(a.stimulus)} ({number(a.stimulus_low)} to {number(a.stimulus_high)}), measured "
+            f"{with_error(a.measured, a.measured_se)}{agree}"
+        )
+    text = f"Predicted sway evoked by the stimulus (deg RMS, range over the intervals): {'; '.join(out)}."
+    if r.sway.noise_levels is not None:
+        noise = [
+            f"{a.angle} {number(a.noise)} ({number(a.noise_low)} to {number(a.noise_high)}), measured "
+            f"{number(a.noise_measured)}"
+            for a in r.sway.angles
+        ]
+        text += f" Evoked by sensor noise of fitted level: {'; '.join(noise)}."
+    return text
+
+
+def undetermined(r: FitResult) -> str:
+    """Which quantities the data leave open, on which side."""
+    if all(e.verdict == "identifiable" for e in r.estimates):
+        return "All quantities are determined by the data alone."
+    kinds = ("not identifiable", "lower limit only", "upper limit only")
+    named = {k: [e.name for e in r.estimates if e.verdict == k] for k in kinds}
+    parts = [f"{k.capitalize()}: {', '.join(names)}." for k, names in named.items() if names]
+    return f"{' '.join(parts)} Their other limits are bounds of the fit, not findings."
+
+
+def valleys(r: FitResult) -> list[str]:
+    """What trades for what, and what is determined nevertheless."""
+    out = []
+    for v in r.valleys:
+        known = [_combination(c) for c in v.combinations]
+        ends = (_body(v, v.first), _body(v, v.second))
+        out.append(
+            f"{_and(v.names)} trade for each other: a body with {ends[0]} fits as well as one with {ends[1]}."
+            + "".join(f" {k}" for k in known)
+        )
+    return out
+
+
+def _combination(c: Combination) -> str:
+    half = (c.high - c.low) / 2 / abs(c.estimate) if c.estimate else math.inf
+    share = f" (±{number(100 * half, 2)} %)" if half < 1 else ""
+    return (
+        f"Only {c.name} is determined: {number(c.low)} to {number(c.high)} {c.unit}{share}; {c.opposite} is not "
+        f"({number(c.opposite_low)} to {number(c.opposite_high)})."
+    )
+
+
+def _body(v: Valley, values: Iterable[float]) -> str:
+    return ", ".join(f"{n} {number(x)}" for n, x in zip(v.names, values, strict=True))
+
+
+def help_words(r: FitResult) -> str:
+    """What would narrow the worst of the intervals that the data end."""
+    firm = [(e, f) for e, f in zip(r.estimates, r.forecasts, strict=False) if not f.rough and e.estimate]
+    if not firm:
+        return ""
+    e, f = max(firm, key=lambda p: p[1].now / abs(p[0].estimate))
+    more = "" if f.fmax is None else f", {relative(e, f.fmax)} with lines up to {f.fmax_hz:.2g} Hz"
+    return (
+        f"The widest interval with a firm forecast, {e.name} ({relative(e, f.now)}), would be "
+        f"{relative(e, f.cycles)} with twice the cycles, {relative(e, f.amplitude)} with twice the amplitude{more}, "
+        f"and at best {relative(e, f.with_known)} if {f.known} were known."
+    )
+
+
+def correlated(r: FitResult) -> str:
+    """Pairs of strongly correlated errors."""
+    names = r.model.names
     pairs = [
-        (abs(r.correlation[i, j]), f"{r.model.names[i]} and {r.model.names[j]} ({r.correlation[i, j]:+.2f})")
-        for i, j in zip(*np.triu_indices(len(r.model.names), 1), strict=True)
-        if abs(r.correlation[i, j]) >= TRADED
+        (abs(r.correlation[i, j]), f"{names[i]} and {names[j]} ({r.correlation[i, j]:+.2f})")
+        for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
+        if abs(r.correlation[i, j]) >= CORRELATED
     ]
     if not pairs:
-        return []
-    return [
-        "Errors that are strongly correlated: " + ", ".join(text for _, text in sorted(pairs, reverse=True)[:6]) + "."
-    ]
+        return ""
+    told = ", ".join(pair for _, pair in sorted(pairs, reverse=True)[:6])
+    return f"Strongly correlated errors near the estimate: {told}."
+
+
+def found(r: FitResult) -> str:
+    """How the lowest minimum was found."""
+    m = r.minima
+    others = int((m.chi2[1:] - m.chi2[0] < REACH).sum())
+    out = (
+        f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; a further start would find a new one "
+        f"with a chance of {100 * m.missed:.1f} %."
+    )
+    if others:
+        fit = "minimum fits" if others == 1 else "minima fit"
+        out += f" {others} other {fit} almost as well (squared residual at most {REACH:g} higher)."
+    return out
+
+
+def _and(names: Iterable[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last

@@ -6,6 +6,8 @@ addition compares the responses with those that a standing body can have.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from mcstudy.errors import RecordingError
@@ -40,6 +42,15 @@ AMPLITUDE = 0.10
 
 STUCK_S = 2.0
 """An angle that is constant for longer than this, s, indicates a stuck sensor."""
+
+CLOCK_SHARE = 0.05
+"""Largest relative difference of two clocks that is looked for."""
+
+CLOCK_S = 0.1
+"""Least delay that a wrong clock adds in every cycle, s. Without one, pairs of cycles scatter by some 0.03 s."""
+
+CLOCK_ALIKE = 0.5
+"""Least correlation of successive cycles, the delay removed, that tells of a clock."""
 
 
 def rate_of(time: np.ndarray, stated: float | None, where: str) -> float:
@@ -102,6 +113,7 @@ def check(recording: Recording) -> tuple[Suspicion, ...]:
         suspicions += _stuck(recording, trial, where)
         _periodic(recording, trial, where)
         suspicions += _amplitude(recording, trial, where)
+    _clock(recording)
     return tuple(suspicions)
 
 
@@ -191,6 +203,53 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
                 f"{where}: period_s: {recording.period_s:g} s contains {divisor} periods of the stimulus; "
                 f"expected {recording.period_s / divisor:g} s"
             )
+
+
+def _clock(recording: Recording) -> None:
+    """Refuse angles that answer later, or earlier, in every further cycle: their clock is not that of the stimulus.
+
+    Successive cycles of both angles are compared; each pair gives one delay. A recording is refused when at least three
+    pairs agree on its sign and, to 60 %, on its size, and when the cycles are alike once it is removed. Derived.
+    """
+    period = recording.period
+    if period is None:
+        return
+    pairs = [pair for trial in recording.trials for pair in _delays(trial.theta, period)]
+    delays = np.array([delay for delay, _ in pairs]) / recording.rate_hz
+    if len(pairs) < 3 or np.mean([alike for _, alike in pairs]) < CLOCK_ALIKE:
+        return
+    sizes = np.abs(delays)
+    if sizes.mean() < CLOCK_S or sizes.min() < 0.6 * sizes.max() or abs(np.sign(delays).sum()) < delays.size:
+        return
+    each = float(delays.mean())
+    shift, clock = ("later", "faster") if each > 0 else ("earlier", "slower")
+    raise RecordingError(
+        f"{recording.name}: theta1, theta2: answer {abs(each):.2g} s {shift} in every cycle than in the one before; "
+        f"their clock is {100 * abs(each) * recording.rate_hz / period:.2g} % {clock} than that of the stimulus"
+    )
+
+
+def _delays(theta: np.ndarray, period: int) -> list[tuple[int, float]]:
+    """Delay in samples of every cycle against the one before, and their correlation then; the first cycle left out."""
+    cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, 2)[1:]
+    cycles = cycles - cycles.mean(axis=1, keepdims=True)
+    cycles = cycles / np.sqrt(np.mean(cycles**2, axis=(0, 1)))
+    spectra = np.fft.rfft(cycles, axis=1)
+    reach = max(1, round(CLOCK_SHARE * period))
+    lags = np.arange(-reach, reach + 1)
+    found = []
+    for before, after in pairwise(spectra):
+        alike = np.fft.irfft((after * before.conj()).sum(axis=1), period) / (2 * period)
+        best = int(lags[np.argmax(alike[lags])])
+        found.append((best, float(alike[best])))
+    return found
+
+
+def repeats_every(stimulus: np.ndarray, rate_hz: float) -> float | None:
+    """Period of a stimulus (n,), s, which it has at least twice, or None."""
+    u = stimulus - stimulus.mean()
+    found = _true_period(u)
+    return None if found is None or 2 * found > u.size else found / rate_hz
 
 
 def _true_period(u: np.ndarray) -> int | None:

@@ -68,10 +68,10 @@ def check_hdf5(path: str | Path) -> None:
                 raise RecordingError(f"{path}: {name}: expected data, found a link")
             data = file[name]
             if isinstance(data, h5py.Dataset):
-                _check_dataset(data, f"{path}: {name}")
+                check_dataset(data, f"{path}: {name}")
 
 
-def _check_dataset(data: Any, where: str) -> None:
+def check_dataset(data: Any, where: str) -> None:
     if data.external or data.is_virtual:
         raise RecordingError(f"{where}: expected data in this file, found a reference to another one")
     if data.compression not in FILTERS:

@@ -8,11 +8,11 @@ from pathlib import Path
 from mcstudy.errors import RecordingError, StoreError
 from mcstudy.files.untrusted import json_document, real_bytes
 from mcstudy.recordings.checks import check
+from mcstudy.recordings.described import read_sheet
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.guards import regular
 from mcstudy.recordings.netcdf_zarr import SHEET, read_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import EXPECTED, Recording
-from mcstudy.recordings.sheet import read_sheet
 
 NETCDF = (".nc", ".nc4", ".h5")
 

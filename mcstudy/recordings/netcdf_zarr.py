@@ -65,6 +65,7 @@ def to_dataset(recording: Recording) -> xr.Dataset:
     }
     if recording.period_s is not None:
         attrs["period_s"] = recording.period_s
+    attrs |= {n: getattr(recording, n) for n in ("person", "condition") if getattr(recording, n)}
     dataset = xr.Dataset(
         {
             "stimulus": (("trial", "time"), stimulus, {"units": unit, "long_name": recording.stimulus}),
@@ -130,6 +131,7 @@ def write_csv(recording: Recording, folder: str | Path) -> Path:
     lines = [
         f"name = {json.dumps(recording.name)}",
         f"provenance = {json.dumps(recording.provenance)}",
+        *(f"{n} = {json.dumps(getattr(recording, n))}" for n in ("person", "condition") if getattr(recording, n)),
         f"rate_hz = {recording.rate_hz!r}",
         *([f"period_s = {recording.period_s!r}"] if recording.period_s is not None else []),
         f'stimulus = "{recording.stimulus}"',
@@ -314,6 +316,8 @@ def _recording(file: Labelled, where: str) -> Recording:
             str(attrs.get("convention", "peak")),
             str(attrs.get("name", Path(where).stem)),
             str(attrs.get("provenance", "")),
+            person=str(attrs.get("person", "")),
+            condition=str(attrs.get("condition", "")),
         )
     except RecordingError as error:
         raise RecordingError(str(error) if str(error).startswith(where) else f"{where}: {error}") from error

@@ -149,6 +149,8 @@ class Recording(Summary):
         Text for people.
     suspicions
         Possible errors that the checks found but could not prove.
+    person, condition
+        Who was recorded and in which condition, for groups of people; empty when not stated.
 
     Raises
     ------
@@ -165,6 +167,8 @@ class Recording(Summary):
     name: str = "recording"
     provenance: str = ""
     suspicions: tuple[Suspicion, ...] = ()
+    person: str = ""
+    condition: str = ""
 
     def __post_init__(self) -> None:
         if not self.trials:
@@ -203,6 +207,7 @@ class Recording(Summary):
             ("body", f"m g h = {self.body.mgh:.4g} N m/rad"),
         ]
         facts += [("provenance", shortened(self.provenance))] if self.provenance else []
+        facts += [(n, shortened(t)) for n, t in (("person", self.person), ("condition", self.condition)) if t]
         return facts + ([("odd", shortened(noted, 600))] if noted else [])
 
     @property

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from mcstudy.analysis.paper.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ, STARTS
 from mcstudy.analysis.show.summary import show_data
-from mcstudy.analysis.show.tables import shown
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.text_tables import number, with_error
 
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """A study and the numbers of ``mcstudy show`` about it, which are kept for a cube at ``path``."""
+    """A study and the numbers of ``mcstudy show`` about it, which ``numbers`` computes or has kept."""
 
     tree: xr.DataTree
-    path: Path | None = None
+    numbers: Callable[[StudyView], dict[str, Any]] = show_data
 
     @cached_property
     def study(self) -> StudyView:
@@ -32,7 +31,7 @@ class Context:
     @cached_property
     def data(self) -> dict[str, Any]:
         """`mcstudy.analysis.show.summary.show_data`: what ``mcstudy show OUT --json`` prints."""
-        return show_data(self.study) if self.path is None else shown(self.path, lambda: show_data(self.study))
+        return self.numbers(self.study)
 
     @property
     def name(self) -> str:

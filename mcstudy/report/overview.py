@@ -6,13 +6,14 @@ from collections.abc import Iterable
 from typing import Any
 
 from mcstudy.analysis.correlation import correlation
+from mcstudy.analysis.paper.verdict import AGREES, CANNOT_TELL
 from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.view import GroupView
 from mcstudy.report.context import Context, largest_amplitude, stat, value_of
 from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.html import escape
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
-from mcstudy.text_tables import number, with_error
+from mcstudy.text_tables import counted, number, with_error
 
 Tile = tuple[str, str, str, str]
 """What, number, remark, id of the figure or section with more."""
@@ -35,8 +36,9 @@ def _question(context: Context) -> str:
     return (
         f"Asked: how well do frequency responses to one stimulus ({g.stimulus.kind.replace('_', ' ')}) identify the "
         f"{len(view.model.names)} parameters of the {segments} model? {fits:,} fits in {len(groups)} "
-        f"group{'s' * (len(groups) > 1)}; group {view.name}: {g.realizations} realizations × {g.starts} starts, "
-        f"Fmax {_listed(g.fmax)} Hz, stimulus {', '.join(amplitude_label(view, a) for a in g.amplitude)}."
+        f"group{'s' * (len(groups) > 1)}; group {view.name}: {counted(g.realizations, 'realization')} × "
+        f"{counted(g.starts, 'start')}, Fmax {_listed(g.fmax)} Hz, "
+        f"stimulus {', '.join(amplitude_label(view, a) for a in g.amplitude)}."
     )
 
 
@@ -52,9 +54,11 @@ def _tiles(context: Context) -> list[Tile]:
     view = context.accuracy
     if view is not None:
         tiles += _accuracy(context, view)
-    judged = [r["agrees"] for r in context.published.values() if r["agrees"] is not None]
+    judged = [r["verdict"] for r in context.published.values() if r["verdict"]]
     if judged:
-        tiles.append(("Published numbers reproduced", f"{sum(judged)} of {len(judged)}", "within 3 MCSE.", "paper"))
+        told = [v for v in judged if v != CANNOT_TELL]
+        remark = f"{len(judged) - len(told)} more cannot be told from two studies of 50 realizations."
+        tiles.append(("Published statements that agree", f"{told.count(AGREES)} of {len(told)}", remark, "paper"))
     return tiles
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis.show.tables import report_of
+from mcstudy.analysis.show.tables import Report
 from mcstudy.report.context import Context
 from mcstudy.report.html import escape
 from mcstudy.report.words import group_overviews, headline, introduction
@@ -23,22 +25,26 @@ class StudySummary:
 
     Parameters
     ----------
+    report
+        The tables.
     tree
-        The study, as `mcstudy.open_results` opens it.
-    reference
-        Another study to compare it with, group by group; None for none.
+        Opens the study, which only the HTML needs.
     """
 
-    def __init__(self, tree: xr.DataTree, reference: xr.DataTree | None = None) -> None:
-        self.context = Context(tree)
-        self._reference = reference
+    def __init__(self, report: Report, tree: Callable[[], xr.DataTree]) -> None:
+        self._report, self._tree = report, tree
 
     def __repr__(self) -> str:
-        return report_of(self.context.tree, self._reference).text()
+        return self._report.text()
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers as plain JSON data, valid under ``results_schema/1.0.0/show.json``."""
-        return report_of(self.context.tree, self._reference).data
+        return self._report.data
+
+    @cached_property
+    def context(self) -> Context:
+        """The study and its numbers."""
+        return Context(self._tree(), lambda _: self._report.data)
 
     def _repr_html_(self) -> str:
         c = self.context

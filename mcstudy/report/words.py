@@ -6,16 +6,16 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
-from mcstudy.analysis.paper.published import FMAX_HZ
-from mcstudy.analysis.show.text import incomplete
+from mcstudy.analysis.paper.published import FMAX_HZ, MARGINS
+from mcstudy.analysis.paper.verdict import AGREES, CANNOT_TELL, DIFFERS
+from mcstudy.analysis.show.text import READING, incomplete, ours, verdict
 from mcstudy.report.context import Context, short, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
 from mcstudy.study.unstable import warning
-from mcstudy.text_tables import number, with_error
+from mcstudy.text_tables import number
 
-MARK = {True: "yes", False: "no", None: "–"}
-CLASS = {True: "yes", False: "no", None: "none"}
+CLASS = {AGREES: "yes", DIFFERS: "no", CANNOT_TELL: "none", None: "none"}
 
 
 def introduction(context: Context) -> str:
@@ -55,25 +55,25 @@ def _headline(context: Context) -> str:
             "needs a group with two segments, a torque at the ankle, and the paper's cost, Fmax and amplitudes. "
             "<code>mcstudy show OUT</code> prints the numbers of this study.</p>"
         )
-    agree = sum(r["agrees"] is True for r in rows)
-    judged = sum(r["agrees"] is not None for r in rows)
+    counts = {name: sum(r["verdict"] == name for r in rows) for name in (AGREES, DIFFERS, CANNOT_TELL)}
     notes = list(dict.fromkeys(r["explanation"] for r in rows if r["explanation"]))
     head = "".join(
-        f'<th scope="col" role="columnheader">{h}</th>' for h in ("What", "Paper", "Ours ± MCSE", "Agrees?", "Where")
+        f'<th scope="col" role="columnheader">{h}</th>'
+        for h in ("What", "Paper", "Ours ± MCSE", "Apart", "Verdict", "Where")
     )
     body = "".join(_headline_row(r, notes) for r in rows)
+    margins = {kind: margin for kind, (margin, _) in MARGINS.items()}
     listed = "".join(f'<li id="note-{i}">{escape(with_units(n))}</li>' for i, n in enumerate(notes, 1))
     return (
-        f"<p>{agree} of {judged} published numbers agree with ours within 3 Monte Carlo standard errors "
-        f"({escape(context.data['paper']['reference'])}).</p>"
+        f"<p>Of {sum(counts.values())} published statements, {counts[AGREES]} agree with ours, {counts[DIFFERS]} "
+        f"differ, and {counts[CANNOT_TELL]} cannot be told ({escape(context.data['paper']['reference'])}).</p>"
         + _table_ii(rows)
-        + f'<table class="stack" role="table"><caption>All published numbers</caption><thead role="rowgroup">'
+        + f'<table class="stack" role="table"><caption>All published statements</caption><thead role="rowgroup">'
         f'<tr role="row">{head}</tr></thead><tbody role="rowgroup">{body}</tbody></table>'
         + (f'<p>Why ours differs:</p><ol class="notes">{listed}</ol>' if notes else "")
-        + "<p>Floor: mean |bias| expected from chance alone, for unbiased estimates from this many realizations. Paper "
-        "“&gt; 0” is a ranking of parameters; ours is the margin by which it holds (negative: it does not hold). "
-        "Numbers without noise agree if they are no larger than the paper's. – means that the paper gives no "
-        "number. <code>mcstudy show OUT</code> prints these numbers.</p>"
+        + "".join(f"<p>{escape(text.format(**margins))}</p>" for text in READING)
+        + "<p>Floor: mean |bias| expected from chance alone, for unbiased estimates from 50 realizations. "
+        "<code>mcstudy show OUT</code> prints these numbers.</p>"
     )
 
 
@@ -88,7 +88,7 @@ def _table_ii(rows: Sequence[dict[str, Any]]) -> str:
     lines = []
     for key, what in sets.items():
         cells = [values.get(f"{key}_{f:g}") for f in FMAX_HZ]
-        lines.append([what, *(x for r in cells for x in ((r["paper_text"], _ours(r)) if r else ("–", "–")))])
+        lines.append([what, *(x for r in cells for x in ((r["paper_text"], ours(r)) if r else ("–", "–")))])
     header = ["mean |bias| (%)", *(x for f in FMAX_HZ for x in (f"{f:g} Hz: paper", "ours ± MCSE"))]
     return table(Table("Table II · Bias by Fmax, mean of 3 and 5 N·m", header, lines)) if values else ""
 
@@ -100,8 +100,9 @@ def _headline_row(row: dict[str, Any], notes: Sequence[str]) -> str:
     why = f' <a href="#note-{note}">[{note}]</a>' if note else ""
     cells = [
         ("Paper", escape(_paper(row)), ""),
-        ("Ours", f"{escape(_ours(row))}{escape(floor)}{detail}", ""),
-        ("Agrees?", MARK[row["agrees"]] + why, CLASS[row["agrees"]]),
+        ("Ours", f"{escape(ours(row))}{escape(floor)}{detail}", ""),
+        ("Apart", number(row["distance"], 2), ""),
+        ("Verdict", escape(verdict(row)) + why, CLASS[row["verdict"]]),
         ("Where", f"<small>{escape(row['where'])}</small>", ""),
     ]
     return (
@@ -111,12 +112,8 @@ def _headline_row(row: dict[str, Any], notes: Sequence[str]) -> str:
     )
 
 
-def _ours(row: dict[str, Any]) -> str:
-    return _with_unit(with_error(row["value"], row["mcse"]), row)
-
-
 def _paper(row: dict[str, Any]) -> str:
-    return str(row["paper_text"]) if row["criterion"] == "above zero" else _with_unit(row["paper_text"], row)
+    return str(row["paper_text"]) if row["criterion"] in ("at least", "none") else _with_unit(row["paper_text"], row)
 
 
 def _with_unit(text: str, row: dict[str, Any]) -> str:
@@ -130,15 +127,11 @@ def beside(context: Context, keys: Sequence[str]) -> str:
     if not rows:
         return ""
     lines = "".join(
-        f"<li>{escape(with_units(r['label']))}: paper {escape(_paper(r))}, ours {escape(_ours(r))} "
-        f'<span class="{CLASS[r["agrees"]]}">{_agreement(r["agrees"])}</span></li>'
+        f"<li>{escape(with_units(r['label']))}: paper {escape(_paper(r))}, ours {escape(ours(r))} "
+        f'<span class="{CLASS[r["verdict"]]}">{escape(verdict(r))}</span></li>'
         for r in rows
     )
     return f'<ul class="beside">{lines}</ul>'
-
-
-def _agreement(agrees: bool | None) -> str:
-    return {True: "agrees", False: "differs", None: "no number to compare"}[agrees]
 
 
 def group_overviews(context: Context) -> str:

@@ -20,6 +20,7 @@ from distributed.security import Security
 
 from mcstudy.errors import InputError
 from mcstudy.fitting.compilers import cores
+from mcstudy.scheduler.slurm import SlurmOptions, slurm_client
 
 CONNECT_S = 10
 
@@ -43,6 +44,7 @@ class ClusterOptions:
     insecure: whether an unencrypted scheduler on another machine is accepted.
     tls_ca, tls_cert, tls_key: certificate files for a ``tls://`` scheduler.
     block_timeout: seconds a block may run; None for no limit.
+    slurm: the jobs of a Slurm cluster to run in, or None.
     """
 
     workers: int | None = None
@@ -53,6 +55,16 @@ class ClusterOptions:
     tls_cert: Path | None = None
     tls_key: Path | None = None
     block_timeout: float | None = None
+    slurm: SlurmOptions | None = None
+
+    def __post_init__(self) -> None:
+        if self.scheduler is not None and self.slurm is not None:
+            raise InputError("--slurm and --scheduler: expected one of them")
+
+    @property
+    def here(self) -> bool:
+        """Whether threads of this process compute."""
+        return self.scheduler is None and self.slurm is None
 
     @property
     def threads(self) -> int:
@@ -161,7 +173,12 @@ def restart_worker(client: Client, address: str) -> None:
     try:
         client.restart_workers([address], timeout=RESTART_S, raise_for_error=False)
     except ValueError:  # no nanny, or the worker has gone already
-        client.retire_workers([address], close_workers=True, remove=True)
+        dismiss_worker(client, address)
+
+
+def dismiss_worker(client: Client, address: str) -> None:
+    """Close a worker for good."""
+    client.retire_workers([address], close_workers=True, remove=True)
 
 
 class Capacity:
@@ -197,6 +214,10 @@ def connect(options: ClusterOptions, say: Callable[[str], None] | None = None) -
     # Dask's own messages are silenced: problems with workers and schedulers are reported here, one line each.
     for name in [n for n in logging.root.manager.loggerDict if n.split(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    if options.slurm is not None:
+        with slurm_client(options.slurm) as client:
+            yield client
+        return
     if options.scheduler is None:
         with _local(options.threads, options.dashboard) as client:
             if options.dashboard and say:

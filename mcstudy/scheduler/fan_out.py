@@ -11,7 +11,7 @@ from typing import Any
 import dask.array  # noqa: F401  # xarray imports it on first use, which two threads must not do at once
 from distributed import KilledWorker
 
-from mcstudy.errors import Interrupted
+from mcstudy.errors import Interrupted, Stopped
 from mcstudy.scheduler.cluster import ClusterOptions, connect
 from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.stopping import stop_requests
@@ -72,23 +72,34 @@ def _one(process: str, fan: str, work: Callable[[Item], Any], item: Item) -> Any
 
 
 def fan_out(
-    work: Callable[[Item], Any], items: Sequence[Item], options: ClusterOptions, what: str
+    work: Callable[[Item], Any],
+    items: Sequence[Item],
+    options: ClusterOptions,
+    what: str,
+    *,
+    unit: str = "cases",
+    resumes: bool = True,
 ) -> Iterator[tuple[Item, Any]]:
     """Yield (item, result) in the order of completion; ``work`` must return, not raise, failures of a single item.
 
+    ``unit``: what the items are called. ``resumes``: whether the caller stores results, so that the same call resumes.
+
     Raises whatever ``work`` raises, after the items in progress in this process have ended. Raises `Interrupted` at
-    once on Ctrl-C, SIGTERM, SIGHUP, a lost scheduler, or an item that kills its workers. The caller keeps what was
-    yielded until then.
+    once on Ctrl-C, SIGTERM, SIGHUP, a lost scheduler, or an item that kills its workers, `Stopped` if the call does not
+    resume. The caller keeps what was yielded until then.
     """
     if not items:
         return
-    progress = Progress(len(items), unit="cases")
+    progress = Progress(len(items), unit=unit)
     fan, local = uuid.uuid4().hex, _Local()
 
     def interrupted(why: str) -> Interrupted:
-        return Interrupted(progress.how_far(what, why))
+        return (Interrupted if resumes else Stopped)(progress.how_far(what, why, resumes))
 
-    with stop_requests(partial(progress.how_far, what)) as stop, connect(options, progress.say) as client:
+    with (
+        stop_requests(partial(progress.how_far, what) if resumes else None) as stop,
+        connect(options, progress.say) as client,
+    ):
         window = Window[Item](client, progress.say, interrupted)
         waiting = iter(items)
         _LOCAL[fan] = local
@@ -115,7 +126,7 @@ def fan_out(
         except BaseException as error:
             local.close()
             if busy := local.wait(1.0):
-                progress.say(f"waiting for {busy} cases in progress (press Ctrl-C to quit at once)")
+                progress.say(f"waiting for {busy} {unit} in progress (press Ctrl-C to quit at once)")
             while local.wait(0.2):
                 if stop.is_set() and not isinstance(error, GeneratorExit):
                     raise interrupted("stopped") from None

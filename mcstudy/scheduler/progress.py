@@ -128,9 +128,10 @@ class Progress:
         if last or self._display.due():
             self._display.show([self.line(), *self._look(whole=last and self.done >= self.total)])
 
-    def how_far(self, what: object, why: str = "stopped") -> str:
+    def how_far(self, what: object, why: str = "stopped", resumes: bool = True) -> str:
         """What work on ``what`` says that ended before its time."""
-        return f"{what}: {why} with {self.total - self.done} {self.unit} left; run the same command again to resume"
+        left = f"{what}: {why} with {self.total - self.done} {self.unit} left"
+        return f"{left}; run the same command again to resume" if resumes else left
 
     def say(self, message: str) -> None:
         """Show one message on a separate line."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 
 from mcstudy.errors import ModelError
+from mcstudy.stance import anthropometry
 from mcstudy.stance.feedback import Model, Parameter, Term
 from mcstudy.stance.ranges import Range, within
 
@@ -119,6 +120,31 @@ class Body:
         m12, m22 = m2 * L1 * h2, I2 + m2 * h2**2
         m11 = I1 + m1 * h1**2 + m2 * L1**2
         return cls(J1=m11 + m12, J2=m22, C1=m12, C2=m12 + m22, A1=m1 * h1 + m2 * L1, A2=m2 * h2, g=g)
+
+    @classmethod
+    def from_person(
+        cls, height: float, weight: float, sex: str | None = None, table: str | None = None, g: float = 9.81
+    ) -> Body:
+        """Body of a person by a published table of segments (`mcstudy.stance.anthropometry`).
+
+        Parameters
+        ----------
+        height, weight
+            Of the whole body: m, kg.
+        sex
+            ``"female"`` or ``"male"``; None for a table that holds for both.
+        table
+            ``"winter"`` (Winter 2009, Table 4.1) or ``"deleva"`` (de Leva 1996, Table 4; needs ``sex``). When None,
+            ``deleva`` where the sex is stated, else ``winter``.
+        g
+            Gravity, m/s^2.
+
+        Raises
+        ------
+        ModelError
+            A value is outside its range, or there is no such table.
+        """
+        return cls.from_segments(**anthropometry.segments(height, weight, sex, table), g=g)
 
     @property
     def mgh(self) -> float:

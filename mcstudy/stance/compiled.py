@@ -32,7 +32,14 @@ from mcstudy.stance import shipped
 FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.MULTILINE)
 IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n]*)", re.MULTILINE)
 
-SLOW = {"rightmost": 5, "evaluate": 8, "levenberg_marquardt": 12, "interior_point": 13, "penalised_fits": 12}
+SLOW = {
+    "rightmost": 5,
+    "evaluate": 8,
+    "levenberg_marquardt": 12,
+    "interior_point": 13,
+    "penalised_fits": 12,
+    "outermost": 12,
+}
 """Functions that take several seconds to compile, with all they call: whoever waits for one of them is told."""
 
 NOTICE = "compiling {}, once for this installation: about {} s ..."

@@ -13,7 +13,9 @@ from typing import Any
 from distributed import get_worker
 
 from mcstudy.fitting.compilers import warm
+from mcstudy.study import trust
 from mcstudy.study.environment import environment
+from mcstudy.study.experiment import Experiment
 from mcstudy.study.kernels import parts_of
 from mcstudy.study.tasks import Task, TaskReport, open_group, run_task
 
@@ -30,11 +32,30 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Attempt:
-    """Result of a block, and the environment of the worker."""
+class Unlike:
+    """A worker in another environment has not run a block yet; ``sample``: bits of a few fits (`mcstudy.study.trust`).
 
-    ended: TaskReport | Failure
+    The sample is empty when the worker runs other source code.
+    """
+
+    sample: str
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Result of a block, the environment of the worker and its address."""
+
+    ended: TaskReport | Failure | Unlike
     environment: dict[str, Any]
+    worker: str
+
+
+@dataclass(frozen=True)
+class Trusted:
+    """Environment of the process that runs the study, and labels of those that compute the same bits."""
+
+    own: dict[str, Any]
+    same: frozenset[str] = frozenset()
 
 
 def topic(run: str) -> str:
@@ -42,17 +63,27 @@ def topic(run: str) -> str:
     return f"mcstudy-{run}"
 
 
-def attempt(task: Task, key: str) -> Attempt:
-    """Announce ``key`` and run the task. A worker that has not compiled the kernels yet does so before it announces."""
+def attempt(task: Task, key: str, trusted: Trusted) -> Attempt:
+    """Announce ``key`` and run the task. A worker that has not compiled the kernels yet does so before it announces.
+
+    A worker in an environment that is not trusted runs a sample of fits instead.
+    """
+    worker, here = get_worker(), environment()
     with contextlib.suppress(Exception):  # the block meets it too, and reports it
-        warm(parts_of([open_group(task.path, task.study, task.group, task.depth).experiment.group]))
-    worker = get_worker()
-    worker.log_event(topic(task.run), {"key": key, "worker": worker.address})
-    ended: TaskReport | Failure
+        warm(parts_of([_experiment(task).group]))
+    ended: TaskReport | Failure | Unlike
     try:
-        ended = run_task(task)
+        if here == trusted.own or trust.label(here) in trusted.same:
+            worker.log_event(topic(task.run), {"key": key, "worker": worker.address})
+            ended = run_task(task)
+        else:
+            ended = Unlike(trust.sample(_experiment(task)) if trust.same_source(here, trusted.own) else "")
     except Exception as error:  # whatever a block raises is an outcome of that block
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         disk = (error.strerror or str(error)) if isinstance(error, OSError) else None
         ended = Failure(reason, disk)
-    return Attempt(ended, environment())
+    return Attempt(ended, here, worker.address)
+
+
+def _experiment(task: Task) -> Experiment:
+    return open_group(task.path, task.study, task.group, task.depth).experiment

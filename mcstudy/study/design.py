@@ -30,6 +30,7 @@ from mcstudy.study.group import (
     StudySection,
 )
 from mcstudy.study.models import with_model_values
+from mcstudy.text_tables import counted
 
 if TYPE_CHECKING:
     from mcstudy.study.plan import StudyPlan
@@ -121,11 +122,12 @@ class Study(Section):
 
     def __repr__(self) -> str:
         rows = [
-            f"  {name}: {g.realizations} realizations x {g.starts} starts, fmax {_listed(g.fmax)} Hz, amplitude "
-            f"{_listed(g.amplitude)}, model {g.model.kind}, cost {g.fit.cost}: {g.fits} fits"
+            f"  {name}: {counted(g.realizations, 'realization')} x {counted(g.starts, 'start')}, "
+            f"fmax {_listed(g.fmax)} Hz, amplitude {_listed(g.amplitude)}, model {g.model.kind}, "
+            f"cost {g.fit.cost}: {counted(g.fits, 'fit')}"
             for name, g in self.groups.items()
         ]
-        return "\n".join([f"Study {self.study.name}, seed {self.study.seed}: {self.fits} fits", *rows])
+        return "\n".join([f"Study {self.study.name}, seed {self.study.seed}: {counted(self.fits, 'fit')}", *rows])
 
     __str__ = __repr__
 

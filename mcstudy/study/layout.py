@@ -82,15 +82,6 @@ class Layout:
         """Number of fits of a chunk."""
         return len(self.group.fmax) * self.group.starts * len(self.realizations(chunk))
 
-    def region(self, name: str, chunk: Chunk) -> tuple[slice, ...]:
-        """Index of a chunk in one of the results arrays."""
-        r = self.realizations(chunk)
-        place = {
-            "amplitude": slice(chunk.amplitude, chunk.amplitude + 1),
-            "realization": slice(r.start, r.stop),
-        }
-        return tuple(place.get(dim, slice(None)) for dim in self.arrays[name].dims)
-
     def empty(self, chunk: Chunk) -> dict[str, np.ndarray]:
         """Results of a chunk before any fit: every array at its fill value."""
         out = {}

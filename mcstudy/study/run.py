@@ -111,7 +111,7 @@ def run_study(
     Interrupted: stopped by Ctrl-C, SIGTERM, SIGHUP, a disk that could not be written, or a lost scheduler; the same
         call resumes.
     """
-    compile_for_check(study, fits=options is None or options.scheduler is None)
+    compile_for_check(study, fits=options is None or options.here)
     refuse_unstable(study, allow_unstable)
     out = Path(out).resolve()
     with locked(out):
@@ -155,9 +155,9 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
         progress.say(f"warning: the cube was created in another environment: {line}")
     if blocks:
         with _stop_requests(run, partial(progress.how_far, out)) as stop, connect(options, progress.say) as client:
-            if options.scheduler is None:  # other workers do so themselves before their first block
+            if options.here:  # other workers do so themselves before their first block
                 compile_kernels(parts_of(study.groups.values()), stop)
-            progress.begin(ready=options.scheduler is None)
+            progress.begin(ready=options.here)
             submission = Submission(cube, client, options, stop, run, log, progress, outcome)
             submission.warned.update(differ)
             doubtful = submission.run(deque(blocks))

@@ -14,12 +14,9 @@ from typing import Any
 from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import short, shown, validated
 from mcstudy.files.sections import leaves
-from mcstudy.files.untrusted import toml
+from mcstudy.files.toml_files import parse_toml, read_text
 from mcstudy.study.catalogue import located
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
-
-MAX_BYTES = 1_000_000
-"""A study file larger than this is refused before it is parsed."""
 
 
 def read_study(path: str | Path) -> Study:
@@ -42,31 +39,6 @@ def read_study(path: str | Path) -> Study:
         return parse_study(text)
     except DesignError as error:
         raise DesignError(f"{path}: {error}") from None
-
-
-def read_text(path: Path, what: str) -> str:
-    """The text of a TOML file of at most `MAX_BYTES`; raises `DesignError` with one line."""
-    try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise DesignError(f"{path}: expected a readable {what} ({error.strerror})") from None
-    if len(content) > MAX_BYTES:
-        raise DesignError(f"{path}: expected at most {MAX_BYTES} bytes")
-    try:
-        return content.decode("utf-8")
-    except UnicodeDecodeError:
-        raise DesignError(f"{path}: expected UTF-8 text") from None
-
-
-def parse_toml(text: str, what: str) -> dict[str, Any]:
-    """The tables of a TOML text; raises `DesignError` with one line."""
-    if len(text) > MAX_BYTES:
-        raise DesignError(f"expected a {what} of at most {MAX_BYTES} characters")
-    try:
-        return toml(text)
-    except ValueError as error:
-        raise DesignError(f"not valid TOML: {error}") from None
 
 
 def parse_study(text: str) -> Study:

@@ -3,6 +3,7 @@
 - A block that raises an exception is tried `ATTEMPTS` times.
 - A block whose worker dies is given to another worker. If its workers keep dying, it is set aside and run alone at the
   end, so that blocks on the same workers can finish. A block that then still kills its workers is given up.
+- A worker in another environment than this process computes a sample of fits first. It is refused if the bits differ.
 - A block that runs longer than the time limit is cancelled and its worker restarted (a local worker is replaced).
 """
 
@@ -23,11 +24,13 @@ from distributed.scheduler import KilledWorker
 
 from mcstudy.errors import Interrupted
 from mcstudy.fitting.status import Status
-from mcstudy.scheduler.cluster import ClusterOptions, replace_thread, restart_worker
+from mcstudy.scheduler.cluster import ClusterOptions, dismiss_worker, replace_thread, restart_worker
+from mcstudy.scheduler.compiling import compile_kernels
 from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.window import Window
-from mcstudy.study import environment
-from mcstudy.study.attempt import Attempt, Failure, attempt, topic
+from mcstudy.study import environment, trust
+from mcstudy.study.attempt import Attempt, Failure, Trusted, Unlike, attempt, topic
+from mcstudy.study.kernels import parts_of
 from mcstudy.study.layout import Chunk
 from mcstudy.study.runlog import RunLog
 from mcstudy.study.store import Cube
@@ -41,6 +44,9 @@ STARTS = 3
 
 TIMED_OUT = 2
 """Number of attempts for a block that exceeds the time limit: two, because each costs the whole limit."""
+
+REFUSALS = 10
+"""Number of refused workers after which a run stops: those that replace them are probably refused too."""
 
 DRAIN_S = 1.0
 """Seconds that a stopped run waits for blocks to write their results; the whole exit takes less than 2 s."""
@@ -124,6 +130,8 @@ class Submission:
         self.doubtful: list[Block] = []
         self.given_up: set[Block] = set()
         self.warned: set[str] = set()
+        self.trusted = Trusted(environment.environment())
+        self.refused: set[str] = set()
         client.subscribe_topic(topic(run), lambda event: self.started.put(event[1]))
 
     def run(self, blocks: deque[Block]) -> list[Block]:
@@ -158,7 +166,7 @@ class Submission:
         self.attempts[block] += 1
         first = block.chunks[0]
         key = f"mcstudy-{self.id}-{block.group}-{first.amplitude}.{first.block}-{self.attempts[block]}"
-        self.window.submit(_Flight(block, alone), attempt, task, key, key=key)
+        self.window.submit(_Flight(block, alone), attempt, task, key, self.trusted, key=key)
 
     def _collect(self, flight: _Flight, future: Future) -> None:
         block = flight.block
@@ -176,6 +184,8 @@ class Submission:
             return
         if isinstance(result.ended, Failure):
             self._failed(block, result.ended)
+        elif isinstance(result.ended, Unlike):
+            self._unlike(flight, result, result.ended)
         else:
             self._done(block, result.ended, result.environment)
 
@@ -200,6 +210,28 @@ class Submission:
             seconds=round(report.seconds, 3),
             **({"other_environment": differ} if differ else {}),
         )
+
+    def _unlike(self, flight: _Flight, result: Attempt, unlike: Unlike) -> None:
+        """Trust a worker of another environment that computes the same bits, and refuse it otherwise."""
+        (self.suspects if flight.alone else self.waiting).append(flight.block)
+        label = trust.label(result.environment)
+        if label in self.trusted.same or result.worker in self.refused:
+            return
+        differ = ", ".join(environment.differences(self.trusted.own, result.environment))
+        experiment = self.cube.groups[flight.block.group].experiment
+        compile_kernels(parts_of([experiment.group]), self.stop)
+        same = unlike.sample == trust.sample(experiment)
+        self.log.add("other_environment", differ=differ, same_bits=same)
+        if same:
+            self.trusted = Trusted(self.trusted.own, self.trusted.same | {label})
+            self.progress.say(f"workers of another environment compute the same bits (sample of fits): {differ}")
+            return
+        self.refused.add(result.worker)
+        why = "their fits have other bits" if unlike.sample else "they run other source code"
+        self.progress.say(f"worker {result.worker} refused, because {why}: {differ}")
+        if len(self.refused) >= REFUSALS:
+            raise self._interrupted(f"stopped after {REFUSALS} workers were refused, because {why} ({differ}),")
+        dismiss_worker(self.client, result.worker)
 
     def _counts(self, block: Block, report: TaskReport) -> Counter[int]:
         """Fits of a block by status, including those whose report was lost with the worker that ran them."""
@@ -267,7 +299,7 @@ class Submission:
         block, reason = flight.block, f"ran longer than {limit:g} s"
         self.timeouts[block] += 1
         self.log.add("block_timeout", group=block.group, attempt=self.timeouts[block], reason=reason)
-        if self.options.scheduler is None:
+        if self.options.here:
             self.lost_threads[flight.worker] += 1
             replace_thread(self.client, flight.worker, self.lost_threads[flight.worker])
         else:
@@ -280,7 +312,7 @@ class Submission:
     def _drain(self) -> None:
         """Let running blocks write their results; blocks on other machines end on their own."""
         self.progress.say("stopping: writing finished fits (press Ctrl-C again to quit at once)")
-        if self.options.scheduler is not None:
+        if not self.options.here:
             self.client.cancel(list(self.window.running))
             return
         end = time.monotonic() + DRAIN_S

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import xarray as xr
 
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
-from mcstudy.analysis.by_starts import by_starts, mean_cv
+from mcstudy.analysis.by_starts import best_of_first, by_starts, mean_cv
 from mcstudy.analysis.selection import best
 
 
@@ -25,3 +25,16 @@ def test_a_minimum_that_few_starts_reach_shows_as_bias_at_few_starts(make_cube: 
     bias = by_starts(cube, mean_absolute_bias_percent)["value"].mean(("amplitude", "fmax"))
     assert float(bias.sel(drawn=1)) > 30
     assert float(bias.sel(drawn=60)) < 2
+
+
+def test_the_best_of_the_first_starts_is_the_best_of_a_study_with_only_those(
+    make_cube: Callable[..., xr.Dataset],
+) -> None:
+    cube = make_cube(realizations=5, starts=12, hit_rate=0.3)
+    cube["status"][:, :, 2, :4] = 0  # not run
+    for held in (cube, cube.chunk(realization=2)):
+        cells = best_of_first(held)
+        for x in cells["drawn"].values.tolist():
+            few = best(cube.isel(start=slice(0, x)))
+            for name in ("estimate", "cost", "status", "best_start", "usable_starts"):
+                xr.testing.assert_equal(cells[name].sel(drawn=x, drop=True).transpose(*few[name].dims), few[name])

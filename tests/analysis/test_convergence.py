@@ -88,6 +88,24 @@ def test_a_pool_without_a_usable_fit_has_no_answer(make_cube: Cube) -> None:
     assert int(quantile["left_out"]) == 1
 
 
+def test_quantiles_are_those_of_new_starts_and_exceed_what_a_pool_can_hold(make_cube: Cube) -> None:
+    cube = make_cube(realizations=200, starts=20, hit_rate=0.05, fmax=(1.2,), amplitude=(3.0,))
+    needed = convergence.starts_needed(cube)
+    found = convergence.starts_needed_quantiles(needed)["value"].squeeze().values
+    # one hit in twenty, the least a pool holds: ln 0.05 / ln 0.95 = 58.4, more than the 20 of the pool
+    assert found.tolist() == [59.0, 59.0]
+    assert float(needed["value"].max()) == 19.0
+
+
+def test_the_chance_of_a_missed_minimum_is_that_of_new_pools(make_cube: Cube) -> None:
+    p, starts = 0.1, 30
+    cube = make_cube(realizations=2000, starts=starts, hit_rate=p, fmax=(1.2,), amplitude=(3.0,))
+    missed = float(convergence.starts_needed(cube)["missed"].mean())
+    # the invented pools hold at least one hit, so their rate is a little larger than p
+    rate = float(convergence.starts_needed(cube)["hit_rate"].mean())
+    assert 0.5 * (1 - rate) ** starts < missed < 3 * (1 - p) ** starts
+
+
 def test_the_interval_of_endless_starts_covers_the_true_number(make_cube: Cube) -> None:
     p = 0.2
     cube = make_cube(realizations=400, starts=100, hit_rate=p, fmax=(1.2,), amplitude=(3.0,))

@@ -231,11 +231,38 @@ def test_only_the_newest_are_kept(cube: Path) -> None:
     assert computed.times == 0
 
 
-def test_a_page_is_drawn_once(cube: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mcstudy.report import page as module
+def test_the_cube_is_read_once_for_what_is_kept_and_twice_for_what_is_computed(
+    cube: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mcstudy.report.page import page
 
-    first = module.page(cube)
-    monkeypatch.setattr(module, "_page", lambda *_: pytest.fail("drawn again"))
-    assert module.page(cube) == first
+    content, read = module._content, list[Path]()
+    monkeypatch.setattr(module, "_content", lambda path: (read.append(path), content(path))[1])
+    for look, times in ((page, 2), (page, 1), (show, 1), (mc.summary, 1)):
+        read.clear()
+        look(cube)  # type: ignore[operator]
+        assert read == [cube] * times, look
+
+
+def test_a_summary_of_a_path_is_what_is_kept_and_that_of_a_tree_is_the_same(
+    cube: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of_the_tree = mc.summary(mc.open_results(cube))
+    show(cube)
+    monkeypatch.setattr(results, "open_results", lambda *_, **__: pytest.fail("computed again"))
+    of_the_path = mc.summary(cube)
+    assert repr(of_the_path) == repr(of_the_tree)
+    assert of_the_path.to_dict() == of_the_tree.to_dict()
+    monkeypatch.undo()
+    assert of_the_path._repr_html_() == of_the_tree._repr_html_()
+
+
+def test_a_page_is_drawn_once(cube: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mcstudy.report import study_page
+    from mcstudy.report.page import page
+
+    first = page(cube)
+    monkeypatch.setattr(study_page, "_page", lambda *_: pytest.fail("drawn again"))
+    assert page(cube) == first
     with pytest.raises(pytest.fail.Exception, match="drawn again"):
-        module.page(cube, [cube])
+        page(cube, [cube])

@@ -29,6 +29,21 @@ def test_without_replacement_it_is_the_mean_over_every_subset(make_cube: Cube) -
         assert float(curve["sd"].sel(drawn=x)) == pytest.approx(np.std(minima), rel=1e-9, abs=1e-9)
 
 
+def test_pools_with_failed_fits_have_the_curves_of_their_own(make_cube: Cube) -> None:
+    cube = make_cube(realizations=4, starts=6, fmax=(1.2,), amplitude=(3.0,))
+    cube["cost"][:] = np.random.default_rng(5).random((4, 6))
+    for realization, failed in enumerate((0, 2, 5, 6)):
+        cube["cost"][0, 0, realization, :failed] = np.nan
+    together = mc.minimum_curve(cube)
+    for realization, failed in enumerate((0, 2, 5)):
+        pool = cube.isel(realization=[realization], start=slice(failed, None))
+        alone = mc.minimum_curve(pool, np.arange(1, 7)).isel(realization=0)
+        for name in ("mean", "sd"):
+            ours = together[name].isel(realization=realization)
+            np.testing.assert_allclose(ours, alone[name], rtol=1e-12, atol=1e-15)
+    assert np.isnan(together["mean"].isel(realization=3)).all()
+
+
 def test_the_papers_resampling_scatters_around_it(make_cube: Cube) -> None:
     rng = np.random.default_rng(3)
     costs = rng.lognormal(0, 2, 500)

@@ -46,5 +46,14 @@ def test_a_second_show_needs_no_library_of_numbers(two_chunks: Path) -> None:
     assert not imported("show", str(two_chunks)) & (LARGE | COMPILED | {"numpy", "pydantic"})
 
 
+def test_a_second_report_needs_no_library_of_numbers_or_figures(two_chunks: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    words = ("report", str(two_chunks), "-o", str(tmp_path / "a.html"))
+    assert "matplotlib" in imported(*words)
+    first = (tmp_path / "a.html").read_bytes()
+    assert not imported(*words) & (LARGE | COMPILED | {"numpy", "pydantic"})
+    assert (tmp_path / "a.html").read_bytes() == first
+
+
 def test_a_fast_diagnosis_of_a_netcdf_file_needs_no_library_of_tables(recording: Path) -> None:
     assert not imported("gap", "diagnose", str(recording), "--fast") & LARGE

@@ -13,7 +13,7 @@ from mcstudy.challenge.design import Series
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.plain_errors import short, validated
 from mcstudy.own_model import run_model
-from mcstudy.recordings.sheet import read_sheet
+from mcstudy.recordings.described import read_sheet
 from mcstudy.stance.body import one_segment
 from mcstudy.study.design import Group
 from mcstudy.study.study_file import parse_study
@@ -55,7 +55,7 @@ def test_a_mistake_is_told_in_plain_words(model: Any, change: dict[str, Any], me
     [
         ("period = 3", "period: unknown key, expected one of name, provenance, "),
         ("[[trials]]\nfil = 'a'", "trials.0.fil: unknown key, expected one of file, amplitude, "),
-        ("[[trials]]\ntheta1 = 3", "trials.0.theta1: expected a table, got 3"),
+        ("[[trials]]\ntheta1 = 3.5", "trials.0.theta1: expected a table, got 3.5"),
         ("[[trials]]\ntheta1 = {column = []}", "trials.0.theta1.column: expected a whole number or a string, got []"),
         ("rate_hz = 'fast'", "rate_hz: expected a number, got 'fast'"),
         ("rate_hz = 0", "rate_hz: expected greater than 0, got 0"),

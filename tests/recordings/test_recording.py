@@ -15,14 +15,15 @@ import xarray as xr
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
 from mcstudy.gap.checked_lines import checked_lines
-from mcstudy.gap.questions.labels import READINGS
+from mcstudy.gap.questions.labels import DIFFERENTIATED, OF_TORQUES, READINGS
 from mcstudy.recordings import netcdf_zarr
+from mcstudy.recordings.checks import check
 from mcstudy.recordings.columns import TextTable
+from mcstudy.recordings.described import read_sheet
 from mcstudy.recordings.guards import check_hdf5, check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import Recording, Trial
-from mcstudy.recordings.sheet import read_sheet
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway
@@ -168,12 +169,38 @@ def test_every_mislabelled_channel_is_recognised(kind: str) -> None:
     for name, (matrix, _, _) in READINGS.items():
         if name == "space_angle":
             continue  # the hip is half the trunk's angle: told apart only by the fit
+        if name in DIFFERENTIATED or (name in OF_TORQUES and kind == "platform_translation"):
+            continue
         if "degrees" in name:
             with pytest.raises(RecordingError, match="deg"):
                 checked_lines(mixed(matrix, recording))
             continue
         found = checked_lines(mixed(matrix, recording), accept=READINGS)[0].suspicions
         assert found[0].code == name
+
+
+@pytest.mark.parametrize("name", DIFFERENTIATED)
+def test_an_angular_velocity_in_place_of_an_angle_is_recognised(name: str) -> None:
+    recording = sway()
+    trials = []
+    for trial in recording.trials:
+        speed = np.gradient(trial.theta, 1 / recording.rate_hz, axis=0)
+        trials.append(replace(trial, theta=np.where(DIFFERENTIATED[name], speed, trial.theta)))
+    found = checked_lines(replace(recording, trials=tuple(trials)), accept=READINGS)[0].suspicions
+    assert found[0].code == name
+
+
+@pytest.mark.parametrize("ratio", [1.01, 0.99, 1.003])
+def test_angles_of_another_clock_than_the_stimulus_are_refused_for_that_reason(ratio: float) -> None:
+    recording = sway(trials=2, cycles=5)
+    trials = []
+    for trial in recording.trials:
+        at = np.arange(trial.samples)
+        slow = np.column_stack([np.interp(at * ratio, at, trial.theta[:, c]) for c in (0, 1)])
+        trials.append(replace(trial, theta=slow))
+    word = "earlier .* slower" if ratio > 1 else "later .* faster"
+    with pytest.raises(RecordingError, match=rf"theta1, theta2: answer .* {word} than that of the stimulus"):
+        check(replace(recording, trials=tuple(trials)))
 
 
 def test_an_amplitude_that_matches_no_convention_is_noted_not_refused() -> None:
@@ -253,6 +280,12 @@ def test_a_bad_sheet_gets_one_clear_line(tmp_path: Path, text: str, message: str
 def test_a_bad_table_gets_one_clear_line(tmp_path: Path, rows: str, message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         read_recording(sheet(tmp_path, rows=rows))
+
+
+def test_exchanged_segments_are_remarked_on(tmp_path: Path) -> None:
+    segments = "m1 = 46.0, h1 = 0.314, I1 = 2.54, m2 = 24.0, h2 = 0.518, I2 = 1.53, L1 = 0.826"
+    found = read_recording(sheet(tmp_path, f'body = {{{segments}}}\n[[trials]]\nfile = "a.csv"\n'))
+    assert "(m1 = 46 kg) is heavier than the upper body (m2 = 24 kg); are the segments exchanged?" in found.provenance
 
 
 def test_files_that_are_not_recordings_are_refused(tmp_path: Path) -> None:

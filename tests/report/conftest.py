@@ -157,3 +157,11 @@ def gap_page(lagging_recording: Path, tmp_path_factory: pytest.TempPathFactory) 
     file = tmp_path_factory.mktemp("page") / "gap.html"
     assert main(["gap", "report", str(lagging_recording), "--fast", "-o", str(file)]) == Exit.DONE
     return file
+
+
+@pytest.fixture(scope="session")
+def fit_page(lagging_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "fit.html"
+    words = ["--fmax", "2", "--with", "sensor_lag_theta2", "--html", str(file)]
+    assert main(["fit", str(lagging_recording), *words]) == Exit.DONE
+    return file

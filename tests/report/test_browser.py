@@ -43,7 +43,7 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.mark.parametrize("width", [380, 1600])
-@pytest.mark.parametrize("page", ["paper_page", "other_page", "gap_page"])
+@pytest.mark.parametrize("page", ["paper_page", "other_page", "gap_page", "fit_page"])
 def test_every_figure_is_drawn_nothing_is_fetched_and_nothing_sticks_out(
     browser: Browser, page: str, width: int, request: pytest.FixtureRequest
 ) -> None:
@@ -74,7 +74,7 @@ def test_no_table_of_a_diagnosis_is_cut_off(browser: Browser, gap_page: Path, wi
 
 
 @pytest.mark.parametrize("width", [380, 1600])
-@pytest.mark.parametrize("page", ["paper_page", "gap_page"])
+@pytest.mark.parametrize("page", ["paper_page", "gap_page", "fit_page"])
 def test_the_smallest_label_in_a_figure_can_be_read(
     browser: Browser, page: str, width: int, request: pytest.FixtureRequest
 ) -> None:

@@ -18,6 +18,7 @@ from mcstudy.analysis.selection import best
 from mcstudy.errors import InputError
 from mcstudy.report import figures
 from mcstudy.report.alternatives import read_alternative
+from mcstudy.report.figures.responses import phase_errors
 from mcstudy.report.figures.signals import Signals, envelope
 from mcstudy.stance.response import frf
 
@@ -123,6 +124,26 @@ def test_the_line_of_figure_4_is_the_closed_form(paper_tree: xr.DataTree, ax: Ax
     assert np.allclose(drawn, np.abs(frf(view.model, view.model.truth, f))[:, 0])
 
 
+def test_bands_of_phases_do_not_jump_by_whole_turns() -> None:
+    """Fits that scatter about half a turn from the truth, and a delay of three turns: both are drawn without jumps."""
+    rng, f = np.random.default_rng(3), np.linspace(0.1, 3.0, 400)
+    drift = np.pi * np.minimum(f, 1.0) + 0.3 * rng.standard_normal((50, 1))
+    errors = phase_errors(np.exp(1j * drift))
+    assert np.abs(np.diff(errors, axis=1)).max() < 0.1
+    assert np.allclose(errors, drift)
+    delayed = phase_errors(np.exp(-2j * np.pi * f * (1 + 0.01 * rng.standard_normal((50, 1)))))
+    assert np.allclose(np.quantile(delayed, 0.5, axis=0), -2 * np.pi * f, atol=0.3)
+
+
+def test_phases_are_those_of_stable_fits(paper_tree: xr.DataTree, ax: Axes) -> None:
+    group = paper_tree["accuracy"].to_dataset().load()
+    unstable = group["growth_rate"] * 0 + 1
+    figures.frf_phase(group.assign(growth_rate=unstable), ax=ax)
+    assert len(ax.collections) == 0
+    figures.frf_phase(group.assign(growth_rate=-unstable), ax=ax)
+    assert len(ax.collections) == 2
+
+
 def test_a_map_of_correlations_writes_the_large_ones_out(paper_tree: xr.DataTree, ax: Axes) -> None:
     figures.correlation_map(paper_tree["accuracy"], amplitude=5.0, fmax=1.2, ax=ax)
     r = paper_tree["accuracy"].mc.correlation()["value"].sel(amplitude=5.0, fmax=1.2).values
@@ -137,6 +158,14 @@ def test_the_dashed_line_of_a_scatter_holds_the_pairs_with_the_true_sum(paper_tr
     figures.estimate_scatter(paper_tree["accuracy"], "K11", "Kpas1", ax=ax)
     x, y = ax.lines[-1].get_xydata().T
     assert x + y == pytest.approx(1057 + 146)
+
+
+def test_a_scatter_of_many_realizations_shows_the_first(
+    paper_tree: xr.DataTree, ax: Axes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mcstudy.report.figures.pairs.MOST_POINTS", 2)
+    figures.estimate_scatter(paper_tree["accuracy"], "K11", "Kpas1", ax=ax)
+    assert [len(line.get_xdata()) for line in ax.lines[:3]] == [2, 2, 2]
 
 
 def test_a_waterfall_starts_at_the_lowest_cost_and_never_falls(paper_tree: xr.DataTree, ax: Axes) -> None:

@@ -49,7 +49,7 @@ def json_number(x: Any) -> float | None:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    p = row.published
+    p, ours, v = row.published, row.ours, row.verdict
     return {
         "key": p.key,
         "label": p.label,
@@ -58,15 +58,22 @@ def _row(row: Row) -> dict[str, Any]:
         "criterion": p.criterion,
         "paper": json_number(p.value),
         "paper_text": p.shown,
-        "value": json_number(row.value),
-        "mcse": json_number(row.mcse),
-        "n": row.n,
+        "half_unit": p.half_unit,
+        "margin": p.margin if p.criterion == "equal" else None,
+        "value": json_number(ours.value),
+        "mcse": json_number(ours.mcse),
+        "low": json_number(ours.low),
+        "high": json_number(ours.high),
+        "n": ours.n,
+        "blocks": ours.blocks,
         "floor": json_number(row.floor),
         "group": row.group,
-        "agrees": row.agrees,
-        "distance_in_mcse": json_number(row.distance),
-        "distance_in_both_errors": json_number(row.distance_both),
-        "detail": row.detail,
+        "verdict": v.name or None,
+        "distance": json_number(v.distance),
+        "paper_mcse": json_number(v.paper_error),
+        "needed": v.needed or None,
+        "limited_by": v.limited_by or None,
+        "detail": ours.detail,
         "explanation": row.note,
     }
 
@@ -140,6 +147,7 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
         "inside_bounds": fraction(selection.inside_bounds(cells), cells["cost"].notnull()),
         "median_cost": quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True),
         "median_j_nc": quantiles(neural.j_nc(cells, view.model), (0.5,)).isel(quantile=0, drop=True),
+        "missed_minimum": _mean_over_realizations(needed["missed"]),
         "starts_needed_median": quantile.sel(quantile=0.5, drop=True),
         "starts_needed_90th": quantile.sel(quantile=0.9, drop=True),
     }
@@ -165,6 +173,11 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
                 }
             )
     return out
+
+
+def _mean_over_realizations(x: xr.DataArray) -> xr.Dataset:
+    """Mean with its standard error, dims (amplitude, fmax)."""
+    return jackknives(x, xr.DataArray(0.0), [lambda m: m.mean])[0]
 
 
 def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:

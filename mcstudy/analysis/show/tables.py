@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,13 +48,8 @@ def show(path: str | Path, reference: str | Path | None = None) -> Report:
             return report_of(tree).data
         return report_of(tree, open_results(reference, lazy=None), str(reference)).data
 
-    return Report(shown(Path(path), compute, reference))
-
-
-def shown(path: Path, compute: Callable[[], dict[str, Any]], reference: str | Path | None = None) -> dict[str, Any]:
-    """What ``compute`` finds about the cube at ``path`` for `Report`, or what was kept of it; see `show`."""
     others = [] if reference is None else [str(reference)]
-    return kept(SCHEMA, [path, *map(Path, others)], others, compute)
+    return Report(kept(SCHEMA, [Path(path), *map(Path, others)], others, compute))
 
 
 def report_of(tree: xr.DataTree, reference: xr.DataTree | None = None, name: str = "the reference") -> Report:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from mcstudy.analysis.measures import MEASURES
+from mcstudy.analysis.paper.published import MARGINS
 from mcstudy.text_tables import counted, fill, folded, number, table, with_error
 
 _HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}
-_MARK = {True: "yes", False: "NO", None: "-"}
 
 
 def render(data: dict[str, Any]) -> str:
@@ -36,31 +36,62 @@ def incomplete(data: dict[str, Any]) -> str:
     return f"Not complete: {', '.join(left)} are pending; all numbers are from the fits that have been run."
 
 
+def ours(row: dict[str, Any]) -> str:
+    """Our value with its error and unit, or its range over the readings of a definition."""
+    unit = "" if row["unit"] in ("1", "starts") else f" {row['unit']}"
+    if row["low"] is not None and row["low"] < row["high"]:
+        return f"{row['low']:g} to {row['high']:g}{unit}"
+    return with_error(row["value"], row["mcse"]) + unit
+
+
+def verdict(row: dict[str, Any]) -> str:
+    """The verdict in words, with what would settle it; a dash where the paper gives nothing to compare with."""
+    limits = {"realizations": f"n = {row['needed']}", "paper's error": "paper's error", "definition": "definition"}
+    limit = limits.get(row["limited_by"] or "")
+    return (row["verdict"] or "-") + (f" ({limit})" if limit else "")
+
+
+READING = (
+    "apart: difference, less the rounding of the paper's number, in standard errors of both studies. Ours is the mean "
+    "over blocks of the paper's 50 realizations; the paper's error is that of one such block.",
+    "agrees: the 90 % interval of the difference is within {bias:g} % of the truth for a bias, {spread:g} percentage "
+    "points for a reduction of SD or CV, {ratio:.2g} for a ratio, {sway:g} deg for sway, {starts:g} starts. differs: "
+    "more than 3 errors apart.",
+    "cannot tell: neither; n is the number of realizations that would settle it if our value stays. (paper's error): "
+    "none would, because the paper's own error does not shrink. (definition): the paper does not say how it counts.",
+    "'> 0', '> 50' and the like: a ranking or a majority; ours is the margin or the share, and 'agrees' means that it "
+    "holds. (reading): the same words, read in another way. '-': the paper gives nothing to compare with.",
+)
+"""How the table is to be read, for `str.format` with the margins."""
+
+
 def _paper(paper: dict[str, Any]) -> str:
     body, notes = [], []
     for row in paper["rows"]:
-        mark = _MARK[row["agrees"]]
+        mark = verdict(row)
         if row["explanation"]:
             if row["explanation"] not in notes:
                 notes.append(row["explanation"])
             mark += f" [{notes.index(row['explanation']) + 1}]"
-        ours = with_error(row["value"], row["mcse"]) + (f" {row['unit']}" if row["unit"] not in ("1", "starts") else "")
-        body.append([row["label"], row["paper_text"], ours, number(row["floor"], 2), mark])
+        body.append([row["label"], row["paper_text"], ours(row), number(row["distance"], 2), mark])
+    margins = {kind: margin for kind, (margin, _) in MARGINS.items()}
     lines = [
         f"Comparison with the paper ({paper['reference']})",
         "± is one Monte Carlo standard error (MCSE)",
         "",
-        table(["", "paper", "ours ± MCSE", "floor", "within 3 MCSE"], body),
+        table(["", "paper", "ours ± MCSE", "apart", "verdict"], body),
         "",
-        "floor: mean |bias| expected from chance alone, for unbiased estimates from this many realizations.",
-        "Rows without noise: 'yes' means no larger than the paper's value.",
-        "A row with paper '> 0' is a ranking: ours is the margin by which it holds (negative: it does not hold).",
-        "For a ranking, 'yes' means that ours does not contradict it.",
-        "'-': the paper gives no number, or ours has no standard error.",
+        *(fill(text.format(**margins)) for text in READING),
     ]
+    floors = [
+        f"{number(r['floor'], 2)} ({r['label'].removeprefix('mean |bias|, ')})" for r in paper["rows"] if r["floor"]
+    ]
+    if floors:
+        chance = "Mean |bias| from chance alone (floor), for unbiased estimates from 50 realizations, in %: "
+        lines.append(fill(chance + "; ".join(floors) + "."))
     for row in paper["rows"]:
         if row["detail"]:
-            lines.append(f"{row['label']}; ours: {row['detail']}")
+            lines.append(fill(f"{row['label']}; ours: {row['detail']}", "    "))
     for i, note in enumerate(notes, 1):
         lines.append(fill(f"[{i}] {note}", "    "))
     return "\n".join(lines)
@@ -129,6 +160,14 @@ def _count(value: float | None) -> str:
     return "-" if value is None else f"{value:.0f}"
 
 
+def _starts(cell: dict[str, Any]) -> str:
+    """Median and 90th percentile of the starts needed, with the interval of the latter; - is an open end."""
+    median, many = (cell[f"starts_needed_{q}"] for q in ("median", "90th"))
+    numbers = f"{_count(median['value'])}/{_count(many['value'])}"
+    ends = [_count(many[end]) for end in ("lower", "upper")]
+    return numbers if ends == ["-", "-"] else f"{numbers} [{', '.join(ends)}]"
+
+
 def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
     def stat(s: dict[str, Any], factor: float = 1.0) -> str:
         return with_error(*(None if s[k] is None else factor * s[k] for k in ("value", "mcse")))
@@ -149,14 +188,18 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
                 number(cell["median_cost"]["value"]),
                 number(cell["median_j_nc"]["value"]),
                 number(cell["hit_rate"], 2),
-                "/".join(_count(cell[f"starts_needed_{q}"]["value"]) for q in ("median", "90th")),
+                number(None if (missed := cell["missed_minimum"]["value"]) is None else 100 * missed, 2),
+                _starts(cell),
             ]
         )
-    header = ["", "used", "|bias| %", "floor", "SD %", "unstable %", "no bound %", "cost", "J_NC", "success", "starts"]
+    header = ["", "used", "|bias| %", "floor", "SD %", "unstable %", "no bound %", "cost", "J_NC", "success"]
+    header += ["missed %", "starts"]
     return table(header, rows) + (
         "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, no bound: % of best "
         "fits that\nare unstable, that touch no bound. cost, J_NC: medians. success: fraction of starts that reach "
-        "the lowest cost.\nstarts: number needed for 95 % certainty, median/90th percentile over realizations."
+        "the lowest cost.\nmissed: chance that as many new starts miss that cost, and so that these missed a lower "
+        "one (mean).\nstarts: new starts needed for 95 % certainty, median/90th percentile over realizations "
+        "[95 % interval of the\n90th percentile]."
     )
 
 

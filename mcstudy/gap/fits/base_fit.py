@@ -65,8 +65,8 @@ def drawn_starts(model: Model, seed: int, n: int) -> np.ndarray:
     return np.clip(draws, model.lower, model.upper)
 
 
-def linearised_starts(model: Model, data: Data, seed: int) -> np.ndarray:
-    """Start values (K, P) from the linear structure; none for a model without it."""
+def linearised_starts(model: Model, data: Data, seed: int, n: int = LINEARISED) -> np.ndarray:
+    """Start values (n, P) from the linear structure; none for a model without it."""
     near = model.with_bounds(
         {
             p.name: (max(p.lower, p.value - 2.5 * DELAY_SPREAD_S), p.value + 2.5 * DELAY_SPREAD_S)
@@ -77,7 +77,7 @@ def linearised_starts(model: Model, data: Data, seed: int) -> np.ndarray:
         }
     )
     try:
-        return linearised(Problem(near, data.f, data.y, data.weight), stream(seed, "gap linearised"), LINEARISED)
+        return linearised(Problem(near, data.f, data.y, data.weight), stream(seed, "gap linearised"), n)
     except ModelError:
         return np.empty((0, len(model.parameters)))
 

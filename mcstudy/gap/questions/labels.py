@@ -2,10 +2,11 @@
 
 Above about 2 Hz the stimulus acts on inertia alone, so the responses approach M^-1 b for every controller. Below, they
 stay within a small factor of the nominal model. A mislabelled channel (degrees for radians, theta1 and theta2
-exchanged, a wrong sign, the angle of the trunk in space instead of the hip angle) multiplies the responses by a known
-2 x 2 matrix T. Each possible labelling, called a reading, is scored by the likelihood of the band means of the measured
-FRFs around T H0. H0 is the nominal model; the spread is its error (`MODEL_ERROR`) plus the measured covariance. The
-result is the log odds of the reading against the labels as given. Derived.
+exchanged, a wrong sign, the angle of the trunk in space instead of the hip angle, a torque in kgf m, an angular
+velocity for an angle) multiplies the responses by a known 2 x 2 matrix T. Each possible labelling, called a reading, is
+scored by the likelihood of the band means of the measured FRFs around T H0. H0 is the nominal model; the spread is its
+error (`MODEL_ERROR`) plus the measured covariance. The result is the log odds of the reading against the labels as
+given. Derived.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ NOTED = ("stuck", "amplitude")
 
 _DEG = 180 / np.pi
 
+_KGF = 9.80665
+"""Newtons in a kilogram-force (CGPM 1901)."""
+
 READINGS: dict[str, tuple[tuple[tuple[float, float], tuple[float, float]], str, str]] = {
     "degrees": (((_DEG, 0), (0, _DEG)), "theta1, theta2", "in deg but declared rad"),
     "radians": (((1 / _DEG, 0), (0, 1 / _DEG)), "theta1, theta2", "in rad but declared deg"),
@@ -52,9 +56,21 @@ READINGS: dict[str, tuple[tuple[tuple[float, float], tuple[float, float]], str, 
     "sign": (((-1, 0), (0, -1)), "stimulus or theta1, theta2", "of opposite sign to each other"),
     "sign_theta1": (((-1, 0), (0, 1)), "theta1", "of the wrong sign"),
     "sign_theta2": (((1, 0), (0, -1)), "theta2", "of the wrong sign"),
+    "kilogram_force": (((_KGF, 0), (0, _KGF)), "stimulus", "in kgf m but declared N m"),
+    "newton": (((1 / _KGF, 0), (0, 1 / _KGF)), "stimulus", "in N m but declared kgf m"),
+    "velocity": (((1, 0), (0, 1)), "theta1, theta2", "angular velocities; expected angles"),
+    "velocity_theta1": (((1, 0), (0, 1)), "theta1", "an angular velocity; expected an angle"),
+    "velocity_theta2": (((1, 0), (0, 1)), "theta2", "an angular velocity; expected an angle"),
     "space_angle": (((1, 0), (1, 1)), "theta2", "the angle of the upper body in space; expected the hip angle"),
 }
 """Per reading: matrix T that multiplies the true responses, channel, and text of the message."""
+
+DIFFERENTIATED = {"velocity": (True, True), "velocity_theta1": (True, False), "velocity_theta2": (False, True)}
+"""Readings in which an angle is its derivative: its responses are multiplied by 2 pi i f too."""
+
+OF_TORQUES = ("kilogram_force", "newton")
+"""Readings that only a stimulus in N m can have. They are told only when certain: much noise resembles a factor of ten
+somewhat, and a unit other than N m is rare."""
 
 
 def band_means(lines: Lines, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -86,14 +102,26 @@ def readings(recording: Recording, lines: Lines) -> dict[str, float]:
     at, size = np.array(MODEL_ERROR).T
     error = np.interp(np.log(f), np.log(at), size)
     out = {}
-    for name, T in [("as_labelled", np.eye(2)), *((n, np.array(t)) for n, (t, _, _) in READINGS.items())]:
-        expected = np.einsum("ij,nj->ni", T, h)
-        spread = np.einsum("ij,nj,kj->nik", T, (error[:, None] * np.abs(h)) ** 2, T)
+    for name, T in _matrices(f, recording.stimulus_unit).items():
+        expected = np.einsum("nij,nj->ni", T, h)
+        spread = np.einsum("nij,nj,nkj->nik", T, (error[:, None] * np.abs(h)) ** 2, T.conj())
         S = C + spread
         r = y - expected
         misfit = np.einsum("ni,nij,nj->n", r.conj(), np.linalg.inv(S), r).real
         # Heavy tails, so that one band with a wrong nominal model does not decide.
         out[name] = float(-(np.log(np.linalg.det(S).real) + 4 * np.log1p(misfit / 4)).sum())
+    return out
+
+
+def _matrices(f: np.ndarray, unit: str) -> dict[str, np.ndarray]:
+    """Matrix of every reading at every frequency, (n, 2, 2) complex, "as_labelled" first."""
+    out = {"as_labelled": np.broadcast_to(np.eye(2, dtype=complex), (f.size, 2, 2))}
+    for name, (matrix, _, _) in READINGS.items():
+        if name in OF_TORQUES and unit != "N m":
+            continue
+        changed = DIFFERENTIATED.get(name, (False, False))
+        factor = np.array([2j * np.pi * f if each else np.ones_like(f) for each in changed])  # (2, n)
+        out[name] = np.array(matrix) * factor.T[:, :, None]
     return out
 
 
@@ -119,6 +147,8 @@ def _doubts(score: dict[str, float], where: str, least: float) -> list[Suspicion
         odds = score[name] - base
         if odds < least:
             break
+        if name in OF_TORQUES and odds < CERTAIN:
+            continue
         _, channel, words = READINGS[name]
         found.append(Suspicion(name, channel, f"{where}: {channel}: seems to be {words}", odds))
     return found

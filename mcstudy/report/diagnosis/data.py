@@ -87,27 +87,10 @@ class GapData:
         return None if self.added is None else self.added.response(f)
 
     @cached_property
-    def sd(self) -> np.ndarray:
-        """Root of E|error|^2 of the measured FRFs, (N, 2)."""
-        return np.sqrt(self.lines.noise.variance)
-
-    @cached_property
     def averages(self) -> Averages:
         """Ratio of measured and modelled FRFs in bands, weighted by the precision of the lines."""
         f = self.lines.f
-        edges = 10 ** np.arange(np.log10(f[0]) - 1e-9, np.log10(f[-1]) + 1 / BANDS_PER_DECADE, 1 / BANDS_PER_DECADE)
-        band = np.unique(np.digitize(f, edges), return_inverse=True)[1]
-        before, after = self.before(f), self.after(f)
-        weight = np.abs(before) ** 2 / self.sd**2
-        centre, ratio, sd, moved = [], [], [], []
-        for b in range(band.max() + 1):
-            inside = band == b
-            w = weight[inside] / weight[inside].sum(axis=0)
-            centre.append(np.exp(np.log(f[inside]).mean()))
-            ratio.append((w * self.lines.y[inside] / before[inside]).sum(axis=0))
-            sd.append(weight[inside].sum(axis=0) ** -0.5)
-            moved.append(np.ones(2) if after is None else (w * after[inside] / before[inside]).sum(axis=0))
-        return Averages(np.array(centre), np.array(ratio), np.array(sd), np.array(moved))
+        return band_means(self.lines, self.before(f), self.after(f))
 
     def phases(self, f: np.ndarray, angle: int) -> Phases:
         """Phases of one angle, those of the models at the frequencies ``f`` (K,); all follow one another.
@@ -137,6 +120,23 @@ class GapData:
             return None
         data = Data.of(self.lines)
         return np.abs(standardised(self.added, data, self.added.residual(data)[:, None])[..., 0])
+
+
+def band_means(lines: Lines, before: np.ndarray, after: np.ndarray | None = None) -> Averages:
+    """Means over bands of the lines relative to the responses ``before`` (N, 2) of a model; ``after``: of another."""
+    f = lines.f
+    edges = 10 ** np.arange(np.log10(f[0]) - 1e-9, np.log10(f[-1]) + 1 / BANDS_PER_DECADE, 1 / BANDS_PER_DECADE)
+    band = np.unique(np.digitize(f, edges), return_inverse=True)[1]
+    weight = np.abs(before) ** 2 / lines.noise.variance
+    centre, ratio, sd, moved = [], [], [], []
+    for b in range(band.max() + 1):
+        inside = band == b
+        w = weight[inside] / weight[inside].sum(axis=0)
+        centre.append(np.exp(np.log(f[inside]).mean()))
+        ratio.append((w * lines.y[inside] / before[inside]).sum(axis=0))
+        sd.append(weight[inside].sum(axis=0) ** -0.5)
+        moved.append(np.ones(2) if after is None else (w * after[inside] / before[inside]).sum(axis=0))
+    return Averages(np.array(centre), np.array(ratio), np.array(sd), np.array(moved))
 
 
 def _turns(angle: np.ndarray) -> np.ndarray:

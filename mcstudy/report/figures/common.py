@@ -19,6 +19,9 @@ from mcstudy.report.style import SERIES, SETTINGS
 GroupLike = GroupView | xr.Dataset | xr.DataTree
 """What a figure is made from: a group of a cube, e.g. ``mcstudy.open_results(path)["accuracy"]``."""
 
+MOST_POINTS = 600
+"""Largest number of points per condition in a scatter plot; if there are more, the first realizations are shown."""
+
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

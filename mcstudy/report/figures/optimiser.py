@@ -11,9 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
-from mcstudy.analysis.atlas import atlas
-from mcstudy.analysis.basins import basins
-from mcstudy.analysis.by_starts import by_starts, mean_cv
+from mcstudy.analysis.atlas import atlas_of_starts
+from mcstudy.analysis.by_starts import best_of_first, mean_cv
 from mcstudy.analysis.view import GroupView
 from mcstudy.report.figures.common import (
     GroupLike,
@@ -34,11 +33,24 @@ MOST_CLUSTERS = 8
 MOST_MINIMA = 40
 """Local minima of a realization that an atlas looks at: those of lowest cost."""
 
+AT_ONCE = 300_000
+"""Estimates whose statistics are computed at once: about 2 MB in each of some dozen temporary arrays."""
+
+
+@lru_cache(maxsize=8)
+def best_by_starts_of(view: GroupView) -> xr.Dataset:
+    """`mcstudy.analysis.by_starts.best_of_first` of a group; kept, because every statistic needs it."""
+    return best_of_first(view.cube).compute()
+
 
 @lru_cache(maxsize=8)
 def by_starts_of(view: GroupView, statistic: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
-    """`mcstudy.analysis.by_starts.by_starts` of a group; kept, because the page asks twice."""
-    return by_starts(view.cube, statistic).compute()
+    """``statistic``, with dims (amplitude, fmax, drawn), of the best of the first starts of a group."""
+    cells = best_by_starts_of(view)
+    drawn = cells.sizes["drawn"]
+    step = max(1, AT_ONCE * drawn // cells["estimate"].size)
+    parts = [statistic(cells.isel(drawn=slice(i, i + step))) for i in range(0, drawn, step)]
+    return xr.concat(parts, dim="drawn", coords="minimal", compat="override")
 
 
 def bias_by_starts(data: GroupLike, ax: Axes | None = None) -> Axes:
@@ -81,8 +93,7 @@ def _lines(ax: Axes, view: GroupView, result: xr.Dataset) -> None:
 @lru_cache(maxsize=32)
 def atlas_of(view: GroupView, amplitude: float, fmax: float) -> xr.Dataset:
     """Clusters of local minima at one amplitude and Fmax; see `mcstudy.analysis.atlas`."""
-    found = basins(view.cube.sel(amplitude=amplitude, fmax=fmax), MOST_MINIMA).compute()
-    return atlas(found, view.cube["lower"], view.cube["upper"])
+    return atlas_of_starts(view.cube.sel(amplitude=amplitude, fmax=fmax), MOST_MINIMA)
 
 
 def basin_atlas(

@@ -9,7 +9,15 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import GroupLike, axes, chosen_amplitude, chosen_fmax, fixed_ticks, view_of
+from mcstudy.report.figures.common import (
+    MOST_POINTS,
+    GroupLike,
+    axes,
+    chosen_amplitude,
+    chosen_fmax,
+    fixed_ticks,
+    view_of,
+)
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label, with_units
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 
@@ -32,9 +40,15 @@ def correlation_map(
     view, ax = view_of(data), axes(ax, (4.3, 4.3))
     a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
     r = correlations_of(view, a, f)["value"]
-    names = [str(n) for n in r["parameter"].values]
+    draw_correlations(ax, [str(n) for n in r["parameter"].values], r.values)
+    ax.set_title(cell_label(view, a, f))
+    return ax
+
+
+def draw_correlations(ax: Axes, names: list[str], matrix: np.ndarray) -> None:
+    """Draw correlations ``matrix`` (P, P) as in `correlation_map`; those that are nan are left out."""
     row, column = np.tril_indices(len(names), -1)
-    value = r.values[row, column]
+    value = matrix[row, column]
     for which, marker, colour, fill in ((value > 0, "o", "blue", True), (value < 0, "s", "orange", False)):
         ax.scatter(
             column[which],
@@ -60,14 +74,12 @@ def correlation_map(
     ax.tick_params(axis="x", labelrotation=90)
     ax.set_xlim(-0.6, len(names) - 0.4)
     ax.set_ylim(len(names) - 0.4, -0.6)
-    ax.set_title(cell_label(view, a, f))
-    return ax
 
 
 def estimate_scatter(
     data: GroupLike, first: str, second: str, amplitude: float | None = None, ax: Axes | None = None
 ) -> Axes:
-    """Best fits of two parameters, one point per realization and one marker per Fmax; cross: the truth.
+    """Best fits of two parameters, a point per realization (`MOST_POINTS`), a marker per Fmax; cross: the truth.
 
     Dashed, for parameters of the same unit: pairs with the true sum. Raises `InputError` for an unknown parameter.
     """
@@ -77,7 +89,7 @@ def estimate_scatter(
     for name in (first, second):
         if name not in units:
             raise InputError(f"parameter: expected one of {', '.join(units)}, got {name!r}")
-    cells = view.cells.sel(amplitude=a)
+    cells = view.cells.sel(amplitude=a).isel(realization=slice(0, MOST_POINTS))
     for i, f in enumerate(cells["fmax"].values):
         x, y = (cells["estimate"].sel(fmax=f, parameter=n).values for n in (first, second))
         ax.plot(x, y, MARKERS[i % len(MARKERS)], color=SERIES[i % len(SERIES)], alpha=0.8, label=fmax_label(float(f)))

@@ -63,7 +63,7 @@ def frf_gain(
 def frf_phase(
     data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
 ) -> Axes:
-    """Fig. 4A, phase in degrees; see `frf_gain`."""
+    """Fig. 4A, phase in degrees, of stable fits; see `frf_gain`."""
     return _phase(data, amplitude, fmax, axes(ax), frf_of)
 
 
@@ -79,7 +79,7 @@ def controller_gain(
 def controller_phase(
     data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
 ) -> Axes:
-    """Fig. 4B, phase of the neural controllers in degrees; see `frf_gain`."""
+    """Fig. 4B, phase of the neural controllers in degrees, of stable fits; see `frf_gain`."""
     return _phase(data, amplitude, fmax, axes(ax), controllers_of)
 
 
@@ -95,12 +95,25 @@ def _gain(data: GroupLike, amplitude: float | None, fmax: float | None, ax: Axes
 def _phase(data: GroupLike, amplitude: float | None, fmax: float | None, ax: Axes, response: Response) -> Axes:
     def phase(truth: np.ndarray, fits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         line = np.unwrap(np.angle(truth))
-        return np.degrees(line), np.degrees(line + np.angle(fits / truth))
+        return np.degrees(line), np.degrees(line + phase_errors(fits / truth))
 
-    _draw(data, amplitude, fmax, ax, response, phase)
+    _draw(data, amplitude, fmax, ax, response, phase, stable=True)
     ax.yaxis.set_major_locator(MaxNLocator(steps=[1, 3, 4.5, 9], nbins=6))
     ax.set_ylabel("phase (°)")
     return ax
+
+
+def phase_errors(ratio: np.ndarray) -> np.ndarray:
+    """Phases (R, N) in rad of complex ``ratio`` over R fits and N frequencies, without jumps of a whole turn.
+
+    The mean direction over fits is continuous from one frequency to the next, and no fit is further than half a turn
+    from it; so quantiles over fits do not jump where single fits pass half a turn from the truth.
+    """
+    if not len(ratio):
+        return np.angle(ratio)
+    direction = np.exp(1j * np.angle(ratio))
+    centre = np.unwrap(np.angle(direction.mean(axis=0)))
+    return np.asarray(centre + np.angle(direction * np.exp(-1j * centre)))
 
 
 def _draw(
@@ -110,7 +123,10 @@ def _draw(
     ax: Axes,
     response: Response,
     part: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+    *,
+    stable: bool = False,
 ) -> None:
+    """``stable``: leave out fits whose loop is unstable, whose phase turns the other way at a resonance."""
     view = view_of(data)
     a, limit = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
     own = view.cube["frequency"].values
@@ -118,7 +134,10 @@ def _draw(
     at = np.searchsorted(f, own)
     cells = view.cells.sel(amplitude=a, fmax=limit).isel(realization=slice(0, MOST_FITS))
     estimate = cells["estimate"].transpose("realization", "parameter").values
-    estimate = estimate[np.isfinite(estimate).all(1)]
+    shown = np.isfinite(estimate).all(1)
+    if stable:
+        shown &= cells["growth_rate"].values < 0
+    estimate = estimate[shown]
     true, fits = response(view, view.model.truth, f), response(view, estimate, f)
     for i, name in enumerate(true):
         colour = SERIES[i % len(SERIES)]

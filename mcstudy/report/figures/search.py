@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -10,7 +12,9 @@ from mcstudy.analysis.convergence import COST_FLOOR
 from mcstudy.analysis.minimum_curve import average_curve, minimum_curve
 from mcstudy.analysis.neural import j_nc
 from mcstudy.analysis.selection import usable
+from mcstudy.analysis.view import GroupView
 from mcstudy.report.figures.common import (
+    MOST_POINTS,
     GroupLike,
     axes,
     chosen_amplitude,
@@ -22,9 +26,6 @@ from mcstudy.report.figures.common import (
 )
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
-
-MOST_POINTS = 600
-"""Largest number of points per condition in a scatter plot; if there are more, the first realizations are shown."""
 
 MOST_CURVES = 60
 """Largest number of realizations in a waterfall plot."""
@@ -94,6 +95,22 @@ def _rounded(*columns: np.ndarray) -> np.ndarray:
     return np.asarray(np.round(x / scale) * scale)
 
 
+@lru_cache(maxsize=8)
+def curve_of(view: GroupView) -> xr.Dataset:
+    """`average_curve` of a group at all numbers of starts that the page draws or prints; one pass over its costs."""
+    drawn = np.union1d(_points(view.cube.sizes["start"]), printed_starts(view))
+    return average_curve(minimum_curve(view.cube, drawn)).compute()
+
+
+def printed_starts(view: GroupView) -> list[int]:
+    """Numbers of starts in the table of `curve_of`."""
+    return [x for x in (1, 2, 5, 10, 20, 50, 100, 200, 500) if x <= view.cube.sizes["start"]]
+
+
+def _points(pool: int) -> np.ndarray:
+    return np.unique(np.round(np.geomspace(1, pool, min(60, pool))).astype(int))
+
+
 def starts_curve(data: GroupLike, fmax: float | None = None, ax: Axes | None = None) -> Axes:
     """Fig. 3B: expected lowest cost of x starts, mean over realizations ± MCSE, one curve per amplitude.
 
@@ -102,8 +119,8 @@ def starts_curve(data: GroupLike, fmax: float | None = None, ax: Axes | None = N
     view, ax = view_of(data), axes(ax)
     f = chosen_fmax(view, fmax)
     pool = view.cube.sizes["start"]
-    drawn = np.unique(np.round(np.geomspace(1, pool, min(60, pool))).astype(int))
-    curve = average_curve(minimum_curve(view.cube.sel(fmax=[f]), drawn)).compute().isel(fmax=0)
+    drawn = _points(pool)
+    curve = curve_of(view).sel(fmax=f, drawn=drawn)
     for a in curve["amplitude"].values:
         line = curve.sel(amplitude=a)
         i = len(ax.lines)
@@ -156,9 +173,3 @@ def _corners(y: np.ndarray) -> np.ndarray:
     keep[:-1] |= step
     keep[1:] |= step
     return np.flatnonzero(keep)
-
-
-def spread_of_curve(data: xr.Dataset) -> xr.Dataset:
-    """The curve behind `starts_curve` at a few numbers of starts, for a table."""
-    counts = [x for x in (1, 2, 5, 10, 20, 50, 100, 200, 500) if x <= data.sizes["start"]]
-    return average_curve(minimum_curve(data, np.array(counts))).compute()

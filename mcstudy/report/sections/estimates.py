@@ -7,6 +7,7 @@ from typing import Any
 
 import xarray as xr
 
+from mcstudy.analysis.paper.published import FMAX_HZ
 from mcstudy.analysis.sensitivity import RANGES
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
@@ -73,6 +74,11 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
         for what, draw in (("angles", figures.frf_gain), ("neural controllers", figures.controller_gain))
         for f in fmaxes
     ]
+    panels += [
+        Panel(f"phase of the {what}, Fmax {f:g} Hz", partial(draw, view, a, f), share="xy")
+        for what, draw in (("angles", figures.frf_phase), ("neural controllers", figures.controller_phase))
+        for f in fmaxes
+    ]
     return Figure(
         "fig4noise",
         "",
@@ -80,7 +86,7 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
         [
             "Lines: truth. Bands: 10th to 90th percentile of the best fits over realizations, at each frequency. "
             "Dashed: Fmax. Beyond Fmax a fit extrapolates: a low Fmax does not determine the dynamics above it, as in "
-            "the paper.",
+            "the paper. The phase is that of stable fits only: an unstable loop has no response to be measured.",
         ],
         panels,
         (),
@@ -100,7 +106,9 @@ def _amplitude_keys(view: GroupView) -> list[tuple[str, str]]:
 
 
 def _fig_5(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
-    spread = ("spread_fmax", *(f"spread_amplitude_{f}" for f in ("0.41", "1.2", "8")))
+    held_hz = [f"{f:g}" for f in FMAX_HZ]
+    spread = ("spread_fmax", *(f"spread_amplitude_{f}" for f in held_hz))
+    trade = ("together_1", "together_2")
     names = view.model.names
     return Figure(
         f"fig5{suffix}",
@@ -114,7 +122,14 @@ def _fig_5(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
         ],
         [Panel(n, partial(figures.parameter_bars, view, n), (2.4, 2.0)) for n in names],
         _estimate_tables(context, view, set(names)),
-        (*spread, "bias_12_0.41", "bias_12_1.2", "bias_12_8", "spread_8hz_better", "spread_8hz_worse"),
+        (
+            *spread,
+            *(f"bias_12_{f}" for f in held_hz),
+            "spread_8_larger",
+            "spread_8hz_better",
+            "spread_8hz_worse",
+            *trade,
+        ),
         f'figures.parameter_bars(tree["{view.name}"], "{names[0]}")',
         small=True,
         legend=_amplitude_keys(view),
@@ -188,7 +203,7 @@ def _fig_7a(view: GroupView, suffix: str) -> Figure | Missing:
         ],
         [Panel("|bias| by parameter", partial(figures.bias_bars, view, f), (4.3, 4.2))],
         [Table(f"Fmax {f:g} Hz", ["parameter", "|bias| (%) ± MCSE", "expected from chance (%)"], rows)],
-        ("bias_12_1.2", "bias_10_1.2", "bias_amplitude", "largest_bias"),
+        ("bias_12_1.2", "bias_10_1.2", "bias_amplitude", "largest_bias", "bias_below_5_12_1.2", "bias_over_5"),
         f'figures.bias_bars(tree["{view.name}"], fmax={f:g})',
     )
 
@@ -205,7 +220,7 @@ def _fig_7b(view: GroupView, suffix: str) -> Figure | Missing:
         [f"Coefficient of variation over realizations at Fmax {f:g} Hz, averaged over amplitudes, ± MCSE."],
         [Panel("CV by parameter", partial(figures.cv_bars, view, f), (4.3, 4.2))],
         [Table(f"Fmax {f:g} Hz", ["parameter", "CV ± MCSE"], rows)],
-        ("lowest_cv", "highest_cv", "combined_cv_lowest", "combined_cv_ratio"),
+        ("lowest_cv", "highest_cv", "combined_cv_lowest", "combined_cv_ratio", "low_cv", "cv_stiffness_damping"),
         f'figures.cv_bars(tree["{view.name}"], fmax={f:g})',
     )
 
@@ -233,7 +248,7 @@ def _fig_7c(view: GroupView) -> Figure | Missing:
             for r, (lo, hi) in held.items()
         ],
         [Table("Share of influence (%)", ["parameter", *held], rows)],
-        ("least_influential",),
+        ("least_influential", "delays_low", "delays_high", "stiffness_low", "damping_high", "influence_cv"),
         f'figures.sensitivity_bars(tree["{view.name}"], "mid")',
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,7 +17,7 @@ from mcstudy.report import figures
 from mcstudy.report.context import Context, conditions, finite, largest_amplitude, short, stat, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
-from mcstudy.report.figures.search import spread_of_curve
+from mcstudy.report.figures.search import curve_of, printed_starts
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 
@@ -62,7 +63,7 @@ def _fig_3a(context: Context) -> Figure | Missing:
                 ],
             )
         ],
-        ("theory_cost",),
+        ("theory_cost", "theory_misses", "theory_relation"),
         f'figures.controller_error(tree["{view.name}"], fmax={f:g})',
     )
 
@@ -88,7 +89,7 @@ def _fig_3b(context: Context) -> Figure | Missing:
             for v, f in shown
         ],
         [_starts_table(context, v) for v in views] + [_curve_table(v) for v in views],
-        ("starts_noise_free", "starts_5", "starts_3"),
+        ("starts_noise_free", "starts_5", "starts_3", "cost_order", "misses"),
         f'figures.starts_curve(tree["{views[0].name}"])',
     )
 
@@ -98,17 +99,29 @@ def _starts_table(context: Context, view: GroupView) -> Table:
         [
             cell_label(view, c["amplitude"], c["fmax"]),
             short(100 * (c["hit_rate"] or 0.0)),
-            stat(c["starts_needed_median"]),
-            stat(c["starts_needed_90th"]),
+            stat(c["missed_minimum"], 100.0),
+            *(_with_interval(c[f"starts_needed_{q}"]) for q in ("median", "90th")),
         ]
         for c in context.cells(view)
     ]
-    header = ["condition", "starts that reach the minimum (%)", "needed, median", "needed, 90th percentile"]
-    return Table(f"Group {view.name}: starts for 95 % certainty of the lowest minimum, ± MCSE", header, rows)
+    header = [
+        "condition",
+        "starts that reach the minimum (%)",
+        "chance that the pool missed it (%)",
+        "needed, median [95 % interval]",
+        "needed, 90th percentile [95 % interval]",
+    ]
+    return Table(f"Group {view.name}: new starts for 95 % certainty of the lowest minimum", header, rows)
+
+
+def _with_interval(statistic: dict[str, Any]) -> str:
+    """A number of starts with its interval; a dash is an end that so few realizations cannot bound."""
+    value, low, high = ("–" if statistic[k] is None else f"{statistic[k]:.0f}" for k in ("value", "lower", "upper"))
+    return value if low == high == "–" else f"{value} [{low}, {high}]"
 
 
 def _curve_table(view: GroupView) -> Table:
-    curve = spread_of_curve(view.cube)
+    curve = curve_of(view).sel(drawn=printed_starts(view))
     rows = [
         [cell_label(view, float(a), float(f)), *(value_of(curve.sel(amplitude=a, fmax=f, drawn=x)) for x in drawn)]
         for a in curve["amplitude"].values
@@ -148,7 +161,7 @@ def _fig_3c(context: Context) -> Figure | Missing:
             for f in sorted({f for _, f in conditions(view)})
         ],
         [Table("Best fits, ± MCSE", header, rows)],
-        ("unstable_8",),
+        ("unstable_8", "unstable_8_most", *(f"relation_{r}_{o}" for r in ("noise", "8hz") for o in ("starts", "best"))),
         f'figures.controller_error_by_noise(tree["{view.name}"], fmax={view.cube["fmax"].values[-1]:g})',
     )
 

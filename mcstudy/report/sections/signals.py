@@ -56,6 +56,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
                     [[n, short(rms[i], 2), f"~{paper[i]:g}"] for i, n in enumerate(s.angles)],
                 )
             ],
+            published=("sway_1", "sway_1_cycle", "sway_2", "sway_2_cycle"),
             python=python.replace("NAME", "sensor_noise_record"),
         ),
         Figure(

@@ -1,0 +1,83 @@
+"""Recordings of many people: their population, and differences between conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mcstudy.api.recordings import AnyRecording
+from mcstudy.identification.group_fit import Known, fit_members
+from mcstudy.identification.group_result import GroupResult
+from mcstudy.identification.people import members
+from mcstudy.identification.result import FitResult
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.stance.feedback import Model
+
+
+def fit_group(
+    recordings: Sequence[AnyRecording | FitResult],
+    *,
+    person: Sequence[str],
+    condition: Sequence[str] | None = None,
+    paired: bool | None = None,
+    effects: Sequence[str] = (),
+    quantities: Sequence[str] | Mapping[str, Any] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    level: float = 0.95,
+    model: Model | None = None,
+    fmax: float = 8.0,
+    discard: int = 1,
+    accept: Iterable[str] = (),
+    seed: int = 0,
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> GroupResult:
+    """Parameters of many people: each person's, their mean and spread, and differences between conditions.
+
+    Parameters
+    ----------
+    recordings
+        Recordings or paths, several of one person and condition are pooled; or results of `fit`, one for each person
+        and condition, which are not computed again.
+    person
+        Name of the person in each recording.
+    condition
+        Name of the condition of each recording; one condition for all when None. The first one is the reference.
+    paired
+        True: every person must be in every condition, and is compared with itself. False: different people. None:
+        paired if every person is in every condition, unpaired if nobody is in two.
+    effects, quantities, bounds, level, model, fmax, discard, accept, seed
+        As in `fit`.
+    workers
+        Threads; one per core when None.
+    scheduler
+        Address of a running Dask scheduler, ``tls://host:port``; threads of this process when None.
+
+    Returns
+    -------
+    GroupResult
+        ``result["K11", "eyes open"]``, ``result.difference("K11")``, ``text()``, ``to_xarray()`` and ``to_dict()``.
+        People who could not be fitted are in ``failed``.
+
+    Raises
+    ------
+    InputError
+        An argument is wrong, or fewer than two people in a condition could be fitted.
+    Interrupted
+        It was stopped.
+    """
+    known: list[Known] = [Path(r) if isinstance(r, str) else r for r in recordings]
+    settings: dict[str, Any] = {
+        "effects": effects,
+        "wanted": quantities,
+        "bounds": bounds,
+        "level": level,
+        "model": model,
+        "fmax": fmax,
+        "discard": discard,
+        "accept": tuple(accept),
+        "seed": seed,
+    }
+    options = ClusterOptions(workers=workers, scheduler=scheduler)
+    return fit_members(members(known, person, condition), options, pair=paired, **settings)

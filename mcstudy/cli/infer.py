@@ -1,0 +1,44 @@
+"""``mcstudy infer``: what the paper's printed numbers tell about its lost Table I."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.exits import Exit
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("file", type=Path, help="inference file (.toml), or the name of a shipped one (table_one)")
+    parser.add_argument(
+        "-o", "--out", "--output", dest="out", type=Path, required=True, metavar="DIR", help="folder for all results"
+    )
+    parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw the marginals of the posterior")
+    add_scheduler_arguments(parser)
+
+
+def main(args: argparse.Namespace) -> Exit:
+    """Infer what is missing and print the tables; returns the exit code."""
+    from mcstudy.lost_table.design import read_inference
+    from mcstudy.lost_table.result import RESULT, result
+    from mcstudy.lost_table.words import text
+    from mcstudy.scheduler.compiling import compile_kernels
+    from mcstudy.text_tables import folded
+
+    if args.figure is not None:
+        from mcstudy.report.style import require_matplotlib
+
+        require_matplotlib()
+    file = read_inference(args.file)
+    if args.scheduler is None and not (args.out / RESULT).exists():
+        compile_kernels(("lm", "linearised", "stability"))
+    found = result(file, args.out, cluster_options(args))
+    print(folded(text(found)))
+    if args.figure is not None:
+        from mcstudy.files.json_files import write_text
+        from mcstudy.report.marginals import marginals_svg
+
+        write_text(args.figure, marginals_svg(found))
+    return Exit.DONE

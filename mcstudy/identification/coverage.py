@@ -1,0 +1,169 @@
+"""How often intervals contain the truth: recordings drawn in the frequency domain, fitted as real ones are.
+
+A recording with a periodic stimulus reaches a fit as Fourier coefficients of its cycles. For a linear body in a steady
+state these are, at every harmonic, the response to the stimulus plus Gaussian noise with the density of the sway, which
+is independent between harmonics and between cycles. They are drawn as such: no record, no window, no leakage. From the
+coefficients on, everything is what a real recording meets: the mean over cycles, the covariance of the noise from even
+harmonics (`mcstudy.spectra.even_lines`), and the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from mcstudy.effect_library.simulated import simulate
+from mcstudy.identification.correction import Draws, simulated
+from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.result import FitResult
+from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
+from mcstudy.spectra.line_noise import LineNoise
+from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.measure import measure
+from mcstudy.spectra.null_draws import Pooling
+from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, understatement
+from mcstudy.stance.body import two_segment
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf, noise_response
+from mcstudy.stance.stability import growth_rate
+from mcstudy.streams import stream
+
+TRIALS, DISCARD = 2, 1
+"""Trials of a recording, and cycles discarded at the start of each."""
+
+SLOWEST = -0.5
+"""Growth rate, 1/s, above which a drawn body is not used: it would sway for minutes after a push."""
+
+
+def body(number: int, spread: float = 0.2) -> dict[str, float]:
+    """True parameters of a body that stands: nominal for 0, otherwise drawn evenly within ``spread`` of these."""
+    nominal, rng = two_segment(), stream(number, "coverage")
+    theta = nominal.truth
+    while number and (theta is nominal.truth or growth_rate(nominal, theta) >= SLOWEST):
+        theta = nominal.truth * (1 + rng.uniform(-spread, spread, nominal.truth.size))
+    return dict(zip(nominal.names, map(float, theta), strict=True))
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A cell of a coverage study: number of the true body (see `body`), cycles of each trial, highest frequency, Hz."""
+
+    truth: int
+    cycles: int
+    fmax: float
+
+
+class Source:
+    """Draws lines of recordings of one condition, with all that does not depend on the draw done once."""
+
+    def __init__(self, condition: Condition) -> None:
+        model = two_segment()
+        theta = np.array(list(body(condition.truth).values()))
+        stimulus, self._period_s = _stimulus()
+        excited = excited_lines(stimulus[None])
+        self._wanted = excited[excited <= condition.fmax * self._period_s + 0.5]
+        self.f = self._wanted / self._period_s
+        self._estimator = EvenLineCovariance(
+            self._wanted, stimulus.size - 1, (TRIALS, TRIALS * (condition.cycles - DISCARD - 1))
+        )
+        self._cycles = condition.cycles - DISCARD
+        harmonics = np.arange(1, self._estimator.even[-1] + 1)
+        response = noise_response(model, theta, harmonics / self._period_s)
+        density = SensorNoise().psd(harmonics / self._period_s)
+        self._root = response * np.sqrt(density / (2 * self._period_s))[:, None, :]
+        self._response, self._stimulus = frf(model, theta, self.f), stimulus[self._wanted]
+        self._understated = understatement(self._wanted, TRIALS)[:, None, None]
+        further = TRIALS * (self._cycles - 1)
+        self._pooling = Pooling(self._wanted.astype(float), half_width(self._wanted) + 1.0, colour_records=further)
+
+    def __call__(self, rng: np.random.Generator) -> Lines:
+        """Lines of a random recording."""
+        R = self._cycles
+        white = rng.standard_normal((TRIALS, R, *self._root.shape[:2], 2)).view(complex)[..., 0] * np.sqrt(0.5)
+        noise = np.zeros((TRIALS, R, len(self._root) + 1, 2), dtype=complex)
+        noise[:, :, 1:] = np.einsum("kab,trkb->trka", self._root, white)
+        means = noise.mean(axis=1) * np.sqrt(R)
+        differences = np.einsum("dr,trka->tdka", _contrasts(R), noise).reshape(TRIALS * (R - 1), -1, 2)
+        total = TRIALS * R * np.abs(self._stimulus) ** 2
+        covariance = self._understated * self._estimator(means, differences) * TRIALS / total[:, None, None]
+        repeats = self._response + noise[:, :, self._wanted].reshape(TRIALS * R, -1, 2) / self._stimulus[:, None]
+        return Lines(
+            f=self.f,
+            y=repeats.mean(axis=0),
+            noise=LineNoise(covariance, self._estimator.dof * TRIALS, self._pooling),
+            repeats=repeats,
+            weight=np.full(repeats.shape[:2], 1 / len(repeats)),
+            trial=np.repeat(np.arange(TRIALS), R),
+            cycle=np.tile(np.arange(R), TRIALS),
+            amplitude=np.full(TRIALS * R, np.nan),
+            power=np.abs(self._stimulus) ** 2,
+            harmonic=self._wanted,
+        )
+
+    def draws(self) -> Draws:
+        """What the correction of all recordings of this condition shares."""
+        noise = LineNoise(np.empty((self.f.size, 2, 2)), self._estimator.dof * TRIALS, self._pooling)
+        return simulated(noise, stream(0, "fit correction"))
+
+
+COLUMNS = ("estimate", "low", "high", "low_by_data", "high_by_data", "wald_low", "wald_high")
+"""What is kept of every interval; the two in the middle are 1 where data, not bounds, end it, and -1 where the search
+did not converge."""
+
+ABOUT = ("p_value", "starts", "minima")
+"""What is kept of every fit: its goodness of fit, the starts of the search, and the minima within reach."""
+
+
+def intervals(condition: Condition, first: int, last: int, time_domain: bool = False) -> dict[str, np.ndarray]:
+    """Fits of realizations ``first`` ... ``last`` - 1: ``intervals`` (R, K, len(COLUMNS)), ``about`` (R, len(ABOUT)).
+
+    ``time_domain``: simulate every recording sample by sample and measure it, as in an experiment.
+    """
+    source, model = Source(condition), two_segment()
+    draws = source.draws()
+    fits = []
+    for r in range(first, last):
+        if time_domain:
+            recording = simulate(parameters=body(condition.truth), cycles=condition.cycles, seed=r)
+            lines = measure(recording, condition.fmax, DISCARD)
+        else:
+            lines = source(stream(r, f"coverage {condition.truth} {condition.cycles}"))
+        fits.append(fit_lines(lines, model, seed=r, curve=(), draws=None if time_domain else draws))
+    return {
+        "intervals": np.array([[_row(e) for e in f.estimates] for f in fits]),
+        "about": np.array([(f.p_value, f.minima.starts, _reached(f)) for f in fits], dtype=float),
+    }
+
+
+def truths(number: int, names: list[str]) -> np.ndarray:
+    """True values (K,) of quantities that are parameters or sums of them."""
+    values: Mapping[str, float] = body(number)
+    return np.array([sum(values[part] for part in name.split(" + ")) for name in names])
+
+
+def _row(e: object) -> tuple[float, ...]:
+    ends = {"data": 1.0, "bound": 0.0, "not finite": 0.0, "steps": -1.0}
+    values = {name: getattr(e, name, None) for name in COLUMNS}
+    values |= {f"{side}_by_data": ends[getattr(e, f"{side}_from")] for side in ("low", "high")}
+    return tuple(values[name] for name in COLUMNS)  # type: ignore[misc]
+
+
+def _reached(fit: FitResult) -> int:
+    return int((fit.minima.chi2 - fit.minima.chi2[0] < 4).sum())
+
+
+@lru_cache
+def _stimulus() -> tuple[np.ndarray, float]:
+    """Fourier coefficients (K,) of the stimulus of one cycle, as the body feels it, and its period, s."""
+    recording = simulate(cycles=DISCARD + 2, noise=0.0)
+    assert recording.period_s is not None
+    highest = recording.rate_hz / 2.2
+    return cycle_coefficients(recording, highest, DISCARD).stimulus[0], recording.period_s
+
+
+def _contrasts(n: int) -> np.ndarray:
+    """Orthonormal differences (n - 1, n) between n cycles."""
+    return np.linalg.qr(np.eye(n) - np.full((n, n), 1.0 / n))[0][:, : n - 1].T

@@ -1,0 +1,87 @@
+"""Fits of many people, spread over the scheduler's workers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcstudy.errors import InputError, McstudyError
+from mcstudy.identification.fit import fit
+from mcstudy.identification.group import combine
+from mcstudy.identification.group_result import GroupResult
+from mcstudy.identification.people import Member
+from mcstudy.identification.result import FitResult
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.io import read_recording
+from mcstudy.recordings.recording import Recording
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.scheduler.fan_out import fan_out
+
+Known = Recording | FrfRecording | FitResult | Path
+"""What a person may be known by: a recording, the path of one, or a fit that was made before."""
+
+
+@dataclass(frozen=True)
+class _Failure:
+    reason: str
+
+
+def fit_members(
+    members: Sequence[Member[Any]],
+    options: ClusterOptions,
+    *,
+    pair: bool | None = None,
+    data: Path | None = None,
+    **settings: Any,
+) -> GroupResult:
+    """Fit every member, then the population.
+
+    Parameters
+    ----------
+    members: what they are known by is one of `Known`. options: where to run. pair: as in `mcstudy.fit_group`. data:
+    folder of the data files of recordings.
+    settings: arguments of `mcstudy.identification.fit.fit`.
+
+    Raises `InputError` for a wrong argument, and when too few people could be fitted; `Stopped` when it was stopped.
+    """
+    if not members:
+        raise InputError("recordings: expected at least one")
+    _checked(members, settings)
+
+    def one(k: int) -> FitResult | _Failure:
+        return _fit(members[k], data, settings)
+
+    found = dict(
+        fan_out(one, range(len(members)), options, f"{len(members)} fits of people", unit="fits", resumes=False)
+    )
+    fits = [Member(m.person, m.condition, (f,)) for k, m in enumerate(members) if isinstance(f := found[k], FitResult)]
+    failed = [(m.person, m.condition, f.reason) for k, m in enumerate(members) if isinstance(f := found[k], _Failure)]
+    if not fits:
+        person, condition, why = failed[0]
+        raise InputError(f"people: none could be fitted; {person}, {condition}: {why}")
+    return combine(fits, pair=pair, failed=failed)
+
+
+def _checked(members: Sequence[Member[Known]], settings: Mapping[str, Any]) -> None:
+    """Raise `InputError` for a fit among several items of a member, or fits together with settings of new ones."""
+    for m in members:
+        if len(m.items) > 1 and any(isinstance(i, FitResult) for i in m.items):
+            raise InputError(f"{m.name}: expected one fit per person and condition, got {len(m.items)}")
+    level = settings.get("level", 0.95)
+    if not 0.5 <= level < 1:
+        raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
+
+
+def _fit(member: Member[Known], data: Path | None, settings: Mapping[str, Any]) -> FitResult | _Failure:
+    """The fit of one member; whatever fails is returned in words, so that it does not stop the others."""
+    if isinstance(member.items[0], FitResult):
+        return member.items[0]
+    try:
+        read = [read_recording(i, data) if isinstance(i, Path) else i for i in member.items]
+        return fit([r for r in read if not isinstance(r, FitResult)], **settings)
+    except McstudyError as error:
+        return _Failure(" ".join(str(error).split()))
+    except Exception as error:
+        return _Failure(f"{type(error).__name__}: {' '.join(str(error).split())}")

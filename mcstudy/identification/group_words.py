@@ -1,0 +1,102 @@
+"""A group in words: tables of means and differences, then sentences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mcstudy.text_tables import number, table
+
+if TYPE_CHECKING:
+    from mcstudy.identification.group_result import GroupDifference, GroupMean, GroupResult
+
+SHOWN = 0.1
+"""Spread that is told as a CV only if the mean is larger than this multiple of it."""
+
+
+def interval(value: float, of: GroupMean | GroupDifference) -> str:
+    """``815 [586, 1309] N m/rad``, with the ends that bounds set in words."""
+    low = number(of.low) if of.low_from == "data" else f"{of.low_from} {number(of.low)}"
+    high = number(of.high) if of.high_from == "data" else f"{of.high_from} {number(of.high)}"
+    return f"{number(value)} [{low}, {high}] {of.unit}".rstrip()
+
+
+def change(d: GroupDifference) -> str:
+    """A difference with its interval and p-value."""
+    return f"{interval(d.difference, d)}, p = {p_value(d)}"
+
+
+def p_value(d: GroupDifference) -> str:
+    """To two digits; a dash where a bound ends the interval, which then is no test."""
+    if d.verdict != "determined":
+        return "-"
+    return "< 0.0001" if d.p_value < 1e-4 else f"{d.p_value:.2g}"
+
+
+def counts(r: GroupResult) -> str:
+    """``10 people; eyes open 10, eyes closed 10 (paired)``."""
+    if len(r.conditions) == 1:
+        return str(len(r.people))
+    each = ", ".join(f"{c} {sum(own == c for _, own in r.fits)}" for c in r.conditions)
+    return f"{len(r.people)}; {each} ({'paired' if r.paired else 'unpaired'})"
+
+
+def text(r: GroupResult) -> str:
+    """Tables, then sentences."""
+    percent = f"{100 * r.level:g} %"
+    parts = [f"people: {counts(r)}"]
+    for c in r.conditions:
+        header = [
+            *("quantity", "unit", "mean", f"{percent} interval"),
+            *("SD between people", f"{percent} interval", "CV", ""),
+        ]
+        rows = [_row(m) for m in r.means if m.condition == c]
+        parts += ["", *([f"condition {c}"] if len(r.conditions) > 1 else []), table(header, rows)]
+    for c, reference in dict.fromkeys((d.condition, d.reference) for d in r.differences):
+        header = ["quantity", "unit", "difference", f"{percent} interval", "p", ""]
+        changes = [
+            (d.quantity, d.unit, number(d.difference), f"{number(d.low)} to {number(d.high)}", p_value(d), d.verdict)
+            for d in r.differences
+            if (d.condition, d.reference) == (c, reference)
+        ]
+        kind = "within people" if r.paired else "between different people"
+        parts += ["", f"difference: {c} minus {reference}, {kind}", table(header, changes)]
+    return "\n".join([*parts, "", *sentences(r)])
+
+
+def _row(m: GroupMean) -> tuple[str, ...]:
+    cv = f"{100 * m.between / abs(m.mean):.0f} %" if abs(m.mean) > SHOWN * m.between else "-"
+    high = number(m.between_high) if m.between_high_from == "data" else f"above {number(m.between_high)}"
+    return (
+        m.quantity,
+        m.unit,
+        number(m.mean),
+        f"{number(m.low)} to {number(m.high)}",
+        number(m.between),
+        f"{number(m.between_low)} to {high}",
+        cv,
+        m.verdict,
+    )
+
+
+def sentences(r: GroupResult) -> list[str]:
+    """What the numbers mean, one sentence each."""
+    out = []
+    open_ = list(dict.fromkeys(m.quantity for m in r.means if m.verdict != "determined"))
+    if open_:
+        out.append(
+            f"Not determined by these people: {', '.join(open_)}. Bounds of the fits end the intervals of most of "
+            "them, or their data hardly tell values apart; averaging does not change that."
+        )
+    else:
+        out.append("All means are determined by the data alone.")
+    if len(r.conditions) == 1:
+        out.append("There is one condition, so there is no difference to tell.")
+    if min(sum(c == own for _, own in r.fits) for c in r.conditions) < 3:
+        out.append(
+            "Two people tell little about the spread between people; their own values are not drawn to the mean."
+        )
+    tests = sum(d.verdict == "determined" for d in r.differences)
+    if tests > 1:
+        out.append(f"The p-values are of {tests} single tests; they are not corrected for their number.")
+    out += [f"Failed: {person}, {condition}: {why}" for person, condition, why in r.failed]
+    return [*out, *r.warnings]

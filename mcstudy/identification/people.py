@@ -1,0 +1,157 @@
+"""Who was recorded, and in which condition: from a table that a person writes, or from lists.
+
+A table is a CSV file with a header and one row per recording. The columns `file` (relative to the table) and `person`
+are required; a further column, by default `condition`, says what is compared. Other columns are ignored.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from mcstudy.errors import InputError, StoreError
+from mcstudy.files.untrusted import real_bytes
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.recording import Recording
+
+Item = TypeVar("Item")
+
+LARGEST_TABLE = 1_000_000
+"""Bytes of a table of people."""
+
+ALL = "all"
+"""The condition of recordings that have none."""
+
+CONDITION = "condition"
+"""Column that is compared unless another is named."""
+
+
+@dataclass(frozen=True)
+class Member(Generic[Item]):
+    """One person in one condition.
+
+    Attributes
+    ----------
+    person, condition
+        Their names.
+    items
+        What is known of this person in this condition: recordings, which are pooled.
+    """
+
+    person: str
+    condition: str
+    items: tuple[Item, ...]
+
+    @property
+    def name(self) -> str:
+        """Of person and condition."""
+        return self.person if self.condition == ALL else f"{self.person}, {self.condition}"
+
+
+def members(items: Sequence[Item], person: Sequence[str], condition: Sequence[str] | None) -> list[Member[Item]]:
+    """Items by person and condition, both in the order in which they first appear.
+
+    Raises `InputError` for lists of another length, and for names that are not text or are empty.
+    """
+    conditions = [ALL] * len(items) if condition is None else condition
+    for what, names in (("person", person), (CONDITION, conditions)):
+        if isinstance(names, str) or len(names) != len(items):
+            got = repr(names) if isinstance(names, str) else f"{len(names)} names"
+            raise InputError(f"{what}: expected one name per recording, {len(items)} in all, got {got}")
+        for k, name in enumerate(names, start=1):
+            if not isinstance(name, str) or not name.strip():
+                raise InputError(f"{what}: recording {k}: expected a name, got {name!r}")
+    found: dict[tuple[str, str], list[Item]] = {}
+    for c in dict.fromkeys(conditions):
+        for item, p, own in zip(items, person, conditions, strict=True):
+            if own == c:
+                found.setdefault((p.strip(), c.strip()), []).append(item)
+    return [Member(p, c, tuple(group)) for (p, c), group in found.items()]
+
+
+def named(
+    recordings: Sequence[Recording | FrfRecording], files: Sequence[Path], column: str | None
+) -> list[Member[Recording | FrfRecording]]:
+    """Recordings by the person and condition that they state themselves.
+
+    Raises `InputError` for a recording that does not state its person, and when only some state a condition.
+    """
+    if column not in (None, "person", CONDITION):
+        raise InputError(f"--group {column}: expected person or condition, unless --people names a table")
+    said = [(getattr(r, "person", ""), getattr(r, CONDITION, "")) for r in recordings]
+    compares = column != "person" and (column == CONDITION or any(condition for _, condition in said))
+    for file, (person, condition) in zip(files, said, strict=True):
+        for what, name in (("person", person), *([(CONDITION, condition)] if compares else [])):
+            if not name:
+                raise InputError(f"{file}: {what}: not stated in the recording; expected there, or --people TABLE")
+    return members(recordings, [p for p, _ in said], [c for _, c in said] if compares else None)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table of people."""
+
+    file: Path
+    person: str
+    condition: str
+
+
+def read_people(path: Path, column: str | None = None) -> list[Row]:
+    """The rows of a table of people.
+
+    Parameters
+    ----------
+    column: what is compared; when None the column `CONDITION`, or nothing if there is none.
+
+    Raises `InputError` with file, line and column.
+    """
+    try:
+        text = real_bytes(path, LARGEST_TABLE, follow=True).decode("utf-8-sig")
+    except (OSError, StoreError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: expected UTF-8 text") from None
+    lines = text.splitlines()
+    first = lines[0] if lines else ""
+    separator = next((s for s in ("\t", ";") if s in first), ",")
+    table = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+    header = [h.strip() for h in next(table, [])]
+    wanted = ["file", "person", *([column] if column else [])]
+    for name in wanted:
+        if header.count(name) != 1:
+            found = ", ".join(header) or "nothing"
+            raise InputError(f"{path}: expected one column {name!r} in the first line, found {found}")
+    compared = column or (CONDITION if CONDITION in header else None)
+    rows = []
+    for number, cells in enumerate(table, start=2):
+        if not any(c.strip() for c in cells):
+            continue
+        if len(cells) != len(header):
+            raise InputError(f"{path}: line {number}: expected {len(header)} columns, got {len(cells)}")
+        row = {name: cell.strip() for name, cell in zip(header, cells, strict=True)}
+        for name in (*wanted, *([compared] if compared else [])):
+            if not row[name]:
+                raise InputError(f"{path}: line {number}: {name}: expected a value")
+        rows.append(Row(path.parent / row["file"], row["person"], row[compared] if compared else ALL))
+    if not rows:
+        raise InputError(f"{path}: expected at least one row")
+    return rows
+
+
+def rows_of(rows: Sequence[Row], files: Sequence[Path], table: Path) -> list[Row]:
+    """The rows of some files, in the order of the files; all rows if no files are named.
+
+    Raises `InputError` for a file without a row, or with two.
+    """
+    if not files:
+        return list(rows)
+    out = []
+    for file in files:
+        own = [r for r in rows if r.file.resolve() == file.resolve()]
+        if len(own) != 1:
+            raise InputError(f"{table}: expected one row for {file}, found {len(own)}")
+        out.append(own[0])
+    return out

@@ -1,0 +1,340 @@
+"""Mean and spread of a quantity among people, from the likelihood of every person's value.
+
+The values of people are drawn from a normal distribution with mean mu and standard deviation tau, on the scale of the
+quantity itself, which is the scale of published means. What a person adds to the likelihood of mu and tau is
+
+    w / sqrt(w^2 + tau^2)  max over x of  L(x) exp(-(x - mu)^2 / (2 tau^2)),    w = integral of L / sqrt(2 pi)
+
+with the person's profile likelihood L, relative to its maximum. For a Gaussian L this is the integral over the
+person's unknown value x, the likelihood of the usual random-effects model; for every L it has the limits of that
+integral for small and large tau. In between the value is maximised instead of integrated, because L is a profile: where
+it is flat, two parameters trade for each other, and the integral would prefer values in the middle of the flat part for
+no other reason than that there are more of them. So a person of whom little is known adds little.
+
+- tau maximises the likelihood integrated over mu (REML for Gaussian likelihoods).
+- The interval of mu is that of its profile likelihood. Its threshold n log(1 + t^2 / (n - 1)), with Student's t of
+  n - 1 degrees of freedom, makes it exact for few people who are measured without error: it is their t interval.
+- Where likelihoods are flatter than Gaussian ones, the interval also covers the means of people who are all at the low,
+  or all at the high, end of their flat part (each with its t interval). If flat parts make up half of it, it is said to
+  be "flat", which is not determined.
+- The value of each person, given the others, has weights averaged over mu and tau (flat priors).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft
+from scipy.interpolate import CubicSpline
+from scipy.special import logsumexp, ndtr, ndtri, stdtr, stdtrit
+from scipy.stats import chi2
+
+from mcstudy.identification.likelihood import Likelihood
+
+FINE = 8.0
+"""Points of the grid per standard error of the best known value."""
+
+MOST = 1 << 13
+"""Most points of the grid."""
+
+TAUS = 64
+"""Values of tau, geometric, beside zero."""
+
+BETWEEN = 100
+"""Points between two of a grid at which a spline is looked at for its greatest value."""
+
+NONE = 1e-3
+"""Log likelihood ratio up to which no spread at all counts as the best estimate."""
+
+MOST_UNDETERMINED = 0.5
+"""Share of people whose interval a bound ends, from which the mean counts as undetermined on that side."""
+
+FLAT = 0.25
+"""Share of the interval of the mean, from which flat parts of the likelihoods are taken at their full length."""
+
+MOST_FLAT = 0.5
+"""Share of the interval of the mean, from which flat parts of the likelihoods count as what makes it wide."""
+
+LEAST_TO_SHRINK = 3
+"""Fewest people from whom the spread is known well enough to draw individual values towards the mean."""
+
+
+class Interval(NamedTuple):
+    """A value with the ends of its interval, and what sets each: "data", "bound" or "flat"."""
+
+    value: float
+    low: float
+    high: float
+    low_from: str = "data"
+    high_from: str = "data"
+
+
+@dataclass(frozen=True)
+class Population:
+    """n people with one quantity; at least two.
+
+    Attributes
+    ----------
+    people: likelihood of every person's value. level: of the intervals.
+    limits: values that are possible for the quantity, for example what the bounds of the fits allow.
+    """
+
+    people: Sequence[Likelihood]
+    level: float
+    limits: tuple[float, float] = (-np.inf, np.inf)
+
+    @property
+    def n(self) -> int:
+        """Number of people."""
+        return len(self.people)
+
+    @cached_property
+    def mu(self) -> np.ndarray:
+        """Grid of values and means, (G,), evenly spaced."""
+        support = np.array([p.support for p in self.people])
+        low, high = support[:, 0].min(), support[:, 1].max()
+        widths = np.array([p.width for p in self.people])
+        narrowest = widths[widths > 0].min() if (widths > 0).any() else 0.0
+        pad = self._wide(float(np.ptp([p.estimate for p in self.people])) + float(np.median(widths)))
+        low, high = low - pad, high + pad
+        step = max(narrowest / FINE, (high - low) / MOST) or 1.0
+        return np.asarray(low + step * np.arange(int(np.ceil((high - low) / step)) + 1))
+
+    def _wide(self, span: float) -> float:
+        """Half-width beyond which no end of the interval lies when estimates lie within ``span``."""
+        return float(stdtrit(self.n - 1, 0.5 + self.level / 2) / np.sqrt(self.n)) * span
+
+    @property
+    def _step(self) -> float:
+        return float(self.mu[1] - self.mu[0])
+
+    @cached_property
+    def tau(self) -> np.ndarray:
+        """Grid of standard deviations among people, (T,), ascending from 0."""
+        longest = 2 * max(np.ptp([p.estimate for p in self.people]), np.median([p.width for p in self.people]))
+        longest = max(longest, self._wide(longest), 4 * self._step)
+        return np.concatenate([[0.0], np.geomspace(0.5 * self._step, longest, TAUS)])
+
+    @cached_property
+    def _log(self) -> np.ndarray:
+        """Log likelihoods of the people on the grid, (n, G); widened where the grid is coarser than they are."""
+        out = np.empty((self.n, self.mu.size))
+        for i, p in enumerate(self.people):
+            x = self.mu
+            if p.width < self._step:
+                x = p.estimate + (x - p.estimate) * (p.width / self._step if p.width else 0.0)
+                out[i] = p.log(x) if p.width else -0.5 * ((self.mu - p.estimate) / self._step) ** 2
+            else:
+                out[i] = p.log(x)
+        return out
+
+    @cached_property
+    def marginal(self) -> np.ndarray:
+        """What every person adds to the log likelihood of tau and mu, (n, T, G)."""
+        return np.array([self._added(log) for log in self._log])
+
+    def _added(self, log: np.ndarray) -> np.ndarray:
+        """What one person adds, (T, G); ``log`` (G,), a concave log likelihood."""
+        known = np.isfinite(log)
+        x, log = self.mu[known], log[known]
+        w = np.exp(log).sum() * self._step / np.sqrt(2 * np.pi)
+        out = np.empty((self.tau.size, self.mu.size))
+        for t, tau in enumerate(self.tau):
+            if tau == 0:
+                out[t] = np.where(known, 0.0, -np.inf)
+                out[t, known] = log
+                continue
+            # Of two neighbours the upper one is better for means above this value, which rises with x.
+            turn = (x[1:] + x[:-1]) / 2 - tau**2 * np.diff(log) / self._step
+            best = np.searchsorted(turn, self.mu)
+            out[t] = log[best] - 0.5 * ((x[best] - self.mu) / tau) ** 2 + np.log(w / np.hypot(w, tau))
+        return out
+
+    @cached_property
+    def joint(self) -> np.ndarray:
+        """Log likelihood of (tau, mu), (T, G); -inf for impossible means."""
+        possible = (self.mu >= self.limits[0]) & (self.mu <= self.limits[1])
+        return np.where(possible, self.marginal.sum(axis=0), -np.inf)
+
+    @cached_property
+    def restricted(self) -> np.ndarray:
+        """Log likelihood of tau, integrated over mu, (T,), relative to its greatest value."""
+        value = logsumexp(self.joint, axis=1)
+        return np.asarray(value - value.max())
+
+    @cached_property
+    def deviance(self) -> np.ndarray:
+        """Of mu, (G,): twice the log likelihood ratio, at the best tau for each."""
+        found = _peak(self.joint)
+        return np.asarray(2 * (found.max() - found))
+
+    @cached_property
+    def t_squared(self) -> np.ndarray:
+        """`deviance` as the square of a Student's t of n - 1 degrees of freedom, (G,)."""
+        return np.asarray((self.n - 1) * np.expm1(np.minimum(self.deviance / self.n, 500.0)))
+
+    def mean(self) -> Interval:
+        """The mean, with its interval."""
+        at = int(np.argmax(self.restricted))
+        value = _argmax(self.mu, self.joint[at])
+        goal = stdtrit(self.n - 1, 0.5 + self.level / 2) ** 2
+        low, high = crossings(self.mu, self.t_squared, goal)
+        flat = np.array([p.flat for p in self.people])
+        length = float(np.median(np.diff(flat, axis=1)))  # of most people: one who is not determined tells nothing
+        share = length / max(high - low, length, 1e-300)
+        end = "flat" if share > MOST_FLAT else "data"
+        # All people may be at the same end of the flat parts of their likelihoods, which is no matter of chance.
+        away, weight = np.sqrt(goal / self.n) * flat.std(axis=0, ddof=1), min(share / FLAT, 1.0)
+        low += weight * min(flat[:, 0].mean() - away[0] - low, 0.0)
+        high += weight * max(flat[:, 1].mean() + away[1] - high, 0.0)
+        return self._bounded(Interval(value, float(low), float(high), end, end))
+
+    def _spread(self, density: np.ndarray) -> np.ndarray:
+        """Densities (T, G) of means, each convolved with the normal density of its tau."""
+        G = self.mu.size
+        k = np.arange(2 * G)
+        offset = np.minimum(k, k.size - k) * self._step
+        half, scale = self._step / 2, np.maximum(self.tau, 1e-3 * self._step)[:, None]
+        cells = ndtr((half - offset) / scale) - ndtr((-half - offset) / scale)
+        together = fft.rfft(cells, axis=1) * fft.rfft(density, 2 * G, axis=1)
+        return np.asarray(fft.irfft(together, 2 * G, axis=1)[:, :G])
+
+    def _bounded(self, found: Interval) -> Interval:
+        """An interval that reaches as far as any person's on every side that most people leave undetermined."""
+        goal = float(ndtri(0.5 + self.level / 2))
+        open_low, open_high = np.mean([p.open for p in self.people], axis=0) >= MOST_UNDETERMINED
+        _, low, high, low_from, high_from = found
+        if open_low or low <= self.limits[0]:
+            low, low_from = min(low, *(p.at_root(-goal) for p in self.people)), "bound"
+        if open_high or high >= self.limits[1]:
+            high, high_from = max(high, *(p.at_root(goal) for p in self.people)), "bound"
+        low, high = max(low, self.limits[0]), min(high, self.limits[1])
+        return Interval(found.value, min(low, found.value), max(high, found.value), low_from, high_from)
+
+    def between(self) -> Interval:
+        """Standard deviation among people, with the interval of its restricted likelihood.
+
+        A lower end of zero, or an upper one at the end of the grid, is a "bound".
+        """
+        none = self.restricted[0] > -NONE
+        value = 0.0 if none else max(_argmax(self.tau, self.restricted), 0.0)
+        low, high = crossings(self.tau, -2 * self.restricted, float(chi2.ppf(self.level, 1)))
+        low_from = "bound" if low <= 0 else "data"
+        high_from = "bound" if high >= self.tau[-1] else "data"
+        return Interval(value, min(low, value), max(high, value), low_from, high_from)
+
+    def individual(self) -> list[Interval]:
+        """Value of each person, given the others too: posterior mean with central interval.
+
+        Empty for fewer than `LEAST_TO_SHRINK` people.
+        """
+        if self.n < LEAST_TO_SHRINK:
+            return []
+        width = np.gradient(self.tau)[:, None]  # a flat prior on tau, whose grid is not even
+        out = []
+        for i in range(self.n):
+            others = self.joint - self.marginal[i]
+            others = np.exp(others - others.max()) * width
+            prior = np.log(np.maximum(self._spread(others).sum(axis=0), 1e-300))
+            log = self._log[i] + prior
+            weight = np.exp(log - log.max())
+            weight /= weight.sum()
+            tail = (1 - self.level) / 2
+            low, high = (float(np.interp(q, np.cumsum(weight), self.mu)) for q in (tail, 1 - tail))
+            out.append(Interval(float(weight @ self.mu), low, high))
+        return out
+
+
+class Difference(NamedTuple):
+    """A difference of two means, and the p-value of no difference."""
+
+    interval: Interval
+    p_value: float
+
+
+def paired(population: Population) -> Difference:
+    """Of people whose likelihoods are those of their own differences."""
+    t = np.sqrt(np.interp(0.0, population.mu, population.t_squared))
+    return Difference(population.mean(), float(2 * stdtr(population.n - 1, -t)))
+
+
+def unpaired(second: Population, first: Population) -> Difference:
+    """Mean of ``second`` minus mean of ``first``, different people.
+
+    The squares of both t are added at the best pair of means with each difference; degrees of freedom after Welch.
+    """
+    a, b = first, second
+    ends = b.mu[0] - a.mu[-1], b.mu[-1] - a.mu[0]
+    at, wanted = b.mean().value - a.mean().value, np.linspace(*ends, 4 * MOST)
+    wanted = wanted[np.abs(wanted - at) < 0.5 * (ends[1] - ends[0])]
+    widths = [_half(p) for p in (a, b)]
+    wanted = np.linspace(*_around(at, widths, wanted), 801)
+    x = np.linspace(a.mu[0], a.mu[-1], 2001)
+    left = np.interp(x, a.mu, a.t_squared)
+    together = np.array([(left + np.interp(x + d, b.mu, b.t_squared, left=np.inf, right=np.inf)).min() for d in wanted])
+    together -= together.min()
+    v = np.square(widths)
+    dof = v.sum() ** 2 / (v[0] ** 2 / (a.n - 1) + v[1] ** 2 / (b.n - 1))
+    goal = stdtrit(dof, 0.5 + a.level / 2) ** 2
+    low, high = crossings(wanted, together, goal)
+    m, k = a.mean(), b.mean()
+    low_from, high_from = _worse(k.low_from, m.high_from), _worse(k.high_from, m.low_from)
+    low = k.low - m.high if low_from != "data" else low
+    high = k.high - m.low if high_from != "data" else high
+    t = np.sqrt(np.interp(0.0, wanted, together))
+    return Difference(Interval(at, min(low, at), max(high, at), low_from, high_from), float(2 * stdtr(dof, -t)))
+
+
+def _worse(*ends: str) -> str:
+    """What ends the interval of a difference of two means whose intervals end at these."""
+    return next((end for end in ("bound", "flat") if end in ends), "data")
+
+
+def _half(p: Population) -> float:
+    """Standard error of a mean: half the distance between the values at which t is 1."""
+    low, high = crossings(p.mu, p.t_squared, 1.0)
+    return (high - low) / 2
+
+
+def _around(at: float, widths: Sequence[float], wanted: np.ndarray) -> tuple[float, float]:
+    far = 40 * float(np.hypot(widths[0], widths[1]))
+    return max(at - far, wanted[0]), min(at + far, wanted[-1])
+
+
+def _peak(log: np.ndarray) -> np.ndarray:
+    """Greatest value along the first axis (T, G), with a parabola through the three points around it."""
+    k = np.clip(np.argmax(log, axis=0), 2, len(log) - 2)  # the first interval, from tau = 0, is not of equal ratio
+    column = np.arange(log.shape[1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        a, b, c = (log[k + i, column] for i in (-1, 0, 1))
+        rise = np.where(a - 2 * b + c < 0, b - (c - a) ** 2 / (8 * (a - 2 * b + c)), b)
+    greatest = log.max(axis=0)
+    inner = (b >= a) & (b >= c) & np.isfinite(a) & np.isfinite(c)
+    return np.where(inner, np.maximum(rise, greatest), greatest)
+
+
+def _argmax(x: np.ndarray, log: np.ndarray) -> float:
+    """The value at which a function is greatest, by a spline through the points around the greatest."""
+    k = int(np.argmax(log))
+    near = slice(max(k - 3, 0), k + 4)
+    x, log = x[near], log[near]
+    fine = np.linspace(x[0], x[-1], 6 * BETWEEN + 1)
+    return float(fine[np.argmax(CubicSpline(x, log)(fine))] if np.isfinite(log).all() else x[np.argmax(log)])
+
+
+def crossings(x: np.ndarray, deviance: np.ndarray, goal: float) -> tuple[float, float]:
+    """The outermost values at which a deviance is ``goal``, or the ends of ``x``; between points by its root."""
+    root = np.sqrt(np.maximum(np.minimum(deviance, 1e12), 0.0))
+    inside = np.flatnonzero(root <= np.sqrt(goal))
+    ends = []
+    for k, step in ((inside[0], -1), (inside[-1], 1)):
+        if not 0 <= k + step < x.size:
+            ends.append(float(x[k]))
+            continue
+        share = (np.sqrt(goal) - root[k]) / (root[k + step] - root[k])
+        ends.append(float(x[k] + share * (x[k + step] - x[k])))
+    return ends[0], ends[1]

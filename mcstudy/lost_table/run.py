@@ -1,0 +1,100 @@
+"""Running an inference: the bank, its waves, and the posterior of the unknowns.
+
+    OUT/design.json   fingerprint of the inference file
+    OUT/bank/         simulated studies, a few per file
+    OUT/result.zarr   posterior, posterior predictive, contradictions, calibration
+
+The first studies are at points of the prior. Each wave simulates at points of the posterior found so far, under the
+square root of the likelihood, so that the emulator becomes accurate where the posterior is without losing what lies
+around it. Everything is a function of the file's seed; a stopped run resumes with the same bits.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mcstudy.errors import StudyChangedError
+from mcstudy.files.json_files import ensure_folder, read_document, write_text
+from mcstudy.lost_table.bank import Bank, prior_points, simulated
+from mcstudy.lost_table.design import InferenceFile
+from mcstudy.lost_table.emulator import Emulator
+from mcstudy.lost_table.posterior import Likelihood, Posterior, sample
+from mcstudy.lost_table.rows import stated
+from mcstudy.lost_table.unknowns import Prior
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.streams import stream
+
+WAVE_POWER = 0.5
+"""Power of the likelihood whose posterior a wave is drawn from."""
+
+NEAR = 500
+"""Studies the final emulator is made of, at least: those whose predicted rows are nearest to the observed ones."""
+
+
+@dataclass(frozen=True)
+class Inferred:
+    """What an inference found.
+
+    Attributes
+    ----------
+    prior: the unknowns. prior_bank: studies at points of the prior. bank: those and the studies of the waves.
+    emulator: the final one. likelihood, posterior: given the paper's rows.
+    """
+
+    prior: Prior
+    prior_bank: Bank
+    bank: Bank
+    emulator: Emulator
+    likelihood: Likelihood
+    posterior: Posterior
+
+
+def claim(file: InferenceFile, out: Path) -> None:
+    """Make the folder of an inference, or check that it is that of ``file``; raises `StudyChangedError`."""
+    ensure_folder(out)
+    design = out / "design.json"
+    if not design.exists():
+        write_text(design, json.dumps({"fingerprint": file.fingerprint}))
+        return
+    found = read_document(design)
+    if not isinstance(found, dict) or found.get("fingerprint") != file.fingerprint:
+        raise StudyChangedError(f"{out}: made from another inference file; expected a new folder")
+
+
+def infer(file: InferenceFile, out: Path, options: ClusterOptions) -> Inferred:
+    """Simulate what is missing of the bank and find the posterior; raises `Interrupted` when stopped."""
+    claim(file, out)
+    inference, prior = file.inference, Prior(file.prior)
+    seed, n = inference.seed, inference.realizations
+    points = prior_points(prior, stream(seed, "table_prior"), inference.prior_studies)
+    bank = prior_bank = simulated(prior, points, (seed, 0, n), out / "bank", options)
+    start = prior_points(prior, stream(seed, "table_particles"), inference.particles)
+    observed = stated()
+    for wave, studies in enumerate(inference.waves, start=1):
+        likelihood = Likelihood.of(near(prior, bank, prior_bank, n, observed), observed)
+        rng = stream(seed, "table_wave", wave)
+        found = sample(likelihood, rng, inference.particles, WAVE_POWER, start)
+        points = found.u[rng.permutation(len(found.u))[:studies]]
+        if len(points) < studies:
+            points = found.u[rng.integers(len(found.u), size=studies)]
+        bank = bank.joined(simulated(prior, points, (seed, wave, n), out / "bank", options))
+    likelihood = Likelihood.of(near(prior, bank, prior_bank, n, observed), observed)
+    posterior = sample(likelihood, stream(seed, "table_posterior"), inference.particles, start=start)
+    return Inferred(prior, prior_bank, bank, likelihood.emulator, likelihood, posterior)
+
+
+def near(prior: Prior, bank: Bank, prior_bank: Bank, realizations: int, observed: np.ndarray) -> Emulator:
+    """The emulator of the studies nearest to the observed rows, by rows that an emulator of all predicts.
+
+    Studies are chosen by what is predicted for their configuration, not by their own rows: choosing by a result with
+    Monte Carlo error would bias the emulator.
+    """
+    emulator = Emulator.of(prior, bank, realizations)
+    if len(bank) <= max(NEAR, len(prior_bank)):
+        return emulator
+    order = np.argsort(-Likelihood.of(emulator, observed)(bank.u), kind="stable")
+    return Emulator.of(prior, bank.take(np.sort(order[: max(NEAR, len(bank) // 2)])), realizations)

@@ -1,0 +1,93 @@
+"""Recordings from a description (`mcstudy.recordings.sheet`) and the files that it names, or that the user names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcstudy.errors import RecordingError
+from mcstudy.recordings.body_sheet import body_of
+from mcstudy.recordings.frf import FrfRecording, frf_of_columns
+from mcstudy.recordings.lab_files import Files
+from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.sheet import Sheet, TrialSheet, document, parse
+from mcstudy.recordings.trials import Read, trials_of
+from mcstudy.recordings.units import factor
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """A recording, its trials as they were read, and in words what was done to them."""
+
+    recording: Recording
+    read: tuple[Read, ...]
+    notes: tuple[str, ...]
+
+
+def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | FrfRecording:
+    """The recording that a TOML file describes, with its data files in ``data`` (the TOML file's folder when None).
+
+    Checks the structure only; `mcstudy.recordings.io` adds the checks of the data. Raises `RecordingError` naming the
+    file and the field.
+    """
+    path = Path(path)
+    sheet = parse(document(path), str(path))
+    folder = path.parent if data is None else Path(data)
+    if sheet.frf is not None:
+        return _frf(sheet, Files(folder, sheet.text.dialect(), str(path)), str(path))
+    return assemble(sheet, folder, str(path)).recording
+
+
+def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) -> Assembled:
+    """The recording of a description whose trials are in files of ``folder``, or among ``own`` (see `Files`)."""
+    files = Files(folder, sheet.text.dialect(), where, own)
+    body, source = body_of(sheet.body, files.table, where)
+    if not sheet.trials:
+        raise RecordingError(f"{where}: trials: expected at least one")
+    read, notes = trials_of(sheet, files, where)
+    notes = (*notes, *([source] if source else []))
+    try:
+        recording = Recording(
+            tuple(r.trial for r in read),
+            read[0].rate_hz,
+            sheet.period_s,
+            sheet.stimulus,
+            body,
+            sheet.convention,
+            sheet.name,
+            "; ".join(filter(None, (sheet.provenance, *notes))),
+            person=sheet.person,
+            condition=sheet.condition,
+        )
+    except RecordingError as error:
+        raise RecordingError(f"{where}: {error}") from error
+    return Assembled(recording, read, notes)
+
+
+def with_files(content: Mapping[str, Any], names: Sequence[str], where: str) -> Sheet:
+    """A description whose trials are the named files, one each."""
+    sheet = parse(content, where)
+    if sheet.frf is not None:
+        raise RecordingError(f"{where}: frf: expected a description of time series")
+    if sheet.trials and names:
+        raise RecordingError(f"{where}: trials: expected none, because files are named for the import")
+    if not names:
+        return sheet
+    return sheet.model_copy(update={"trials": tuple(TrialSheet(file=name) for name in names)})
+
+
+def _frf(sheet: Sheet, files: Files, where: str) -> FrfRecording:
+    body, source = body_of(sheet.body, files.table, where)
+    if sheet.trials or sheet.frf is None:
+        raise RecordingError(f"{where}: frf: expected either trials or an frf, got both")
+    table = files.table(sheet.frf.file)
+    columns = {n: table.column(n) for n in table.names}
+    scale = factor(sheet.units.angle or "rad", "rad", f"{where}: units.angle")
+    f, y, C, single = frf_of_columns(columns, scale, str(table.path))
+    try:
+        provenance = "; ".join(filter(None, (sheet.provenance, source)))
+        return FrfRecording(f, y, C, sheet.stimulus, body, single, sheet.name, provenance)
+    except RecordingError as error:
+        raise RecordingError(f"{table.path}: {error}") from error

@@ -1,0 +1,137 @@
+"""The variables of a laboratory's file: names, shapes, units and rates are known, values are read on demand.
+
+Each reader (text, MATLAB, C3D) lists variables under one kind of name. A name may be followed by indices from 0, as in
+numpy: ``data.angles[:,1]`` is the second column.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mcstudy.errors import RecordingError
+
+MOST_VARIABLES = 10_000
+"""Most variables of a file."""
+
+SHOWN = 20
+"""Most names in a message."""
+
+_INDEX = re.compile(
+    r"(?P<name>.+)\[(?P<index>\s*(?::|-?\d{1,9})(?:\s*,\s*(?::|-?\d{1,9}))*\s*)\]", re.ASCII | re.DOTALL
+)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Numbers under a name.
+
+    Attributes
+    ----------
+    name
+        As it is asked for.
+    shape
+        Of the values.
+    read
+        Returns the values, float64.
+    unit
+        As the file states it, or None.
+    rate_hz
+        Samples per second as the file states it, or None.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    read: Callable[[], np.ndarray]
+    unit: str | None = None
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True)
+class Picked:
+    """Values of a variable, and what the file states of them."""
+
+    name: str
+    values: np.ndarray
+    unit: str | None = None
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True)
+class Source:
+    """The variables of one file, by name.
+
+    ``kind``: format in words. ``numbered``: names of columns that may also be asked for by their number.
+    """
+
+    path: Path
+    kind: str
+    variables: Mapping[str, Variable]
+    numbered: tuple[str, ...] = ()
+
+    def pick(self, key: str | int) -> Picked:
+        """The values under a name, with or without indices, or of a column by its number; `RecordingError`."""
+        if isinstance(key, int) or (self.numbered and key.isdecimal() and key not in self.variables):
+            return self._of(self._column(int(key)))
+        if key in self.variables:
+            return self._of(key)
+        name, index = _parts(key)
+        if name not in self.variables:
+            raise RecordingError(self._missing(key))
+        return self._indexed(self._of(name), index)
+
+    def elements(self, key: str) -> list[Picked]:
+        """The values under a name in every element of a struct array or cell array, in order; `RecordingError`.
+
+        ``trial.torque`` means ``trial[0].torque``, ``trial[1].torque`` and so on.
+        """
+        bare = {name: re.sub(r"\[\d+\]", "", name) for name in self.variables}
+        key, index = (key, ()) if key in bare.values() else _parts(key)
+        found = [self._of(name) for name, short in bare.items() if short == key]
+        if not found:
+            raise RecordingError(self._missing(key))
+        return [self._indexed(p, index) for p in found]
+
+    def _indexed(self, found: Picked, index: tuple[slice | int, ...]) -> Picked:
+        if not index:
+            return found
+        try:
+            return replace(found, values=found.values[index])
+        except IndexError:
+            shape = " x ".join(map(str, found.values.shape))
+            raise RecordingError(f"{self.path}: {found.name}: expected indices from 0 within {shape}") from None
+
+    def _of(self, name: str) -> Picked:
+        variable = self.variables[name]
+        try:
+            values = np.asarray(variable.read(), dtype=float)
+        except (OSError, ValueError, RuntimeError, KeyError, MemoryError) as error:
+            reason = (str(error).splitlines() or [type(error).__name__])[0][:300]
+            raise RecordingError(f"{self.path}: {name}: cannot be read: {reason}") from error
+        return Picked(name, values, variable.unit, variable.rate_hz)
+
+    def _column(self, number: int) -> str:
+        if not 0 <= number < len(self.numbered):
+            raise RecordingError(f"{self.path}: column {number}: the file has columns 0 to {len(self.numbered) - 1}")
+        return self.numbered[number]
+
+    def _missing(self, key: str) -> str:
+        names = list(self.variables)
+        near = difflib.get_close_matches(key, names[:1000], n=1)
+        hint = f" (similar: {near[0]})" if near else ""
+        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+        what = "column" if self.numbered else "variable"
+        return f"{self.path}: {what} {key!r} is missing{hint}; found {', '.join(names[:SHOWN]) or 'none'}{more}"
+
+
+def _parts(key: str) -> tuple[str, tuple[slice | int, ...]]:
+    """A name and the indices behind it; none where there are none."""
+    match = _INDEX.fullmatch(key)
+    if match is None:
+        return key, ()
+    return match["name"], tuple(slice(None) if i.strip() == ":" else int(i) for i in match["index"].split(","))

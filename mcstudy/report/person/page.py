@@ -1,0 +1,278 @@
+"""A fit as a page: what came out, estimates, profiles, whether to believe the model, what would help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from mcstudy.identification import words
+from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.identification.tables import Table as FitTable
+from mcstudy.identification.tables import estimates, help_needed, interval, relative
+from mcstudy.recordings.recording import Recording
+from mcstudy.report.document import document
+from mcstudy.report.figure import Figure, Panel, figure
+from mcstudy.report.html import Table, escape, table
+from mcstudy.report.person import figures, responses
+from mcstudy.text_tables import number
+
+SMALL, WIDE = (3.4, 2.6), (6.4, 4.6)
+
+TILES = 4
+"""Quantities on the first screen: those that the data determine best."""
+
+
+def fit_page(fit: FitResult, command: str = "mcstudy fit REC --html page.html") -> str:
+    """The page of a fit; ``command``: the command that makes this page, as displayed on it."""
+    parts = [
+        ("estimates", "Estimates and intervals", _table(fit) + _shown([_intervals(fit)], command)),
+        ("profiles", "What the data determine", _listed(_open(fit)) + _shown(_profiles(fit), command)),
+        ("model", "Can the model be believed?", _listed(_belief(fit)) + _shown(_model(fit), command)),
+        ("help", "What would help", _shown([_information(fit)], command)),
+        ("search", "How the estimate was found", _shown([_waterfall(fit)], command)),
+        ("made", "How this was made", _provenance(fit, command)),
+    ]
+    return document(
+        f"Parameters of {fit.name}",
+        _introduction(fit),
+        parts,
+        f"Intervals are profile likelihood intervals of {100 * fit.level:g} %; no prior is used. How often such "
+        "intervals hold the truth in simulations: mcstudy/identification/README.md.",
+    )
+
+
+def _introduction(fit: FitResult) -> str:
+    kinds = [e.verdict for e in fit.estimates]
+    determined, several = kinds.count("identifiable"), fit.recording is not None
+    asked = (
+        f"Asked: which values of the {len(fit.model.names)} parameters of the {fit.model.name.replace('_', ' ')} model "
+        f"agree with {'this recording' if several else 'these lines'} at {len(fit.lines)} lines from "
+        f"{fit.lines.f[0]:.2g} to {fit.lines.f[-1]:.2g} Hz"
+    )
+    added = fit.method["effects"]
+    asked += f", with {' and '.join(added)} added to it?" if added else "?"
+    tiles = [
+        (
+            "Determined by the data",
+            f"{determined} of {len(kinds)}",
+            "quantities have an interval that the data end on both sides.",
+            "profiles",
+        ),
+        *(
+            (
+                e.name,
+                f"{number(e.estimate)} {e.unit}".replace("N m", "N·m"),
+                f"{interval(e)} ({_share(e)}).",
+                "intervals",
+            )
+            for e in _best(fit)
+        ),
+        ("Goodness of fit", words.p_text(fit.p_value), _goodness(fit), "model"),
+    ]
+    if fit.gap is not None:
+        found = "a gap beyond noise" if words.gap_found(fit) else "no gap beyond noise"
+        tiles.append(("Test for a gap", found, f"p = {number(fit.gap.p_value, 2)}.", "model"))
+    if fit.stability is not None:
+        state = "over all intervals" if fit.stability.stable else "not over all intervals"
+        root = f"rightmost root {number(fit.growth_rate)} 1/s; stable {state}."
+        tiles.append(("Closed loop", "stable" if fit.growth_rate < 0 else "unstable", root, "model"))
+    boxes = "".join(
+        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong>"
+        f'<small>{escape(remark)} <a href="#{key}">more</a></small></li>'
+        for what, value, remark, key in tiles
+    )
+    warning = f'<div class="truth"><p>{escape(words.belief(fit))}</p></div>' if words.doubtful(fit) else ""
+    return f'<p>{escape(asked)}</p>{warning}<ul class="tiles">{boxes}</ul>'
+
+
+def _best(fit: FitResult) -> list[Estimate]:
+    known = [e for e in fit.estimates if e.verdict == "identifiable" and e.estimate]
+    return sorted(known, key=lambda e: (e.high - e.low) / abs(e.estimate))[:TILES]
+
+
+def _share(e: Estimate) -> str:
+    return relative(e, (e.high - e.low) / 2)
+
+
+def _goodness(fit: FitResult) -> str:
+    return f"squared residual {fit.chi2:.0f}, expected {fit.expected_chi2:.0f}."
+
+
+def _page_table(t: FitTable) -> Table:
+    return Table(t.title, t.header, t.rows, "wide")
+
+
+def _table(fit: FitResult) -> str:
+    t = estimates(fit)
+    return table(_page_table(t)) + _listed([t.note])
+
+
+def _intervals(fit: FitResult) -> Figure:
+    return Figure(
+        "intervals",
+        "",
+        "All quantities",
+        [
+            "Each quantity relative to the value that is typical of a body of this weight. Thick line: the profile "
+            "interval; a hollow end is a bound of the fit and says nothing about the person. Dashed: the symmetric "
+            "Gauss-Newton interval (Wald), which ignores bounds and other minima. Cross: the estimate under the cost "
+            "of Goodworth & Peterka (2018).",
+        ],
+        [Panel("intervals", partial(figures.intervals, fit), WIDE)],
+        python="fit.plot.intervals()",
+    )
+
+
+def _profiles(fit: FitResult) -> list[Figure]:
+    rows = [
+        (e.name, ", ".join(f"{n} {number(a)} to {number(b)}" for n, (a, b) in fit.moving(e.name).items()) or "nothing")
+        for e in fit.estimates
+    ]
+    drawn = Figure(
+        "profile",
+        "",
+        "Profiles",
+        [
+            "How much the squared residual rises above the lowest one when a quantity is held at a value and all other "
+            "parameters are fitted again. The interval holds the values below the threshold. Dashed: what the "
+            "curvature at the estimate alone would give (Wald). Points above the lower edge belong to higher minima.",
+        ],
+        [Panel(e.name, partial(figures.profile, fit, e.name), SMALL) for e in fit.estimates],
+        [Table("What moves with it from the lower to the upper end", ("quantity", "moves"), rows, "rows")],
+        python=f'fit.plot.profile("{fit.estimates[0].name}")',
+        small=True,
+        legend=[("blue", "profile and interval"), ("muted", "threshold"), ("orange", "Wald"), ("ink", "estimate")],
+    )
+    near = Figure(
+        "correlations",
+        "",
+        "Correlations near the estimate",
+        [
+            "Correlations of the Gauss-Newton errors. Disc: positive. Square: negative. Area: size. Parameters on a "
+            "bound are left out.",
+            words.correlated(fit),
+        ],
+        [Panel("correlations", partial(figures.correlations, fit), (4.3, 4.3))],
+        python="fit.plot.correlations()",
+    )
+    return [drawn, near]
+
+
+def _model(fit: FitResult) -> list[Figure]:
+    shown = responses.angles(fit)
+    frf = Figure(
+        "frf",
+        "",
+        "Frequency responses",
+        [
+            "How much the body sways (gain), and how late (phase), at each frequency of the stimulus. Circles: "
+            "measured, neighbouring lines averaged, with a 95 % noise band. Line: the fit; around it the range of all "
+            "bodies that fit as well.",
+        ],
+        [
+            panel
+            for k in shown
+            for panel in (
+                Panel(f"gain of θ{k + 1}", partial(responses.response_gain, fit, k)),
+                Panel(f"phase of θ{k + 1}", partial(responses.response_phase, fit, k)),
+            )
+        ],
+        python="fit.plot.response_gain(angle=0)",
+    )
+    if fit.sway is None:
+        return [frf]
+    header = ("sway (° RMS)", "predicted", "range over the intervals", "measured")
+    rows = []
+    for a in fit.sway.angles:
+        low, high = number(a.stimulus_low), number(a.stimulus_high)
+        rows.append((f"{a.angle}, stimulus", number(a.stimulus), f"{low} to {high}", number(a.measured)))
+        if a.noise is not None:
+            low, high = number(a.noise_low), number(a.noise_high)
+            rows.append((f"{a.angle}, noise", number(a.noise), f"{low} to {high}", number(a.noise_measured)))
+    sway = Figure(
+        "sway",
+        "",
+        "Predicted sway",
+        [
+            "Sway at the frequencies of the fit. Stimulus: predicted from the stimulus alone, measured as the mean "
+            "response less its noise. Noise: predicted for sensor noise of the shape that Goodworth & Peterka (2018) "
+            "assume, its two levels fitted to the measured noise. The fit does not use this noise: it tests the body.",
+        ],
+        [Panel("sway", partial(figures.sway, fit), (4.3, 2.9))],
+        [Table("Predicted and measured sway", header, rows, "rows")],
+        python="fit.plot.sway()",
+    )
+    return [frf, sway]
+
+
+def _information(fit: FitResult) -> Figure:
+    t = help_needed(fit)
+    return Figure(
+        "information",
+        "",
+        "Where the information is, and what would narrow the intervals",
+        ["Share of the information on each quantity by band of frequencies.", *([] if t is None else [t.note])],
+        [Panel("information", partial(figures.information, fit), WIDE)],
+        [] if t is None else [_page_table(t)],
+        python="fit.plot.information()",
+    )
+
+
+def _waterfall(fit: FitResult) -> Figure:
+    return Figure(
+        "waterfall",
+        "",
+        "Minima",
+        [
+            "Squared residuals at which the random starts ended. A step is a minimum. Minima below the dotted line fit "
+            "as well as the lowest one, and the intervals cover those in which the closed loop is stable.",
+            words.found(fit),
+        ],
+        [Panel("starts", partial(figures.waterfall, fit))],
+        python="fit.plot.waterfall()",
+    )
+
+
+def _open(fit: FitResult) -> list[str]:
+    return [words.undetermined(fit), *words.valleys(fit), *([h] if (h := words.help_words(fit)) else [])]
+
+
+def _belief(fit: FitResult) -> list[str]:
+    parts = [words.belief(fit), words.added(fit), words.loop(fit), words.sway(fit), *fit.warnings]
+    return [part for part in parts if part]
+
+
+def _listed(sentences: Sequence[str]) -> str:
+    return "".join(f"<p>{escape(s)}</p>" for s in sentences)
+
+
+def _shown(items: Sequence[Figure], command: str) -> str:
+    return "".join(figure(f, "", command) for f in items)
+
+
+def _provenance(fit: FitResult, command: str) -> str:
+    r = fit.recording
+    rows = [["recording", fit.name]]
+    if r is not None:
+        rows += [["origin", r.provenance or "not stated"], ["stimulus", r.stimulus]]
+    if isinstance(r, Recording):
+        peaks = ", ".join(f"{a:.3g}" for a in r.amplitudes)
+        rows += [
+            ["trials", f"{len(r.trials)}, {r.duration_s:.0f} s together at {r.rate_hz:g} Hz"],
+            ["amplitudes (peak)", f"{peaks} {r.stimulus_unit}"],
+        ]
+    rows += [[k, ", ".join(v) if isinstance(v, list) else str(v)] for k, v in fit.method.items() if v != []]
+    rows += [[f"bounds of {p.name}", f"{number(p.lower)} to {number(p.upper)} {p.unit}"] for p in fit.model.parameters]
+    printed = command.split(" --html ")[0] + " --json"
+    commands = "\n".join(
+        [
+            f"{command}    # this page",
+            f"{printed}    # every number of it",
+            "python    # any figure of it",
+            ">>> import mcstudy as mc",
+            '>>> fit = mc.fit("REC")',
+        ]
+    )
+    return f"<pre><code>{escape(commands)}</code></pre>" + table(
+        Table("This recording and fit", ["", ""], rows), "facts"
+    )

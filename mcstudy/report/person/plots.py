@@ -1,0 +1,110 @@
+"""``fit.plot``: the figures of a fit, and the class of fits that provides them."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from mcstudy.identification.result import FitResult
+from mcstudy.report.style import require_matplotlib
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+class FitPlots:
+    """Figures of one fit: each method draws on matplotlib axes ``ax`` (new ones when None) and returns them.
+
+    ``angle`` is 0 for theta1, the lower body, and 1 for theta2, the hip. Raises `InputError` without matplotlib (the
+    extra ``report``).
+    """
+
+    def __init__(self, fit: FitResult) -> None:
+        require_matplotlib()
+        self._fit = fit
+
+    def __repr__(self) -> str:
+        return f"figures of {self._fit.name}: " + ", ".join(n for n in dir(type(self)) if not n.startswith("_"))
+
+    # Modules are looked up, not kept: they need matplotlib, and a fit with figures must stay picklable.
+    @property
+    def _estimates(self) -> ModuleType:
+        from mcstudy.report.person import figures
+
+        return figures
+
+    @property
+    def _responses(self) -> ModuleType:
+        from mcstudy.report.person import responses
+
+        return responses
+
+    def intervals(self, ax: Axes | None = None) -> Axes:
+        """Estimates and intervals of all quantities relative to typical values."""
+        return self._estimates.intervals(self._fit, ax)
+
+    def profile(self, quantity: str, ax: Axes | None = None) -> Axes:
+        """Profile of one quantity with its threshold and the parabola of Wald."""
+        return self._estimates.profile(self._fit, quantity, ax)
+
+    def correlations(self, ax: Axes | None = None) -> Axes:
+        """Correlations of the errors near the estimate."""
+        return self._estimates.correlations(self._fit, ax)
+
+    def information(self, ax: Axes | None = None) -> Axes:
+        """Share of the information on every quantity that each band of frequencies carries."""
+        return self._estimates.information(self._fit, ax)
+
+    def waterfall(self, ax: Axes | None = None) -> Axes:
+        """Squared residuals of all random starts, ascending."""
+        return self._estimates.waterfall(self._fit, ax)
+
+    def response_gain(self, angle: int = 0, ax: Axes | None = None) -> Axes:
+        """Gain of one angle: measured with a 95 % band, and the fit with its range over the intervals."""
+        return self._responses.response_gain(self._fit, angle, ax)
+
+    def response_phase(self, angle: int = 0, ax: Axes | None = None) -> Axes:
+        """Phase of one angle, degrees: measured with a 95 % band, and the fit with its range over the intervals."""
+        return self._responses.response_phase(self._fit, angle, ax)
+
+    def sway(self, ax: Axes | None = None) -> Axes:
+        """Predicted and measured sway, degrees RMS; raises `InputError` for a fit without recorded sway."""
+        return self._estimates.sway(self._fit, ax)
+
+
+class FitWithFigures(FitResult):
+    __doc__ = FitResult.__doc__  # what `help` shows of a result of `mcstudy.fit`
+    shown_as = "FitResult"
+    more = "text(), plot, to_html(path), to_xarray(), to_dict()"
+
+    @classmethod
+    def of(cls, fit: FitResult) -> FitWithFigures:
+        """The same fit with figures."""
+        return cls(**{f.name: getattr(fit, f.name) for f in fields(fit)})
+
+    @cached_property
+    def plot(self) -> FitPlots:
+        """Its figures (`FitPlots`), e.g. ``fit.plot.profile("K11")``; `InputError` without matplotlib."""
+        return FitPlots(self)
+
+    def to_html(self, path: str | Path) -> Path:
+        """Write the page of the fit, as ``mcstudy fit --html`` does; returns its path.
+
+        Parameters
+        ----------
+        path
+            File to write, ``.html``.
+
+        Raises
+        ------
+        InputError
+            matplotlib is not installed, or the file cannot be written.
+        """
+        require_matplotlib()
+        from mcstudy.report.document import write_page
+        from mcstudy.report.person.page import fit_page
+
+        return write_page(path, lambda: fit_page(self))

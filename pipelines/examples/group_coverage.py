@@ -1,0 +1,142 @@
+"""How often do the intervals of a group of people contain the true means?
+
+    python pipelines/examples/group_coverage.py --people 500 --groups 500
+
+Every person is a body whose parameters are drawn from normal distributions around the nominal ones; bodies that fall
+are drawn again. Frequency responses are drawn in the frequency domain: the response of the body, and errors and
+estimates of their covariance with the distribution that a recording of two trials of six cycles at 5 N m has. Each
+person is fitted once. Groups are drawn from these people, and the mean, the difference between two groups of other
+people, and the values of the individuals are compared with the truth: the mean over all people that were drawn.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import cache, partial
+from typing import NamedTuple
+
+import numpy as np
+
+import mcstudy as mc
+from mcstudy.fitting.compilers import cores
+from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.likelihood import Likelihood, of_fit
+from mcstudy.identification.population import Population, unpaired
+from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.measure import measure
+from mcstudy.stance.body import two_segment
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf
+from mcstudy.stance.simulate_spectral import sway_psd
+from mcstudy.stance.stability import growth_rate
+from mcstudy.streams import stream
+
+SLOWEST = -0.5  # 1/s: bodies that are hardly stable sway for minutes after a push
+
+
+class Person(NamedTuple):
+    """True values and likelihoods by quantity."""
+
+    truth: Mapping[str, float]
+    likelihood: Mapping[str, Likelihood]
+
+
+@cache
+def template(fmax: float, cycles: int) -> Lines:
+    """Lines of one recording in the time domain: frequencies, repeats and how well the noise is known."""
+    return measure(mc.simulate(cycles=cycles, seed=0), fmax)
+
+
+def drawn_lines(theta: np.ndarray, seed: int, fmax: float, cycles: int) -> Lines:
+    """Lines of a body with parameters ``theta`` (12,)."""
+    model, like, rng = two_segment(), template(fmax, cycles), stream(seed, "group lines")
+    seconds = 2 * (cycles - 1) * 43.72  # two trials
+    covariance = sway_psd(model, theta, SensorNoise(), like.f) / (2 * seconds) / like.power[:, None, None]
+    root = np.linalg.cholesky(covariance)
+    unit, precision = like.noise.joint_draws(rng, 1)
+    estimated = root @ np.linalg.inv(precision[..., 0])  # its product with its adjoint is the estimate
+    nu = np.maximum(like.noise.dof, 3.0)  # which the whitener takes to be unbiased, unlike its inverse
+    C = estimated @ estimated.conj().swapaxes(1, 2) * ((nu - 2) / nu)[:, None, None]
+    y = frf(model, theta, like.f) + (root @ unit)[..., 0]
+    return replace(like, y=y, noise=replace(like.noise, C=C))
+
+
+def body(seed: int, spread: float) -> np.ndarray:
+    """True parameters of a random body that stands, (12,)."""
+    nominal, rng = two_segment(), stream(seed, "group")
+    while True:
+        theta = nominal.truth * (1 + spread * rng.standard_normal(nominal.truth.size))
+        if (theta > 0).all() and growth_rate(nominal, theta) < SLOWEST:
+            return np.asarray(theta)
+
+
+def person(seed: int, spread: float, fmax: float, cycles: int) -> Person:
+    """Draw, measure and fit one person."""
+    theta = body(seed, spread)
+    fitted = fit_lines(drawn_lines(theta, seed, fmax, cycles), two_segment(), seed=seed)
+    values = dict(zip(fitted.model.names, theta, strict=True))
+    truth = {e.name: float(sum(values[n] for n in e.name.split(" + "))) for e in fitted.estimates}
+    return Person(truth, of_fit(fitted))
+
+
+class Held(NamedTuple):
+    """Whether intervals hold the truth, and whether data end the mean's interval on both sides."""
+
+    mean: bool
+    identified: bool
+    difference: bool
+    individuals: float
+
+
+def judged(people: Sequence[Person], name: str, groups: int, size: int, mean: float) -> list[Held]:
+    """Of random groups of ``size`` people."""
+    rng, out = stream(0, "groups"), []
+    for _ in range(groups):
+        picked = rng.permutation(len(people))[: 2 * size]
+        first, second = (
+            Population([people[k].likelihood[name] for k in one], 0.95) for one in (picked[:size], picked[size:])
+        )
+        m, d = first.mean(), unpaired(second, first).interval
+        own = [v.low <= people[k].truth[name] <= v.high for k, v in zip(picked[:size], first.individual(), strict=True)]
+        both = m.low_from == m.high_from == "data"
+        out.append(Held(m.low <= mean <= m.high, both, d.low <= 0 <= d.high, float(np.mean(own))))
+    return out
+
+
+def main() -> None:
+    """Draw people, fit, draw groups, count and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--people", type=int, default=500, help="people to draw and fit (default 500)")
+    parser.add_argument("--groups", type=int, default=500, help="groups drawn from them (default 500)")
+    parser.add_argument("--size", type=int, default=10, help="people in a group (default 10)")
+    parser.add_argument("--spread", type=float, default=0.2, help="between-person CV of every parameter (default 0.2)")
+    parser.add_argument("--cycles", type=int, default=6, help="stimulus periods per trial (default 6)")
+    parser.add_argument("--fmax", type=float, default=3.1, help="highest frequency, Hz (default 3.1)")
+    parser.add_argument("--workers", type=int, default=cores(), help="processes (default one per core)")
+    args = parser.parse_args()
+    if args.people < 2 * args.size:
+        parser.error(f"--people: expected at least twice --size = {args.size}, got {args.people}")
+    run = partial(person, spread=args.spread, fmax=args.fmax, cycles=args.cycles)
+    with ProcessPoolExecutor(args.workers) as pool:
+        people = list(pool.map(run, range(args.people)))
+    print(
+        f"{args.groups} groups of {args.size} from {args.people} people, up to {args.fmax:g} Hz: % of 95 % intervals "
+        "that hold the truth"
+    )
+    print(f"{'quantity':14}{'mean':>8}{'(ended by data)':>18}{'difference':>12}{'individuals':>13}")
+    total = defaultdict(list)
+    for name in people[0].truth:
+        mean = float(np.mean([p.truth[name] for p in people]))
+        held = 100 * np.mean(judged(people, name, args.groups, args.size, mean), axis=0)
+        total["all"].append(held)
+        print(f"{name:14}{held[0]:8.1f}{f'({held[1]:.0f})':>18}{held[2]:12.1f}{held[3]:13.1f}")
+    held = np.mean(total["all"], axis=0)
+    print(f"{'mean':14}{held[0]:8.1f}{f'({held[1]:.0f})':>18}{held[2]:12.1f}{held[3]:13.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""`pipelines/examples/equal_studies.py`: the verdicts on studies that are equal, and on one with another truth."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from mcstudy.analysis.paper.sampling import Value
+from mcstudy.analysis.paper.statements import RESULTS
+from mcstudy.analysis.paper.verdict import AGREES
+
+EXAMPLE = Path(__file__).parents[2] / "pipelines" / "examples" / "equal_studies.py"
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("equal_studies", EXAMPLE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_study_quotes_its_numbers_as_the_paper_does(example: ModuleType) -> None:
+    assert example.quoted(RESULTS["bias_12_0.41"], 12.3456).value == pytest.approx(12.3)
+    assert example.quoted(RESULTS["spread_amplitude_1.2"], 18.7).value == 19.0
+    # a ranking that fails in that study would have been published the other way round
+    assert example.quoted(RESULTS["lowest_cv"], 5.0).criterion == "at least"
+    assert example.quoted(RESULTS["lowest_cv"], -5.0).criterion == "at most"
+
+
+def test_shares_are_of_normal_numbers_what_theory_says(example: ModuleType) -> None:
+    rng = np.random.default_rng(4)
+    key = "spread_amplitude_1.2"
+    equal = [{key: Value(20 + x, 3.0, 3.0, 50)} for x in 3 * rng.standard_normal(60)]
+    far = [{key: Value(v[key].value + 20, 3.0, 3.0, 50)} for v in equal]
+    differs, agrees, n = example.shares(key, equal, equal, 1, same=True)
+    assert n == 60 * 59
+    assert differs < 1
+    # difference of SD sqrt(2) x 3, agreement within 10 - 1.645 sqrt(2) x 3 = 3.0: 52 %
+    assert agrees == pytest.approx(52, abs=8)
+    assert example.shares(key, equal, equal, 59, same=True)[1] > 85  # within 10 - 1.645 x 3 = 5.1 of 3: 91 %
+    assert example.shares(key, equal, far, 60, same=False)[0] > 98
+
+
+def test_a_small_run_prints_every_row_and_tells_another_truth(
+    example: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example.main(["--studies", "3", "--starts", "2", "--workers", "1", "--shift", "K11=800"])
+    text = capsys.readouterr().out
+    lines = [line for line in text.splitlines() if re.search(r"/ +\d+\.\d$", line)]
+    judged = [r.label for r in RESULTS.values() if r.label.startswith("mean |bias|")]
+    for label in judged:
+        assert any(line.startswith(label) for line in lines), label
+    worst = re.search(r"that differ, any row: ([\d.]+) %", text)
+    assert worst is not None
+    assert float(worst[1]) < 35  # a share of 6 comparisons or of 3: one of 3 is 33 %
+    told = re.search(r"more than half of comparisons: (.*)", text)
+    assert told is not None
+    assert told[1] != "none"
+    assert AGREES not in told[1]

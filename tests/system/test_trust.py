@@ -1,0 +1,93 @@
+"""Workers on other machines: those that compute the same bits are used, the others refused before they write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from dask_processes import cluster
+
+from mcstudy.errors import Interrupted
+from mcstudy.files.durable import tree_digest
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study import submission
+from mcstudy.study.run import run_study
+from mcstudy.study.study_file import parse_study
+
+STUDY = parse_study("""
+[study]
+name = "shared"
+seed = 7
+
+[group.noisy]
+realizations = 8
+starts = 4
+fmax = [0.41, 1.2]
+amplitude = [2.0, 3.0, 4.0, 5.0]
+""")
+
+# Loaded by workers, which then report another environment.
+OTHER_CPU = """
+import mcstudy.study.attempt as attempt
+from mcstudy.study.environment import environment as own  # this file may be loaded twice
+attempt.environment = lambda: {**own(), "cpu": "another"}
+"""
+
+OTHER_SOURCE = OTHER_CPU.replace('"cpu"', '"source"')
+
+# One unit in the last place of one estimate.
+OTHER_BITS = (
+    OTHER_CPU
+    + """
+import numpy as np
+import mcstudy.study.tasks as tasks, mcstudy.study.trust as trust
+from mcstudy.fitting.solvers import fit_queue as fit
+def inexact(*args):
+    fits = fit(*args)
+    fits.estimate[0, 0] = np.nextafter(fits.estimate[0, 0], np.inf)
+    return fits
+tasks.fit_queue = trust.fit_queue = inexact
+"""
+)
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory: pytest.TempPathFactory) -> str:
+    out = tmp_path_factory.mktemp("local") / "local.zarr"
+    run_study(STUDY, out, ClusterOptions(workers=1))
+    return tree_digest(out)
+
+
+@pytest.mark.parametrize(
+    ("preload", "said"),
+    [
+        (OTHER_CPU, "workers of another environment compute the same bits (sample of fits): cpu:"),
+        (OTHER_SOURCE, "refused, because they run other source code: source:"),
+        (OTHER_BITS, "refused, because their fits have other bits: cpu:"),
+    ],
+    ids=["other CPU", "other source", "other bits"],
+)
+def test_a_worker_of_another_environment_changes_no_byte(
+    preload: str, said: str, local: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "other.py").write_text(preload)
+    with cluster(tmp_path / "mixed") as made:
+        made.add_worker("--preload", str(tmp_path / "other.py"))
+        made.wait_for(1)
+        made.add_worker()
+        out = tmp_path / "mixed.zarr"
+        outcome = run_study(STUDY, out, ClusterOptions(scheduler=made.address), block=1)
+    assert (outcome.fits, outcome.failed_blocks) == (STUDY.fits, [])
+    assert capsys.readouterr().err.count(said) == 1
+    assert tree_digest(out) == local
+
+
+def test_a_run_stops_when_worker_after_worker_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(submission, "REFUSALS", 2)
+    (tmp_path / "other.py").write_text(OTHER_SOURCE)
+    with cluster(tmp_path / "refused") as made:
+        for _ in range(2):
+            made.add_worker("--preload", str(tmp_path / "other.py"))
+        made.wait_for(2)
+        with pytest.raises(Interrupted, match=r"2 workers were refused, because they run other source code \(source:"):
+            run_study(STUDY, tmp_path / "refused.zarr", ClusterOptions(scheduler=made.address), block=1)

@@ -292,6 +292,6 @@ def test_groups_that_differ_in_the_solver_alone_share_the_figure_of_starts(tmp_p
     assert context.pools is not None
     assert context.pools.name == "lm"
     assert [view.name for view in context.other_solvers] == ["emulated"]
-    (figure,) = [f for f in paper_search_figures(context) if f.id == "fig3b"]
+    (figure,) = [f for f in paper_search_figures(context) if f.number == "Fig. 3B"]
     assert isinstance(figure, Figure)
     assert [panel.title.split(",")[0] for panel in figure.panels] == ["group lm", "group emulated"]

@@ -163,7 +163,7 @@ class FitSection(Section):
         """Settings of a solver that is not used change no number: they do not enter the fingerprint."""
         plain: dict[str, Any] = dump(self)
         if self.solver != "interior_point":
-            del plain["interior_point"]
+            plain.pop("interior_point", None)
         return plain
 
 

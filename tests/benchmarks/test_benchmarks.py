@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import counting, kernel_time, large_cubes, peers, speedup, starts_needed
+from benchmarks import counting, kernel_time, large_cubes, paper_solver, peers, speedup, starts_needed
 from benchmarks.cases import FMAX, cases
 from benchmarks.model import Compiled
 from benchmarks.report import QUICK
@@ -67,6 +67,15 @@ def test_speedup_announces_every_peer_by_name(monkeypatch: pytest.MonkeyPatch) -
     assert result.keys["speedup.scipy_trf"] > 0
     assert any("lmfit" in note for note in result.notes)
     assert [row["solver"] for row in result.table] == ["mcstudy", "scipy_trf"]
+
+
+def test_the_papers_solver_is_compared_on_the_same_cost_and_settings() -> None:
+    problem = cases(1, 3)[0].problem
+    settings = paper_solver.VARIANTS["bounds_scaled"]._replace(max_evaluations=260)
+    start = problem.model.truth[None] * 1.02
+    (theirs,) = paper_solver.scipy_differences(problem, start, settings)
+    assert theirs < problem.cost(start[0])
+    assert set(paper_solver.VARIANTS) == {"own_identity", "own_scaled", "bounds_identity", "bounds_scaled"}
 
 
 def test_kernel_benchmark_states_time_operations_and_fraction(monkeypatch: pytest.MonkeyPatch) -> None:

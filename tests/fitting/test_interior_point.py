@@ -20,6 +20,8 @@ from mcstudy.fitting.starts import uniform
 from mcstudy.fitting.status import Status
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Parameter, Term
+from mcstudy.study.design import FitSection, Group, Study
+from mcstudy.study.kernels import parts_of
 
 PAPER = Options(1e-16, 1000, InteriorPoint(step_tolerance=1e-16))
 """The paper's "resolution of 1e-16", taken as both tolerances."""
@@ -209,3 +211,20 @@ def test_steps_solve_the_system_and_stop_at_the_trust_region() -> None:
     assert np.linalg.norm(scale * short) == pytest.approx(radius, rel=1e-9)
     assert slope @ short + 0.5 * short @ matrix @ short < 0
     assert not direct_step(-matrix, slope, direct)
+
+
+def test_who_uses_another_solver_never_waits_for_it() -> None:
+    group = Group(realizations=1, starts=1, fmax=[1.2], amplitude=[5.0])
+    assert "interior_point" not in parts_of([group])
+    assert "interior_point" in parts_of([group.model_copy(update={"fit": FitSection(solver="interior_point")})])
+
+
+def test_settings_of_a_solver_that_is_not_used_leave_the_fingerprint_alone() -> None:
+    def study(**fit: object) -> Study:
+        return Study("a", seed=1).group("g", realizations=1, starts=1, fmax=[1.2], amplitude=[5.0], fit=fit)
+
+    assert study().fingerprint == study(interior_point={"units": "bounds"}).fingerprint
+    emulated = study(solver="interior_point", interior_point={"units": "bounds"})
+    assert emulated.fingerprint != study(solver="interior_point").fingerprint
+    assert Study.from_json(emulated.to_json()).fingerprint == emulated.fingerprint
+    assert not emulated.groups["g"].fit.options().interior_point.own_units

@@ -19,16 +19,22 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
+from mcstudy import open_results
 from mcstudy.analysis.paper.rows import rows
 from mcstudy.analysis.view import StudyView
 from mcstudy.api.studies import summary
 from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.report.context import Context
+from mcstudy.report.figure import Figure
 from mcstudy.report.page import page
+from mcstudy.report.sections.search import paper_search_figures
 from mcstudy.report.words import headline
+from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.body import two_segment
+from mcstudy.study.design import Study
 from mcstudy.study.readable import structured
+from mcstudy.study.run import run_study
 from mcstudy.text_tables import with_error
 
 VOID = {"meta", "link", "br", "path", "use", "img", "input", "hr"}
@@ -273,3 +279,19 @@ def test_a_notebook_shows_the_tables_without_matplotlib(other_cube: Path) -> Non
 
 def test_a_summary_is_text_elsewhere(other_cube: Path) -> None:
     assert "Group single" in repr(summary(other_cube))
+
+
+def test_groups_that_differ_in_the_solver_alone_share_the_figure_of_starts(tmp_path: Path) -> None:
+    study = Study("solvers", seed=3)
+    axes = {"realizations": 2, "starts": 3, "fmax": [1.2], "amplitude": [5.0]}
+    study = study.group("lm", **axes).group("few", **{**axes, "starts": 2})
+    study = study.group("emulated", **axes, fit={"solver": "interior_point", "max_iterations": 5})
+    study = study.group("ml", **axes, fit={"solver": "interior_point", "max_iterations": 5, "cost": "ml"})
+    run_study(study, tmp_path / "out.zarr", ClusterOptions(workers=1))
+    context = Context(open_results(tmp_path / "out.zarr"))
+    assert context.pools is not None
+    assert context.pools.name == "lm"
+    assert [view.name for view in context.other_solvers] == ["emulated"]
+    (figure,) = [f for f in paper_search_figures(context) if f.number == "Fig. 3B"]
+    assert isinstance(figure, Figure)
+    assert [panel.title.split(",")[0] for panel in figure.panels] == ["group lm", "group emulated"]

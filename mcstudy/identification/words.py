@@ -55,10 +55,7 @@ def sentences(r: FitResult) -> list[str]:
 def belief(r: FitResult) -> str:
     """Whether the model fits, and whether a gap was found."""
     fits = "as large as noise makes it" if r.p_value >= LEVEL else "larger than noise makes it"
-    out = (
-        f"The squared residual is {fits}: {r.chi2:.0f}, expected {r.expected_chi2:.0f} ({p_text(r.p_value)}; sound "
-        "recordings give p < 0.05 in about one case of ten)."
-    )
+    out = f"The squared residual is {fits}: {r.chi2:.0f}, expected {r.expected_chi2:.0f} ({p_text(r.p_value)})."
     added = r.method["effects"]
     if r.gap is not None:
         without = "Without the added effects, `" if added else "`"

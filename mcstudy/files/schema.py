@@ -12,20 +12,26 @@ from typing import Any
 from mcstudy.errors import StoreError
 from mcstudy.files.packaged import packaged
 
-VERSION = "1.0.0"
+
+@cache
+def versions() -> dict[str, str]:
+    """The newest version of every schema, by its name."""
+    folders = [folder for folder in packaged("results_schema").iterdir() if folder.is_dir()]
+    folders.sort(key=lambda folder: tuple(map(int, folder.name.split("."))))
+    return {file.stem: folder.name for folder in folders for file in folder.glob("*.json")}
 
 
 @cache
 def load(name: str) -> dict[str, Any]:
-    """The schema ``name`` (e.g. ``"study_cube"``) of the current version."""
-    file = packaged("results_schema") / VERSION / f"{name}.json"
+    """The schema ``name`` (e.g. ``"study_cube"``), in its newest version."""
+    file = packaged("results_schema") / versions()[name] / f"{name}.json"
     return dict(json.loads(file.read_text(encoding="utf-8")))
 
 
 @cache
 def names() -> frozenset[str]:
-    """Names of all schemas of the current version."""
-    return frozenset(file.stem for file in (packaged("results_schema") / VERSION).glob("*.json"))
+    """Names of all schemas."""
+    return frozenset(versions())
 
 
 def identifier(name: str) -> str:
@@ -52,7 +58,7 @@ def validate(name: str, value: Any, where: str, at: tuple[str, ...] = ()) -> Non
     errors = sorted(_validator(name, at).iter_errors(value), key=lambda e: list(map(str, e.absolute_path)))
     if errors:
         place, words = _explained(_innermost(errors[0]))
-        raise StoreError(f"{where}: {'.'.join(place) or 'top level'}: {words} ({name} {VERSION})")
+        raise StoreError(f"{where}: {'.'.join(place) or 'top level'}: {words} ({name} {versions()[name]})")
 
 
 def _innermost(error: Any) -> Any:

@@ -2,7 +2,7 @@
 
 The study is that of the paper: 50 noise realizations, three Fmax, two torques. Simulation and fits are the package's
 own (`mcstudy.study.experiment`). Each fit starts from one linearised start, which finds the minimum that 50 random
-starts find in 98 to 100 % of realizations (`pipelines/table_one.md`); an early end is 50 random starts of
+starts find in 96 to 100 % of realizations at the stand-in (50 of each cell); an early end is 50 random starts of
 `EARLY` evaluations each.
 """
 

@@ -38,7 +38,7 @@ class StudySummary:
         return self._report.text()
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers as plain JSON data, valid under ``results_schema/1.0.0/show.json``."""
+        """All numbers as plain JSON data, valid under ``results_schema/2.0.0/show.json``."""
         return self._report.data
 
     @cached_property

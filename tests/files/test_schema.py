@@ -23,19 +23,25 @@ from mcstudy.study import store
 from mcstudy.study.study_file import parse_study
 
 FOLDER = Path(__file__).parents[2] / "results_schema"
-NAMES = sorted(p.stem for p in (FOLDER / schema.VERSION).glob("*.json"))
+NAMES = sorted({p.stem for p in FOLDER.glob("*/*.json")})
 
 
 def test_the_page_lists_every_schema() -> None:
-    listed = re.findall(rf"^\| `{re.escape(schema.VERSION)}/(\w+)\.json` \|", (FOLDER / "README.md").read_text(), re.M)
-    assert sorted(listed) == NAMES
+    listed = re.findall(r"^\| `([\d.]+)/(\w+)\.json` \|", (FOLDER / "README.md").read_text(), re.M)
+    assert {name: version for version, name in listed} == schema.versions()
+    assert len(listed) == len(NAMES)
     assert len(NAMES) >= 9
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_schema_is_one_and_is_called_what_its_file_is(name: str) -> None:
     Draft202012Validator.check_schema(schema.load(name))
-    assert schema.identifier(name) == f"mcstudy:{name}:{schema.VERSION}"
+    assert schema.identifier(name) == f"mcstudy:{name}:{schema.versions()[name]}"
+
+
+def test_the_newest_version_of_a_schema_is_used() -> None:
+    assert schema.versions()["show"] == "2.0.0"
+    assert schema.versions()["recording"] == "1.0.0"
 
 
 class Unsound:
@@ -72,7 +78,7 @@ def test_a_cube_that_does_not_conform_is_not_made(tmp_path: Path, monkeypatch: p
 def test_tables_that_do_not_conform_are_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(view, "StudyView", lambda tree: tree)
     monkeypatch.setattr(summary, "show_data", lambda *_: {"schema": schema.identifier("show")})
-    with pytest.raises(StoreError, match=r"show: .*: missing \(show 1\.0\.0\)"):
+    with pytest.raises(StoreError, match=r"show: .*: missing \(show 2\.0\.0\)"):
         tables.report_of(None)  # type: ignore[arg-type]
 
 

@@ -31,10 +31,10 @@ def main(args: argparse.Namespace) -> Exit:
         from mcstudy.report.style import require_matplotlib
 
         require_matplotlib()
-    file = read_inference(args.file)
-    if args.scheduler is None and not (args.out / RESULT).exists():
+    file, options = read_inference(args.file), cluster_options(args)
+    if options.here and not (args.out / RESULT).exists():
         compile_kernels(("lm", "linearised", "stability"))
-    found = result(file, args.out, cluster_options(args))
+    found = result(file, args.out, options)
     print(folded(text(found)))
     if args.figure is not None:
         from mcstudy.files.json_files import write_text

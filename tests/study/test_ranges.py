@@ -123,10 +123,10 @@ def name(case: tuple[Place, tuple[float, ...]]) -> str:
 
 
 def test_every_number_declares_what_it_may_be() -> None:
-    assert len(FIELDS) == 50
+    assert len(FIELDS) == 54
     open_ended = [place for place, kind in FIELDS if len(kind) < 2]
-    # their ends are not among what they may be: seed < 2**63, 0 < width, 0 < tolerance < 1
-    assert {place[-1] for place in open_ended} == {"seed", "width", "tolerance"}
+    # their ends are not among what they may be: seed < 2**63, 0 < width, 0 < tolerance, step_tolerance < 1
+    assert {place[-1] for place in open_ended} == {"seed", "width", "tolerance", "step_tolerance"}
 
 
 @pytest.mark.parametrize("case", FIELDS, ids=name)
@@ -135,7 +135,7 @@ def test_a_number_no_body_has_is_refused_in_one_line(case: tuple[Place, tuple[fl
     for value in (1e300, 1e308, math.nan, math.inf, -math.inf):
         assert study_of(place, value) is None
     if kind and place[-1] not in ("seed", "discard"):
-        assert study_of(place, 1e-300) is None or place[-1] in ("width", "tolerance")
+        assert study_of(place, 1e-300) is None or place[-1] in ("width", "tolerance", "step_tolerance")
     for value in (*ANY, *kind):
         study_of(place, value)
 

@@ -229,6 +229,9 @@ COMMANDS = {
     **{verb: (verb,) for verb in ("warm", "studies", "help")},
     "completion": ("completion", "bash"),
     "fit": ("fit", "nothing"),
+    "import": ("import", "nothing", "-o", "nothing.nc"),
+    "study-from": ("study-from", "nothing", "-o", "nothing.toml"),
+    "infer": ("infer", "nothing", "-o", "d"),
     "gap": ("gap", "diagnose", "nothing"),
     "gap challenge score": ("gap", "challenge", "score", "nothing", "--key", "k", "--answers", "a"),
     "run": ("run", "nothing"),
@@ -241,10 +244,10 @@ COMMANDS = {
 ENDLESS = """
 import importlib, sys, time
 from mcstudy.cli import main
-importlib.import_module(f"mcstudy.cli.{sys.argv[1]}").main = lambda args: time.sleep(1000)
+importlib.import_module("mcstudy.cli." + sys.argv[1].replace("-", "_")).main = lambda args: time.sleep(1000)
 sys.exit(main())
 """
-RESUMABLE = {"run", "extend", "gap challenge make", "gap challenge answer", "gap challenge run"}
+RESUMABLE = {"run", "extend", "infer", "gap challenge make", "gap challenge answer", "gap challenge run"}
 
 
 @pytest.mark.parametrize("name", COMMANDS)

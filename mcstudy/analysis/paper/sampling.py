@@ -113,8 +113,8 @@ def jackknife(whole: T, deleted: T, used: np.ndarray, statistics: Statistics[T],
     for key, of in statistics.items():
         with np.errstate(invalid="ignore", divide="ignore"):
             value, r = of(whole), np.where(used, of(deleted), 0.0)
-        centre = r.sum(1) / np.maximum(g, 1)
-        squares = np.where(used, (r - centre[:, None]) ** 2, 0.0).sum(1)
+            centre = r.sum(1) / np.maximum(g, 1)
+            squares = np.where(used, (r - centre[:, None]) ** 2, 0.0).sum(1)
         error = np.sqrt(squares * (g - 1) / np.where(g > 2, g, np.nan))
         out[key] = pooled(value, error, int(g.max()), size)
     return out

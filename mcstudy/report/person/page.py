@@ -140,7 +140,6 @@ def _profiles(fit: FitResult) -> list[Figure]:
         [Panel(e.name, partial(figures.profile, fit, e.name), SMALL) for e in fit.estimates],
         [Table("What moves with it from the lower to the upper end", ("quantity", "moves"), rows, "rows")],
         python=f'fit.plot.profile("{fit.estimates[0].name}")',
-        small=True,
         legend=[("blue", "profile and interval"), ("muted", "threshold"), ("orange", "Wald"), ("ink", "estimate")],
     )
     near = Figure(

@@ -90,11 +90,14 @@ class CompiledKernels(BuildHookInterface):  # type: ignore[type-arg]
         folder = Path(self._folder)
         code = folder / "code"
         with ThreadPoolExecutor() as pool:
-            reasons = pool.map(
-                lambda t: _compile(Path(self.root), t, code / t.name, folder / f"numba-{t.name}"), wanted
+            reasons = list(
+                pool.map(lambda t: _compile(Path(self.root), t, code / t.name, folder / f"numba-{t.name}"), wanted)
             )
-        if reason := next(filter(None, reasons), ""):
-            self.app.display_warning(f"the wheel is built without compiled kernels: {reason}")
+        for target, reason in zip(wanted, reasons, strict=True):
+            if reason:  # compiling runs the code, which this machine's processor may not have the instructions for
+                shutil.rmtree(code / target.name, ignore_errors=True)
+                self.app.display_warning(f"the wheel is built without code for {target.name}: {reason}")
+        if all(reasons):
             return
         build_data["force_include"][str(code)] = "mcstudy/_compiled"
         build_data["pure_python"], build_data["infer_tag"] = False, True

@@ -64,8 +64,11 @@ def without_prior(model: Model, base: Model) -> Prior:
     return weak_prior(model, base)._replace(weight=0.0)
 
 
-def search(fitter: Fitter, data: Data, seed: int) -> Minima:
-    """Starts from the linear structure and at random, until `Minima.missed` is below `MISSED` or `MOST` are drawn."""
+def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
+    """Starts from the linear structure and at random, until `Minima.missed` is below `MISSED` or `MOST` are drawn.
+
+    ``least``: random starts that are drawn in any case.
+    """
     model, drawn = fitter.model, drawn_starts(fitter.model, seed, MOST)
     aimed = linearised_starts(model, data, seed, 1)
     fits = [_converged(fitter, data, aimed)] if len(aimed) else []
@@ -79,7 +82,7 @@ def search(fitter: Fitter, data: Data, seed: int) -> Minima:
         near = chi2[best] - chi2[best[0]] < REACH
         found = int((hits[near] > 0).sum() + (hits[~near] > 0).any())
         waterfall = np.sort(chi2[len(aimed) :])
-        if unseen(found, waterfall.size) < MISSED:
+        if waterfall.size >= least and unseen(found, waterfall.size) < MISSED:
             break
     theta, information = (np.concatenate([getattr(f, n) for f in fits]) for n in ("estimate", "information"))
     stable = growth_rate(model, theta[best]) < 0

@@ -216,8 +216,8 @@ def found(r: FitResult) -> str:
     m = r.minima
     others = int((m.chi2[1:] - m.chi2[0] < REACH).sum())
     out = (
-        f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; a further start would find a new one "
-        f"with a chance of {100 * m.missed:.1f} %."
+        f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; the next start would find a new one "
+        f"with an expected chance of {100 * m.missed:.1f} %."
     )
     if others:
         fit = "minimum fits" if others == 1 else "minima fit"

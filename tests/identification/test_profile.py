@@ -109,3 +109,11 @@ def test_bounds_end_an_interval_that_the_data_leave_open(fitted: FitResult) -> N
     e = fitted["Kpas1"]
     assert e.low == fitted.model.lower[fitted.model.names.index("Kpas1")] == 0
     assert (e.low_from, e.verdict) == ("bound", "not identifiable" if e.high_from == "bound" else "upper limit only")
+
+
+def test_the_lowest_minimum_of_a_recording_is_not_missed() -> None:
+    example = runpy.run_path(str(EXAMPLES / "missed_minima.py"))
+    lower, stated, starts = example["missed"](3.1, recordings=1, more=3)
+    assert lower == 0
+    assert 0 < stated < 0.01
+    assert starts >= 16

@@ -52,7 +52,8 @@ autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 next(f for f in PyObject.doc_field_types if f.name == "variable").label = "Attributes"
-mcstudy.Diagnosis.__name__ = "Diagnosis"  # its name for users, who need not know that another class has it too
+for name in ("Diagnosis", "FitResult"):
+    getattr(mcstudy, name).__name__ = name  # its name for users, who need not know that another class has it too
 html_math_renderer = "mathml"
 
 html_theme = "furo"

@@ -72,11 +72,12 @@ def accuracy(results: xr.DataTree) -> list[str]:
 
 
 def _statistics(what: str, pair: list[np.ndarray], keep: np.ndarray) -> np.ndarray:
-    """A statistic of both solvers and its difference, %."""
+    """A statistic of both solvers and its difference, %; no CV (NaN) where every estimate of a parameter is zero."""
     both = []
     for x in (x[keep] for x in pair):
-        mean = x.mean(0)
-        both.append(100 * np.mean(np.abs(mean - 1) if what == "bias" else x.std(0, ddof=1) / mean))
+        mean, sd = x.mean(0), x.std(0, ddof=1)
+        cv = np.divide(sd, mean, out=np.full_like(sd, np.nan), where=mean != 0)
+        both.append(100 * np.mean(np.abs(mean - 1) if what == "bias" else cv))
     return np.array([*both, both[1] - both[0]])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import platform
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -74,7 +75,28 @@ def test_a_wheel_that_could_not_be_compiled_is_for_any_machine_and_says_why(
     monkeypatch.setattr(hook, "_compile", lambda *_: "no compiler")
     data, warnings = built(hook)
     assert data == PURE
-    assert warnings == ["the wheel is built without compiled kernels: no compiler"]
+    assert warnings == ["the wheel is built without code for armv8-a: no compiler"]
+
+
+def test_a_wheel_keeps_what_could_be_compiled_where_one_kind_of_processor_could_not(
+    hook: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A builder without AVX-512 cannot run the code for it, and so cannot compile it."""
+    kept: list[Path] = []
+
+    def _compile(_: Path, target: Any, code: Path, __: Path) -> str:
+        code.mkdir(parents=True)
+        kept.append(code.parent)
+        return "illegal instruction" if target.name == "x86-64-v4" else ""
+
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(hook, "_compile", _compile)
+    monkeypatch.setattr(hook.CompiledKernels, "finalize", lambda *_: None)  # what is packed is looked at here
+    data, warnings = built(hook)
+    assert [folder.name for folder in kept[0].iterdir()] == ["x86-64-v3"]
+    assert (data["pure_python"], data["infer_tag"]) == (False, True)
+    assert warnings == ["the wheel is built without code for x86-64-v4: illegal instruction"]
+    shutil.rmtree(kept[0].parent)
 
 
 @pytest.mark.parametrize("machine", TRIPLES)

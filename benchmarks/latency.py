@@ -69,7 +69,8 @@ def run(sizes: Sizes) -> Result:
                     result.notes.append(f"{verb}: {error}")
                     continue
                 used[verb].append((taken, floor))
-                print(f"latency {repeat + 1}: {verb} {taken.cpu:.2f} s, floor {floor.cpu:.2f} s", file=sys.stderr)
+                told = f"{verb} {taken.cpu:.2f} s, floor {floor.cpu:.2f} s, peak {taken.peak / 1e6:.0f} MB"
+                print(f"latency {repeat + 1}: {told}", file=sys.stderr)
     for verb, all_used in used.items():
         if all_used:
             _tell(result, verb, looks[verb].goal, all_used)
@@ -116,7 +117,7 @@ def _looks(sizes: Sizes, folder: Path) -> dict[str, Look]:
     looks = {
         "--version": Look(mcstudy("--version"), ("importlib.metadata",)),
         "run --help": Look(mcstudy("run", "--help"), HELP),
-        "studies": Look(mcstudy("studies"), READ),
+        "studies": Look(mcstudy("studies"), HELP),
         "run quick, warm": Look(mcstudy("run", PIPELINES / "quick.toml", "-o", new), RUN, 6.0, no_cube),
         "status": Look(mcstudy("status", cube), READ, 0.5),
         "show, nothing kept": Look(show, STATISTICS, 1.5, nothing),

@@ -1,4 +1,4 @@
-"""``python -m benchmarks [--only NAME ...] [--quick] [--json [FILE]] [--figures DIR]``."""
+"""``python -m benchmarks [--only NAME ...] [--quick] [--json [FILE]] [--figures DIR] [--wheel FILE]``."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,12 @@ def main(arguments: list[str] | None = None) -> int:
         "--quick", action="store_true", help="tiny sizes: a test that everything runs, not a measurement"
     )
     parser.add_argument(
+        "--wheel",
+        type=Path,
+        metavar="FILE",
+        help="a wheel built before, for the benchmark wheel; otherwise it builds one",
+    )
+    parser.add_argument(
         "--figures", type=Path, metavar="DIR", help="write figures of benchmarks that have one (needs matplotlib)"
     )
     parser.add_argument(
@@ -34,11 +41,11 @@ def main(arguments: list[str] | None = None) -> int:
     )
     args = parser.parse_args(arguments)
     document: dict[str, object] = {"machine": machine(), "quick": args.quick}
-    details = {}
+    details, sizes = {}, replace(QUICK if args.quick else Sizes(), wheel=args.wheel)
     for name, run in BENCHMARKS.items():
         if args.only and name not in args.only:
             continue
-        result = run(QUICK if args.quick else Sizes())
+        result = run(sizes)
         document.update(result.keys)
         details[name] = {"table": result.table, "notes": result.notes}
         print(result.text(), file=sys.stderr if args.json == "-" else sys.stdout, flush=True)

@@ -15,6 +15,7 @@ class Sizes:
     ``realizations`` x 2 Fmax cells with ``starts`` each for the solvers; peers that take a second a start get
     ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``.
     ``report_fits``: sizes of cubes whose page is written. ``seconds``: no repeat of a latency begins later.
+    ``wheel``: one that was built before.
     """
 
     realizations: int = 3
@@ -29,6 +30,7 @@ class Sizes:
     study: str = "goodworth2018"
     report_fits: tuple[int, ...] = (38_000, 1_000_000)
     seconds: float = 600.0
+    wheel: Path | None = None
 
     def of_slow(self, peer: str) -> int:
         """Starts of a peer."""

@@ -15,6 +15,7 @@ from benchmarks import (
     speedup,
     starts_needed,
     studies,
+    wheel,
 )
 from benchmarks.report import Result, Sizes
 
@@ -32,4 +33,5 @@ BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "diagnosis": diagnosis.run,
     "latency": latency.run,
     "show": large_cubes.run,
+    "wheel": wheel.run,
 }

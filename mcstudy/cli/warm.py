@@ -18,6 +18,9 @@ def main(args: argparse.Namespace) -> Exit:
     del args
     begun = time.monotonic()
     from mcstudy.fitting.compilers import warm
+    from mcstudy.scheduler.activity import activity, doing
 
-    print(f"{warm()} functions compiled in {time.monotonic() - begun:.1f} s; all kernels are ready")
+    with activity("loading the kernels"):
+        compiled = warm(show=lambda compilation: doing(compilation.line()))
+    print(f"{compiled} functions compiled in {time.monotonic() - begun:.1f} s; all kernels are ready")
     return Exit.DONE

@@ -1,8 +1,7 @@
 """The Kubernetes manifests of the cluster page have the fields that the schemas published for them have.
 
-The schemas are those that `dask-kubernetes` ships with its operator and those of Kubernetes in `kubernetes-validate`.
-Neither is needed otherwise, and the first requires much that is not needed to read its files:
-``pip install kubernetes-validate==1.37.0 && pip install --no-deps dask-kubernetes==2026.3.0``.
+The schemas are those that `dask-kubernetes` ships with its operator and those of Kubernetes in `kubernetes-validate`;
+`.ci/run` fetches both. Without them these tests skip.
 """
 
 from __future__ import annotations
@@ -98,7 +97,7 @@ def test_the_operators_schema_refuses_a_mistake(operator: dict[str, Any], mistak
 
 
 def core_objects() -> Iterator[dict[str, Any]]:
-    """Objects of Kubernetes itself: of the page, and the pods and the service that the operator makes of the cluster."""
+    """Objects of Kubernetes itself: of the page, and the pods and the service that the operator makes from it."""
     every = manifests()
     yield every["PersistentVolumeClaim"]
     yield every["Job"]

@@ -284,9 +284,11 @@ class MonteCarlo:
         -------
         xarray.Dataset
             Also ``applies`` (amplitude, fmax): whether the bound applies there, which it does not where bounds of the
-            parameters are active; ``ratio`` and ``ratio_mcse``, the same numbers without this restriction;
-            ``cramer_rao_sd`` and ``paper_cost_sd``, the smallest possible standard deviations of an unbiased estimator
-            and of the paper's cost; ``held``, parameters that their bounds fix; ``why_not``, why there is no bound.
+            parameters are active; ``box`` and ``box_mcse``, the bound of van Trees over the observed mean squared
+            error, which knows the box of allowed values and so holds there too; ``cramer_rao_sd``, ``paper_cost_sd``
+            and ``box_rmse``, the smallest possible standard deviations of an unbiased estimator and of the paper's
+            cost, and the smallest possible largest root mean squared error of any estimator in the box; ``held``,
+            parameters that their bounds fix; ``why_not``, why there is no Cramér-Rao bound.
         """
         cells, model = self._cells, context.fitted_model(self._data)
         covariance = context.covariance_of(cells) if covariance is None else covariance

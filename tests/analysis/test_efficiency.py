@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.optimize import lsq_linear
 
 import mcstudy.analysis.accessors  # noqa: F401 - registers .mc
 from mcstudy.analysis import efficiency
@@ -150,9 +151,66 @@ def test_a_bound_on_any_parameter_takes_the_cramer_rao_bound_from_all(make_cube:
     assert float(found["at_bound"].sel(fmax=1.2, parameter="K11")) == 0
     assert bool(found[["value", "mcse"]].sel(fmax=1.2).isnull().all().to_array().all())
     assert bool(found["value"].sel(fmax=8.0).notnull().all())
-    assert bool(found["ratio"].notnull().all())
-    xr.testing.assert_equal(found["value"].sel(fmax=8.0), found["ratio"].sel(fmax=8.0).rename("value"))
+    assert bool(found[["box", "box_mcse"]].notnull().all().to_array().all())
+    unbounded = (found["cramer_rao_sd"] / cube.mc.sd()["value"].isel(amplitude=0)) ** 2
+    kept = [name for name in found.data_vars if found[name].dims == unbounded.dims and found[name].dtype == float]
+    assert not any(np.isclose(found[name].sel(fmax=1.2), unbounded.sel(fmax=1.2)).any() for name in kept)
     assert not bool(cube.mc.only(cube.mc.best()["cost"] < 0).mc.efficiency()["applies"].any())
+
+
+def test_the_density_of_the_bound_within_the_box_has_the_least_information() -> None:
+    x, step = np.linspace(1e-4, 1 - 1e-4, 200_001, retstep=True)
+
+    def information(density: np.ndarray) -> float:
+        density = density / (density.sum() * step)
+        return float((np.gradient(density, step) ** 2 / density).sum() * step)
+
+    least = information(np.sin(np.pi * x) ** 2)
+    assert least == pytest.approx((2 * np.pi) ** 2, rel=1e-3)
+    for a, b in ((2.5, 2.5), (3.0, 3.0), (3.0, 4.0), (5.0, 5.0)):
+        assert information(x ** (a - 1) * (1 - x) ** (b - 1)) > least
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.2, 1.0, 5.0])
+def test_no_estimator_in_the_box_beats_the_van_trees_bound(noise: float) -> None:
+    """Bayes risk of the posterior mean (by quadrature) and largest risk of the clipped estimate, one parameter."""
+    bound = 1 / (1 / noise**2 + (2 * np.pi) ** 2)
+    x, step = np.linspace(0, 1, 401, retstep=True)
+    prior = 2 * np.sin(np.pi * x) ** 2
+    y, dy = np.linspace(-8 * noise, 1 + 8 * noise, 4001, retstep=True)
+    likelihood = np.exp(-0.5 * ((y[:, None] - x) / noise) ** 2) / (noise * np.sqrt(2 * np.pi))
+    evidence = (likelihood * prior).sum(1) * step
+    mean = (likelihood * prior * x).sum(1) * step / evidence
+    risk = ((mean[:, None] - x) ** 2 * likelihood * prior).sum() * step * dy
+    assert bound <= risk
+    clipped = ((np.clip(y, 0, 1)[:, None] - x) ** 2 * likelihood).sum(0) * dy
+    assert bound <= clipped.max()
+    if noise <= 0.05:
+        assert risk < 1.1 * bound
+
+
+def test_the_bound_within_the_box_lies_between_data_and_box_and_below_estimates_in_it() -> None:
+    rng, f = np.random.default_rng(9), published().below(1.2).f
+    C = random_covariance(rng, f)
+    width = MODEL.upper - MODEL.lower
+    root = {s: efficiency.van_trees(MODEL, MODEL.truth, f, efficiency.joint_covariance(C * s)) for s in (1e-8, 1, 1e15)}
+    plain = efficiency.cramer_rao(MODEL, MODEL.truth, f, efficiency.joint_covariance(C))
+    np.testing.assert_allclose(root[1e-8], plain * 1e-8, rtol=1e-3, atol=0)
+    np.testing.assert_allclose(np.diag(root[1e15]), (width / (2 * np.pi)) ** 2, rtol=1e-3)
+    assert (np.linalg.eigvalsh((plain - root[1]) / width / width[:, None]) > -1e-12).all()
+    # estimates in the box: linear least squares within it (scipy), for true values drawn from the density
+    _, J = frf_jacobian(MODEL, MODEL.truth, f)
+    white = np.sqrt(2) * np.linalg.solve(np.linalg.cholesky(C), J * width).reshape(-1, width.size)
+    design = np.concatenate([white.real, white.imag])
+    grid = np.linspace(0, 1, 2001)
+    truth = np.interp(rng.random((60, width.size)), grid - np.sin(2 * np.pi * grid) / (2 * np.pi), grid)
+    data = truth @ design.T + rng.standard_normal((60, len(design)))
+    found = np.array([lsq_linear(design, y, bounds=(0, 1)).x for y in data])
+    error = ((found - truth) ** 2).mean(0)
+    allowed = np.diag(root[1]) / width**2
+    spread = ((found - truth) ** 2).std(0) / np.sqrt(60)
+    assert (error > allowed - 3 * spread).all()
+    assert error.sum() > allowed.sum()
 
 
 def test_the_bound_of_combined_stiffnesses_is_that_of_the_sum(make_cube: Cube) -> None:

@@ -20,6 +20,9 @@ from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
 
+_BESIDE = ("floor", "lower", "upper", "box", "box_mcse")
+"""Further numbers of a result that the tables hold."""
+
 _FLAGS = ("applies", "held")
 """Variables of a result that are true or false."""
 
@@ -185,7 +188,7 @@ def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
 
     It converts to arrays once instead of selecting each number with xarray, because a table has thousands of numbers.
     """
-    names = ("value", "mcse", *(name for name in ("floor", "lower", "upper", *_FLAGS) if name in result))
+    names = ("value", "mcse", *(name for name in (*_BESIDE, *_FLAGS) if name in result))
     sizes = result["value"].sizes
     arrays = {}
     for name in names:

@@ -222,20 +222,27 @@ def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float
             line += [with_error(*bias), with_error(p["cv"]["value"], p["cv"]["mcse"]), on]
             line += [_efficiency(p)] * efficient
         rows.append(line)
-    without = efficient and any(_efficiency(p) == "-" for c in here for p in c["parameters"])
-    fixed = any(_efficiency(p) == "fixed" for c in here for p in c["parameters"])
-    return table(header, rows) + (_NO_BOUND if without else "") + (_FIXED if fixed else "")
+    said = [_efficiency(p) for c in here for p in c["parameters"]]
+    without, boxed, fixed = "-" in said, any(s.endswith(_BOX) for s in said), "fixed" in said
+    return table(header, rows) + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
 
 
-_NO_BOUND = (
-    "\nefficiency '-': the Cramér-Rao bound does not apply (more than one fit in ten is on some bound) or is not known."
+_BOX = " b"
+_NO_BOUND = "\nefficiency '-': no bound is known."
+_BOXED = (
+    "\nefficiency 'b': the Cramér-Rao bound does not apply (over one fit in ten is on some bound) or is not known. "
+    "Given is\nthe bound of van Trees, which knows the box of allowed values, over the mean squared error."
 )
 _FIXED = "\nefficiency 'fixed': the bounds determine the parameter; within them, the data do not."
 
 
 def _efficiency(parameter: dict[str, Any]) -> str:
-    """Efficiency with error; ``fixed``: the bounds determine the parameter, so it has none; ``-``: see `_NO_BOUND`."""
+    """Efficiency with error; ``fixed``: the bounds determine the parameter, so it has none; `_BOX`: see there."""
     found = parameter.get("efficiency")
     if found is None:
         return "-"
-    return "fixed" if found["held"] else with_error(found["value"], found["mcse"])  # no value where it does not apply
+    if found["held"]:
+        return "fixed"
+    if found["value"] is not None or found["box"] is None:
+        return with_error(found["value"], found["mcse"])
+    return with_error(found["box"], found["box_mcse"]) + _BOX

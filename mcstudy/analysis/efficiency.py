@@ -29,7 +29,7 @@ from mcstudy.analysis.montecarlo import REALIZATION, jackknives
 from mcstudy.analysis.selection import inside_bounds, sums_of
 from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
-from mcstudy.spectra.bands import Bands
+from mcstudy.fitting.standard_errors import joint_covariance, sandwich
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, frf_jacobian
@@ -62,24 +62,6 @@ def measured_covariance(cells: xr.Dataset) -> xr.DataArray:
     if "noise_covariance" not in cells:
         raise InputError("noise_covariance: the group has none (it was simulated without noise)")
     return cells["noise_covariance"].mean(REALIZATION)
-
-
-def joint_covariance(covariance: np.ndarray, overlap: np.ndarray | None = None) -> np.ndarray:
-    """Covariance of all points together, (2N, 2N), from that of each point (N, 2, 2).
-
-    ``overlap`` (N, N) is the correlation of neighbouring points that share lines (`overlap_of`); none by default.
-    """
-    n = len(covariance)
-    root = np.linalg.cholesky(covariance)
-    overlap = np.eye(n) if overlap is None else overlap
-    return np.einsum("nij,nm,mkj->nimk", root, overlap, root.conj()).reshape(2 * n, 2 * n)
-
-
-def overlap_of(bands: Bands) -> np.ndarray:
-    """Correlation of the points' errors through shared lines, (N, N); exact where the lines' noise is alike."""
-    gram = bands.weights @ bands.weights.T
-    scale = np.sqrt(np.diag(gram))
-    return gram / scale[:, None] / scale[None, :]
 
 
 def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
@@ -161,12 +143,7 @@ def linearised_covariance(
     if not free.size:
         return _among_all(np.empty((0, 0)), free, theta.size)
     J, scale = J[..., free], (model.upper - model.lower)[free]
-    weighted = np.einsum("nij,njp->nip", weight, J * scale)
-    G = np.einsum("nji,njp->nip", weight.conj(), weighted).reshape(-1, free.size)
-    A = np.einsum("nip,niq->pq", weighted.conj(), weighted).real
-    B = (G.conj().T @ joint @ G).real / 2
-    half = np.linalg.solve(A, B)
-    return _among_all(np.linalg.solve(A, half.T) * scale[:, None] * scale[None, :], free, theta.size)
+    return _among_all(sandwich(J * scale, weight, joint) * scale[:, None] * scale[None, :], free, theta.size)
 
 
 def bounds_on_sd(
@@ -180,7 +157,7 @@ def bounds_on_sd(
         `mcstudy.analysis.selection.combined` makes of them; the variance of a sum is that of the bound's own sum.
     model: the bounds are at its truth.
     covariance: of the FRF errors, dims (amplitude, frequency, angle, angle_2), e.g. `measured_covariance`.
-    overlap: see `joint_covariance`.
+    overlap: see `mcstudy.fitting.standard_errors.joint_covariance`.
 
     Returns
     -------

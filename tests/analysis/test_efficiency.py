@@ -14,6 +14,7 @@ from mcstudy.analysis import efficiency
 from mcstudy.analysis.selection import best, combined
 from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
+from mcstudy.fitting.standard_errors import joint_covariance, overlap_of
 from mcstudy.spectra.bands import odd_lines, published
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
@@ -49,7 +50,7 @@ def linear_estimates(weight: np.ndarray, C: np.ndarray, f: np.ndarray, rng: np.r
 def test_the_best_weights_reach_the_bound_and_the_papers_weights_their_sandwich() -> None:
     rng, f = np.random.default_rng(0), odd_lines(2.0).f
     C = random_covariance(rng, f)
-    joint = efficiency.joint_covariance(C)
+    joint = joint_covariance(C)
     bound = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint)
     ml = np.linalg.inv(np.linalg.cholesky(C))
     paper = paper_cost(MODEL, f, frf(MODEL, MODEL.truth, f)).weight
@@ -64,10 +65,10 @@ def test_the_best_weights_reach_the_bound_and_the_papers_weights_their_sandwich(
 def test_points_that_share_lines_say_less_than_independent_ones() -> None:
     f, rng = published().below(1.2).f, np.random.default_rng(1)
     C = random_covariance(rng, f)
-    overlap = efficiency.overlap_of(published().below(1.2))
+    overlap = overlap_of(published().below(1.2))
     assert overlap[3, 4] == pytest.approx(0.5)  # harmonics 7, 9 and 9, 11
     assert overlap[0, 1] == 0
-    joint = efficiency.joint_covariance(C, overlap)
+    joint = joint_covariance(C, overlap)
     np.testing.assert_allclose(joint, joint.conj().T)
     np.testing.assert_allclose(joint[6:8, 6:8], C[3])
     assert np.linalg.eigvalsh(joint).min() > 0
@@ -76,14 +77,12 @@ def test_points_that_share_lines_say_less_than_independent_ones() -> None:
 def test_too_few_points_are_refused() -> None:
     f = published().f[:2]
     with pytest.raises(InputError, match="2 points do not determine 12 parameters"):
-        efficiency.cramer_rao(
-            MODEL, MODEL.truth, f, efficiency.joint_covariance(random_covariance(np.random.default_rng(2), f))
-        )
+        efficiency.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(random_covariance(np.random.default_rng(2), f)))
 
 
 def test_a_parameter_that_its_bounds_hold_has_no_bound_and_the_others_that_of_knowing_it() -> None:
     f = published().below(1.2).f
-    joint = efficiency.joint_covariance(random_covariance(np.random.default_rng(3), f))
+    joint = joint_covariance(random_covariance(np.random.default_rng(3), f))
     k = MODEL.names.index("Kpas1")
     value = float(MODEL.truth[k])
     narrow = MODEL.with_bounds({"Kpas1": (value - 5e-10, value + 5e-10)})
@@ -193,8 +192,8 @@ def test_the_bound_within_the_box_lies_between_data_and_box_and_below_estimates_
     rng, f = np.random.default_rng(9), published().below(1.2).f
     C = random_covariance(rng, f)
     width = MODEL.upper - MODEL.lower
-    root = {s: efficiency.van_trees(MODEL, MODEL.truth, f, efficiency.joint_covariance(C * s)) for s in (1e-8, 1, 1e15)}
-    plain = efficiency.cramer_rao(MODEL, MODEL.truth, f, efficiency.joint_covariance(C))
+    root = {s: efficiency.van_trees(MODEL, MODEL.truth, f, joint_covariance(C * s)) for s in (1e-8, 1, 1e15)}
+    plain = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(C))
     np.testing.assert_allclose(root[1e-8], plain * 1e-8, rtol=1e-3, atol=0)
     np.testing.assert_allclose(np.diag(root[1e15]), (width / (2 * np.pi)) ** 2, rtol=1e-3)
     assert (np.linalg.eigvalsh((plain - root[1]) / width / width[:, None]) > -1e-12).all()
@@ -220,7 +219,7 @@ def test_the_bound_of_combined_stiffnesses_is_that_of_the_sum(make_cube: Cube) -
     C = random_covariance(np.random.default_rng(7), cells["frequency"].values)
     covariance = xr.DataArray(C[None], dims=("amplitude", "frequency", "angle", "angle_2"))
     bounds = efficiency.bounds_on_sd(combined(cells), MODEL, covariance).isel(amplitude=0, fmax=0)
-    whole = efficiency.cramer_rao(MODEL, MODEL.truth, f, efficiency.joint_covariance(C[: f.size]))
+    whole = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(C[: f.size]))
     i, j = MODEL.names.index("K11"), MODEL.names.index("Kpas1")
     expected = np.sqrt(whole[i, i] + whole[j, j] + 2 * whole[i, j])
     assert float(bounds["cramer_rao"].sel(parameter="K11+Kpas1")) == pytest.approx(expected, rel=1e-9)

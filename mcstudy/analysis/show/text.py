@@ -153,6 +153,7 @@ def _group(name: str, group: dict[str, Any]) -> str:
     parts = [head, _overview(d, group["cells"])]
     if d["simulator"] != "none":  # without noise and averaging every bias is rounding
         parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]
+        parts += [found for f in d["fmax"] if (found := _standard_errors(d, group["cells"], f))]
     return "\n\n".join(parts)
 
 
@@ -225,6 +226,31 @@ def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float
     said = [_efficiency(p) for c in here for p in c["parameters"]]
     without, boxed, fixed = "-" in said, any(s.endswith(_BOX) for s in said), "fixed" in said
     return table(header, rows) + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
+
+
+def _standard_errors(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
+    """How true the standard errors are; empty for a cube without them."""
+    here = [c for c in cells if c["fmax"] == fmax]
+    known = [i for i, p in enumerate(here[0]["parameters"]) if "coverage" in p]
+    if not known:
+        return ""
+    header = [f"{fmax:g} Hz"]
+    for c in here:
+        header += [f"SE off % ({c['amplitude']:g} {design['amplitude_unit']})", "holds truth %", "holds mean %", "of"]
+    rows = []
+    for i in known:
+        line = [here[0]["parameters"][i]["name"]]
+        for p in (c["parameters"][i] for c in here):
+            line.append(with_error(p["se_relative_error"]["value"], p["se_relative_error"]["mcse"]))
+            for key in ("coverage", "bias_eliminated_coverage"):
+                line.append(with_error(*(None if (x := p[key][k]) is None else 100 * x for k in ("value", "mcse"))))
+            line.append(_count(p["coverage"]["used"]))
+        rows.append(line)
+    return table(header, rows) + (
+        "\nStandard errors (SE) of the fits. SE off: their root mean square against the SD of the estimates. holds: "
+        "share of\n95 % intervals, estimate ± 1.96 SE, that hold the truth or the mean estimate. of: realizations "
+        "with a standard\nerror; with the parameter on a bound there is none."
+    )
 
 
 _BOX = " b"

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from mcstudy.stance.body import TRUTH_PROVENANCE, two_segment
 
-
 INFERRED = "inferred from the paper's published numbers"
 """How true values are called that were found by `mcstudy infer`, wherever they are shown."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording
+from mcstudy.report.labels import with_units
 
 
 def recording_rows(name: str, recording: Recording | FrfRecording | None) -> list[list[str]]:
@@ -15,7 +16,7 @@ def recording_rows(name: str, recording: Recording | FrfRecording | None) -> lis
         peaks = ", ".join(f"{a:.3g}" for a in recording.amplitudes)
         rows += [
             ["trials", f"{len(recording.trials)}, {recording.duration_s:.0f} s together at {recording.rate_hz:g} Hz"],
-            ["amplitudes (peak)", f"{peaks} {recording.stimulus_unit}"],
+            ["amplitudes (peak)", f"{peaks} {with_units(recording.stimulus_unit)}"],
             ["period", "none" if recording.period_s is None else f"{recording.period_s:g} s"],
         ]
     return rows

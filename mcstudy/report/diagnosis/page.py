@@ -22,6 +22,7 @@ from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figure, missing
 from mcstudy.report.html import Table, details, escape, table
+from mcstudy.report.labels import with_units
 from mcstudy.report.origin import recording_rows
 
 
@@ -65,7 +66,7 @@ def _introduction(data: GapData) -> str:
         )
     else:
         after = f"{added_name(d).capitalize()}: the base model with {effects_of(d.leading)}, refitted."
-    said = "".join(f"<p>{escape(part)}</p>" for part in sentences(d))
+    said = "".join(f"<p>{escape(with_units(part))}</p>" for part in sentences(d))
     return (
         f'<div class="truth"><p><strong>Verdict</strong></p>{said}</div>'
         f"<p>Base model: {escape(data.model.name.replace('_', ' '))}, fitted to this recording. {escape(after)}</p>"
@@ -79,7 +80,7 @@ def _numbers(d: Diagnosis) -> str:
     groups = "; ".join(", ".join(g) for g in d.groups if len(g) > 1)
     return (
         "".join(
-            table(page_table(t)) + (f"<p>{escape(t.note)}</p>" if t.note else "")
+            table(page_table(t)) + (f"<p>{escape(with_units(t.note))}</p>" if t.note else "")
             for t in tables(d)
             if t.title not in shown
         )

@@ -15,16 +15,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.labels import ONE, PERCENT, labelled, units_of
-from mcstudy.analysis.montecarlo import (
-    A,
-    Moments,
-    PlainStatistic,
-    Statistic,
-    fraction,
-    jackknife,
-    moments,
-    plain_jackknives,
-)
+from mcstudy.analysis.montecarlo import A, Moments, PlainStatistic, Statistic, fraction, jackknife, jackknives, moments
 
 
 def statistic_of(cells: xr.Dataset, statistic: Statistic, name: str = "statistic", units: str = ONE) -> xr.Dataset:
@@ -36,7 +27,7 @@ def _plain(
     cells: xr.Dataset, statistic: PlainStatistic, name: str, units: str = ONE, **more: xr.DataArray
 ) -> xr.Dataset:
     """`statistic_of` for a statistic that needs no coordinates; ``more``: variables of the result."""
-    (out,) = plain_jackknives(cells["estimate"], cells["truth"], [statistic])
+    (out,) = jackknives(cells["estimate"], cells["truth"], [statistic])
     return labelled(out.assign(more), cells, name, units)
 
 

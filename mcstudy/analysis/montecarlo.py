@@ -15,9 +15,7 @@ to first order).
 
 from __future__ import annotations
 
-import functools
-import operator
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -28,11 +26,10 @@ from scipy.special import bdtr, bdtrc, betainc, ndtri
 REALIZATION = "realization"
 """Name of the dimension that is sampled."""
 
+
 NUMBERS_A_PIECE = 1 << 20
 """Numbers of an array that are worked on at once, 8 MB and some fifteen times that in between; more are read piece by
 piece."""
-
-T = TypeVar("T")
 
 A = TypeVar("A", xr.DataArray, xr.Variable)
 """Numbers with coordinates or without."""
@@ -89,44 +86,26 @@ def pieces(x: xr.DataArray | xr.Dataset) -> list[slice]:
     return [slice(first, first + depth) for first in range(0, max(n, 1), depth)]
 
 
-def _total(parts: Iterable[T]) -> T:
-    return functools.reduce(operator.add, parts)
-
-
-def _sums(x: xr.DataArray, truth: xr.DataArray, parts: list[slice]) -> _Sums:
-    """Two passes over the pieces of aligned ``x``: the mean, then the deviations from it."""
-    t = truth.variable
-
-    def count_and_sum(part: slice) -> np.ndarray:
-        v = _piece(x, part).variable
-        return _pair(v.notnull().sum(REALIZATION), v.fillna(0.0).sum(REALIZATION))
-
-    n, total = _total(count_and_sum(part) for part in parts)
-    mean = total / n.where(n > 0)
-
-    def squares(part: slice) -> np.ndarray:
-        v = _piece(x, part).variable
-        deviation, error2 = _deviations(v, mean, t)
-        return _pair((deviation**2).sum(REALIZATION), error2.sum(REALIZATION))
-
-    about_mean, about_truth = _total(squares(part) for part in parts)
-    sd = (about_mean / (n - 1).where(n > 1)) ** 0.5
-    mse = about_truth / n.where(n > 0)
-    return _Sums(Moments(mean, sd, mse, t, n), about_mean, about_truth)
-
-
-def _pair(a: xr.Variable, b: xr.Variable) -> np.ndarray:
-    """Two variables that are added to others each for itself."""
-    out = np.empty(2, dtype=object)
-    out[:] = a, b
-    return out
-
-
 def _piece(x: xr.DataArray, part: slice) -> xr.DataArray:
     """Some realizations of an array, read now unless it is lazy; all of an array in memory is the array itself."""
     if x.chunks or (part.stop >= x.sizes[REALIZATION] and part.start == 0):
         return x
     return x.isel({REALIZATION: part}).compute()
+
+
+def _sums(x: xr.DataArray, truth: xr.DataArray, parts: list[slice]) -> _Sums:
+    """Two passes over the pieces of aligned ``x``: the mean, then the deviations from it."""
+    t = truth.variable
+    n = total = about_mean = about_truth = xr.Variable((), 0)
+    for part in parts:
+        v = _piece(x, part).variable
+        n, total = n + v.notnull().sum(REALIZATION), total + v.fillna(0.0).sum(REALIZATION)
+    mean = total / n.where(n > 0)
+    for part in parts:
+        deviation, error2 = _deviations(_piece(x, part).variable, mean, t)
+        about_mean, about_truth = about_mean + (deviation**2).sum(REALIZATION), about_truth + error2.sum(REALIZATION)
+    sd = (about_mean / (n - 1).where(n > 1)) ** 0.5
+    return _Sums(Moments(mean, sd, about_truth / n.where(n > 0), t, n), about_mean, about_truth)
 
 
 def _deviations(v: xr.Variable, mean: xr.Variable, truth: xr.Variable) -> tuple[xr.Variable, xr.Variable]:
@@ -147,16 +126,16 @@ def _coordinates(x: xr.DataArray, dims: tuple[Hashable, ...], other: xr.DataArra
     return held.drop_vars([name for name, c in held.variables.items() if not set(c.dims) <= set(dims)]).coords
 
 
-def _with_deleted(v: xr.Variable, truth: xr.Variable, sums: _Sums) -> Moments[xr.Variable]:
+def _with_deleted(v: xr.Variable, sums: _Sums) -> Moments[xr.Variable]:
     """Moments of each cell with each realization of ``v``, one piece of all, deleted in turn (they keep its dim)."""
-    n, mean = sums.moments.n, sums.moments.mean
-    deviation, error2 = _deviations(v, mean, truth)
-    n1 = n - v.notnull()
+    full = sums.moments
+    deviation, error2 = _deviations(v, full.mean, full.truth)
+    n1 = full.n - v.notnull()
     some, several = n1.where(n1 > 0), (n1 - 1).where(n1 > 1)
     # deleting i moves the mean, so the sum of squares about the new mean drops by y_i^2 n / (n - 1)
-    ss1 = (sums.about_mean - deviation**2 * n / some).clip(min=0.0)
+    ss1 = (sums.about_mean - deviation**2 * full.n / some).clip(min=0.0)
     mse1 = (sums.about_truth - error2) / some
-    return Moments(mean - deviation / some, (ss1 / several) ** 0.5, mse1, truth, n1)
+    return Moments(full.mean - deviation / some, (ss1 / several) ** 0.5, mse1, full.truth, n1)
 
 
 def jackknife(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic) -> xr.Dataset:
@@ -173,48 +152,76 @@ def jackknife(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic) -> xr.
     Dataset ``value``, ``mcse``, ``n``, ``left_out``. Where cells that enter one value used different numbers of
     realizations, ``n`` is the smallest. ``mcse`` is NaN for fewer than three realizations.
     """
-    return jackknives(x, truth, [statistic])[0]
-
-
-def jackknives(x: xr.DataArray, truth: xr.DataArray, statistics: Sequence[Statistic]) -> list[xr.Dataset]:
-    """`jackknife` of several statistics, which share the moments; memory for one of the `pieces` of ``x`` at a time."""
     x, truth = xr.align(x, truth, join="inner", copy=False)
-    sums = _sums(x, truth, pieces(x))
-    full = _with_coordinates(sums.moments, x, truth)
-    values = [statistic(full) for statistic in statistics]
+    parts = pieces(x)
+    sums = _sums(x, truth, parts)
+    value = statistic(_with_coordinates(sums.moments, x, truth))
+    spread = None
+    for part in parts:
+        piece = _piece(x, part)
+        replicate = statistic(_with_coordinates(_with_deleted(piece.variable, sums), piece, truth))
+        used = _used(piece.variable, value.dims)
+        at = xr.DataArray(used, _coordinates(piece, used.dims))
+        replicate, at = xr.align(replicate, at, join="inner", copy=False)
+        spread = _Spread.of(replicate.variable, at.variable).after(spread)
+    assert spread is not None  # there is at least one piece
+    error = spread.error
+    mcse = xr.DataArray(error, _coordinates(replicate, error.dims, at))
+    least = _least(sums.moments.n, value.dims)
+    n = xr.DataArray(least, _coordinates(x, least.dims))
+    return xr.Dataset({"value": value, "mcse": mcse, "n": n, "left_out": x.sizes[REALIZATION] - n})
 
-    def replicates(piece: xr.DataArray, deleted: Moments[xr.Variable]) -> Iterator[tuple[xr.Variable, xr.Variable]]:
-        labelled = _with_coordinates(deleted, piece, truth)
-        for statistic, value in zip(statistics, values, strict=True):
-            used = _used(piece.variable, value.dims)
-            found = xr.align(statistic(labelled), xr.DataArray(used, _coordinates(piece, used.dims)), copy=False)
-            yield found[0].variable, found[1].variable
 
-    out = []
-    for value, spread in zip(values, _spreads(x, truth, sums, replicates), strict=True):
-        error, least = spread.error, _least(sums.moments.n, value.dims)
-        n = xr.DataArray(least, _coordinates(x, least.dims))
-        mcse = xr.DataArray(error, _coordinates(value, error.dims))
-        out.append(xr.Dataset({"value": value, "mcse": mcse, "n": n, "left_out": x.sizes[REALIZATION] - n}))
-    return out
-
-
-def plain_jackknives(x: xr.DataArray, truth: xr.DataArray, statistics: Sequence[PlainStatistic]) -> list[xr.Dataset]:
-    """`jackknives` of statistics that need no coordinates."""
+def jackknives(x: xr.DataArray, truth: xr.DataArray, statistics: Sequence[PlainStatistic]) -> list[xr.Dataset]:
+    """`jackknife` of several statistics that need no coordinates and share the moments."""
     x, truth = xr.align(x, truth, join="inner", copy=False)
-    sums = _sums(x, truth, pieces(x))
+    parts = pieces(x)
+    sums = _sums(x, truth, parts)
     values = [statistic(sums.moments) for statistic in statistics]
-
-    def replicates(piece: xr.DataArray, deleted: Moments[xr.Variable]) -> Iterator[tuple[xr.Variable, xr.Variable]]:
-        for statistic, value in zip(statistics, values, strict=True):
-            yield statistic(deleted), _used(piece.variable, value.dims)
-
+    spreads: dict[int, _Spread] = {}
+    for part in parts:
+        v = _piece(x, part).variable
+        deleted = _with_deleted(v, sums)
+        for k, statistic in enumerate(statistics):
+            spreads[k] = _Spread.of(statistic(deleted), _used(v, values[k].dims)).after(spreads.get(k))
     out = []
-    for value, spread in zip(values, _spreads(x, truth, sums, replicates), strict=True):
+    for k, value in enumerate(values):
         n = _least(sums.moments.n, value.dims)
-        variables = {"value": value, "mcse": spread.error, "n": n, "left_out": x.sizes[REALIZATION] - n}
+        variables = {"value": value, "mcse": spreads[k].error, "n": n, "left_out": x.sizes[REALIZATION] - n}
         out.append(xr.Dataset(variables, _coordinates(x, value.dims, truth)))
     return out
+
+
+@dataclass(frozen=True)
+class _Spread:
+    """Number, mean and summed squares about the mean of the values with each realization deleted in turn."""
+
+    n: xr.Variable
+    centre: xr.Variable
+    squares: xr.Variable
+
+    @classmethod
+    def of(cls, replicate: xr.Variable, used: xr.Variable) -> _Spread:
+        """Of some realizations; ``used``: whether one enters the value."""
+        n = used.sum(REALIZATION)
+        centre = replicate.where(used, 0.0).sum(REALIZATION) / n.where(n > 0)
+        return cls(n, centre, ((replicate - centre) ** 2).where(used, 0.0).sum(REALIZATION, skipna=False))
+
+    def after(self, before: _Spread | None) -> _Spread:
+        """These and those before them together (Chan, Golub & LeVeque 1983)."""
+        if before is None:
+            return self
+        n = before.n + self.n
+        off = (self.centre - before.centre).where((before.n > 0) & (self.n > 0), 0.0)
+        centre = before.centre.fillna(0.0).where(before.n > 0, self.centre) + off * self.n / n.where(n > 0)
+        squares = before.squares + self.squares + off**2 * before.n * self.n / n.where(n > 0, 1)
+        return _Spread(n, centre.where(n > 0), squares)
+
+    @property
+    def error(self) -> xr.Variable:
+        """Jackknife standard error; NaN for fewer than two values."""
+        root: xr.Variable = np.sqrt(self.squares * (self.n - 1) / self.n.where(self.n > 1))
+        return root
 
 
 def _pooled(dims: tuple[Hashable, ...], kept: tuple[Hashable, ...]) -> list[Hashable]:
@@ -222,7 +229,7 @@ def _pooled(dims: tuple[Hashable, ...], kept: tuple[Hashable, ...]) -> list[Hash
 
 
 def _used(v: xr.Variable, dims: tuple[Hashable, ...]) -> xr.Variable:
-    """Whether a realization has a number in any of the cells that enter a value with these dims."""
+    """Whether a realization enters a value with these dims."""
     pooled, used = _pooled(v.dims, dims), v.notnull()
     return used.any(pooled) if pooled else used
 
@@ -231,50 +238,6 @@ def _least(n: xr.Variable, dims: tuple[Hashable, ...]) -> xr.Variable:
     """Realizations that enter a value with these dims; of cells that are pooled in it, the smallest number."""
     pooled = _pooled(n.dims, dims)
     return n.min(pooled) if pooled else n
-
-
-@dataclass(frozen=True)
-class _Spread:
-    """Number, mean and summed squares about the mean of the replicates of a statistic."""
-
-    n: xr.Variable
-    centre: xr.Variable
-    squares: xr.Variable
-
-    @classmethod
-    def of(cls, replicate: xr.Variable, used: xr.Variable) -> _Spread:
-        """Replicates of the realizations that are used."""
-        g = used.sum(REALIZATION)
-        centre = replicate.where(used, 0.0).sum(REALIZATION) / g.where(g > 0)
-        return cls(g, centre, ((replicate - centre) ** 2).where(used, 0.0).sum(REALIZATION, skipna=False))
-
-    def merged(self, other: _Spread) -> _Spread:
-        """Both together (Chan, Golub & LeVeque 1983)."""
-        n = self.n + other.n
-        off = (other.centre - self.centre).where((self.n > 0) & (other.n > 0), 0.0)
-        centre = self.centre.fillna(0.0).where(self.n > 0, other.centre) + off * other.n / n.where(n > 0)
-        squares = self.squares + other.squares + off**2 * self.n * other.n / n.where(n > 0, 1)
-        return _Spread(n, centre.where(n > 0), squares.transpose(*self.squares.dims))
-
-    @property
-    def error(self) -> xr.Variable:
-        """Standard error of the statistic."""
-        root: xr.Variable = np.sqrt(self.squares * (self.n - 1) / self.n.where(self.n > 1))
-        return root
-
-
-Replicates = Callable[[xr.DataArray, Moments[xr.Variable]], Iterable[tuple[xr.Variable, xr.Variable]]]
-"""From a piece and its moments with each realization deleted, per statistic: its values, and which of them count."""
-
-
-def _spreads(x: xr.DataArray, truth: xr.DataArray, sums: _Sums, replicates: Replicates) -> list[_Spread]:
-    spreads: list[_Spread] = []
-    for part in pieces(x):
-        piece = _piece(x, part)
-        deleted = _with_deleted(piece.variable, truth.variable, sums)
-        found = [_Spread.of(*pair) for pair in replicates(piece, deleted)]
-        spreads = [a.merged(b) for a, b in zip(spreads, found, strict=True)] if spreads else found
-    return spreads
 
 
 def normal_quantile(confidence: float) -> float:

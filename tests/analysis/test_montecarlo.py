@@ -15,9 +15,9 @@ from mcstudy.analysis.montecarlo import (
     Moments,
     fraction,
     jackknife,
+    jackknives,
     moments,
     order_statistic_ranks,
-    plain_jackknives,
     quantiles,
     wilson,
 )
@@ -101,7 +101,7 @@ def test_statistics_without_coordinates_have_the_same_bits_and_coordinates() -> 
     x = x.assign_coords(parameter=[*"pqrs"], study=[5, 6, 7], unit=unit, amplitude=3.0)
     truth = TRUTH.assign_coords(parameter=[*"qprs"])  # another order: what is subtracted is found by its label
     statistics = [lambda m: m.mean - m.truth, lambda m: m.mse**0.5, lambda m: abs(m.sd / m.mean).mean(["parameter"])]
-    for statistic, plain in zip(statistics, plain_jackknives(x, truth, statistics), strict=True):
+    for statistic, plain in zip(statistics, jackknives(x, truth, statistics), strict=True):
         xr.testing.assert_identical(plain.drop_attrs(), jackknife(x, truth, statistic).drop_attrs())
     assert set(plain.coords) == {"study", "amplitude"}
 

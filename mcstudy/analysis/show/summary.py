@@ -12,7 +12,7 @@ from mcstudy.analysis import accuracy, neural, selection
 from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
 from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
-from mcstudy.analysis.montecarlo import PlainStatistic, fraction, plain_jackknives, quantiles
+from mcstudy.analysis.montecarlo import PlainStatistic, fraction, jackknives, quantiles
 from mcstudy.analysis.notes import notes
 from mcstudy.analysis.paper.published import PAPER
 from mcstudy.analysis.paper.rows import Row, rows
@@ -181,7 +181,7 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
 
 def _mean_over_realizations(x: xr.DataArray) -> xr.Dataset:
     """Mean with its standard error, dims (amplitude, fmax)."""
-    return plain_jackknives(x, xr.DataArray(0.0), [lambda m: m.mean])[0]
+    return jackknives(x, xr.DataArray(0.0), [lambda m: m.mean])[0]
 
 
 def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
@@ -254,7 +254,7 @@ _MEASURES: dict[str, PlainStatistic] = {
 
 def _measures(cells: xr.Dataset) -> dict[str, xr.Dataset]:
     """All measures of every parameter, from one jackknife."""
-    found = plain_jackknives(cells["estimate"], cells["truth"], list(_MEASURES.values()))
+    found = jackknives(cells["estimate"], cells["truth"], list(_MEASURES.values()))
     out = dict(zip(_MEASURES, found, strict=True))
     out["absolute_bias_percent"] = out["absolute_bias_percent"].assign(floor=accuracy.floor_percent(cells))
     return out

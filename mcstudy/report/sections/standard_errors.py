@@ -41,7 +41,8 @@ def zipper_figures(view: GroupView, suffix: str = "") -> list[Figure]:
                 f"95 % intervals (estimate ± 1.96 standard errors) of {cell_label(view, a, f)}, one line per "
                 f"realization (at most the first {MOST_POINTS}), by their distance from the truth in standard errors. "
                 "Orange: the interval misses the truth. Of honest intervals those above the dashed line do; the dotted "
-                "lines are the 95 % interval of the fraction that holds it. With the parameter on a bound there is no interval.",
+                "lines are the 95 % interval of the fraction that holds it. With the parameter on a bound there "
+                "is no interval.",
             ],
             [Panel(n, partial(figures.zipper, view, n, a, f), (3.2, 3.4)) for n in view.model.names],
             [

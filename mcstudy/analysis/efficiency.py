@@ -25,7 +25,7 @@ import xarray as xr
 
 from mcstudy.analysis.accuracy import at_bound
 from mcstudy.analysis.labels import ONE, labelled, units_of
-from mcstudy.analysis.montecarlo import REALIZATION, jackknives
+from mcstudy.analysis.montecarlo import REALIZATION, jackknife
 from mcstudy.analysis.selection import inside_bounds, sums_of
 from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
@@ -261,14 +261,9 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
     `bounds_on_sd`), and for cells that are not combined ``at_bound``, the fraction of fits with the parameter itself on
     a bound.
     """
-    least, box = jackknives(
-        cells["estimate"],
-        cells["truth"],
-        [
-            lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2,
-            lambda m: bounds["box"] ** 2 / m.mse.where(m.mse > 0),
-        ],
-    )
+    x, truth = cells["estimate"], cells["truth"]
+    least = jackknife(x, truth, lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2)
+    box = jackknife(x, truth, lambda m: bounds["box"] ** 2 / m.mse.where(m.mse > 0))
     applies, name = bound_applies(cells), "efficiency (Cramér-Rao variance over observed variance)"
     found = least.assign(
         value=least["value"].where(applies),

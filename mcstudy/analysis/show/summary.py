@@ -12,7 +12,7 @@ from mcstudy.analysis import accuracy, neural, robust, selection
 from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
 from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
-from mcstudy.analysis.montecarlo import Statistic, fraction, jackknives, quantiles
+from mcstudy.analysis.montecarlo import PlainStatistic, fraction, jackknives, quantiles
 from mcstudy.analysis.notes import notes
 from mcstudy.analysis.paper.published import PAPER
 from mcstudy.analysis.paper.rows import Row, rows
@@ -196,8 +196,7 @@ def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
     sizes = result["value"].sizes
     arrays = {}
     for name in names:
-        values = result.variables[name].compute()
-        arrays[name] = values.set_dims({d: sizes[d] for d in dims}).transpose(*dims).values
+        arrays[name] = result.variables[name].set_dims({d: sizes[d] for d in dims}).transpose(*dims).values
     return lambda *at: {name: bool(x[at]) if name in _FLAGS else json_number(x[at]) for name, x in arrays.items()}
 
 
@@ -250,7 +249,7 @@ def _entries(
     return [entry(name) for name in names]
 
 
-_MEASURES: dict[str, Statistic] = {
+_MEASURES: dict[str, PlainStatistic] = {
     "bias": accuracy.bias_of,
     "absolute_bias_percent": accuracy.absolute_bias_of,
     "sd": accuracy.sd_of,

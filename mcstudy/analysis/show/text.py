@@ -37,7 +37,9 @@ def incomplete(data: dict[str, Any]) -> str:
 
 
 def ours(row: dict[str, Any]) -> str:
-    """Our value with its error and unit, or its range over the readings of a definition."""
+    """Our value with its error and unit, or its range over the readings of a definition; a dash for none."""
+    if row["value"] is None:
+        return "-"
     unit = "" if row["unit"] in ("1", "starts") else f" {row['unit']}"
     if row["low"] is not None and row["low"] < row["high"]:
         return f"{row['low']:g} to {row['high']:g}{unit}"

@@ -30,6 +30,7 @@ from mcstudy.analysis import (
     efficiency,
     minimum_curve,
     neural,
+    robust,
     selection,
     stable_starts,
 )
@@ -228,6 +229,27 @@ class MonteCarlo:
     def rmse(self) -> xr.Dataset:
         """Root mean squared error about the truth, in the unit of the parameter."""
         return self._result(accuracy.rmse(self._cells))
+
+    def median_bias(self) -> xr.Dataset:
+        """Median estimate minus truth, with a 95 % interval; for parameters whose estimates lie on bounds.
+
+        The interval (``lower``, ``upper``) is between order statistics and assumes no distribution.
+        """
+        return self._result(robust.median_bias(self._cells))
+
+    def mad(self) -> xr.Dataset:
+        """Median absolute deviation of the estimates from their median; ``mcse`` by a bootstrap with a fixed stream."""
+        return self._result(robust.mad(self._cells))
+
+    def quantiles(self, q: tuple[float, ...] = robust.QUANTILES) -> xr.Dataset:
+        """Quantiles of the estimates over realizations: dims (amplitude, fmax, parameter, quantile), with interval.
+
+        Parameters
+        ----------
+        q
+            The quantiles, 0 to 1.
+        """
+        return self._result(robust.estimate_quantiles(self._cells, q))
 
     def performance(self, level: float = 0.95) -> xr.Dataset:
         """Bias, empirical SE and MSE with the formulas of Morris et al. (2019), and how true the standard errors are.

@@ -73,8 +73,8 @@ def described(result: xr.Dataset) -> xr.Dataset:
     """``result`` with the coordinates ``meaning`` and ``measure_unit`` of its dim ``measure``, and labels."""
     keys = [str(k) for k in result["measure"].values]
     coords = {
-        "meaning": ("measure", [MEASURES[k].meaning for k in keys]),
-        "measure_unit": ("measure", [MEASURES[k].unit for k in keys]),
+        "meaning": ("measure", [MEASURES[k].meaning for k in keys], {"long_name": "meaning of the measure"}),
+        "measure_unit": ("measure", [MEASURES[k].unit for k in keys], {"long_name": "unit of the measure"}),
     }
     return labelled(result.assign_coords(coords), None, "performance of the estimator", "see measure_unit")
 

@@ -72,15 +72,26 @@ def _span(low: str, high: str) -> str:
     return f"at {low} Hz" if low == high else f"from {low} to {high} Hz"
 
 
+CAPPED = 0.6
+"""A p-value that is cut off at 1 is that of a residual whose own p-value is above this: 1 divided by the margin of
+`mcstudy.gap.questions.any_gap` and by the share of the contrasts."""
+
+
 def p_value(p: float, least: float) -> str:
-    """A p-value; ``least`` is the smallest one that this number of null samples can give."""
+    """A p-value; ``least`` is the smallest one that this number of null samples can give.
+
+    With its margin the p-value of any gap is an upper limit, cut off at 1. More than a third of the recordings to which
+    the model lacks nothing reach it; for them only that the residual is ordinary is known.
+    """
+    if p >= 1:
+        return f"> {CAPPED:g}"
     return f"< {least:.2g}" if p <= 1.01 * least else f"{p:.2g}"
 
 
 def p_words(p: float, least: float) -> str:
     """A p-value in a sentence; see `p_value`."""
     text = p_value(p, least)
-    return f"p {text}" if text.startswith("<") else f"p = {text}"
+    return f"p {text}" if text.startswith(("<", ">")) else f"p = {text}"
 
 
 def verdict(d: Diagnosis) -> str:

@@ -27,6 +27,7 @@ from mcstudy.report.sections.model import model_html
 from mcstudy.report.sections.pairs import pairs_figure
 from mcstudy.report.sections.search import further_search_figures, paper_search_figures
 from mcstudy.report.sections.signals import signal_figures
+from mcstudy.report.sections.standard_errors import zipper_figures
 from mcstudy.report.words import beside, group_overviews, headline, introduction
 from mcstudy.study.readable import structured
 
@@ -81,7 +82,7 @@ def _page(context: Context, beside: Sequence[_Beside]) -> str:
     paper = signal_figures(context) + paper_search_figures(context) + paper_estimate_figures(context)
     beyond = [pairs_figure(context), *further_search_figures(context)]
     if main is not None:
-        beyond.append(efficiency_figure(main))
+        beyond += [efficiency_figure(main), *zipper_figures(main)]
     parts = [
         ("model", "The model", model_html(context)),
         ("paper", "Comparison with the paper", headline(context)),
@@ -136,7 +137,7 @@ def _figures(context: Context, items: list[Figure | Missing]) -> str:
 def _other_groups(context: Context) -> list[tuple[str, str, str]]:
     out = []
     for i, view in enumerate(context.others):
-        items = [*estimates(context, view, f"-{i}"), efficiency_figure(view, f"-{i}")]
+        items = [*estimates(context, view, f"-{i}"), efficiency_figure(view, f"-{i}"), *zipper_figures(view, f"-{i}")]
         stripped = [f if isinstance(f, Missing) else _without_paper(f) for f in items]
         differs = "".join(f"<li>{escape(d)}</li>" for d in view.differences)
         intro = f"<p>Differs from the paper's setting in:</p><ul>{differs}</ul>" if differs else ""

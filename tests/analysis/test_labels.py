@@ -62,7 +62,11 @@ STATISTICS: dict[str, dict[str, str]] = {
     "j_nc": {},
     "j_nc_within": {},
     "sensitivity": {},
-    "efficiency": {"cramer_rao_sd": EACH, "paper_cost_sd": EACH},
+    "efficiency": {"cramer_rao_sd": EACH, "paper_cost_sd": EACH, "box_rmse": EACH},
+    "median_bias": dict.fromkeys(("value", "mcse", "lower", "upper"), EACH),
+    "mad": {"value": EACH, "mcse": EACH},
+    "quantiles": dict.fromkeys(("value", "mcse", "lower", "upper"), EACH),
+    "performance": dict.fromkeys(("value", "mcse", "lower", "upper"), "see measure_unit"),
     "starts_needed": {},
     "starts_needed_quantiles": {},
     "minimum_curve": {},
@@ -103,7 +107,7 @@ def variables(result: Any) -> dict[str, xr.DataArray]:
 
 def test_every_method_is_looked_at() -> None:
     public = {n for n in dir(MonteCarlo) if not n.startswith("_")}
-    assert public == {*STATISTICS, *SELECTIONS, "only", "compare", "model", "lazy"}
+    assert public == {*STATISTICS, *SELECTIONS, "only", "compare", "relative_precision", "model", "lazy"}
 
 
 @pytest.mark.parametrize("method", STATISTICS)

@@ -185,8 +185,12 @@ def test_efficiency_is_that_within_the_box_where_bounds_are_active(make_cube: Cu
     cube["at_bound"][..., 0] = 1
     report = report_of(tree(g=cube))
     assert "efficiency 'b': the Cramér-Rao bound does not apply" in report.text()
-    (line,) = [x for x in report.text().splitlines() if x.startswith("K11 ")]
+    line, of_bounds = [x for x in report.text().splitlines() if x.startswith("K11 ")]
     assert line.endswith(" b")
+    assert " to " in of_bounds
+    entry = report.data["groups"]["g"]["cells"][0]["parameters"][0]
+    assert entry["median_bias"]["value"] == pytest.approx(float(cube.mc.median_bias()["value"][0, 0, 0]))
+    assert entry["quantile_95"]["value"] == pytest.approx(float(cube.mc.quantiles((0.95,))["value"][0, 0, 0, 0]))
     found = report.data["groups"]["g"]["cells"][0]["parameters"][0]["efficiency"]
     assert found["box"] == pytest.approx(float(cube.mc.efficiency()["box"][0, 0, 0]))
 

@@ -10,7 +10,7 @@ import pytest
 
 from mcstudy.gap.questions import any_gap
 from mcstudy.gap.questions.any_gap import CONTRAST_SHARE, MARGIN
-from mcstudy.gap.verdict import p_words
+from mcstudy.gap.verdict import CAPPED, p_words
 
 
 def with_p_values(residual: float, *contrasts: float, draws: int = 999) -> any_gap.GapTest:
@@ -47,3 +47,9 @@ def test_the_least_p_value_is_written_as_a_bound(contrasts: tuple[float, ...]) -
     assert p_words(least.p_value, least.p_least).startswith("p < ")
     next_to_it = with_p_values(2 / 1000, *contrasts)
     assert p_words(next_to_it.p_value, next_to_it.p_least).startswith("p = ")
+
+
+def test_a_p_value_cut_off_at_one_is_told_as_the_limit_that_it_is() -> None:
+    assert p_words(1.0, 0.01) == f"p > {CAPPED:g}"
+    assert p_words(0.99, 0.01) == "p = 0.99"
+    assert (1 - CONTRAST_SHARE) / MARGIN > CAPPED

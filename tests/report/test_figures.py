@@ -15,12 +15,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mcstudy.analysis.selection import best
+from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.report import figures
 from mcstudy.report.alternatives import read_alternative
 from mcstudy.report.figures.responses import phase_errors
 from mcstudy.report.figures.signals import Signals, envelope
+from mcstudy.report.sections.standard_errors import zipper_figures
 from mcstudy.stance.response import frf
+
+
+def with_errors(node: xr.DataTree) -> xr.Dataset:
+    """A group with standard errors, a tenth of the true values; K11 is on a bound in the first realization."""
+    data = node.to_dataset()
+    size = (data["estimate"].isel(start=0, drop=True) * 0 + 0.1 * data["truth"]).load()
+    size.loc[{"realization": 0, "parameter": "K11"}] = np.nan
+    return data.assign(standard_error=size)
+
 
 GROUP_FIGURES: dict[str, Callable[[xr.DataTree, Axes], Axes]] = {
     "parameter_bars": lambda t, ax: figures.parameter_bars(t["accuracy"], "K11", ax),
@@ -30,6 +41,7 @@ GROUP_FIGURES: dict[str, Callable[[xr.DataTree, Axes], Axes]] = {
     "efficiency_dots": lambda t, ax: figures.efficiency_dots(t["accuracy"], ax=ax),
     "correlation_map": lambda t, ax: figures.correlation_map(t["accuracy"], ax=ax),
     "estimate_scatter": lambda t, ax: figures.estimate_scatter(t["accuracy"], "K11", "Kpas1", ax=ax),
+    "zipper": lambda t, ax: figures.zipper(with_errors(t["accuracy"]), "B11", ax=ax),
     "controller_error": lambda t, ax: figures.controller_error(t["theory"], fmax=8.0, ax=ax),
     "controller_error_by_noise": lambda t, ax: figures.controller_error_by_noise(t["accuracy"], ax=ax),
     "starts_curve": lambda t, ax: figures.starts_curve(t["accuracy"], ax=ax),
@@ -73,6 +85,21 @@ def test_a_group_figure_fills_and_returns_the_axes_it_is_given(name: str, paper_
     assert GROUP_FIGURES[name](paper_tree, ax) is ax
     assert _drawn(ax) > 0
     ax.figure.draw_without_rendering()  # type: ignore[union-attr]
+
+
+def test_a_zipper_has_a_line_per_interval_and_shows_which_miss_the_truth(paper_tree: xr.DataTree, ax: Axes) -> None:
+    data = with_errors(paper_tree["accuracy"])
+    figures.zipper(data, "K11", amplitude=5.0, fmax=1.2, ax=ax)
+    best_fits = data.mc.best().sel(amplitude=5.0, fmax=1.2, parameter="K11")
+    off = abs(best_fits["estimate"] - best_fits["truth"])[1:] / best_fits["standard_error"][1:]
+    holding, missing = (len(c.get_segments()) for c in ax.collections)  # type: ignore[attr-defined]
+    assert missing == int((off > 1.96).sum())
+    assert holding + missing == off.size
+    (shown,) = zipper_figures(GroupView("accuracy", data))
+    assert len(shown.panels) == len(shown.tables[0].rows) == 12
+    assert zipper_figures(GroupView("accuracy", paper_tree["accuracy"].to_dataset())) == []
+    with pytest.raises(InputError, match="standard_error: the group has none"):
+        figures.zipper(paper_tree["accuracy"], "K11")
 
 
 @pytest.mark.parametrize("name", SIGNAL_FIGURES)

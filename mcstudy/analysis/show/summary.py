@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis import accuracy, neural, selection
+from mcstudy.analysis import accuracy, neural, robust, selection
 from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
 from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
@@ -23,6 +23,9 @@ from mcstudy.files.schema import identifier
 
 _BESIDE = ("floor", "lower", "upper", "box", "box_mcse", "used")
 """Further numbers of a result that the tables hold."""
+
+_QUANTILES = (0.05, 0.95)
+"""Quantiles of the estimates that the tables hold."""
 
 _FLAGS = ("applies", "held")
 """Variables of a result that are true or false."""
@@ -203,6 +206,9 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     bounds = accuracy.at_bound(view.cells)
     for side in ("lower", "upper"):
         single[f"at_{side}_bound"] = bounds.sel(side=side)
+    single |= {"median_bias": robust.median_bias(view.cells), "mad": robust.mad(view.cells)}
+    spread = robust.estimate_quantiles(view.cells, _QUANTILES)
+    single |= {f"quantile_{100 * q:02.0f}": spread.sel(quantile=q, drop=True) for q in _QUANTILES}
     single |= _of_errors(view.cells)
     if view.bounds_on_sd is not None:
         single["efficiency"] = efficiency(view.cells, view.bounds_on_sd)

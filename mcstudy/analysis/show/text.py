@@ -155,6 +155,7 @@ def _group(name: str, group: dict[str, Any]) -> str:
     parts = [head, _overview(d, group["cells"])]
     if d["simulator"] != "none":  # without noise and averaging every bias is rounding
         parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]
+        parts += [found for f in d["fmax"] if (found := _on_bounds(d, group["cells"], f))]
         parts += [found for f in d["fmax"] if (found := _standard_errors(d, group["cells"], f))]
     return "\n\n".join(parts)
 
@@ -228,6 +229,44 @@ def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float
     said = [_efficiency(p) for c in here for p in c["parameters"]]
     without, boxed, fixed = "-" in said, any(s.endswith(_BOX) for s in said), "fixed" in said
     return table(header, rows) + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
+
+
+OFTEN = 0.05
+"""Fraction of estimates on a bound from which their median and quantiles are printed, too."""
+
+
+def _on_bounds(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
+    """Median, MAD and quantiles of the parameters whose estimates are often on a bound; empty if there are none."""
+
+    def often(p: dict[str, Any]) -> bool:
+        on = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
+        return bool(on) and None not in on and sum(on) >= OFTEN
+
+    here = [c for c in cells if c["fmax"] == fmax]
+    wanted = [i for i in range(len(here[0]["parameters"])) if any(often(c["parameters"][i]) for c in here)]
+    if not wanted:
+        return ""
+    header = [f"{fmax:g} Hz"]
+    for c in here:
+        header += [f"median bias % ({c['amplitude']:g} {design['amplitude_unit']})", "MAD %", "5 to 95 %"]
+    rows = []
+    for i in wanted:
+        line = [here[0]["parameters"][i]["name"]]
+        for p in (c["parameters"][i] for c in here):
+            scale = 100 / abs(p["truth"]) if p["truth"] else None
+            for key in ("median_bias", "mad"):
+                line.append(with_error(*(_scaled(p[key][k], scale) for k in ("value", "mcse"))))
+            ends = [number(_scaled(p[f"quantile_{q}"]["value"], scale), 3) for q in ("05", "95")]
+            line.append(" to ".join(ends))
+        rows.append(line)
+    return table(header, rows) + (
+        "\nEstimates on bounds: median bias and median absolute deviation (MAD), and 5th to 95th percentile, in % of "
+        "the truth.\nWhere estimates pile up on two bounds, the mean lies where few are, and the SD is that of the box."
+    )
+
+
+def _scaled(x: float | None, scale: float | None) -> float | None:
+    return None if x is None or scale is None else scale * x
 
 
 def _standard_errors(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:

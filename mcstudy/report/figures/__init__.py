@@ -34,6 +34,7 @@ from mcstudy.report.figures.signals import (  # noqa: E402
     stimulus_spectrum,
     sway_record,
 )
+from mcstudy.report.figures.zipper import zipper  # noqa: E402
 
 __all__ = [
     "Signals",
@@ -67,4 +68,5 @@ __all__ = [
     "stimulus_spectrum",
     "sway_record",
     "waterfall",
+    "zipper",
 ]

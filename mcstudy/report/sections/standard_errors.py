@@ -1,0 +1,58 @@
+"""How true the standard errors of the fits are."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from mcstudy.analysis.selection import ERROR
+from mcstudy.analysis.view import GroupView
+from mcstudy.report import figures
+from mcstudy.report.context import finite, largest_amplitude
+from mcstudy.report.figure import Figure, Panel
+from mcstudy.report.figures.common import MOST_POINTS, chosen_fmax
+from mcstudy.report.figures.zipper import performance_of
+from mcstudy.report.html import Table
+from mcstudy.report.labels import cell_label
+from mcstudy.text_tables import with_error
+
+COLUMNS = (("relative_error", 1.0), ("coverage", 100.0), ("bias_eliminated_coverage", 100.0))
+
+
+def zipper_figures(view: GroupView, suffix: str = "") -> list[Figure]:
+    """Zipper plots and coverages of one condition; none for a group without standard errors."""
+    if ERROR not in view.cells:
+        return []
+    a, f = largest_amplitude(view), chosen_fmax(view)
+    found = performance_of(view).sel(amplitude=a, fmax=f)
+    rows = []
+    for name in view.model.names:
+        of = found.sel(parameter=name)
+        row = [name]
+        for key, factor in COLUMNS:
+            one = of.sel(measure=key)
+            row.append(with_error(*(None if (x := finite(one[k])) is None else factor * x for k in ("value", "mcse"))))
+        rows.append([*row, str(int(of["n"].sel(measure="coverage")))])
+    return [
+        Figure(
+            f"zipper{suffix}",
+            "",
+            f"Intervals from the standard errors, group {view.name}",
+            [
+                f"95 % intervals (estimate ± 1.96 standard errors) of {cell_label(view, a, f)}, one line per "
+                f"realization (at most the first {MOST_POINTS}), by their distance from the truth in standard errors. "
+                "Orange: the interval misses the truth. Of honest intervals those above the dashed line do; the dotted "
+                "lines are the 95 % interval of the fraction that holds it. With the parameter on a bound there "
+                "is no interval.",
+            ],
+            [Panel(n, partial(figures.zipper, view, n, a, f), (3.2, 3.4)) for n in view.model.names],
+            [
+                Table(
+                    f"Standard errors ± MCSE, {cell_label(view, a, f)}",
+                    ["parameter", "SE against SD, %", "holds truth, %", "holds mean, %", "realizations"],
+                    rows,
+                )
+            ],
+            (),
+            f'figures.zipper(tree["{view.name}"], "{view.model.names[0]}", amplitude={a:g}, fmax={f:g})',
+        )
+    ]

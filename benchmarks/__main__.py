@@ -1,4 +1,4 @@
-"""``python -m benchmarks [--only NAME ...] [--quick] [--json [FILE]] [--figures DIR]``."""
+"""``python -m benchmarks [--only NAME ...] [--quick] [--json [FILE]] [--figures DIR] [--largest FITS]``."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +33,28 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--json", nargs="?", const="-", metavar="FILE", help="write JSON to FILE, or print it instead of the tables"
     )
+    parser.add_argument(
+        "--largest",
+        type=lambda text: int(float(text)),
+        metavar="FITS",
+        help="scale: largest study; 1e8 takes 10 GB of disk and about an hour",
+    )
+    parser.add_argument(
+        "--folder",
+        type=Path,
+        metavar="DIR",
+        help="scale: keep cubes and measurements in DIR; a repeated call continues",
+    )
     args = parser.parse_args(arguments)
+    sizes = replace(QUICK if args.quick else Sizes(), folder=args.folder)
+    if args.largest is not None:
+        sizes = replace(sizes, scale=tuple(10**k for k in range(3 if args.quick else 5, 9) if 10**k <= args.largest))
     document: dict[str, object] = {"machine": machine(), "quick": args.quick}
     details = {}
     for name, run in BENCHMARKS.items():
         if args.only and name not in args.only:
             continue
-        result = run(QUICK if args.quick else Sizes())
+        result = run(sizes)
         document.update(result.keys)
         details[name] = {"table": result.table, "notes": result.notes}
         print(result.text(), file=sys.stderr if args.json == "-" else sys.stdout, flush=True)

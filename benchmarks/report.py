@@ -13,7 +13,8 @@ class Sizes:
     """Sizes of the benchmarks.
 
     ``realizations`` x 2 Fmax cells with ``starts`` each for the solvers; peers that take a second a start get
-    ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``.
+    ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``;
+    ``scale``: sizes of studies of fits that return at once, ``folder``: where their cubes are kept (None: nowhere).
     """
 
     realizations: int = 3
@@ -26,13 +27,15 @@ class Sizes:
     files: int = 400
     framework_cells: int = 40
     study: str = "goodworth2018"
+    scale: tuple[int, ...] = (100_000, 1_000_000, 10_000_000)
+    folder: Path | None = None
 
     def of_slow(self, peer: str) -> int:
         """Starts of a peer."""
         return self.slow_starts if "trust_constr" in peer else self.starts
 
 
-QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick")
+QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick", (1_000, 10_000))
 
 
 @dataclass

@@ -12,6 +12,7 @@ from benchmarks import (
     latency,
     limits,
     paper_solver,
+    scale,
     speedup,
     starts_needed,
     studies,
@@ -32,4 +33,5 @@ BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "diagnosis": diagnosis.run,
     "latency": latency.run,
     "show": large_cubes.run,
+    "scale": scale.run,
 }

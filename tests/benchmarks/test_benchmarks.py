@@ -107,5 +107,5 @@ def test_a_cube_of_invented_numbers_is_sound_and_complete(tmp_path: Path) -> Non
 
 def test_every_part_of_the_suite_has_a_name() -> None:
     names = {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth", "diagnosis"}
-    names |= {"latency", "show", "paper_solver"}
+    names |= {"latency", "show", "paper_solver", "scale"}
     assert names == set(BENCHMARKS)

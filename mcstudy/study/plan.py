@@ -110,8 +110,9 @@ class StudyPlan:
             f"total: {self.study.fits} fits, {self.bytes / 1e6:.1f} MB, {duration(self.cpu)} of CPU time; about "
             f"{duration(self.wall(self.threads))} on {self.threads} threads under the present load{busy}"
         )
-        size, memory = self.extent, f"{self.memory / 1e6:.0f} MB"
-        lines.append(f"{size.tasks} tasks, {size.files} files, about {memory} of memory at any time of the run")
+        memory = f"{self.memory / 1e6:.0f} MB"
+        whole = self.extent
+        lines.append(f"{whole.tasks} tasks, {whole.files} files, about {memory} of memory at any time of the run")
         lines.append("expected Monte Carlo standard error of the bias, % of the true value:")
         for g in self.groups:
             if not g.precision:

@@ -13,7 +13,8 @@ class Sizes:
     """Sizes of the benchmarks.
 
     ``realizations`` x 2 Fmax cells with ``starts`` each for the solvers; peers that take a second a start get
-    ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``;
+    ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``.
+    ``report_fits``: sizes of cubes whose page is written. ``seconds``: no repeat of a latency begins later.
     ``scale``: sizes of studies of fits that return at once, ``folder``: where their cubes are kept (None: nowhere).
     """
 
@@ -27,6 +28,8 @@ class Sizes:
     files: int = 400
     framework_cells: int = 40
     study: str = "goodworth2018"
+    report_fits: tuple[int, ...] = (38_000, 1_000_000)
+    seconds: float = 600.0
     scale: tuple[int, ...] = (100_000, 1_000_000, 10_000_000)
     folder: Path | None = None
 
@@ -35,7 +38,7 @@ class Sizes:
         return self.slow_starts if "trust_constr" in peer else self.starts
 
 
-QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick", (1_000, 10_000))
+QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick", (300,), scale=(1_000, 10_000))
 
 
 @dataclass

@@ -1,4 +1,5 @@
-"""``python -m benchmarks [--only NAME ...] [--quick] [--json [FILE]] [--figures DIR] [--wheel FILE]``."""
+"""``python -m benchmarks [--only NAME ...] [--quick] [--json [FILE]] [--figures DIR]``, and of single benchmarks
+``--wheel FILE`` (wheel), ``--largest FITS`` and ``--folder DIR`` (scale)."""
 
 from __future__ import annotations
 
@@ -39,9 +40,24 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--json", nargs="?", const="-", metavar="FILE", help="write JSON to FILE, or print it instead of the tables"
     )
+    parser.add_argument(
+        "--largest",
+        type=lambda text: int(float(text)),
+        metavar="FITS",
+        help="scale: largest study; 1e8 takes 10 GB of disk and about an hour",
+    )
+    parser.add_argument(
+        "--folder",
+        type=Path,
+        metavar="DIR",
+        help="scale: keep cubes and measurements in DIR; a repeated call continues",
+    )
     args = parser.parse_args(arguments)
+    sizes = replace(QUICK if args.quick else Sizes(), wheel=args.wheel, folder=args.folder)
+    if args.largest is not None:
+        sizes = replace(sizes, scale=tuple(10**k for k in range(3 if args.quick else 5, 9) if 10**k <= args.largest))
     document: dict[str, object] = {"machine": machine(), "quick": args.quick}
-    details, sizes = {}, replace(QUICK if args.quick else Sizes(), wheel=args.wheel)
+    details = {}
     for name, run in BENCHMARKS.items():
         if args.only and name not in args.only:
             continue

@@ -27,8 +27,10 @@ amplitude = [{amplitude}]
 """
 
 
-def study_text(realizations: int, starts: int, fmax: tuple[float, ...] = FMAX, amplitude: float = AMPLITUDE) -> str:
-    """A study file with one group."""
+def study_text(
+    realizations: int, starts: int, fmax: tuple[float, ...] = FMAX, amplitude: float | str = AMPLITUDE
+) -> str:
+    """A study file with one group; several amplitudes as text, with commas."""
     axis = ", ".join(map(str, fmax))
     return STUDY.format(realizations=realizations, starts=starts, fmax=axis, amplitude=amplitude)
 

@@ -6,15 +6,12 @@ import shutil
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
 from benchmarks.cases import study_text
+from benchmarks.invented import invented
 from benchmarks.measure import mcstudy, run_command
 from benchmarks.report import Result, Sizes
 from mcstudy.analysis import kept
-from mcstudy.fitting.status import Status
-from mcstudy.study.layout import Chunk
-from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 FMAX, STARTS = (0.41, 1.2, 8.0), 50
@@ -58,25 +55,5 @@ def write_cube(path: Path, fits: int) -> int:
     cube = Cube.create(path, study)
     for store in cube.groups.values():
         for chunk in store.layout.chunks:
-            store.write(chunk, _drawn(store, chunk))
+            store.write(chunk, invented(store, chunk))
     return study.fits
-
-
-def _drawn(store: GroupStore, chunk: Chunk) -> dict[str, np.ndarray]:
-    """Results of a chunk like those of fits: a third of the starts in the lowest minimum, scattered about the truth."""
-    rng = np.random.default_rng([chunk.amplitude, chunk.block])
-    data = store.layout.empty(chunk)
-    model, frf = store.experiment.model, store.layout.arrays["true_frf"].values
-    cells = data["cost"].shape[:-1]
-    data["frf"][...] = frf * (1 + 0.05 * rng.standard_normal(data["frf"].shape))
-    data["noise_covariance"][...] = 1e-3 * (np.abs(frf) ** 2)[:, :, None] * np.eye(2)
-    data["initial"][...] = rng.uniform(model.lower, model.upper, data["initial"].shape)
-    scatter = rng.standard_normal((*cells, 1, model.truth.size)).clip(-4, 4)  # stays between the bounds
-    best = model.truth + 0.1 * (model.upper - model.lower) * scatter
-    hit = rng.random(data["cost"].shape) < 1 / 3
-    data["estimate"][...] = np.where(hit[..., None], best, data["initial"])
-    data["cost"][...] = rng.gamma(20.0, size=(*cells, 1)) * np.where(hit, 1.0, 1.0 + rng.random(hit.shape))
-    data["iterations"][...] = rng.integers(5, 50, hit.shape)
-    data["growth_rate"][...] = rng.normal(-2.0, 0.5, hit.shape)
-    data["status"][...] = int(Status.CONVERGED)
-    return data

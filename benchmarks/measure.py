@@ -91,6 +91,11 @@ def mcstudy(*arguments: str | Path) -> tuple[str, ...]:
     return (sys.executable, "-m", "mcstudy", *map(str, arguments))
 
 
+def instant(*arguments: str | Path) -> tuple[str, ...]:
+    """The same with fits that return at once (`benchmarks.instant`)."""
+    return (sys.executable, "-m", "benchmarks.instant", *map(str, arguments))
+
+
 def machine() -> dict[str, Any]:
     """What the numbers depend on besides the code."""
     versions = {}

@@ -16,6 +16,7 @@ class Sizes:
     ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``.
     ``report_fits``: sizes of cubes whose page is written. ``seconds``: no repeat of a latency begins later.
     ``wheel``: one that was built before.
+    ``scale``: sizes of studies of fits that return at once, ``folder``: where their cubes are kept (None: nowhere).
     """
 
     realizations: int = 3
@@ -31,13 +32,15 @@ class Sizes:
     report_fits: tuple[int, ...] = (38_000, 1_000_000)
     seconds: float = 600.0
     wheel: Path | None = None
+    scale: tuple[int, ...] = (100_000, 1_000_000, 10_000_000)
+    folder: Path | None = None
 
     def of_slow(self, peer: str) -> int:
         """Starts of a peer."""
         return self.slow_starts if "trust_constr" in peer else self.starts
 
 
-QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick", (300,))
+QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick", (300,), scale=(1_000, 10_000))
 
 
 @dataclass

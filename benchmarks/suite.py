@@ -12,6 +12,7 @@ from benchmarks import (
     latency,
     limits,
     paper_solver,
+    scale,
     speedup,
     starts_needed,
     studies,
@@ -34,4 +35,5 @@ BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "latency": latency.run,
     "show": large_cubes.run,
     "wheel": wheel.run,
+    "scale": scale.run,
 }

@@ -12,6 +12,7 @@ from mcstudy.analysis.context import covariance_of, group_of, model_of, nearest,
 from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.efficiency import bounds_on_sd
 from mcstudy.analysis.selection import ERROR, best, combined
+from mcstudy.analysis.slabs import in_slabs
 from mcstudy.errors import InputError
 from mcstudy.files.sections import leaves
 from mcstudy.fitting.standard_errors import overlap_of
@@ -47,8 +48,12 @@ class GroupView:
     @cached_property
     def cells(self) -> xr.Dataset:
         """Best start of every cell."""
-        cells = best(self.cube)
-        return cells[[n for n in _NEEDED if n in cells]].compute().assign_coords(frequency=self.cube["frequency"])
+
+        def of(cube: xr.Dataset) -> xr.Dataset:
+            cells = best(cube)
+            return cells[[n for n in _NEEDED if n in cells]]
+
+        return in_slabs(self.cube, of).assign_coords(frequency=self.cube["frequency"])
 
     @cached_property
     def combined(self) -> xr.Dataset | None:
@@ -94,7 +99,8 @@ class GroupView:
     @cached_property
     def needed(self) -> xr.Dataset:
         """``independent``, ``missed`` and ``hit_rate`` of `mcstudy.analysis.convergence.starts_needed`."""
-        return starts_needed(self.cube)[["independent", "missed", "hit_rate"]].compute()
+        names = ["independent", "missed", "hit_rate"]
+        return in_slabs(self.cube[["cost", "status"]], lambda cube: starts_needed(cube)[names])
 
     @cached_property
     def differences(self) -> list[str]:

@@ -12,6 +12,8 @@ starts; the spread of the best fits is the expected spread of the study.
 from __future__ import annotations
 
 import math
+import resource
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +30,7 @@ from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import start_stream
 from mcstudy.study.design import Group, Study
 from mcstudy.study.experiment import Experiment
+from mcstudy.study.extent import Extent, extent
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.tasks import fill
@@ -79,10 +82,10 @@ class StudyPlan:
 
     Attributes
     ----------
-    study: what was planned. groups: in the order of the study file.
+    study: what was planned. groups: in the order of the study file. extent: its chunks, files and tasks.
     start_up: CPU seconds before the first fit, on one thread.
     slowdown: wall-clock seconds per CPU second during the pilot; 1 on an idle machine.
-    metadata: bytes of the empty cube. threads: assumed for what is printed.
+    metadata: bytes of the empty cube. threads: assumed for what is printed. libraries: bytes of memory without data.
     """
 
     study: Study
@@ -91,6 +94,8 @@ class StudyPlan:
     slowdown: float
     metadata: int
     threads: int
+    extent: Extent
+    libraries: int
 
     def __repr__(self) -> str:
         width = max(len(g.name) for g in self.groups)
@@ -105,6 +110,9 @@ class StudyPlan:
             f"total: {self.study.fits} fits, {self.bytes / 1e6:.1f} MB, {duration(self.cpu)} of CPU time; about "
             f"{duration(self.wall(self.threads))} on {self.threads} threads under the present load{busy}"
         )
+        memory = f"{self.memory / 1e6:.0f} MB"
+        whole = self.extent
+        lines.append(f"{whole.tasks} tasks, {whole.files} files, about {memory} of memory at any time of the run")
         lines.append("expected Monte Carlo standard error of the bias, % of the true value:")
         for g in self.groups:
             if not g.precision:
@@ -126,6 +134,11 @@ class StudyPlan:
         """Bytes of the finished cube."""
         return self.metadata + sum(g.bytes for g in self.groups)
 
+    @property
+    def memory(self) -> int:
+        """Resident bytes of the run on ``threads`` threads, whatever the number of fits."""
+        return self.libraries + self.extent.memory(self.threads)
+
     def wall(self, threads: int) -> float:
         """Wall-clock seconds with this many threads, on a machine as busy as during the pilot."""
         shared = sum(g.seconds * self.slowdown + g.waiting for g in self.groups)
@@ -144,6 +157,7 @@ def plan(study: Study, imports: float = 0.0, *, workers: int | None = None, allo
     Raises `DesignError` for an unstable closed loop unless ``allow_unstable`` is true.
     """
     refuse_unstable(study, allow_unstable)
+    threads, libraries = ClusterOptions(workers=workers).threads, _resident()
     pilots = {name: _pilot(group) for name, group in study.groups.items()}
     small = study.model_copy(update={"groups": pilots})
     with scratch_folder("mcstudy-plan-") as folder:
@@ -158,7 +172,13 @@ def plan(study: Study, imports: float = 0.0, *, workers: int | None = None, allo
         plans = tuple(_plan_group(name, study, cube.groups[name]) for name in study.groups)
         at_disk = sum(g.waiting / g.chunks for g in plans)
         slowdown = max(1.0, (watch.wall() - at_disk) / watch.cpu())
-    return StudyPlan(study, plans, start_up, slowdown, metadata, ClusterOptions(workers=workers).threads)
+    return StudyPlan(study, plans, start_up, slowdown, metadata, threads, extent(study, threads), libraries)
+
+
+def _resident() -> int:
+    """Largest number of bytes in memory that this process has had so far."""
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else most * 1024
 
 
 class _Watch:

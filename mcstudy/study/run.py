@@ -23,9 +23,9 @@ from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.stopping import stop_requests
 from mcstudy.study import environment, runlog, study_file
 from mcstudy.study.design import Study
+from mcstudy.study.extent import chunks_a_block
 from mcstudy.study.growth import Growth, growths
 from mcstudy.study.kernels import compile_for_check, parts_of
-from mcstudy.study.layout import Chunk, Layout
 from mcstudy.study.repair import Repairs, repair, repairable
 from mcstudy.study.runlog import RunLog
 from mcstudy.study.store import Cube
@@ -35,9 +35,6 @@ from mcstudy.study.unstable import refuse_unstable, warnings_of
 from mcstudy.study.watch import Watch
 
 __all__ = ["ATTEMPTS", "Block", "Outcome", "default_out", "open_or_create", "pending_blocks", "run_cube", "run_study"]
-
-FITS_A_BLOCK = {"lm": 2000}
-"""Fits that take about half a second; SciPy's solvers get one chunk per block."""
 
 SECOND_LOOKS = 2
 """Number of passes over blocks that more than one worker may have run."""
@@ -208,19 +205,10 @@ def pending_blocks(cube: Cube, threads: int, per_block: int | None) -> Iterator[
     for name, store in cube.groups.items():
         pending = {chunk: n for chunk in store.layout.chunks if (n := store.pending(chunk))}
         chunks = list(pending)
-        size = per_block or _chunks_a_block(store.layout, len(chunks), threads)
+        size = per_block or chunks_a_block(store.layout, len(chunks), threads)
         for k in range(0, len(chunks), size):
             part = tuple(chunks[k : k + size])
             yield Block(name, part, sum(pending[c] for c in part))
-
-
-def _chunks_a_block(layout: Layout, chunks: int, threads: int) -> int:
-    wanted = FITS_A_BLOCK.get(layout.group.fit.solver, 0) // max(1, layout.fits(Chunk(0, 0)))
-    size = max(
-        1, min(wanted, chunks // (8 * threads))
-    )  # enough blocks for all threads to finish at about the same time
-    together = len(layout.group.amplitude)  # they share a realization's noise
-    return size if layout.group.fit.solver != "lm" or size >= chunks else -(-size // together) * together
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mcstudy.analysis import accuracy, selection
+from mcstudy.analysis import accuracy, selection, slabs
 from mcstudy.errors import InputError
 from mcstudy.fitting.status import Status
 
@@ -109,3 +109,18 @@ def test_a_model_without_pairs_cannot_be_combined(make_cube: Cube) -> None:
     cells = selection.best(make_cube()).sel(parameter=["K12", "Td1"])
     with pytest.raises(InputError, match="no active and passive stiffness"):
         selection.combined(cells)
+
+
+def test_best_fits_read_in_slabs_are_those_read_at_once(make_cube: Cube, monkeypatch: pytest.MonkeyPatch) -> None:
+    cube = make_cube(realizations=23, starts=4, spread=0.3)
+    read: list[int] = []
+
+    def of(part: xr.Dataset) -> xr.Dataset:
+        read.append(part.sizes["realization"])
+        return selection.best(part)
+
+    monkeypatch.setattr(slabs, "FITS_A_SLAB", cube["cost"].size // 3)
+    found = slabs.in_slabs(cube.chunk(amplitude=1, realization=3), of)
+    assert read == [6, 6, 6, 5]
+    xr.testing.assert_identical(found, selection.best(cube))
+    assert slabs.in_slabs(cube, of).sizes["realization"] == read[-1] == 23

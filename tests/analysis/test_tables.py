@@ -12,6 +12,8 @@ import pytest
 import xarray as xr
 
 import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
+from mcstudy.analysis import montecarlo
+from mcstudy.analysis.paper import sampling
 from mcstudy.analysis.paper.rows import Row, rows
 from mcstudy.analysis.paper.statements import RESULTS
 from mcstudy.analysis.paper.verdict import DIFFERS
@@ -46,6 +48,30 @@ def paper_study(make_cube: Cube) -> xr.DataTree:
 def paper_report(paper_study: xr.DataTree) -> Report:
     """Its report."""
     return report_of(paper_study)
+
+
+def test_the_tables_of_a_cube_read_in_pieces_are_those_of_one_in_memory(
+    make_cube: Cube, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cube = make_cube(realizations=230, starts=3, spread=0.3)
+    whole = report_of(tree(accuracy=cube)).data
+    monkeypatch.setattr(montecarlo, "NUMBERS_A_PIECE", 12 * 6 * 40)
+    monkeypatch.setattr(sampling, "BLOCKS_AT_ONCE", 1)
+    assert len(montecarlo.pieces(cube["estimate"].isel(start=0))) == 6
+    lazy = cube.chunk(amplitude=1, realization=37)
+    assert same(report_of(tree(accuracy=lazy)).data, whole) > 1000
+
+
+def same(found: Any, expected: Any) -> int:
+    """Number of values compared; numbers are equal to rounding, everything else is the same."""
+    if isinstance(expected, dict):
+        assert found.keys() == expected.keys()
+        return sum(same(found[key], value) for key, value in expected.items())
+    if isinstance(expected, list):
+        assert len(found) == len(expected)
+        return sum(same(*pair) for pair in zip(found, expected, strict=True))
+    assert found == (pytest.approx(expected, rel=1e-9, abs=1e-12) if isinstance(expected, float) else expected)
+    return 1
 
 
 def row_of(cube: xr.Dataset, key: str) -> Row:

@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import counting, kernel_time, large_cubes, paper_solver, peers, speedup, starts_needed
+from benchmarks import counting, instant, kernel_time, large_cubes, paper_solver, peers, scale, speedup, starts_needed
 from benchmarks.cases import FMAX, cases
 from benchmarks.model import Compiled
 from benchmarks.report import QUICK
 from benchmarks.suite import BENCHMARKS
 from mcstudy.fitting.lm import normal_equations
+from mcstudy.fitting.status import Status
+from mcstudy.study.store import Cube
 from mcstudy.study.verify import verify
 
 SLOW = {"scipy_trust_constr", "scipy_trust_constr_bfgs"}  # minutes of a thousand iterations; the loose one stands in
@@ -107,5 +109,28 @@ def test_a_cube_of_invented_numbers_is_sound_and_complete(tmp_path: Path) -> Non
 
 def test_every_part_of_the_suite_has_a_name() -> None:
     names = {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth", "diagnosis"}
-    names |= {"latency", "show", "paper_solver", "wheel"}
+    names |= {"latency", "show", "paper_solver", "wheel", "scale"}
     assert names == set(BENCHMARKS)
+
+
+def test_a_fit_that_returns_at_once_gives_the_same_numbers_whenever_it_runs(tmp_path: Path) -> None:
+    large_cubes.write_cube(tmp_path / "a.zarr", 300)
+    (store,) = Cube.open(tmp_path / "a.zarr").groups.values()
+    chunk = store.layout.chunks[0]
+    whole = store.existing(chunk)
+    resumed = {name: values.copy() for name, values in whole.items()}
+    for name in ("status", "estimate", "cost"):
+        resumed[name][:, 1] = store.layout.empty(chunk)[name][:, 1]
+    instant.fill(store, chunk, resumed, lambda: True)
+    assert (resumed["status"][:, 1] == Status.PENDING).all()
+    instant.fill(store, chunk, resumed, lambda: False)
+    assert all(resumed[name].tobytes() == whole[name].tobytes() for name in whole)
+
+
+def test_the_figure_of_scale_has_a_line_for_every_verb_also_where_one_was_not_measured(tmp_path: Path) -> None:
+    row = {"fits": 10.0, "files": 7, "files_planned": 7, "tasks": 2, "tasks_planned": 2, "bytes": 900}
+    row |= {f"{verb}_{what}": 5.0 for verb in scale.VERBS for what in ("cpu_s", "peak_bytes")}
+    larger = {k: 10 * v for k, v in row.items() if not k.startswith("report")}
+    scale.draw([scale._shown(row), scale._shown(larger)], tmp_path / "scale.svg")
+    drawn = (tmp_path / "scale.svg").read_text()
+    assert all(f"<!-- {label} -->" in drawn for label in (*scale.VERBS, "files, found", "tasks, found", "planned"))

@@ -9,8 +9,11 @@ import pytest
 
 import mcstudy
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study import runlog
+from mcstudy.study.extent import Extent, extent
 from mcstudy.study.plan import plan
 from mcstudy.study.run import run_study
+from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 STUDY = """
@@ -35,6 +38,34 @@ def test_bytes_and_monte_carlo_errors_are_within_30_percent_of_what_a_run_gives(
     error = (100 * noisy.mc.bias()["mcse"] / abs(noisy["truth"])).mean("parameter").isel(amplitude=0)
     for expected in planned.groups[0].precision:
         assert expected.mean == pytest.approx(float(error.sel(fmax=expected.fmax)), rel=0.3)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_files_and_tasks_are_exactly_those_of_the_run(tmp_path: Path, tiny: str, threads: int) -> None:
+    study = parse_study(tiny)
+    planned = extent(study, threads)
+    out = tmp_path / "out.zarr"
+    run_study(study, out, ClusterOptions(workers=threads))
+    assert planned.files == sum(file.is_file() for file in out.rglob("*"))
+    assert planned.tasks == sum(event["event"] == "block" for event in runlog.events(out))
+    assert planned.chunks == sum(len(store.layout.chunks) for store in Cube.open(out).groups.values())
+
+
+def test_tasks_grow_with_the_fits_until_a_chunk_holds_50000_and_the_memory_of_a_run_stays() -> None:
+    def of(fits: int) -> Extent:
+        return extent(
+            parse_study(
+                STUDY.replace("realizations = 80", f"realizations = {fits // 1000}").replace(
+                    "starts = 20", "starts = 500"
+                )
+            ),
+            threads=2,
+        )
+
+    assert [of(10**k).chunks for k in (7, 8, 9)] == [400, 2000, 20_000]
+    assert [of(10**k).tasks for k in (8, 9)] == [2000, 20_000]
+    assert of(10**9).files == pytest.approx(20_000 * 10, rel=0.01)
+    assert of(10**9).memory(2) == of(10**8).memory(2) < 300e6
 
 
 def test_time_by_the_clock_is_shared_by_the_threads_except_for_the_start(tiny: str) -> None:

@@ -1,0 +1,48 @@
+"""Results of every cell of a lazy cube, a slab of realizations at a time: memory for the results and for one slab.
+
+Dask would hold the pieces of a result and their concatenation together, and several pieces of the cube per thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.analysis.montecarlo import REALIZATION
+
+FITS_A_SLAB = 500_000
+"""Fits that are read at once: about 100 MB."""
+
+
+def in_slabs(cube: xr.Dataset, of: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
+    """``of(cube)`` in memory, for a function of each realization alone; a cube in memory is one slab."""
+    parts = list(_slabs(cube))
+    first = of(cube.isel({REALIZATION: parts[0]})).compute()
+    if len(parts) == 1:
+        return first
+    total = cube.sizes[REALIZATION]
+    whole = {name: _room(v, total) for name, v in first.variables.items() if REALIZATION in v.dims}
+    for part in parts:
+        found = first if part == parts[0] else of(cube.isel({REALIZATION: part})).compute()
+        for name, (dims, values, _) in whole.items():
+            values[(*(slice(None),) * dims.index(REALIZATION), part)] = found.variables[name].values
+    every = {name: whole.get(name, v) for name, v in first.variables.items()}
+    data = {name: every[name] for name in first.data_vars}
+    return xr.Dataset(data, {name: every[name] for name in first.coords}, first.attrs)
+
+
+def _slabs(cube: xr.Dataset) -> Iterator[slice]:
+    """Slices at the borders of Dask's chunks; everything when there are none."""
+    total = cube.sizes[REALIZATION]
+    chunk = cube.chunksizes.get(REALIZATION, (total,))[0]
+    fits = cube["cost"].size / max(total, 1)
+    depth = chunk * max(1, int(FITS_A_SLAB / max(fits, 1)) // max(chunk, 1)) if cube["cost"].chunks else total
+    for first in range(0, max(total, 1), max(depth, 1)):
+        yield slice(first, min(first + depth, total))
+
+
+def _room(v: xr.Variable, total: int) -> tuple[tuple[str, ...], np.ndarray, dict[str, object]]:
+    shape = tuple(total if dim == REALIZATION else n for dim, n in zip(v.dims, v.shape, strict=True))
+    return tuple(map(str, v.dims)), np.empty(shape, dtype=v.dtype), v.attrs

@@ -1,0 +1,63 @@
+"""How large a study gets, from its design alone: chunks, files, tasks, and memory of the run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.study.design import Study
+from mcstudy.study.experiment import Experiment
+from mcstudy.study.layout import Chunk, Layout, layout, realizations_a_chunk
+
+FITS_A_BLOCK = {"lm": 2000}
+"""Fits that take about half a second; SciPy's solvers get one chunk per block."""
+
+COPIES = 3
+"""Copies of a chunk that a thread holds at most: its numbers, one array filled up to a whole chunk, encoded bytes."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Chunks, files (metadata and checksums among them), tasks and the numbers of the largest chunk, in bytes."""
+
+    chunks: int
+    files: int
+    tasks: int
+    largest_chunk: int
+
+    def memory(self, threads: int) -> int:
+        """Bytes that a run needs besides its libraries."""
+        return (threads + 1) * COPIES * self.largest_chunk
+
+
+def extent(study: Study, threads: int) -> Extent:
+    """Extent of a new cube of a study whose run has that many threads."""
+    layouts = [_layout(study, name) for name in study.groups]
+    chunks = [len(one.chunks) for one in layouts]
+    tasks = (-(-n // chunks_a_block(one, n, threads)) for one, n in zip(layouts, chunks, strict=True))
+    return Extent(sum(chunks), 1 + sum(map(_files, layouts)), sum(tasks), max(map(_chunk_bytes, layouts)))
+
+
+def chunks_a_block(layout: Layout, chunks: int, threads: int) -> int:
+    """Chunks that make one task, of ``chunks`` pending ones: enough tasks for all threads to end at about one time."""
+    wanted = FITS_A_BLOCK.get(layout.group.fit.solver, 0) // max(1, layout.fits(Chunk(0, 0)))
+    size = max(1, min(wanted, chunks // (8 * threads)))
+    together = len(layout.group.amplitude)  # they share a realization's noise
+    return size if layout.group.fit.solver != "lm" or size >= chunks else -(-size // together) * together
+
+
+def _layout(study: Study, name: str) -> Layout:
+    e = Experiment(study.groups[name], study.study.seed)
+    return layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, realizations_a_chunk(e.group))
+
+
+def _files(one: Layout) -> int:
+    """Files of a group: its metadata, those of its arrays, constants, and per chunk the results and a checksum file."""
+    constants = sum(spec.values is not None for spec in one.arrays.values())
+    return 1 + len(one.arrays) + constants + len(one.chunks) * (len(one.results) + 1)
+
+
+def _chunk_bytes(one: Layout) -> int:
+    specs = (one.arrays[name] for name in one.results)
+    return sum(int(np.prod(spec.chunks)) * np.dtype(spec.dtype).itemsize for spec in specs)

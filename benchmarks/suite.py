@@ -12,6 +12,7 @@ from benchmarks import (
     latency,
     limits,
     paper_solver,
+    profiles,
     speedup,
     starts_needed,
     studies,
@@ -30,6 +31,7 @@ BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "workers": studies.workers,
     "framework": framework.run,
     "diagnosis": diagnosis.run,
+    "profiles": profiles.run,
     "latency": latency.run,
     "show": large_cubes.run,
 }

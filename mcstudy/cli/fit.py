@@ -47,7 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=LOW:HIGH",
         help="bounds of a parameter (default: gains 0 to 5 times typical values, delays 0.01:0.3 s); may be repeated",
     )
-    parser.add_argument("--level", type=float, default=0.95, help="level of the intervals (default 0.95)")
+    parser.add_argument(
+        "--level",
+        type=float,
+        default=0.95,
+        help="level of the intervals (default 0.95); estimates under the paper's cost have none, because that cost is "
+        "no likelihood",
+    )
     _group_arguments(parser)
     add_output_arguments(parser, "fit")
     parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")

@@ -154,13 +154,28 @@ LOW_HZ, FEW, MANY = 2.0, 12, 48
 """Random starts of each search: few, and many up to a frequency below which more minima are deep."""
 
 
-def judgements(truth: int, cycles: int, fmax: Sequence[float], first: int, last: int) -> dict[float, np.ndarray]:
+def opened() -> dict[str, tuple[float, float]]:
+    """Bounds so wide that a fit rarely ends on one: gains -20 to 40 times nominal, delays 1 ms to 1 s."""
+    nominal = two_segment()
+    return {
+        p.name: (0.001, 1.0) if p.name in nominal.delays else (-20 * p.value, 40 * p.value) for p in nominal.parameters
+    }
+
+
+def judgements(
+    truth: int,
+    cycles: int,
+    fmax: Sequence[float],
+    first: int,
+    last: int,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+) -> dict[float, np.ndarray]:
     """Whether intervals of realizations ``first`` ... ``last`` - 1 contain the truth, (R, K, len(JUDGED)) by fmax.
 
-    Up to `NOISE_HZ` the recordings are those of `intervals`.
+    Up to `NOISE_HZ` the recordings are those of `intervals`. ``bounds``: of the fits, as in `mcstudy.fit`.
     """
     source, nominal = Source(Condition(truth, cycles, max(fmax))), two_segment()
-    model, theta = bounded(nominal, nominal, {}), np.array(list(body(truth).values()))
+    model, theta = bounded(nominal, nominal, bounds or {}), np.array(list(body(truth).values()))
     wanted, seeds = quantities(model), range(first, last)
     drawn = [source(stream(r, f"coverage {truth} {cycles}")) for r in seeds]
     found: dict[float, np.ndarray] = {}

@@ -28,6 +28,9 @@ FIRST, HOPELESS = 40, 300.0
 APART = 1e-3
 """Fits whose deviances differ by less are of one minimum."""
 
+PATIENCE = 160
+"""Random starts after which a search ends that found no stable minimum within `REACH` of the lowest."""
+
 REACH = 20.0
 """Rise of the deviance above the lowest minimum up to which minima count one by one, and all higher ones as one."""
 
@@ -36,7 +39,8 @@ REACH = 20.0
 class Minima:
     """Distinct minima of the deviance that S random starts found, the lowest first.
 
-    Minima with an unstable closed loop are left out, unless all are: the person stood.
+    The person stood, so minima with an unstable closed loop are left out, unless no stable one is within `REACH` of the
+    lowest (times its deviance per datum, where that is above one): then the model is wrong.
 
     Attributes
     ----------
@@ -82,13 +86,23 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
         near = chi2[best] - chi2[best[0]] < REACH
         found = int((hits[near] > 0).sum() + (hits[~near] > 0).any())
         waterfall = np.sort(chi2[len(aimed) :])
-        if waterfall.size >= least and unseen(found, waterfall.size) < MISSED:
-            break
-    theta, information = (np.concatenate([getattr(f, n) for f in fits]) for n in ("estimate", "information"))
-    stable = growth_rate(model, theta[best]) < 0
-    if stable.any():  # the person stood
-        best, hits = best[stable], hits[stable]
+        enough = waterfall.size >= least and unseen(found, waterfall.size) < MISSED
+        if enough or first + BATCH >= MOST:
+            theta = np.concatenate([f.estimate for f in fits])
+            stood = _standing(model, theta[best], chi2[best], data)
+            if stood.any() or waterfall.size >= PATIENCE:
+                break
+    information = np.concatenate([f.information for f in fits])
+    if stood.any():
+        best, hits = best[stood], hits[stood]
     return Minima(theta[best], chi2[best], information[best], hits, waterfall.size, found, waterfall)
+
+
+def _standing(model: Model, theta: np.ndarray, chi2: np.ndarray, data: Data) -> np.ndarray:
+    """Which minima (K,), the lowest first, have a stable closed loop; none unless one of them is near the lowest."""
+    stable = growth_rate(model, theta) < 0
+    reach = REACH * max(1.0, chi2[0] / (4 * len(data.f)))
+    return np.asarray(stable & (stable & (chi2 - chi2[0] < reach)).any())
 
 
 def _converged(fitter: Fitter, data: Data, starts: np.ndarray) -> PenalisedFits:

@@ -193,15 +193,19 @@ class Population:
         high += weight * max(flat[:, 1].mean() + away[1] - high, 0.0)
         return self._bounded(Interval(value, float(low), float(high), end, end))
 
-    def _spread(self, density: np.ndarray) -> np.ndarray:
-        """Densities (T, G) of means, each convolved with the normal density of its tau."""
-        G = self.mu.size
-        k = np.arange(2 * G)
+    @cached_property
+    def _normal(self) -> np.ndarray:
+        """Fourier transforms of the normal densities of all tau on twice the grid of values."""
+        k = np.arange(2 * self.mu.size)
         offset = np.minimum(k, k.size - k) * self._step
         half, scale = self._step / 2, np.maximum(self.tau, 1e-3 * self._step)[:, None]
-        cells = ndtr((half - offset) / scale) - ndtr((-half - offset) / scale)
-        together = fft.rfft(cells, axis=1) * fft.rfft(density, 2 * G, axis=1)
-        return np.asarray(fft.irfft(together, 2 * G, axis=1)[:, :G])
+        return np.asarray(fft.rfft(ndtr((half - offset) / scale) - ndtr((-half - offset) / scale), axis=1))
+
+    def _spread(self, density: np.ndarray) -> np.ndarray:
+        """Sum over tau, (G,), of densities (T, G) of means, each convolved with the normal density of its tau."""
+        G = self.mu.size
+        together = (self._normal * fft.rfft(density, 2 * G, axis=1)).sum(axis=0)
+        return np.asarray(fft.irfft(together, 2 * G)[:G])
 
     def _bounded(self, found: Interval) -> Interval:
         """An interval that reaches as far as any person's on every side that most people leave undetermined."""
@@ -240,7 +244,7 @@ class Population:
             possible = np.isfinite(self.joint)  # without spread, no mean beyond the bounds of any person is
             others = np.where(possible, self.joint, 0.0) - np.where(possible, self.marginal[i], np.inf)
             others = np.exp(others - others.max()) * width
-            prior = np.log(np.maximum(self._spread(others).sum(axis=0), 1e-300))
+            prior = np.log(np.maximum(self._spread(others), 1e-300))
             log = self._log[i] + prior
             weight = np.exp(log - log.max())
             weight /= weight.sum()

@@ -58,7 +58,7 @@ def parameter(model: Model, name: str) -> Quantity:
 def expression(model: Model, text: str) -> Quantity:
     """An expression such as ``"K11 + Kpas1 - 490"``: + - * / ** and sqrt, exp, log of parameters and numbers.
 
-    Raises `InputError` for anything else, and for an expression without a parameter.
+    Raises `InputError` for anything else, and for an expression that no parameter changes.
     """
     try:
         tree = ast.parse(text, mode="eval").body
@@ -79,6 +79,8 @@ def expression(model: Model, text: str) -> Quantity:
         steps = np.asarray(theta, dtype=complex) + 1j * STEP * np.eye(len(theta))
         return np.array([np.imag(at(row)) / STEP for row in steps])
 
+    if not any(np.any(gradient(size * model.truth)) for size in (1.0, 1.3)):
+        raise InputError(f"quantity {text!r}: expected a function that changes with at least one parameter")
     linear = _linear(tree)
     constant = gradient(model.truth) if linear else None
     units = {model.units[model.names.index(name)] for name in named}

@@ -12,11 +12,12 @@ people, and the values of the individuals are compared with the truth: the mean 
 from __future__ import annotations
 
 import argparse
-from collections import defaultdict
+import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
+from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,9 @@ from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
+
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+"""The matrices are small: threads of the linear algebra would cost more than they save."""
 
 SLOWEST = -0.5  # 1/s: bodies that are hardly stable sway for minutes after a push
 
@@ -121,21 +125,25 @@ def main() -> None:
     if args.people < 2 * args.size:
         parser.error(f"--people: expected at least twice --size = {args.size}, got {args.people}")
     run = partial(person, spread=args.spread, fmax=args.fmax, cycles=args.cycles)
-    with ProcessPoolExecutor(args.workers) as pool:
-        people = list(pool.map(run, range(args.people)))
+    os.environ |= dict.fromkeys(ONE_THREAD, "1")  # read by the new processes
+    with ProcessPoolExecutor(args.workers, get_context("spawn")) as pool:
+        people = list(pool.map(run, range(args.people), chunksize=5))
+        names = list(people[0].truth)
+        means = {name: float(np.mean([p.truth[name] for p in people])) for name in names}
+        judge = [pool.submit(judged, _of(people, name), name, args.groups, args.size, means[name]) for name in names]
+        found = [100 * np.mean(one.result(), axis=0) for one in judge]
     print(
         f"{args.groups} groups of {args.size} from {args.people} people, up to {args.fmax:g} Hz: % of 95 % intervals "
         "that hold the truth"
     )
     print(f"{'quantity':14}{'mean':>8}{'(ended by data)':>18}{'difference':>12}{'individuals':>13}")
-    total = defaultdict(list)
-    for name in people[0].truth:
-        mean = float(np.mean([p.truth[name] for p in people]))
-        held = 100 * np.mean(judged(people, name, args.groups, args.size, mean), axis=0)
-        total["all"].append(held)
+    for name, held in zip([*names, "mean"], [*found, np.mean(found, axis=0)], strict=True):
         print(f"{name:14}{held[0]:8.1f}{f'({held[1]:.0f})':>18}{held[2]:12.1f}{held[3]:13.1f}")
-    held = np.mean(total["all"], axis=0)
-    print(f"{'mean':14}{held[0]:8.1f}{f'({held[1]:.0f})':>18}{held[2]:12.1f}{held[3]:13.1f}")
+
+
+def _of(people: Sequence[Person], name: str) -> list[Person]:
+    """People with one quantity, so that no more is sent to a process than it needs."""
+    return [Person({name: p.truth[name]}, {name: p.likelihood[name]}) for p in people]
 
 
 if __name__ == "__main__":

@@ -5,10 +5,12 @@
 Recordings are drawn in the frequency domain (`mcstudy.identification.coverage`). Whether an interval contains the true
 value is decided by a fit with the quantity at that value (`mcstudy.identification.at_truth`). ``--ends`` does what
 ``mcstudy fit`` does, the search for all minima and both ends of every interval, at ten times the cost, and counts how
-often the two answers differ. ``--time-domain`` also simulates and measures the recordings sample by sample.
+often the two answers differ. ``--open`` shows what the bounds of the fit do. ``--time-domain`` also simulates and
+measures the recordings sample by sample.
 
-Every block of realizations is a file in the output folder, so the same command resumes. At the end ``coverage.nc`` (or
-``coverage_ends.nc``) holds everything by label, and a table is printed: percentage of intervals that contain the truth.
+Every block of realizations is a file in the output folder, so the same command resumes. At the end ``coverage.nc``
+(``coverage_ends.nc``, ``coverage_open.nc``) holds everything by label, and a table is printed: percentage of intervals
+that contain the truth, and for all quantities the same with the threshold of a known noise ("uncorrected").
 The standard error of 95 % among n intervals is sqrt(0.95 x 0.05 / n).
 """
 
@@ -27,11 +29,22 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy.stats import chi2
 
 from mcstudy.errors import InputError
 from mcstudy.files.durable import replacing
 from mcstudy.fitting.compilers import cores
-from mcstudy.identification.coverage import ABOUT, COLUMNS, JUDGED, LEVEL, Condition, intervals, judgements, truths
+from mcstudy.identification.coverage import (
+    ABOUT,
+    COLUMNS,
+    JUDGED,
+    LEVEL,
+    Condition,
+    intervals,
+    judgements,
+    opened,
+    truths,
+)
 from mcstudy.identification.quantities import quantities
 from mcstudy.stance.body import two_segment
 
@@ -56,51 +69,56 @@ def read(path: Path) -> dict[str, Any]:
     return settings
 
 
+KINDS = {"judged": "coverage", "ends": "coverage_ends", "open": "coverage_open"}
+"""What a block may hold, and the name of the file with all of them."""
+
 Job = tuple[int, int, int, int]
 """Number of the body, cycles, first realization, and the one after the last."""
 
 
-def block(job: Job, fmax: list[float], folder: Path, ends: bool, time_domain: bool = False) -> float:
-    """Fit one block and write it; returns the CPU seconds it took."""
-    path = place(folder, job, ends)
+def block(job: Job, fmax: list[float], folder: Path, kind: str, time_domain: bool = False) -> float:
+    """Fit one block of a `KINDS` and write it; returns the CPU seconds it took."""
+    path = place(folder, job, kind)
     if path.exists():
         return 0.0
     began = time.process_time()
     truth, cycles, first, last = job
     found: dict[str, np.ndarray] = {}
-    if ends:
+    if kind == "ends":
         for highest in fmax:
             one = intervals(Condition(truth, cycles, highest), first, last, time_domain)
             found |= {f"{highest:g} {name}": values for name, values in one.items()}
     if not time_domain:
-        found |= {f"{highest:g} judged": x for highest, x in judgements(truth, cycles, fmax, first, last).items()}
+        bounds = opened() if kind == "open" else None
+        answers = judgements(truth, cycles, fmax, first, last, bounds)
+        found |= {f"{highest:g} judged": x for highest, x in answers.items()}
     with replacing(path) as file:
         np.savez(file, **found)
     return time.process_time() - began
 
 
-def place(folder: Path, job: Job, ends: bool) -> Path:
+def place(folder: Path, job: Job, kind: str) -> Path:
     """The file of a block."""
     truth, cycles, first, last = job
-    return folder / f"{'ends' if ends else 'judged'}_truth{truth}_cycles{cycles}_{first}_{last}.npz"
+    return folder / f"{kind}_truth{truth}_cycles{cycles}_{first}_{last}.npz"
 
 
-def collect(settings: dict[str, Any], folder: Path, jobs: list[Job], ends: bool) -> xr.Dataset:
+def collect(settings: dict[str, Any], folder: Path, jobs: list[Job], kind: str) -> xr.Dataset:
     """Everything in the blocks, by (truth, cycles, fmax, realization, quantity), with the true values."""
     names = [q.name for q in quantities(two_segment())]
     axes = [settings[a] for a in ("truths", "cycles", "fmax")]
     shape = *map(len, axes), settings["realizations"]
-    kinds = {"intervals": COLUMNS, "about": ABOUT, "judged": JUDGED}
+    kept = {"intervals": COLUMNS, "about": ABOUT, "judged": JUDGED}
     found: dict[str, np.ndarray] = {}
     for job in jobs:
         truth, cycles, first, last = job
-        with np.load(place(folder, job, ends)) as stored:
-            for (f, highest), (kind, columns) in product(enumerate(axes[2]), kinds.items()):
-                if (values := stored.get(f"{highest:g} {kind}")) is None:
+        with np.load(place(folder, job, kind)) as stored:
+            for (f, highest), (part, columns) in product(enumerate(axes[2]), kept.items()):
+                if (values := stored.get(f"{highest:g} {part}")) is None:
                     continue
                 at = axes[0].index(truth), axes[1].index(cycles), f, slice(first, last)
                 for i, column in enumerate(columns):
-                    if kind == "judged" and ends and column != "contained":
+                    if part == "judged" and kind == "ends" and column != "contained":
                         continue
                     whole = found.setdefault(column, np.full((*shape, *values.shape[1:-1]), np.nan))
                     whole[at] = values[..., i]
@@ -131,6 +149,9 @@ def table(data: xr.Dataset) -> str:
             first, *others = (100 * float(x.mean()) for x in cell)
             row += f"{first:.1f} ({'; '.join(f'{x:.0f}' for x in others)})".rjust(22)
         lines.append(row)
+    if "rise" in data:
+        plain = [100 * float((data.rise.sel(cycles=c, fmax=f) <= chi2.ppf(LEVEL, 1)).mean()) for c, f in columns]
+        lines.append(f"{'uncorrected':14}" + "".join(f"{x:.1f}".rjust(22) for x in plain))
     by_body = held.mean("realization") * 100
     low, high = by_body.min(("truth",)), by_body.max(("truth",))
     lines += ["", f"by body: {float(low.min()):.1f} to {float(high.max()):.1f} %"]
@@ -152,6 +173,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the results")
     parser.add_argument("--realizations", type=int, help="fewer (or more) than the file says")
     parser.add_argument("--ends", action="store_true", help="search the ends of every interval, as mcstudy fit does")
+    parser.add_argument("--open", action="store_true", help="with bounds so wide that a fit rarely ends on one")
     parser.add_argument("--time-domain", action="store_true", help="with --ends: simulate sample by sample")
     parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one per core)")
     args = parser.parse_args()
@@ -163,16 +185,19 @@ def main() -> None:
         settings["realizations"] = args.realizations
     if args.time_domain and not args.ends:
         parser.error("--time-domain: expected --ends as well")
+    if args.ends and args.open:
+        parser.error("--open: expected no --ends")
+    kind = "ends" if args.ends else "open" if args.open else "judged"
     n, size = settings["realizations"], settings["block"]
     bodies = list(product(settings["truths"], settings["cycles"]))
     jobs = [(truth, cycles, k, min(k + size, n)) for k in range(0, n, size) for truth, cycles in bodies]
     args.output.mkdir(parents=True, exist_ok=True)
-    run = partial(block, fmax=settings["fmax"], folder=args.output, ends=args.ends, time_domain=args.time_domain)
+    run = partial(block, fmax=settings["fmax"], folder=args.output, kind=kind, time_domain=args.time_domain)
     os.environ |= dict.fromkeys(ONE_THREAD, "1")  # read by the new processes
     with ProcessPoolExecutor(args.workers, get_context("spawn")) as pool:
         seconds = sum(pool.map(run, jobs))
-    data = collect(settings, args.output, jobs, args.ends)
-    data.to_netcdf(args.output / ("coverage_ends.nc" if args.ends else "coverage.nc"))
+    data = collect(settings, args.output, jobs, kind)
+    data.to_netcdf(args.output / f"{KINDS[kind]}.nc")
     print(table(data))
     if seconds:
         print(f"CPU time: {seconds:.0f} s, {1000 * seconds / data.estimate[..., 0].size:.1f} ms per recording")

@@ -9,7 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import counting, instant, kernel_time, large_cubes, paper_solver, peers, scale, speedup, starts_needed
+from benchmarks import (
+    counting,
+    instant,
+    kernel_time,
+    large_cubes,
+    paper_solver,
+    peers,
+    profiles,
+    scale,
+    speedup,
+    starts_needed,
+)
 from benchmarks.cases import FMAX, cases
 from benchmarks.model import Compiled
 from benchmarks.report import QUICK
@@ -80,6 +91,17 @@ def test_the_papers_solver_is_compared_on_the_same_cost_and_settings() -> None:
     assert set(paper_solver.VARIANTS) == {"own_identity", "own_scaled", "bounds_identity", "bounds_scaled"}
 
 
+def test_profiles_are_compared_with_the_intervals_of_the_fit_at_the_same_threshold() -> None:
+    fit = profiles.fitted(0)
+    names = [e.name for e in profiles.ended(fit)]
+    assert {"K12", "K21"} <= set(names)
+    ends = profiles.own(fit, ["K21"])
+    width = fit["K21"].high - fit["K21"].low
+    np.testing.assert_allclose(ends, [[fit["K21"].low, fit["K21"].high]], atol=1e-6 * width)
+    pytest.importorskip("pypesto", reason="package of the bench extra not installed")
+    np.testing.assert_allclose(profiles.pypesto(fit, ["K21"]), ends, atol=0.05 * width)
+
+
 def test_kernel_benchmark_states_time_operations_and_fraction(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(counting, "whole", lambda *_: (50_000, 1))
     keys = kernel_time.run(dataclasses.replace(QUICK, starts=8)).keys
@@ -109,7 +131,7 @@ def test_a_cube_of_invented_numbers_is_sound_and_complete(tmp_path: Path) -> Non
 
 def test_every_part_of_the_suite_has_a_name() -> None:
     names = {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth", "diagnosis"}
-    names |= {"latency", "show", "paper_solver", "wheel", "scale"}
+    names |= {"latency", "show", "paper_solver", "wheel", "scale", "profiles"}
     assert names == set(BENCHMARKS)
 
 

@@ -68,10 +68,10 @@ def test_drawn_lines_are_those_of_a_simulated_recording() -> None:
 def test_a_stopped_study_goes_on_and_counts_every_test(example: dict[str, Any], tmp_path: Path) -> None:
     settings = {"realizations": 3, "truths": [0], "cycles": [3], "fmax": [1.2, 3.1], "block": 2}
     jobs = [(0, 3, 0, 2), (0, 3, 2, 3)]
-    assert example["block"](jobs[0], settings["fmax"], tmp_path, False) > 0
-    assert example["block"](jobs[0], settings["fmax"], tmp_path, False) == 0.0  # it is there
-    example["block"](jobs[1], settings["fmax"], tmp_path, False)
-    data = example["collect"](settings, tmp_path, jobs, False)
+    assert example["block"](jobs[0], settings["fmax"], tmp_path, "judged") > 0
+    assert example["block"](jobs[0], settings["fmax"], tmp_path, "judged") == 0.0  # it is there
+    example["block"](jobs[1], settings["fmax"], tmp_path, "judged")
+    data = example["collect"](settings, tmp_path, jobs, "judged")
     whole = coverage.judgements(0, 3, settings["fmax"], 0, 3)[3.1]
     np.testing.assert_array_equal(data.rise.sel(fmax=3.1).values[0, 0], whole[:, :, JUDGED.index("rise")])
     row = next(line for line in example["table"](data).splitlines() if line.startswith("mean"))
@@ -83,8 +83,8 @@ def test_intervals_contain_the_truth_where_the_test_at_the_truth_says_so(
 ) -> None:
     """Two ways to the same answer: both ends of an interval, and one fit with the quantity at its true value."""
     settings = {"realizations": 4, "truths": [0], "cycles": [6], "fmax": [3.1], "block": 4}
-    example["block"]((0, 6, 0, 4), settings["fmax"], tmp_path, True)
-    data = example["collect"](settings, tmp_path, [(0, 6, 0, 4)], True)
+    example["block"]((0, 6, 0, 4), settings["fmax"], tmp_path, "ends")
+    data = example["collect"](settings, tmp_path, [(0, 6, 0, 4)], "ends")
     held = (data.low <= data.true_value) & (data.true_value <= data.high)
     np.testing.assert_array_equal(data.contained, held)
     found = example["table"](data)
@@ -107,6 +107,14 @@ def test_the_deviance_at_the_truth_is_that_of_another_optimiser() -> None:
         least, _ = other.least(wanted[k].value(theta), np.array([theta, found.minima[0].theta[0]]))
         tolerance = 1e-4 if found.rise[0, k] > 3.84 else 0.02  # below the ceiling the fit stops early
         assert found.rise[0, k] == pytest.approx(least - minimum, abs=tolerance)
+
+
+def test_the_study_with_wide_bounds_lets_estimates_leave_those_of_a_fit() -> None:
+    estimate, P = JUDGED.index("estimate"), 12
+    inside, wide = (coverage.judgements(0, 3, [1.2], 0, 4, b)[1.2][:, :P, estimate] for b in (None, coverage.opened()))
+    model = bounded(two_segment(), two_segment(), {})
+    assert ((inside >= model.lower) & (inside <= model.upper)).all()
+    assert (wide < model.lower).any()
 
 
 def test_true_values_of_sums_are_sums() -> None:

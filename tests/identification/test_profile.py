@@ -10,9 +10,14 @@ import pytest
 from scipy.optimize import minimize
 
 import mcstudy as mc
-from mcstudy.fitting.penalised import Data, whiten
+from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.identification.coverage import Condition, Source, body
+from mcstudy.identification.fit import bounded
+from mcstudy.identification.minimum import search, without_prior
 from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, frf_jacobian
+from mcstudy.streams import stream
 
 STARTS = 2
 EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
@@ -117,3 +122,14 @@ def test_the_lowest_minimum_of_a_recording_is_not_missed() -> None:
     assert lower == 0
     assert 0 < stated < 0.01
     assert starts >= 16
+
+
+def test_a_stable_minimum_far_above_the_lowest_is_not_the_estimate() -> None:
+    """The lowest minimum of this recording is unstable; the only stable one of few starts is ten times higher."""
+    nominal = two_segment()
+    model = bounded(nominal, nominal, {})
+    lines = Source(Condition(2, 3, 1.2))(stream(2, "coverage 2 3"))
+    fitter, data = Fitter(model, without_prior(model, nominal), lines.f), Data.of(lines)
+    truth = np.array(list(body(2).values()))
+    from_truth = fitter.fits(data.packed, truth, tolerance=1e-7, max_iterations=300).chi2[0]
+    assert search(fitter, data, 2).chi2[0] < from_truth + 0.1

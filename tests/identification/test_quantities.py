@@ -47,6 +47,8 @@ def test_every_parameter_and_the_two_sums_of_stiffness_are_quantities() -> None:
     [
         ("K11 + foo", "got foo"),
         ("3", "at least one parameter"),
+        ("K11 - K11", "changes with at least one parameter"),
+        ("0 * K11 + 3", "changes with at least one parameter"),
         ("K11 +", "expected an expression"),
         ("K11.real", "got 'K11.real'"),
         ("abs(K11)", "got abs"),

@@ -1,0 +1,114 @@
+"""Profile likelihood intervals beside pyPESTO's: the same recording, minimum, threshold and model function.
+
+Ours are `mcstudy.identification.profile.profiles`; pyPESTO follows each profile in steps with fides (exact gradient and
+Gauss-Newton Hessian), and interpolates where it crosses the threshold. Parameters whose interval data end on both
+sides.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import Any
+
+import numpy as np
+
+from benchmarks.model import Compiled
+from benchmarks.report import Result, Sizes
+from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.problem import Problem
+from mcstudy.identification.coverage import Condition, Source
+from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.minimum import without_prior
+from mcstudy.identification.profile import profiles
+from mcstudy.identification.quantities import parameter
+from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.stance.body import two_segment
+from mcstudy.streams import stream
+
+CYCLES, FMAX = 6, 3.1
+
+BEYOND = 0.8
+"""Likelihood ratio down to which pyPESTO follows a profile, relative to that at the threshold: it interpolates."""
+
+
+def fitted(realization: int) -> FitResult:
+    """The fit of a simulated recording."""
+    source = Source(Condition(0, CYCLES, FMAX))
+    return fit_lines(source(stream(realization, "profiles")), two_segment(), curve=())
+
+
+def ended(fit: FitResult) -> list[Estimate]:
+    """Parameters whose interval data end on both sides."""
+    return [e for e in fit.estimates if e.name in fit.model.names and e.low_from == e.high_from == "data"]
+
+
+def own(fit: FitResult, names: list[str]) -> np.ndarray:
+    """Ends (K, 2) of the intervals of parameters."""
+    wanted = [parameter(fit.model, name) for name in names]
+    rise = np.array([fit[name].profile.rise[0] for name in names])
+    fitter = Fitter(fit.model, without_prior(fit.model, fit.model), fit.lines.f)
+    return np.array([(p.low, p.high) for p in profiles(fitter, Data.of(fit.lines), fit.minima, wanted, rise, ())])
+
+
+def pypesto(fit: FitResult, names: list[str]) -> np.ndarray:
+    """Ends (K, 2) by pyPESTO's profiles from the same minimum; nan where it raises."""
+    import pypesto.optimize
+    import pypesto.profile
+
+    logging.getLogger("fides").setLevel(logging.ERROR)
+    data = Data.of(fit.lines)
+    model = Compiled(Problem(fit.model, data.f, data.y, data.weight))
+    task = pypesto.Problem(
+        objective=pypesto.Objective(fun=model.value, grad=model.gradient, hess=model.hessian),
+        lb=np.zeros(model.width.size),
+        ub=np.ones(model.width.size),
+        x_names=list(fit.model.names),
+        x_guesses=((fit.theta - model.lower) / model.width)[None],
+    )
+    optimizer = pypesto.optimize.FidesOptimizer(verbose=logging.ERROR, hessian_update=None)
+    quiet: dict[str, Any] = {"engine": pypesto.engine.SingleCoreEngine(), "progress_bar": False}
+    result = pypesto.optimize.minimize(task, optimizer, n_starts=1, **quiet)
+    out = np.full((len(names), 2), np.nan)
+    for row, name in zip(out, names, strict=True):
+        k, ratio = fit.model.names.index(name), float(np.exp(-fit[name].profile.rise[0] / 2))
+        options = pypesto.profile.ProfileOptions(ratio_min=BEYOND * ratio)
+        found = pypesto.profile.parameter_profile(
+            task, result, optimizer, profile_index=[k], profile_options=options, **quiet
+        ).profile_result.list[-1][k]
+        ends = pypesto.profile.calculate_approximate_ci(found["x_path"][k], found["ratio_path"], ratio)
+        row[:] = model.lower[k] + model.width[k] * np.array(ends)
+    return out
+
+
+def run(sizes: Sizes) -> Result:
+    """CPU time per interval, and how far apart the ends are in widths of the interval."""
+    result = Result("profiles")
+    spent, apart = {"mcstudy": 0.0, "pypesto": 0.0}, []
+    own(first := fitted(0), [e.name for e in ended(first)[:1]])  # compiles
+    try:
+        pypesto(first, [ended(first)[0].name])
+    except ImportError as error:
+        result.notes.append(f"pypesto: package not installed, left out ({error})")
+        return result
+    for r in range(sizes.realizations):
+        fit = fitted(r)
+        names = [e.name for e in ended(fit)][: 2 if sizes.repeats == 1 else None]
+        ends = {}
+        for label, search in (("mcstudy", own), ("pypesto", pypesto)):
+            began = time.process_time()
+            ends[label] = search(fit, names)
+            spent[label] += time.process_time() - began
+        width = np.diff(ends["mcstudy"], axis=1)
+        apart.append((ends["pypesto"] - ends["mcstudy"]) * [-1, 1] / width)
+    off = np.concatenate(apart)
+    result.table = [{"program": k, "CPU ms per interval": 1e3 * v / len(off)} for k, v in spent.items()]
+    result.keys["profiles.pypesto"] = spent["pypesto"] / spent["mcstudy"]
+    result.keys["profiles.apart_median"] = float(np.median(np.abs(off)))
+    result.keys["profiles.apart_most"] = float(np.abs(off).max())
+    result.keys["profiles.shorter"] = float((off < -0.01).mean())
+    result.notes.append(
+        f"{len(off)} intervals, {sizes.realizations} recordings. apart: pyPESTO's ends from ours, in widths. shorter: "
+        "share of ends at which pyPESTO's interval is shorter by more than 1 % of the width"
+    )
+    return result

@@ -1,0 +1,45 @@
+"""What `pipelines/real_person.md` says of the intervals of a real person, where the recording is at hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mcstudy.identification.fit import fit
+from mcstudy.identification.result import FitResult
+from mcstudy.recordings.io import read_recording
+
+ROOT = Path(__file__).parents[2]
+WANG = ROOT.parent / "shared" / "real" / "wang"
+
+pytestmark = pytest.mark.skipif(
+    not WANG.is_dir(), reason="the recording of Wang & van den Bogert is not in ../shared/real/wang"
+)
+
+
+@pytest.fixture(scope="module")
+def by_fmax() -> dict[float, FitResult]:
+    recording = read_recording(ROOT / "pipelines" / "recordings" / "wang.toml", data=WANG)
+    return {fmax: fit(recording, fmax=fmax) for fmax in (2.0, 4.0)}
+
+
+def test_only_the_sum_of_ankle_stiffness_is_determined(by_fmax: dict[float, FitResult]) -> None:
+    for f in by_fmax.values():
+        e = f["K11 + Kpas1"]
+        assert (e.low_from, e.high_from) == ("data", "data")
+        assert 500 < e.low < 650 < e.high < 800
+        assert f["K11"].low_from == "bound"
+    first = by_fmax[2.0]["K11 + Kpas1"]
+    assert [round(x) for x in (first.estimate, first.low, first.high)] == [667, 584, 717]
+    assert by_fmax[2.0].p_value == pytest.approx(0.022, abs=0.002)
+
+
+def test_the_fit_up_to_four_hertz_is_the_lowest_minimum(
+    by_fmax: dict[float, FitResult],
+) -> None:
+    """A stable minimum with a squared residual of 11,900 was taken where the lowest has 432."""
+    f = by_fmax[4.0]
+    assert f.chi2 < 450
+    assert f.growth_rate > 0  # and the text says so
+    assert f.p_value < 0.01

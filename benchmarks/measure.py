@@ -45,12 +45,14 @@ class Usage:
     output: str
 
 
-def run_command(*command: str) -> Usage:
-    """Run a command to its end, single-threaded libraries, and measure it; raises when it fails.
+def run_command(*command: str, longest_s: float | None = None, **variables: str) -> Usage:
+    """Run a command to its end, single-threaded libraries, and measure it.
 
-    Bytecode is cached as on any machine, or every process would compile all it imports.
+    Bytecode is cached as on any machine, or every process would compile all it imports. ``longest_s``: wall-clock
+    seconds after which it is killed. ``variables``: of its environment, besides those of this process.
+    Raises `RuntimeError` when it fails, `subprocess.TimeoutExpired` when it is killed.
     """
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"} | variables
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     begun = time.perf_counter()
     with subprocess.Popen(
@@ -59,9 +61,14 @@ def run_command(*command: str) -> Usage:
         peak, done = [0], threading.Event()
         watcher = threading.Thread(target=_watch, args=(process.pid, peak, done))
         watcher.start()
-        output, _ = process.communicate()
-        done.set()
-        watcher.join()
+        try:
+            output, _ = process.communicate(timeout=longest_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+        finally:
+            done.set()
+            watcher.join()
     wall = time.perf_counter() - begun
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if process.returncode:

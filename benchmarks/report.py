@@ -14,6 +14,7 @@ class Sizes:
 
     ``realizations`` x 2 Fmax cells with ``starts`` each for the solvers; peers that take a second a start get
     ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``.
+    ``report_fits``: sizes of cubes whose page is written. ``seconds``: no repeat of a latency begins later.
     """
 
     realizations: int = 3
@@ -26,13 +27,15 @@ class Sizes:
     files: int = 400
     framework_cells: int = 40
     study: str = "goodworth2018"
+    report_fits: tuple[int, ...] = (38_000, 1_000_000)
+    seconds: float = 600.0
 
     def of_slow(self, peer: str) -> int:
         """Starts of a peer."""
         return self.slow_starts if "trust_constr" in peer else self.starts
 
 
-QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick")
+QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick", (300,))
 
 
 @dataclass

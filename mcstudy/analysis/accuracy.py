@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.labels import ONE, PERCENT, labelled, units_of
-from mcstudy.analysis.montecarlo import Moments, Statistic, fraction, jackknife, moments
+from mcstudy.analysis.montecarlo import A, Moments, PlainStatistic, Statistic, fraction, jackknife, jackknives, moments
 
 
 def statistic_of(cells: xr.Dataset, statistic: Statistic, name: str = "statistic", units: str = ONE) -> xr.Dataset:
@@ -23,24 +23,32 @@ def statistic_of(cells: xr.Dataset, statistic: Statistic, name: str = "statistic
     return labelled(jackknife(cells["estimate"], cells["truth"], statistic), cells, name, units)
 
 
+def _plain(
+    cells: xr.Dataset, statistic: PlainStatistic, name: str, units: str = ONE, **more: xr.DataArray
+) -> xr.Dataset:
+    """`statistic_of` for a statistic that needs no coordinates; ``more``: variables of the result."""
+    (out,) = jackknives(cells["estimate"], cells["truth"], [statistic])
+    return labelled(out.assign(more), cells, name, units)
+
+
 def bias(cells: xr.Dataset) -> xr.Dataset:
     """Mean estimate minus truth."""
-    return statistic_of(cells, bias_of, "bias (mean estimate minus truth)", units_of(cells))
+    return _plain(cells, bias_of, "bias (mean estimate minus truth)", units_of(cells))
 
 
 def sd(cells: xr.Dataset) -> xr.Dataset:
     """Standard deviation over realizations (divisor n - 1)."""
-    return statistic_of(cells, sd_of, "standard deviation over realizations", units_of(cells))
+    return _plain(cells, sd_of, "standard deviation over realizations", units_of(cells))
 
 
 def cv(cells: xr.Dataset) -> xr.Dataset:
     """Coefficient of variation: standard deviation over absolute mean estimate."""
-    return statistic_of(cells, cv_of, "coefficient of variation")
+    return _plain(cells, cv_of, "coefficient of variation")
 
 
 def rmse(cells: xr.Dataset) -> xr.Dataset:
     """Root mean squared error about the truth."""
-    return statistic_of(cells, rmse_of, "root mean squared error", units_of(cells))
+    return _plain(cells, rmse_of, "root mean squared error", units_of(cells))
 
 
 def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
@@ -49,8 +57,8 @@ def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
     An absolute value does not average to zero: for an unbiased estimator its expectation is ``floor`` =
     sqrt(2/pi) SD / sqrt(n) (in percent of the truth; the folded normal). Compare every value with its floor.
     """
-    out = jackknife(cells["estimate"], cells["truth"], absolute_bias_of).assign(floor=floor_percent(cells))
-    return labelled(out, cells, "absolute bias, in percent of the truth", PERCENT)
+    name = "absolute bias, in percent of the truth"
+    return _plain(cells, absolute_bias_of, name, PERCENT, floor=floor_percent(cells))
 
 
 def mean_absolute_bias_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
@@ -60,47 +68,46 @@ def mean_absolute_bias_percent(cells: xr.Dataset, over: Sequence[str] = ("parame
     correlation of parameters and amplitudes within a realization. It is too large where the true biases are far below
     their errors, because an absolute value varies less than its argument.
     """
-    out = jackknife(cells["estimate"], cells["truth"], lambda m: absolute_bias_of(m).mean(list(over)))
-    out = out.assign(floor=floor_percent(cells).mean(list(over)))
-    return labelled(out, cells, f"absolute bias, in percent of the truth, {_mean_over(over)}", PERCENT)
+    name, floor = f"absolute bias, in percent of the truth, {_mean_over(over)}", floor_percent(cells).mean(list(over))
+    return _plain(cells, lambda m: absolute_bias_of(m).mean(list(over)), name, PERCENT, floor=floor)
 
 
 def mean_spread_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
     """Standard deviation in percent of the truth, averaged over parameters: the paper's 'average variability'."""
     name = f"standard deviation, in percent of the truth, {_mean_over(over)}"
-    return statistic_of(cells, lambda m: relative_sd_of(m).mean(list(over)), name, PERCENT)
+    return _plain(cells, lambda m: relative_sd_of(m).mean(list(over)), name, PERCENT)
 
 
 def _mean_over(dims: Sequence[str]) -> str:
     return f"mean over every {' and '.join(dims)}"
 
 
-def bias_of(m: Moments) -> xr.DataArray:
+def bias_of(m: Moments[A]) -> A:
     """Mean estimate minus truth."""
     return m.mean - m.truth
 
 
-def sd_of(m: Moments) -> xr.DataArray:
+def sd_of(m: Moments[A]) -> A:
     """Standard deviation."""
     return m.sd
 
 
-def rmse_of(m: Moments) -> xr.DataArray:
+def rmse_of(m: Moments[A]) -> A:
     """Root mean squared error."""
     return m.mse**0.5
 
 
-def absolute_bias_of(m: Moments) -> xr.DataArray:
+def absolute_bias_of(m: Moments[A]) -> A:
     """Absolute bias in percent of the truth; NaN where the truth is zero."""
     return 100 * abs(m.mean - m.truth) / abs(m.truth.where(m.truth != 0))
 
 
-def relative_sd_of(m: Moments) -> xr.DataArray:
+def relative_sd_of(m: Moments[A]) -> A:
     """Standard deviation in percent of the truth; NaN where the truth is zero."""
     return 100 * m.sd / abs(m.truth.where(m.truth != 0))
 
 
-def cv_of(m: Moments) -> xr.DataArray:
+def cv_of(m: Moments[A]) -> A:
     """Coefficient of variation; NaN where the mean estimate is zero."""
     return m.sd / abs(m.mean.where(m.mean != 0))
 

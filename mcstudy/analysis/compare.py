@@ -203,7 +203,7 @@ def _difference(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic, pair
     """Group minus reference of a statistic averaged over amplitudes, ``value`` and ``mcse``."""
     if paired:
 
-        def of_both(m: Moments) -> xr.DataArray:
+        def of_both(m: Moments[xr.DataArray]) -> xr.DataArray:
             each = statistic(m)
             return (each.isel({GROUP: 1}) - each.isel({GROUP: 0})).mean("amplitude")
 
@@ -221,7 +221,7 @@ def _named(values: dict[str, xr.DataArray]) -> xr.DataArray:
 def _of_parameters(cells: xr.Dataset, paired: bool) -> xr.Dataset:
     truth = xr.DataArray(1.0)
 
-    def statistic(m: Moments) -> xr.DataArray:
+    def statistic(m: Moments[xr.DataArray]) -> xr.DataArray:
         measures = {
             "bias": accuracy.absolute_bias_of(m),
             "spread": accuracy.relative_sd_of(m),
@@ -255,7 +255,7 @@ def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset, paired: bool
         coords={"fmax": cells["fmax"], "frequency": both["frequency"]},
     )
 
-    def statistic(m: Moments) -> xr.DataArray:
+    def statistic(m: Moments[xr.DataArray]) -> xr.DataArray:
         measures = {"frf_error": (m.mean - m.truth) ** 2, "frf_spread": m.sd**2}
         size = 100 * _named(measures).sum("part", skipna=False) ** 0.5
         return size.mean("angle").where(inside).mean("frequency")

@@ -79,8 +79,8 @@ def labelled(
     known = {kind: (text.format(name), units) for kind, text in _BESIDE.items()}
     known |= {kind: (text, ONE) for kind, text in _COUNTS.items()} | {"value": (name, units)} | others
     out = result.copy(deep=False)
-    for variable in out.data_vars:
-        out[variable].attrs = dict(zip(("long_name", "units"), known[str(variable)], strict=True))
+    for variable in out.data_vars:  # not `out[variable]`: that makes an array with coordinates first
+        out.variables[variable].attrs = dict(zip(("long_name", "units"), known[str(variable)], strict=True))
     attributes = {} if source is None else source.attrs
     out.attrs = {k: attributes[k] for k in _PROVENANCE if k in attributes}
     return _with_axes(out)
@@ -103,7 +103,7 @@ def units_of(data: xr.Dataset) -> str:
 
 def _with_axes(out: T) -> T:
     for axis, name in _AXES.items():
-        if axis in out.coords and "long_name" not in out[axis].attrs:
+        if axis in out.coords and "long_name" not in out.coords[axis].attrs:
             units = {"units": ONE} if out[axis].dtype.kind in "if" else {}
             out = out.assign_coords({axis: out[axis].assign_attrs(long_name=name, **units)})
     return out

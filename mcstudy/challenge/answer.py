@@ -72,7 +72,14 @@ def hypothesis_name(entry: Any) -> str:
 
 
 def from_diagnosis(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert a diagnosis to an answer of the schema ``challenge_answers``."""
+    """Convert a diagnosis to an answer of the schema ``challenge_answers``.
+
+    A mislabelled recording is an unknown cause there, because no case is mislabelled.
+    """
+    wrong = [c for c in diagnosis["causes"] if c.get("advice")]
+    mislabelled = {hypothesis_name(c["effects"]) for c in wrong}
+    named = (hypothesis_name(e) for e in diagnosis["credible_set"])
+    credible = dict.fromkeys("unknown" if n in mislabelled else n for n in named)
     causes = [
         {
             "effects": [str(e) for e in cause["effects"]],
@@ -81,15 +88,15 @@ def from_diagnosis(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
             "size": _sizes(cause.get("size") or {}),
         }
         for cause in diagnosis["causes"]
-        if float(cause["probability"]) > NEGLIGIBLE
+        if float(cause["probability"]) > NEGLIGIBLE and not cause.get("advice")
     ]
     return {
         "detected": bool(diagnosis["detected"]),
         "p_value": float(diagnosis["p_value"]),
         "none_probability": float(diagnosis["none_probability"]),
-        "unknown_probability": float(diagnosis["unknown_probability"]),
+        "unknown_probability": float(diagnosis["unknown_probability"]) + sum(float(c["probability"]) for c in wrong),
         "causes": causes,
-        "credible_set": [hypothesis_name(e) for e in diagnosis["credible_set"]],
+        "credible_set": list(credible),
         "place": {k: float(v) for k, v in (diagnosis.get("place") or {}).items()},
         "closed": _closed(diagnosis.get("closed"), diagnosis["causes"]),
     }

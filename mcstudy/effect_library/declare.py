@@ -23,22 +23,6 @@ ContrastKind = Literal["amplitude", "time"]
 
 
 @dataclass(frozen=True, slots=True)
-class Mistake:
-    """The value of a size that results from a known mistake, and what to check then.
-
-    Attributes
-    ----------
-    value
-        Value of the size.
-    advice
-        A sentence for the user.
-    """
-
-    value: float
-    advice: str
-
-
-@dataclass(frozen=True, slots=True)
 class Size:
     """One parameter of an effect.
 
@@ -56,8 +40,9 @@ class Size:
     signed
         Whether both signs occur in people. If not, the bounds still extend below the null, so that an estimate near
         the null is not truncated, unless a negative value has no meaning.
-    mistakes
-        Values that result from known mistakes (`Mistake`); each has its own prior probability and start value.
+    most
+        Largest magnitude that a body can have; an estimate certainly above it is no explanation. None where the bounds
+        of the fit are the only limit.
     """
 
     name: str
@@ -68,7 +53,7 @@ class Size:
     published: tuple[float, float]
     meaning: str = ""
     signed: bool = False
-    mistakes: tuple[Mistake, ...] = ()
+    most: float | None = None
 
     @property
     def is_shape(self) -> bool:

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from mcstudy.errors import ModelError
+from mcstudy.stance import anthropometry
 from mcstudy.stance.body import Body
 from mcstudy.stance.feedback import Filter, Model, Monomial, Term
 
@@ -219,3 +220,50 @@ def resonant_mass(model: Model, mass: str, filt: Filter) -> Model:
             for sense, lever in (("theta1", length), ("theta2s", d))
         ],
     )
+
+
+def gyrations() -> tuple[tuple[float, float], ...]:
+    """I / (m h^2) of (legs, upper body) in every published table of `mcstudy.stance.anthropometry`."""
+    tables = ((None, "winter"), ("female", "deleva"), ("male", "deleva"))
+    people = (anthropometry.segments(1.75, 75.0, sex, table) for sex, table in tables)
+    return tuple((p["I1"] / (p["m1"] * p["h1"] ** 2), p["I2"] / (p["m2"] * p["h2"] ** 2)) for p in people)
+
+
+def exchanged_segments(model: Model, legs_gyration: float, trunk_gyration: float) -> Model:
+    """The model on the body whose two segments, masses, heights and inertias, are exchanged; the leg length stays.
+
+    Derived: what is declared as the upper body are the legs. The masses follow from moments and inertias with the
+    ratios I / (m h^2) given (`gyrations`). Gains and bounds keep their ratio to the weight. Raises `ModelError` for a
+    body that has no such exchange.
+    """
+    body = body_of(model)
+    length = leg_length(body)
+    legs = body.A2**2 * (1 + legs_gyration) / body.J2  # mass of what is declared as the upper body
+    moment = body.A1 - legs * length
+    inertia = body.J1 - body.C1 - legs * length**2
+    if not (moment > 0 and inertia > 0):
+        raise ModelError(f"model {model.name}: no body has these segments exchanged")
+    trunk = moment**2 * (1 + trunk_gyration) / inertia
+    coupling = moment * length
+    other = Body(
+        J1=body.J2 + trunk * length**2 + coupling,
+        J2=inertia,
+        C1=coupling,
+        C2=coupling + inertia,
+        A1=body.A2 + trunk * length,
+        A2=moment,
+        g=body.g,
+    )
+    ratio = other.mgh / body.mgh
+    terms = [t for t in model.terms if t.gain or t.delay or t.filters or t.sense == "stimulus"]
+    first = {"hip": (body.A2, other.A2), "ankle": (body.A1 + body.A2, other.A1 + other.A2)}
+    if model.stimulus_unit == "m":
+        terms = [
+            replace(t, coefficient=t.coefficient * first[t.row][1] / first[t.row][0]) if t.sense == "stimulus" else t
+            for t in terms
+        ]
+    parameters = tuple(
+        p if p.name in model.delays else replace(p, value=p.value * ratio, lower=p.lower * ratio, upper=p.upper * ratio)
+        for p in model.parameters
+    )
+    return replace(model, terms=(*other.terms(), *terms), parameters=parameters)

@@ -17,7 +17,9 @@ from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnosis import LEVEL, Diagnosis
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.closure import Belief, Closure, close, floor_rms_deg, sway_rms_deg
+from mcstudy.gap.questions.labels import readings
 from mcstudy.gap.questions.location import locations, missing_torque
+from mcstudy.gap.questions.mislabelled import Labels, mislabelled
 from mcstudy.gap.questions.parameters import shifts
 from mcstudy.gap.questions.posterior import Cause, Explanation, explain
 from mcstudy.gap.questions.power import undetectable
@@ -101,8 +103,17 @@ def _diagnose(
     discard: int,
     accept: Iterable[str],
 ) -> Diagnosis:
-    one, lines = checked_lines(recording, fmax, discard, accept)
-    outcome = diagnose_lines(lines, model or one.base_model(), draws=draws, refits=refits, seed=seed, name=one.name)
+    known = frozenset((accept,) if isinstance(accept, str) else accept)
+    one, lines = checked_lines(recording, fmax, discard, known)
+    outcome = diagnose_lines(
+        lines,
+        model or one.base_model(),
+        draws=draws,
+        refits=refits,
+        seed=seed,
+        name=one.name,
+        labels=_labels(one, lines, known) if isinstance(one, Recording) else None,
+    )
     if isinstance(one, Recording):
         warnings = tuple(s.message for s in one.suspicions)
     else:
@@ -115,17 +126,43 @@ def _diagnose(
     )
 
 
+def _labels(recording: Recording, lines: Lines, accept: frozenset[str]) -> Labels:
+    scores = readings(recording, lines)
+    as_labelled = scores.pop("as_labelled")
+    return Labels({k: x - as_labelled for k, x in scores.items()}, recording.stimulus_unit == "N m", accept)
+
+
 def diagnose_lines(
-    lines: Lines, nominal: Model, *, draws: int, refits: bool, seed: int = 0, name: str = "lines"
+    lines: Lines,
+    nominal: Model,
+    *,
+    draws: int,
+    refits: bool,
+    seed: int = 0,
+    name: str = "lines",
+    labels: Labels | None = None,
 ) -> Diagnosis:
-    """Diagnosis of measured lines. ``nominal``: base model with values of the order of magnitude of a person's."""
+    """Diagnosis of measured lines. ``nominal``: base model with values of the order of magnitude of a person's.
+
+    ``labels``: what is known about the labels; with them, and a gap, mislabelling is among the possible causes.
+    """
     t = gap_test(lines, nominal, draws, refits, seed)
     base, data, detection, compared = t.base, t.data, t.detection, t.contrasts
-    explanation = explain(
-        base, t.minima, data, t.effects, t.signatures, t.groups, t.scores, detection.unstructured, compared
-    )
     detected = t.p_value < LEVEL
+    explanation = explain(
+        base,
+        t.minima,
+        data,
+        t.effects,
+        t.signatures,
+        t.groups,
+        t.scores,
+        detection.unstructured,
+        compared,
+        mislabelled(lines, base, t.minima, labels, seed) if detected and labels is not None else (),
+    )
     leading = explanation.causes[0] if detected and explanation.causes else None
+    added = None if leading is None or leading.advice else leading
     place, abstained = locations(explanation)
     trials = int(np.unique(lines.trial).size)
     belief = Belief(explanation.hypotheses, explanation.unknown, detection.null_chi2)
@@ -140,8 +177,8 @@ def diagnose_lines(
         none_probability=explanation.none,
         unknown_probability=explanation.unknown,
         credible_set=credible_set(explanation),
-        closed=None if leading is None else _closed(base, leading, data, lines, t.scores, belief, seed),
-        sway_rms_deg=_sway(base, leading, data, lines),
+        closed=None if added is None else _closed(base, added, data, lines, t.scores, belief, seed),
+        sway_rms_deg=_sway(base, added, data, lines),
         undetectable=undetectable(t.signatures, compared, trials),
         detection=detection,
         contrasts=tuple(compared),

@@ -46,7 +46,7 @@ class Diagnosis(Summary):
     p_least
         Smallest p-value that is possible with this number of null samples.
     place
-        Probability of each location: ankle, hip, stimulus, sensor, body.
+        Probability of each location: ankle, hip, stimulus, sensor, body, and recording (mislabelled).
     place_abstained
         Probability that is assigned to none of them.
     causes
@@ -182,6 +182,7 @@ class Diagnosis(Summary):
                     {
                         **_of(c, "effects alternatives probability"),
                         "size": {s.name: _of(s, "estimate se low high unit") for s in c.sizes},
+                        **({"advice": c.advice} if c.advice else {}),
                     }
                     for c in self.causes
                     if c.probability > 1e-4 or c is self.causes[0]

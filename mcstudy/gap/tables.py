@@ -103,7 +103,8 @@ def _sizes(d: Diagnosis) -> Table:
     """Sizes of the causes that are shown."""
     rows = []
     for cause in shown_causes(d):
-        owner = {s.name: e for e in cause.effects for s in library.effect(e).sizes}
+        known = [library.effect(e) for e in cause.effects if not cause.advice]
+        owner = {s.name: e.name for e in known for s in e.sizes}
         for s in cause.sizes:
             usual = usual_size(s.name)
             rows.append(

@@ -103,7 +103,8 @@ def sentences(d: Diagnosis) -> list[str]:
     if d.leading is not None:
         parts += [_cause(d, d.leading), share_closed(d), sway(d)]
     parts.append(not_a_body(d))
-    for contrast in d.contrasts:
+    corrected = d.leading is not None and d.leading.advice
+    for contrast in d.contrasts if not corrected else ():  # trials that are labelled differently differ
         if contrast.p_value < 0.01 and contrast.changes:
             largest = max(contrast.changes, key=lambda k: k.log_factor)
             what = "with amplitude" if contrast.kind == "amplitude" else "over the recording"
@@ -181,6 +182,8 @@ def _unnamed(d: Diagnosis) -> bool:
 def share_closed(d: Diagnosis) -> str:
     """The share of the gap that the leading cause closes, with its interval; empty without a gap."""
     c, leading = d.closed, d.leading
+    if leading is not None and leading.advice:
+        return _corrected(d, leading)
     if c is None or leading is None:
         return ""
     if d.added is None:
@@ -201,6 +204,16 @@ def share_closed(d: Diagnosis) -> str:
     return share
 
 
+def _corrected(d: Diagnosis, leading: Cause) -> str:
+    """What remains when the labels are corrected."""
+    low, high = d.detection.chi2_noise
+    return (
+        f"With this corrected, the squared residual is {number(leading.fitted.chi2, 4)} instead of "
+        f"{number(d.detection.chi2, 4)} (noise alone: {low:.0f} to {high:.0f}). Correct the recording and diagnose it "
+        "again: a missing effect may remain."
+    )
+
+
 def _cause(d: Diagnosis, first: Cause) -> str:
     if _unnamed(d):
         out = [
@@ -210,9 +223,10 @@ def _cause(d: Diagnosis, first: Cause) -> str:
         if first.probability > 0.05:
             out.append(f"The nearest named cause is {named(first)} ({100 * first.probability:.0f} %).")
     else:
-        sizes = "; ".join(f"{s.name} = {with_error(s.estimate, s.se)} {s.unit}".rstrip() for s in first.sizes)
-        out = [f"Most likely cause: {named(first)} ({100 * first.probability:.0f} %; {sizes})."]
-        out += [s.advice for s in first.sizes if s.advice]
+        sizes = [f"{s.name} = {with_error(s.estimate, s.se)} {s.unit}".rstrip() for s in first.sizes]
+        what = f"a mislabelled recording, {named(first)}" if first.advice else named(first)
+        out = [f"Most likely cause: {what} ({'; '.join([f'{100 * first.probability:.0f} %', *sizes])})."]
+        out += [first.advice] if first.advice else []
         others = [
             f"{named(d.causes[k])} ({100 * d.causes[k].probability:.0f} %)"
             for k in d.credible_set

@@ -6,7 +6,7 @@ addition compares the responses with those that a standing body can have.
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -47,10 +47,16 @@ CLOCK_SHARE = 0.05
 """Largest relative difference of two clocks that is looked for."""
 
 CLOCK_S = 0.1
-"""Least delay that a wrong clock adds in every cycle, s. Without one, pairs of cycles scatter by some 0.03 s."""
+"""Least delay that a wrong clock adds in every cycle, s. In sound recordings it is below 0.03 s."""
 
-CLOCK_ALIKE = 0.5
-"""Least correlation of successive cycles, the delay removed, that tells of a clock."""
+CLOCK_ALIKE = 0.4
+"""Least mean correlation of the cycles, the delays removed, that tells of a clock."""
+
+CLOCK_GAIN = 0.015
+"""Least increase of that correlation by removing the delays."""
+
+CLOCK_HARMONIC = 3
+"""Lowest harmonic of the period that is compared; slow drift dominates those below."""
 
 
 def rate_of(time: np.ndarray, stated: float | None, where: str) -> float:
@@ -140,7 +146,7 @@ def _ranges(recording: Recording, trial: Trial, where: str) -> None:
         if half > LARGEST_SWAY:
             raise RecordingError(
                 f"{where}: {name}: sways ±{half:.3g} rad (±{np.rad2deg(half):.3g} deg), which no standing person does; "
-                "are the values in deg but declared rad?"
+                "are the values in deg or mrad but declared rad?"
             )
         if half < SMALLEST_SWAY:
             raise RecordingError(
@@ -208,41 +214,46 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
 def _clock(recording: Recording) -> None:
     """Refuse angles that answer later, or earlier, in every further cycle: their clock is not that of the stimulus.
 
-    Successive cycles of both angles are compared; each pair gives one delay. A recording is refused when at least three
-    pairs agree on its sign and, to 60 %, on its size, and when the cycles are alike once it is removed. Derived.
+    One delay per cycle is common to all trials. It maximises the mean correlation between all pairs of cycles of both
+    angles, so a single disturbed cycle does not decide. Derived.
     """
     period = recording.period
-    if period is None:
+    if period is None or max(recording.cycles) < 3:
         return
-    pairs = [pair for trial in recording.trials for pair in _delays(trial.theta, period)]
-    delays = np.array([delay for delay, _ in pairs]) / recording.rate_hz
-    if len(pairs) < 3 or np.mean([alike for _, alike in pairs]) < CLOCK_ALIKE:
+    samples, alike, gain = _common_delay([trial.theta for trial in recording.trials], period)
+    each = samples / recording.rate_hz
+    if abs(each) < CLOCK_S or alike < CLOCK_ALIKE or gain < CLOCK_GAIN:
         return
-    sizes = np.abs(delays)
-    if sizes.mean() < CLOCK_S or sizes.min() < 0.6 * sizes.max() or abs(np.sign(delays).sum()) < delays.size:
-        return
-    each = float(delays.mean())
     shift, clock = ("later", "faster") if each > 0 else ("earlier", "slower")
     raise RecordingError(
         f"{recording.name}: theta1, theta2: answer {abs(each):.2g} s {shift} in every cycle than in the one before; "
-        f"their clock is {100 * abs(each) * recording.rate_hz / period:.2g} % {clock} than that of the stimulus"
+        f"their clock is {100 * abs(samples) / period:.2g} % {clock} than that of the stimulus"
     )
 
 
-def _delays(theta: np.ndarray, period: int) -> list[tuple[int, float]]:
-    """Delay in samples of every cycle against the one before, and their correlation then; the first cycle left out."""
-    cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, 2)[1:]
-    cycles = cycles - cycles.mean(axis=1, keepdims=True)
-    cycles = cycles / np.sqrt(np.mean(cycles**2, axis=(0, 1)))
-    spectra = np.fft.rfft(cycles, axis=1)
+def _common_delay(angles: Sequence[np.ndarray], period: int) -> tuple[int, float, float]:
+    """Delay per cycle, in samples, of angles (n, 2) per trial.
+
+    Also the mean correlation of the cycles when it is removed, and how much that increases it. The first cycle of every
+    trial is left out.
+    """
     reach = max(1, round(CLOCK_SHARE * period))
     lags = np.arange(-reach, reach + 1)
-    found = []
-    for before, after in pairwise(spectra):
-        alike = np.fft.irfft((after * before.conj()).sum(axis=1), period) / (2 * period)
-        best = int(lags[np.argmax(alike[lags])])
-        found.append((best, float(alike[best])))
-    return found
+    total, pairs = np.zeros(lags.size), 0
+    for theta in angles:
+        cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, 2)[1:]
+        n = len(cycles)
+        spectra = np.fft.rfft(cycles, axis=1)
+        spectra[:, :CLOCK_HARMONIC] = 0.0
+        power = 2 * (np.abs(spectra) ** 2).sum(axis=(0, 1)) / max(n, 1)
+        spectra = spectra / np.sqrt(np.maximum(power, 1e-300))
+        for apart in range(1, n):
+            cross = (spectra[apart:] * spectra[: n - apart].conj()).sum(axis=(0, 2))
+            total += period / 2 * np.fft.irfft(cross, period)[lags * apart % period]
+            pairs += n - apart
+    alike = total / max(pairs, 1)
+    best = int(np.argmax(alike)) if pairs else reach
+    return int(lags[best]), float(alike[best]), float(alike[best] - alike[reach])
 
 
 def repeats_every(stimulus: np.ndarray, rate_hz: float) -> float | None:

@@ -23,7 +23,7 @@ from mcstudy.stance.stimulus import CONVENTIONS
 
 EXPECTED = (
     "expected a recording (a stimulus and two sway angles over time): .nc, .zarr, or a .toml that describes .csv "
-    "files; to describe your own see mcstudy/recordings/README.md, to simulate one: mcstudy simulate -o rec.nc"
+    "files; to describe your own: mcstudy help recordings; to simulate one: mcstudy simulate -o rec.nc"
 )
 """What a recording is, for somebody who gave something else."""
 

@@ -127,8 +127,8 @@ def beside(context: Context, keys: Sequence[str]) -> str:
     if not rows:
         return ""
     lines = "".join(
-        f"<li>{escape(with_units(r['label']))}: paper {escape(_paper(r))}, ours {escape(ours(r))} "
-        f'<span class="{CLASS[r["verdict"]]}">{escape(verdict(r))}</span></li>'
+        f"<li>{escape(with_units(r['label']))}: paper {escape(_paper(r))}, ours {escape(ours(r))}"
+        + (f' <span class="{CLASS[r["verdict"]]}">{escape(verdict(r))}</span></li>' if r["verdict"] else "</li>")
         for r in rows
     )
     return f'<ul class="beside">{lines}</ul>'

@@ -10,17 +10,19 @@ import pytest
 import xarray as xr
 from scipy.stats import binom
 
+from mcstudy.analysis import montecarlo
 from mcstudy.analysis.montecarlo import (
     Moments,
     fraction,
     jackknife,
+    jackknives,
     moments,
     order_statistic_ranks,
     quantiles,
     wilson,
 )
 
-STATISTICS: dict[str, Callable[[Moments], xr.DataArray]] = {
+STATISTICS: dict[str, Callable[[Moments[xr.DataArray]], xr.DataArray]] = {
     "bias": lambda m: m.mean - m.truth,
     "sd": lambda m: m.sd,
     "cv": lambda m: m.sd / abs(m.mean),
@@ -81,7 +83,7 @@ def test_deleting_by_sums_equals_deleting_by_hand_also_with_gaps() -> None:
     x = draws(np.random.default_rng(2), "normal", studies=1, n=9).isel(study=0)
     x[3, 1] = np.nan
 
-    def statistic(m: Moments) -> xr.DataArray:
+    def statistic(m: Moments[xr.DataArray]) -> xr.DataArray:
         return (m.sd / m.mean + m.mse).mean("parameter")
 
     out = jackknife(x, TRUTH, statistic)
@@ -90,6 +92,18 @@ def test_deleting_by_sums_equals_deleting_by_hand_also_with_gaps() -> None:
     assert float(out["mcse"]) == pytest.approx(expected, rel=1e-12)
     assert int(out["n"]) == 8
     assert int(out["left_out"]) == 1
+
+
+def test_statistics_without_coordinates_have_the_same_bits_and_coordinates() -> None:
+    x = draws(np.random.default_rng(4), "skewed", studies=3, n=9)
+    x[0, 3, 1] = np.nan
+    unit = xr.DataArray([*"abcd"], dims="parameter")
+    x = x.assign_coords(parameter=[*"pqrs"], study=[5, 6, 7], unit=unit, amplitude=3.0)
+    truth = TRUTH.assign_coords(parameter=[*"qprs"])  # another order: what is subtracted is found by its label
+    statistics = [lambda m: m.mean - m.truth, lambda m: m.mse**0.5, lambda m: abs(m.sd / m.mean).mean(["parameter"])]
+    for statistic, plain in zip(statistics, jackknives(x, truth, statistics), strict=True):
+        xr.testing.assert_identical(plain.drop_attrs(), jackknife(x, truth, statistic).drop_attrs())
+    assert set(plain.coords) == {"study", "amplitude"}
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])
@@ -147,3 +161,26 @@ def test_quantiles_are_ordered() -> None:
     out = quantiles(x, (0.1, 0.5, 0.9))
     for low, high in pairwise(out["value"].values[0]):
         assert low < high
+
+
+@pytest.mark.parametrize("depth", [1, 7, 40])
+def test_statistics_read_piece_by_piece_are_those_of_all_at_once(depth: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    x = draws(rng, "skewed", studies=3, n=101)
+    x = x.where(rng.random(x.shape) > 0.1)
+    x[0, :60] = np.nan  # whole pieces of a cell are empty
+    x[1] = np.nan
+    whole = {name: jackknife(x, TRUTH, of) for name, of in STATISTICS.items()}
+    assert np.isfinite(whole["cv"]["mcse"].isel(study=[0, 2])).all()
+    monkeypatch.setattr(montecarlo, "NUMBERS_A_PIECE", 12 * depth)
+    assert len(montecarlo.pieces(x)) == -(-101 // depth)
+    for name, of in STATISTICS.items():
+        again = jackknife(x, TRUTH, of)
+        xr.testing.assert_allclose(again, whole[name], rtol=1e-12)
+        assert np.array_equal(again["n"], whole[name]["n"])
+    xr.testing.assert_allclose(moments(x, TRUTH).sd, _of_all(x).std("realization", ddof=1), rtol=1e-12)
+
+
+def _of_all(x: xr.DataArray) -> xr.DataArray:
+    """Cells without any number have no spread either."""
+    return x.where(x.notnull().sum("realization") > 1)

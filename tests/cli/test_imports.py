@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import mcstudy as mc
-from mcstudy.analysis.show.tables import show
+from mcstudy.analysis import kept
 
 SCRIPT = """
 import sys
@@ -41,8 +42,11 @@ def test_status_reads_a_cube_without_any_library_of_arrays_but_numpy(two_chunks:
     assert not imported("status", str(two_chunks)) & (LARGE | COMPILED)
 
 
-def test_a_second_show_needs_no_library_of_numbers(two_chunks: Path) -> None:
-    show(two_chunks)
+def test_a_first_show_imports_no_library_of_statistics_and_a_second_none_of_numbers(two_chunks: Path) -> None:
+    shutil.rmtree(kept.folder(two_chunks), ignore_errors=True)
+    first = imported("show", str(two_chunks))
+    assert "xarray" in first
+    assert not first & {"distributed", "scipy.stats", "scipy.optimize", "matplotlib"}
     assert not imported("show", str(two_chunks)) & (LARGE | COMPILED | {"numpy", "pydantic"})
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from mcstudy.effect_library import edits as add
 from mcstudy.effect_library import library
-from mcstudy.effect_library.declare import Effect, Mistake, Size
+from mcstudy.effect_library.declare import Effect, Size
 from mcstudy.effect_library.published import active_gain, terms
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitter
@@ -85,15 +85,6 @@ def test_a_gain_change_is_found_with_its_sign(plain_lines: list[Lines], effect: 
 def test_the_sign_of_a_gain_change_must_be_declared() -> None:
     with pytest.raises(InputError, match="'mute': contrast: expected an effect that is not linear, with gain_sign"):
         gain_change("mute", kind="nonlinear", contrast="amplitude")
-
-
-def test_a_known_mistake_is_started_from_and_advised_on(with_effects: Callable[..., Lines]) -> None:
-    size = replace(LINEAR.size, mistakes=(Mistake(3.0, "Check the units of the accelerometer."),))
-    with library.LIBRARY.extended(replace(LINEAR, sizes=(size,))):
-        lines = with_effects(1, {LINEAR.name: {"Ka2": 3.0}})
-        d = diagnose_lines(lines, BASE, draws=200, refits=False)
-    assert d.causes[0].effects == (LINEAR.name,)
-    assert "Check the units of the accelerometer." in d.verdict()
 
 
 def test_names_are_unique() -> None:

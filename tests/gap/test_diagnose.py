@@ -71,19 +71,6 @@ def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording) -> No
     assert slow.causes[0].effects == tuple(first["causes"][0]["effects"])
 
 
-@pytest.mark.parametrize(("factor", "estimate"), [(2.0, -0.5), (0.5, 1.0)])
-def test_amplitude_convention_is_named_as_the_stimulus(factor: float, estimate: float) -> None:
-    """A stimulus recorded as peak-to-peak in place of peak, or the other way round."""
-    rng = np.random.default_rng(5)
-    plain = simulate_recording(FAST, MODEL.truth, rng)
-    wrong = replace(plain, trials=tuple(replace(t, stimulus=factor * t.stimulus, amplitude=None) for t in plain.trials))
-    out = diagnose_fast(wrong)
-    assert out.detected
-    assert out.causes[0].effects == ("stimulus_gain",)
-    assert out.causes[0].sizes[0].estimate == pytest.approx(estimate, abs=0.05)
-    assert "peak-to-peak" in out.verdict()
-
-
 def test_exchanged_channels_are_refused(lagging: Recording) -> None:
     exchanged = replace(lagging, trials=tuple(replace(t, theta=t.theta[:, ::-1].copy()) for t in lagging.trials))
     with pytest.raises(RecordingError, match="exchanged"):

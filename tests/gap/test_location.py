@@ -35,7 +35,9 @@ def test_places_share_the_posterior(plain_lines: list[Lines]) -> None:
         unknown={"hip": 0.05, "": 0.15},
     )
     place, abstained = locations(explanation)
-    assert place == pytest.approx({"ankle": 0.5, "hip": 0.15, "stimulus": 0.05, "sensor": 0.05, "body": 0.0})
+    assert place == pytest.approx(
+        {"ankle": 0.5, "hip": 0.15, "stimulus": 0.05, "sensor": 0.05, "body": 0.0, "recording": 0.0}
+    )
     assert abstained == pytest.approx(0.25)
 
 

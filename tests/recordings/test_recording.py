@@ -14,8 +14,8 @@ import xarray as xr
 
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
+from mcstudy.gap.candidates.readings import READINGS
 from mcstudy.gap.checked_lines import checked_lines
-from mcstudy.gap.questions.labels import DIFFERENTIATED, OF_TORQUES, READINGS
 from mcstudy.recordings import netcdf_zarr
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.columns import TextTable
@@ -166,12 +166,13 @@ def test_what_cannot_be_analysed_is_refused_by_name(recording: Recording, messag
 def test_every_mislabelled_channel_is_recognised(kind: str) -> None:
     recording = sway(kind=kind, scale=0.01 if kind == "platform_translation" else 1.0)
     assert checked_lines(recording)[0].suspicions == ()
-    for name, (matrix, _, _) in READINGS.items():
-        if name == "space_angle":
+    for name, reading in READINGS.items():
+        matrix = reading.matrix
+        if name == "space_angle" or reading.check == "fit":
             continue  # the hip is half the trunk's angle: told apart only by the fit
-        if name in DIFFERENTIATED or (name in OF_TORQUES and kind == "platform_translation"):
+        if any(reading.orders) or (reading.torque and kind == "platform_translation"):
             continue
-        if "degrees" in name:
+        if "degrees" in name or name in ("thousand", "thousand_theta1", "thousand_theta2"):
             with pytest.raises(RecordingError, match="deg"):
                 checked_lines(mixed(matrix, recording))
             continue
@@ -179,13 +180,16 @@ def test_every_mislabelled_channel_is_recognised(kind: str) -> None:
         assert found[0].code == name
 
 
-@pytest.mark.parametrize("name", DIFFERENTIATED)
+VELOCITIES = {name: r.orders for name, r in READINGS.items() if 1 in r.orders}
+
+
+@pytest.mark.parametrize("name", VELOCITIES)
 def test_an_angular_velocity_in_place_of_an_angle_is_recognised(name: str) -> None:
     recording = sway()
     trials = []
     for trial in recording.trials:
         speed = np.gradient(trial.theta, 1 / recording.rate_hz, axis=0)
-        trials.append(replace(trial, theta=np.where(DIFFERENTIATED[name], speed, trial.theta)))
+        trials.append(replace(trial, theta=np.where(VELOCITIES[name], speed, trial.theta)))
     found = checked_lines(replace(recording, trials=tuple(trials)), accept=READINGS)[0].suspicions
     assert found[0].code == name
 

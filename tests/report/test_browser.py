@@ -175,4 +175,4 @@ def test_print_shows_the_numbers_behind_every_figure_on_few_pages(browser: Brows
     assert hidden == 0
     pdf = browser.printed()
     assert pdf.startswith(b"%PDF")
-    assert len(re.findall(rb"/Type\s*/Page[^s]", pdf)) <= 14
+    assert len(re.findall(rb"/Type\s*/Page[^s]", pdf)) <= 12

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import rankdata
 
 from mcstudy.analysis.paper import published
 from mcstudy.analysis.paper.published import FMAX_HZ
 from mcstudy.analysis.paper.sampling import Means
+from mcstudy.analysis.ranks import ranks
 
 LOW, MID, HIGH = FMAX_HZ
 WEAK, STRONG = range(len(published.AMPLITUDES_NM))
@@ -207,7 +207,7 @@ def by_influence(influence: np.ndarray, mostly_high: np.ndarray) -> dict[str, St
     ``influence``: of each parameter; the three smallest count as of small influence. ``mostly_high``: whether it is
     largest at high frequencies.
     """
-    rank = rankdata(influence)
+    rank = ranks(influence)
     either = (rank <= len(published.LEAST_INFLUENTIAL)) | mostly_high
     upper = rank > len(TWELVE) / 2
 
@@ -230,7 +230,7 @@ def by_influence(influence: np.ndarray, mostly_high: np.ndarray) -> dict[str, St
         scale = np.sqrt((centred**2).sum())
 
         def of(m: Measures) -> np.ndarray:
-            own = rankdata(m.of(what, TWELVE, MID), axis=-1)
+            own = ranks(m.of(what, TWELVE, MID))
             own = own - own.mean(-1, keepdims=True)
             return np.asarray(-(own * centred).sum(-1) / (scale * np.sqrt((own**2).sum(-1))))
 

@@ -12,13 +12,17 @@ from mcstudy.analysis import accuracy, neural, selection
 from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
 from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
-from mcstudy.analysis.montecarlo import Statistic, fraction, jackknives, quantiles
+from mcstudy.analysis.montecarlo import PlainStatistic, fraction, jackknives, quantiles
 from mcstudy.analysis.notes import notes
 from mcstudy.analysis.paper.published import PAPER
 from mcstudy.analysis.paper.rows import Row, rows
+from mcstudy.analysis.performance import WITH_ERRORS, performance
 from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
+
+_BESIDE = ("floor", "lower", "upper", "box", "box_mcse", "used")
+"""Further numbers of a result that the tables hold."""
 
 _FLAGS = ("applies", "held")
 """Variables of a result that are true or false."""
@@ -185,12 +189,11 @@ def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
 
     It converts to arrays once instead of selecting each number with xarray, because a table has thousands of numbers.
     """
-    names = ("value", "mcse", *(name for name in ("floor", "lower", "upper", *_FLAGS) if name in result))
+    names = ("value", "mcse", *(name for name in (*_BESIDE, *_FLAGS) if name in result))
     sizes = result["value"].sizes
     arrays = {}
     for name in names:
-        values = result.variables[name].compute()
-        arrays[name] = values.set_dims({d: sizes[d] for d in dims}).transpose(*dims).values
+        arrays[name] = result.variables[name].set_dims({d: sizes[d] for d in dims}).transpose(*dims).values
     return lambda *at: {name: bool(x[at]) if name in _FLAGS else json_number(x[at]) for name, x in arrays.items()}
 
 
@@ -200,6 +203,7 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     bounds = accuracy.at_bound(view.cells)
     for side in ("lower", "upper"):
         single[f"at_{side}_bound"] = bounds.sel(side=side)
+    single |= _of_errors(view.cells)
     if view.bounds_on_sd is not None:
         single["efficiency"] = efficiency(view.cells, view.bounds_on_sd)
     units = dict(zip(view.model.names, view.model.units, strict=True))
@@ -211,6 +215,17 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
             sums["efficiency"] = efficiency(view.combined, view.combined_bounds_on_sd)
         entries += _entries(view.combined, new, units, sums)
     return entries
+
+
+def _of_errors(cells: xr.Dataset) -> dict[str, xr.Dataset]:
+    """How true the standard errors are, where the cube holds them."""
+    if selection.ERROR not in cells:
+        return {}
+    found = performance(cells["estimate"], cells["truth"], cells[selection.ERROR])
+    found = found.assign(used=found["n"]).drop_vars(["meaning", "measure_unit"])
+    keys = [m.key for m in WITH_ERRORS]
+    without = {k: [] if "coverage" in k else ["lower", "upper"] for k in keys}
+    return {f"se_{k}" if k == "relative_error" else k: found.sel(measure=k).drop_vars(without[k]) for k in keys}
 
 
 def _entries(
@@ -228,7 +243,7 @@ def _entries(
     return [entry(name) for name in names]
 
 
-_MEASURES: dict[str, Statistic] = {
+_MEASURES: dict[str, PlainStatistic] = {
     "bias": accuracy.bias_of,
     "absolute_bias_percent": accuracy.absolute_bias_of,
     "sd": accuracy.sd_of,

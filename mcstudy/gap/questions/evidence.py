@@ -9,8 +9,7 @@ Prior of a size: a mixture of two normal distributions with equal weight. One ha
 deviation, the other `TYPICAL_DELTA` standard errors, a size that is well visible in these data. All but `WRONG_SIGN` of
 the probability is on the sign that occurs in people. The first standard deviation is at least the second, because a
 hypothesis describes a visible effect: an effect that the recording cannot detect gains nothing from fitting as well as
-no effect. A size may also be the result of a known mistake (`Mistake`), for example a stimulus whose peak and
-peak-to-peak amplitudes were confused.
+no effect.
 """
 
 from __future__ import annotations
@@ -27,15 +26,6 @@ from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.scores import TYPICAL_DELTA, WRONG_SIGN
 from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.gap.fits.priors import weak_prior
-
-MISTAKE = 0.04
-"""Prior probability of each known mistake that would give the size of an effect."""
-
-MISTAKE_SD = 0.03
-"""Standard deviation of a size around the value that results from a mistake."""
-
-MISTAKE_TOLERANCE = 0.1
-"""Largest distance of an estimate from the value of a known mistake at which the mistake is named."""
 
 SPAN = 6.0
 """Half-width of the grid of sizes in standard errors."""
@@ -55,8 +45,6 @@ class SizeEstimate:
         Posterior mean and standard deviation.
     low, high
         95 % limits.
-    advice
-        What to check when the estimate agrees with a known mistake, else empty.
     """
 
     name: str
@@ -65,7 +53,6 @@ class SizeEstimate:
     low: float
     high: float
     unit: str
-    advice: str = ""
 
 
 @dataclass(frozen=True)
@@ -97,9 +84,6 @@ def log_prior(size: Size, a: np.ndarray, se: float) -> np.ndarray:
     out = logsumexp(parts, axis=0)
     if not size.signed:
         out = out + np.log(2) + np.where(x >= 0, np.log(1 - WRONG_SIGN), np.log(WRONG_SIGN))
-    if size.mistakes:
-        wrong = [normal(m.value, MISTAKE_SD) + np.log(MISTAKE) for m in size.mistakes]
-        out = logsumexp([out + np.log(1 - len(wrong) * MISTAKE), *wrong], axis=0)
     return np.asarray(out)
 
 
@@ -119,7 +103,6 @@ def starts_for(
     for theta in (*minima, base.prior.mean):
         for factor in (1.0, 0.3) if not e.size.signed else (1.0, -1.0):
             rows.append([*theta, factor * middle[0], *middle[1:]])
-    rows += [[*base.prior.mean, m.value, *middle[1:]] for m in e.size.mistakes]
     return np.array(rows)
 
 
@@ -176,8 +159,7 @@ def _summary(size: Size, grid: np.ndarray, weight: np.ndarray) -> SizeEstimate:
     sd = float(np.sqrt(weight @ (grid - mean) ** 2))
     share = np.cumsum(weight) - weight / 2
     low, high = np.interp((0.025, 0.975), share, grid)
-    advice = next((m.advice for m in size.mistakes if abs(mean - m.value) < MISTAKE_TOLERANCE), "")
-    return SizeEstimate(size.name, mean, sd, float(low), float(high), size.unit, advice)
+    return SizeEstimate(size.name, mean, sd, float(low), float(high), size.unit)
 
 
 def together(base: Fitted, data: Data, names: tuple[str, str], starts: np.ndarray) -> Hypothesis:

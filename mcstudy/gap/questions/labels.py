@@ -15,8 +15,10 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import fdtrc
 
 from mcstudy.errors import InputError, RecordingError
+from mcstudy.gap.candidates.readings import READINGS
 from mcstudy.recordings.recording import Recording, Suspicion
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
@@ -33,44 +35,13 @@ CERTAIN = 12.0
 
 DOUBTFUL = 4.0
 
+NO_RESPONSE = 1e-3
+"""p-value, corrected for the number of bands and angles, above which a recording has no response. With two trials of
+six cycles and the usual noise, the responses to 1.5 N m have less than 1e-6 (4 simulated recordings of one body),
+and those to 0.5 N m cannot be told from noise."""
+
 NOTED = ("stuck", "amplitude")
 """Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording."""
-
-_DEG = 180 / np.pi
-
-_KGF = 9.80665
-"""Newtons in a kilogram-force (CGPM 1901)."""
-
-READINGS: dict[str, tuple[tuple[tuple[float, float], tuple[float, float]], str, str]] = {
-    "degrees": (((_DEG, 0), (0, _DEG)), "theta1, theta2", "in deg but declared rad"),
-    "radians": (((1 / _DEG, 0), (0, 1 / _DEG)), "theta1, theta2", "in rad but declared deg"),
-    "degrees_theta1": (((_DEG, 0), (0, 1)), "theta1", "in deg but declared rad"),
-    "degrees_theta2": (((1, 0), (0, _DEG)), "theta2", "in deg but declared rad"),
-    "radians_theta1": (((1 / _DEG, 0), (0, 1)), "theta1", "in rad but declared deg"),
-    "radians_theta2": (((1, 0), (0, 1 / _DEG)), "theta2", "in rad but declared deg"),
-    "swapped": (
-        ((0, 1), (1, 0)),
-        "theta1, theta2",
-        "exchanged (theta1 must be the lower body angle, theta2 the hip angle)",
-    ),
-    "sign": (((-1, 0), (0, -1)), "stimulus or theta1, theta2", "of opposite sign to each other"),
-    "sign_theta1": (((-1, 0), (0, 1)), "theta1", "of the wrong sign"),
-    "sign_theta2": (((1, 0), (0, -1)), "theta2", "of the wrong sign"),
-    "kilogram_force": (((_KGF, 0), (0, _KGF)), "stimulus", "in kgf m but declared N m"),
-    "newton": (((1 / _KGF, 0), (0, 1 / _KGF)), "stimulus", "in N m but declared kgf m"),
-    "velocity": (((1, 0), (0, 1)), "theta1, theta2", "angular velocities; expected angles"),
-    "velocity_theta1": (((1, 0), (0, 1)), "theta1", "an angular velocity; expected an angle"),
-    "velocity_theta2": (((1, 0), (0, 1)), "theta2", "an angular velocity; expected an angle"),
-    "space_angle": (((1, 0), (1, 1)), "theta2", "the angle of the upper body in space; expected the hip angle"),
-}
-"""Per reading: matrix T that multiplies the true responses, channel, and text of the message."""
-
-DIFFERENTIATED = {"velocity": (True, True), "velocity_theta1": (True, False), "velocity_theta2": (False, True)}
-"""Readings in which an angle is its derivative: its responses are multiplied by 2 pi i f too."""
-
-OF_TORQUES = ("kilogram_force", "newton")
-"""Readings that only a stimulus in N m can have. They are told only when certain: much noise resembles a factor of ten
-somewhat, and a unit other than N m is rare."""
 
 
 def band_means(lines: Lines, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -101,8 +72,10 @@ def readings(recording: Recording, lines: Lines) -> dict[str, float]:
     f, y, h, C = band_means(lines, recording.base_model())
     at, size = np.array(MODEL_ERROR).T
     error = np.interp(np.log(f), np.log(at), size)
-    out = {}
-    for name, T in _matrices(f, recording.stimulus_unit).items():
+    out, unit = {}, recording.stimulus_unit
+    judged = {n: r.at(f) for n, r in READINGS.items() if r.check != "fit" and not (r.torque and unit != "N m")}
+    same = np.broadcast_to(np.eye(2, dtype=complex), (f.size, 2, 2))
+    for name, T in {"as_labelled": same, **judged}.items():
         expected = np.einsum("nij,nj->ni", T, h)
         spread = np.einsum("nij,nj,nkj->nik", T, (error[:, None] * np.abs(h)) ** 2, T.conj())
         S = C + spread
@@ -113,24 +86,33 @@ def readings(recording: Recording, lines: Lines) -> dict[str, float]:
     return out
 
 
-def _matrices(f: np.ndarray, unit: str) -> dict[str, np.ndarray]:
-    """Matrix of every reading at every frequency, (n, 2, 2) complex, "as_labelled" first."""
-    out = {"as_labelled": np.broadcast_to(np.eye(2, dtype=complex), (f.size, 2, 2))}
-    for name, (matrix, _, _) in READINGS.items():
-        if name in OF_TORQUES and unit != "N m":
-            continue
-        changed = DIFFERENTIATED.get(name, (False, False))
-        factor = np.array([2j * np.pi * f if each else np.ones_like(f) for each in changed])  # (2, n)
-        out[name] = np.array(matrix) * factor.T[:, :, None]
-    return out
+def require_response(recording: Recording, lines: Lines) -> None:
+    """Raise `RecordingError` unless some band of some angle holds more than noise.
+
+    |y|^2 over its noise variance is F distributed without a response. Without one, the labels cannot be checked.
+    """
+    least = 1.0
+    for low, high in pairwise(EDGES_HZ):
+        inside = (lines.f >= low) & (lines.f < high)
+        if inside.any():
+            ratio = (np.abs(lines.y[inside]) ** 2 / lines.noise.variance[inside]).mean(axis=0)
+            m, nu = 2 * int(inside.sum()), 2 * float(lines.noise.dof[inside].mean())
+            least = min(least, float(fdtrc(m, nu, ratio).min()))
+    if least * 2 * len(EDGES_HZ) > NO_RESPONSE:
+        raise RecordingError(
+            f"{recording.name}: theta1, theta2: no response to the stimulus beyond noise (p = {least:.2g} in the "
+            "clearest band); expected the angles that were recorded with this stimulus"
+        )
 
 
 def plausibility(recording: Recording, lines: Lines) -> tuple[Suspicion, ...]:
     """Readings that explain the responses better than the labels do, best first, then those of single trials.
 
     A single mislabelled trial is tested alone, because the mean over correct and wrong trials matches no reading. It
-    is reported only when it is certain (`CERTAIN`) and the whole recording does not have the same reading.
+    is reported only when it is certain (`CERTAIN`) and the whole recording does not have the same reading. Raises
+    `RecordingError` without a response to the stimulus.
     """
+    require_response(recording, lines)
     found = _doubts(readings(recording, lines), recording.name, DOUBTFUL)
     trials = np.unique(lines.trial)
     for k in trials if trials.size > 1 else ():
@@ -147,10 +129,10 @@ def _doubts(score: dict[str, float], where: str, least: float) -> list[Suspicion
         odds = score[name] - base
         if odds < least:
             break
-        if name in OF_TORQUES and odds < CERTAIN:
+        reading = READINGS[name]
+        if reading.check == "certain" and odds < CERTAIN:
             continue
-        _, channel, words = READINGS[name]
-        found.append(Suspicion(name, channel, f"{where}: {channel}: seems to be {words}", odds))
+        found.append(Suspicion(name, reading.channel, f"{where}: {reading.channel}: seems to be {reading.words}", odds))
     return found
 
 

@@ -11,17 +11,20 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.effect_library.declare import LOCATIONS
-from mcstudy.effect_library.library import effect
+from mcstudy.effect_library.library import LIBRARY
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.questions.posterior import Explanation
 from mcstudy.stance.response import system
 
+RECORDING = "recording"
+"""The location of a mislabelling."""
+
 
 def locations(explanation: Explanation) -> tuple[dict[str, float], float]:
     """Probability of every location, and the probability that is assigned to none."""
-    out: dict[str, float] = dict.fromkeys(LOCATIONS, 0.0)
+    out: dict[str, float] = dict.fromkeys((*LOCATIONS, RECORDING), 0.0)
     for hypothesis, probability in explanation.hypotheses:
-        where = [p for n in hypothesis.effects for p in effect(n).place]
+        where = [p for n in hypothesis.effects for p in (LIBRARY[n].place if n in LIBRARY else (RECORDING,))]
         for p in where:
             out[p] += probability / len(where)
     for place, share in explanation.unknown_locations.items():

@@ -20,7 +20,7 @@ PRIOR_EXPLAINED = (
     "The diagnosis uses a weak prior, not knowledge of this person: a normal distribution around the values of the "
     "base model (by default stand-ins for the subjects of Goodworth & Peterka, gains scaled to this weight), with "
     f"a standard deviation of {100 * GAIN_SPREAD:.0f} % of a gain and {1000 * DELAY_SPREAD_S:.0f} ms of a delay. "
-    "`mcstudy fit` estimates without a prior."
+    "The command mcstudy fit estimates without a prior."
 )
 """What the prior of the diagnosis is (`mcstudy.gap.fits.priors`)."""
 

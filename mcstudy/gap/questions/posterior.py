@@ -1,7 +1,8 @@
 """Which effect is missing: posterior over none, single effects, pairs, amplitude dependence, drift and the unknown.
 
 Prior probabilities: `NONE` for no missing effect; `SINGLE`, divided among the causes of the library; `PAIR`, divided
-among their pairs; `UNKNOWN` for a cause outside the library; `BESIDE` for such a cause together with a named effect.
+among their pairs; `UNKNOWN` for a cause outside the library; `BESIDE` for such a cause together with a named effect. A
+mislabelled recording has a prior of its own beside them (`mcstudy.gap.questions.mislabelled`).
 Effects that this recording cannot distinguish (`mcstudy.gap.candidates.signatures`) form one group with one
 probability.
 """
@@ -9,7 +10,7 @@ probability.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -22,6 +23,8 @@ from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.gap.candidates.unstructured import Unstructured
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, single, together
+from mcstudy.gap.questions.mislabelled import Mislabelled
+from mcstudy.gap.questions.possible import possible
 from mcstudy.short_repr import Summary
 from mcstudy.stance.response import frf
 
@@ -53,6 +56,9 @@ class Cause:
         Sizes of ``effects`` (`SizeEstimate`).
     fitted
         The refitted model.
+    advice
+        What seems to be mislabelled and what to check, if the cause is a mislabelled recording
+        (`mcstudy.gap.questions.mislabelled`); ``effects`` then holds the code of the reading. Else empty.
     """
 
     effects: tuple[str, ...]
@@ -60,6 +66,7 @@ class Cause:
     probability: float
     sizes: tuple[SizeEstimate, ...]
     fitted: Fitted = field(repr=False)
+    advice: str = ""
 
 
 @dataclass(frozen=True, repr=False)
@@ -93,8 +100,12 @@ def explain(
     scores: Scores,
     unstructured: Unstructured,
     contrasts: Sequence[Contrast],
+    readings: Sequence[Mislabelled] = (),
 ) -> Explanation:
-    """The posterior for one recording; effects are also fitted from the lowest ``minima`` (K, P) of the base model."""
+    """The posterior for one recording; effects are also fitted from the lowest ``minima`` (K, P) of the base model.
+
+    ``readings``: how the recording may be mislabelled. A hypothesis that no body can have (`possible`) has no weight.
+    """
     residual = base.residual(data)
     none = Hypothesis((), base.log_evidence, base)
     of = {e.name: [s for s in found if s.effect == e.name] for e in effects}
@@ -107,7 +118,7 @@ def explain(
     weighted: list[tuple[Hypothesis, float]] = [(none, np.log(NONE))]
     for h, e in zip(singles, effects, strict=True):
         weighted.append((h, np.log(SINGLE / n_causes / families[e.cause])))
-    leaders = sorted(singles, key=lambda h: -h.log_evidence)[:LEADERS]
+    leaders = sorted((h for h in singles if possible(h, base)), key=lambda h: -h.log_evidence)[:LEADERS]
     group_of = {n: k for k, g in enumerate(groups) for n in g}
     n_pairs = n_causes * (n_causes - 1) / 2
     if leaders and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + np.log(NONE) - 3:
@@ -133,7 +144,8 @@ def explain(
                     np.log(PAIR / n_pairs),
                 )
             )
-    log_named = np.array([h.log_evidence + w for h, w in weighted])
+    weighted += [(m.hypothesis, m.log_weight) for m in readings]
+    log_named = np.array([h.log_evidence + w if possible(h, base) else -np.inf for h, w in weighted])
     strange = _unknown(none, leaders, data, scores, unstructured, n_causes)
     log_unknown = np.array([x for x, _ in strange])
     total = logsumexp(np.concatenate([log_named, log_unknown]))
@@ -142,8 +154,10 @@ def explain(
     for x, locations in strange:
         for place, share in locations.items():
             unknown_locations[place] = unknown_locations.get(place, 0.0) + float(np.exp(x - total)) * share
+    posterior = [(h, p) for (h, _), p in zip(weighted[1:], probability[1:], strict=True)]
+    advice = {m.hypothesis.effects: m.advice for m in readings}
     return Explanation(
-        causes=_grouped([(h, p) for (h, _), p in zip(weighted[1:], probability[1:], strict=True)], groups, group_of),
+        causes=tuple(replace(c, advice=advice.get(c.effects, "")) for c in _grouped(posterior, groups, group_of)),
         none=float(probability[0]),
         unknown=float(np.exp(logsumexp(log_unknown) - total)),
         unknown_locations=unknown_locations,

@@ -13,6 +13,7 @@ from mcstudy.report.diagnosis.data import BANDS_PER_DECADE, GapData
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.html import Table
+from mcstudy.report.labels import with_units
 
 NARROW = 3
 """Most columns of a table that a telephone shows as one."""
@@ -96,8 +97,8 @@ def z_figure(data: GapData) -> Figure:
         "Where: standardised residuals",
         [
             "z = residual divided by its standard error after the fit; its RMS is about 1 if the model is right. The "
-            f"map shows the RMS of z. Cross: |z| above {d.z_limit:.2f}, exceeded somewhere in 5 % of recordings "
-            "without a gap.",
+            f"map shows the RMS of z. Dashed: limit of |z|, {d.z_limit:.2f}, exceeded somewhere in 5 % of recordings "
+            "without a gap; a cross on the map marks a line beyond it.",
             "A gap may be certain although no single line stands out, because the test of a gap combines all lines, "
             "weighted by the residuals that the effects of the library would leave (first figure).",
         ],
@@ -119,7 +120,8 @@ def z_figure(data: GapData) -> Figure:
 
 def page_table(t: tables.Table) -> Table:
     """A table of the diagnosis on the page, without its note."""
-    return Table(t.title, t.header, t.rows, "rows" if len(t.header) <= NARROW else "wide")
+    rows = [[with_units(str(cell)) for cell in row] for row in t.rows]
+    return Table(t.title, t.header, rows, "rows" if len(t.header) <= NARROW else "wide")
 
 
 def evidence_figure(d: Diagnosis) -> Figure:
@@ -199,12 +201,12 @@ def time_figure(data: GapData, traces: SwayTraces) -> Figure:
         "",
         "Sway in time",
         [
-            f"Measured sway ({traces.what}, peak of the stimulus {traces.amplitude:.3g} {data.model.stimulus_unit}, "
-            f"between {data.lines.f[0]:.2g} and {data.lines.f[-1]:.2g} Hz) and what the models predict from the "
-            "stimulus alone.",
-            "Below: measured minus predicted sway. The grey band covers 95 % of the noise of the mean cycle."
+            f"Measured sway ({traces.what}, peak of the stimulus {traces.amplitude:.3g} "
+            f"{with_units(data.model.stimulus_unit)}, {data.lines.f[0]:.2g} to {data.lines.f[-1]:.2g} Hz) "
+            "and what the models predict from the stimulus alone.",
+            "Last panels: measured minus predicted sway. The grey band covers 95 % of the noise of the mean cycle."
             if traces.error[0] == traces.error[0]
-            else "Below: measured minus predicted sway. It includes the noise, because nothing is averaged here.",
+            else "Last panels: measured minus predicted sway. It includes the noise, because nothing is averaged here.",
         ],
         [
             *(Panel(f"sway {n}", partial(outcome_figures.sway_trace, traces, k), WIDE) for k, n in angles),

@@ -37,7 +37,7 @@ def _bias(cells: xr.Dataset) -> xr.Dataset:
 
 
 def _cv(cells: xr.Dataset) -> xr.Dataset:
-    def statistic(m: Moments) -> xr.DataArray:
+    def statistic(m: Moments[xr.DataArray]) -> xr.DataArray:
         return cv_of(m).mean("amplitude")
 
     return statistic_of(cells, statistic)

@@ -57,7 +57,7 @@ def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> A
 
 
 @lru_cache(maxsize=8)
-def _moments_of(view: GroupView, combined: bool) -> Moments:
+def _moments_of(view: GroupView, combined: bool) -> Moments[xr.DataArray]:
     """Moments of all parameters of a group; kept, because there is a panel for each."""
     cells = view.combined if combined and view.combined is not None else view.cells
     return moments(cells["estimate"], cells["truth"])

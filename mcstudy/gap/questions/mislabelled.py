@@ -1,0 +1,405 @@
+"""Is the recording mislabelled? Every reading of the labels is fitted and competes with the effects of the library.
+
+Under a reading the responses of trial k are T_k(f) times those of the body (`mcstudy.gap.candidates.readings`). The
+responses are corrected with T_k, weighted with the noise of the recorded ones, and the base model is fitted to them.
+Because the quadratic form is that of the recorded responses, the evidence of a reading is comparable with the evidence
+of every effect. A reading of one trial also changes how well the trials agree with each other, which enters the
+evidence as the change of the squared difference between trials.
+
+Most readings have no parameter (a factor of 9.81, exchanged channels) and win by parsimony. A late or early channel
+has a time, a low-passed channel a corner frequency; both are integrated over. A body file with exchanged segments
+changes the model instead of the responses.
+
+Prior: `MISLABELLED`, divided equally among the readings. A share `BESIDE` of each goes to the reading together with an
+effect or an unknown cause. Readings far from the nominal model (`FAR`) are not fitted, because `labels` has told them
+apart already. Derived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from mcstudy.effect_library.edits import exchanged_segments, gyrations
+from mcstudy.errors import ModelError
+from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.gap.candidates.readings import ANGLES, READINGS
+from mcstudy.gap.candidates.scores import Scores
+from mcstudy.gap.fits.base_fit import base_fit, drawn_starts, linearised_starts
+from mcstudy.gap.fits.priors import weak_prior
+from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
+from mcstudy.spectra.lines import Lines
+
+MISLABELLED = 0.02
+"""Prior probability that a recording which passed the check of its labels is mislabelled nevertheless. Assumed: no
+survey of laboratory errors is known. A factor of ten changes the log odds by 2.3."""
+
+BESIDE = 0.1
+"""Share of it for a mislabelled recording that also has a missing effect: about the prior odds of the latter, with
+evidence for a free torque instead of a named one."""
+
+FAR = 6.0
+"""Log odds against a reading, from the nominal model, beyond which it is not fitted."""
+
+NEAR = 30.0
+"""Readings within this log evidence of the best one are searched from all starts."""
+
+FEW = 8
+"""Random starts of the first search."""
+
+LATE_S = 0.05
+"""Standard deviation of the prior on a delay, s: about two frames of slow video."""
+
+LATEST_S = 0.15
+"""Longest delay, either sign, s."""
+
+CORNERS_HZ = (1.0, 10.0)
+"""Range of the corner of a low-pass; uniform in its logarithm. A corner above is invisible in sway."""
+
+SMALL_TRIALS = ("double", "half", "swapped", "sign", "sign_theta1", "sign_theta2", "kilogram_force", "newton")
+"""Readings that are tried for single trials."""
+
+LEAST_GAIN = 20.0
+"""Decrease of the squared difference between trials from which a reading of one trial is fitted. The prior of a reading
+costs more than this: twice the log of its odds against no mislabelling."""
+
+MOST_LEFT = 0.1
+"""Largest share of the misfit that a reading may leave to another gap. With more, the other gap would be the cause."""
+
+ROUNDS = 6
+"""Most refinements of a delay or corner, each by a factor of 4."""
+
+
+@dataclass(frozen=True)
+class Relabelled(Fitted):
+    """A fit under a reading: its responses and derivatives are those of the recorded channels.
+
+    ``mix``: (N, 2, 2), what multiplies the responses of the body, mean over the trials.
+    """
+
+    mix: np.ndarray = field(repr=False)
+
+    @property
+    def body(self) -> Fitted:
+        """The fit of the body alone, to corrected responses."""
+        return Fitted(self.model, self.prior, self.theta, self.chi2, self.penalty, self.information)
+
+    def response(self, f: np.ndarray) -> np.ndarray:
+        """FRFs (N, 2) of the recorded channels."""
+        return np.einsum("nij,nj->ni", self.mix, super().response(f))
+
+    def jacobian(self, data: Data) -> np.ndarray:
+        """Whitened derivative (4 N, P) of the recorded channels."""
+        return super().jacobian(replace(data, weight=data.weight @ self.mix))
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What is known about the labels of a recording.
+
+    Attributes: odds, log odds of readings from the nominal model, a reading without one is fitted; torque, whether the
+    stimulus is in N m; accept, codes of readings that the user has checked, which are left out.
+    """
+
+    odds: Mapping[str, float]
+    torque: bool
+    accept: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Mislabelled:
+    """A reading of the labels with its evidence, log prior included.
+
+    Attributes
+    ----------
+    hypothesis
+        Its ``effects`` are the code of the reading.
+    log_weight
+        ln prior probability.
+    advice
+        What seems to be wrong, and what to check: two sentences.
+    """
+
+    hypothesis: Hypothesis
+    log_weight: float
+    advice: str
+
+
+@dataclass(frozen=True)
+class _Trials:
+    """The mean responses of every trial: y (K, N, 2), their whiteners (K, N, 2, 2), and the shares (K, N)."""
+
+    names: tuple[int, ...]
+    y: np.ndarray
+    weight: np.ndarray
+    share: np.ndarray
+
+    @classmethod
+    def of(cls, lines: Lines) -> _Trials:
+        names = tuple(int(k) for k in np.unique(lines.trial))
+        parts = [lines.subset(lines.trial == k) for k in names]
+        share = np.array([lines.weight[lines.trial == k].sum(axis=0) for k in names])
+        return cls(
+            names,
+            np.array([p.y for p in parts]),
+            np.sqrt(share)[..., None, None] * lines.noise.whitener,
+            share,
+        )
+
+    def corrected(self, f: np.ndarray, T: np.ndarray) -> tuple[Data, float, np.ndarray]:
+        """Responses of the body when trial k recorded T_k (K, N, 2, 2) times them.
+
+        Also the squared difference that is left between the trials, and the mean of T_k (N, 2, 2).
+        """
+        A = self.weight @ T
+        z = np.einsum("knij,knj->kni", self.weight, self.y)
+        precision = np.einsum("knji,knjl->nil", A.conj(), A)
+        y = np.linalg.solve(precision, np.einsum("knji,knj->ni", A.conj(), z)[..., None])[..., 0]
+        left = z - np.einsum("knij,nj->kni", A, y)
+        weight = np.linalg.inv(np.linalg.cholesky(np.linalg.inv(precision)))  # lower triangular, as fits read it
+        return Data(f, y, weight), float((np.abs(left) ** 2).sum()), np.einsum("kn,knij->nij", self.share, T)
+
+
+class Search:
+    """Fits of the base model under readings of one recording.
+
+    Parameters
+    ----------
+    lines: the measured lines. base, minima: best fit of the base model and its lowest minima (K, P). seed: of starts.
+    """
+
+    def __init__(self, lines: Lines, base: Fitted, minima: np.ndarray, seed: int) -> None:
+        self._trials, self._f, self._seed = _Trials.of(lines), lines.f, seed
+        self._base, self._minima = base, minima
+        self._fitter = Fitter(base.model, base.prior, lines.f)
+        _, self._apart, _ = self._trials.corrected(lines.f, self._same)
+
+    @property
+    def trials(self) -> tuple[int, ...]:
+        """Indices of the trials."""
+        return self._trials.names
+
+    @property
+    def _same(self) -> np.ndarray:
+        return np.broadcast_to(np.eye(2, dtype=complex), (len(self.trials), self._f.size, 2, 2))
+
+    def only(self, T: np.ndarray, trial: int | None) -> np.ndarray:
+        """T (N, 2, 2) of every trial, or of one of them, (K, N, 2, 2)."""
+        out = np.array(self._same)
+        out[slice(None) if trial is None else self.trials.index(trial)] = T
+        return out
+
+    def gain(self, T: np.ndarray) -> float:
+        """Decrease of the squared difference between trials under T (K, N, 2, 2)."""
+        return self._apart - self._trials.corrected(self._f, T)[1]
+
+    def fit(self, T: np.ndarray, fitter: Fitter | None = None) -> tuple[float, Relabelled, Data]:
+        """Log evidence under T (K, N, 2, 2), from few starts; the fit, and the corrected data."""
+        fitter = fitter or self._fitter
+        data, apart, mix = self._trials.corrected(self._f, T)
+        rows = [fitter.prior.mean[None], drawn_starts(fitter.model, self._seed, FEW)]
+        rows.append(linearised_starts(fitter.model, data, self._seed, 1))
+        return self._as_read(fitter.best(data, np.concatenate(rows)), data, apart, mix)
+
+    def thoroughly(self, T: np.ndarray, fitter: Fitter | None = None) -> tuple[float, Relabelled, Data]:
+        """The same from all starts of the base fit."""
+        data, apart, mix = self._trials.corrected(self._f, T)
+        return self._as_read(base_fit(fitter or self._fitter, data, self._seed)[0], data, apart, mix)
+
+    def _as_read(self, best: Fitted, data: Data, apart: float, mix: np.ndarray) -> tuple[float, Relabelled, Data]:
+        fitted = Relabelled(best.model, best.prior, best.theta, best.chi2, best.penalty, best.information, mix)
+        return fitted.log_evidence - 0.5 * (apart - self._apart), fitted, data
+
+    def along(
+        self, T: Callable[[float], np.ndarray], grid: np.ndarray
+    ) -> tuple[float, float, float, Relabelled, Data] | None:
+        """Log evidence integrated over x with a flat density, best x, its standard error, fit and data.
+
+        ``T``: x -> (K, N, 2, 2). ``grid``: where the search begins, uniform. None when the best x is at its end.
+        """
+        starts = np.vstack([self._minima[:2], self._base.prior.mean])
+        step = float(grid[1] - grid[0])
+        for _ in range(ROUNDS):
+            made = [self._trials.corrected(self._f, T(float(x))) for x in grid]
+            S = len(starts)
+            fits = self._fitter.fits(
+                np.array([d.packed for d, _, _ in made]),
+                np.tile(starts, (grid.size, 1)),
+                np.repeat(range(grid.size), S),
+            )
+            found = []
+            for i, (data, apart, mix) in enumerate(made):
+                k = i * S + int(np.argmin(fits.objective[i * S : (i + 1) * S]))
+                own = Fitted(
+                    self._base.model,
+                    self._base.prior,
+                    fits.estimate[k],
+                    float(fits.chi2[k]),
+                    float(fits.penalty[k]),
+                    fits.information[k],
+                )
+                found.append(self._as_read(own, data, apart, mix))
+            evidence = np.array([e for e, _, _ in found])
+            best = int(np.argmax(evidence))
+            if best in (0, grid.size - 1):
+                return None
+            x, starts = float(grid[best]), found[best][1].theta[None]
+            curvature = (2 * evidence[best] - evidence[best - 1] - evidence[best + 1]) / step**2
+            se = float(1 / np.sqrt(curvature)) if curvature > 0 else np.inf
+            if se > step:
+                break
+            step /= 4
+            grid = x + step * np.arange(-5, 6)
+        if not np.isfinite(se):
+            return None
+        return float(evidence[best] + np.log(se * np.sqrt(2 * np.pi))), x, se, found[best][1], found[best][2]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """One reading after its search; ``again`` repeats it from all starts."""
+
+    code: str
+    log_evidence: float
+    fitted: Relabelled
+    data: Data
+    advice: str
+    sizes: tuple[SizeEstimate, ...] = ()
+    again: Callable[[], tuple[float, Relabelled, Data]] | None = None
+
+
+def mislabelled(lines: Lines, base: Fitted, minima: np.ndarray, labels: Labels, seed: int = 0) -> list[Mislabelled]:
+    """Readings of a recording that the fit can judge, best first. ``base``, ``minima``: see `Search`."""
+    search, odds = Search(lines, base, minima, seed), labels.odds
+    codes = [c for c, r in READINGS.items() if c not in labels.accept and (labels.torque or not r.torque)]
+    several = search.trials if len(search.trials) > 1 else ()
+    searched: list[Callable[[], _Found | None]] = [
+        *(partial(_discrete, search, c, None) for c in codes if odds.get(c, 0.0) > -FAR),
+        *(partial(_discrete, search, c, k) for k in several for c in codes if c in SMALL_TRIALS),
+        *(partial(_late, search, w, k) for k in (None, *several) for w in ("", *ANGLES) if w or k is not None),
+        *(partial(_low_passed, search, w, zero) for w in ("", *ANGLES) for zero in (True, False)),
+        partial(_exchanged, search, base),
+    ]
+    number = len(searched) + sum(odds.get(c, 0.0) <= -FAR for c in codes)
+    found = [f for f in (each() for each in searched) if f is not None]
+    if not found:
+        return []
+    near = max(f.log_evidence for f in found) - NEAR
+    close = [_thorough(f) for f in found if f.log_evidence > near]
+    weight = float(np.log(MISLABELLED / number))
+    out = [_with_another(f, base, weight) for f in close]
+    return sorted(out, key=lambda m: -m.hypothesis.log_evidence)
+
+
+def _thorough(found: _Found) -> _Found:
+    if found.again is None:
+        return found
+    evidence, fitted, data = found.again()
+    if evidence <= found.log_evidence:
+        return found
+    return replace(found, log_evidence=evidence, fitted=fitted, data=data)
+
+
+def _with_another(found: _Found, base: Fitted, weight: float) -> Mislabelled:
+    """The reading, alone or together with another gap, whose evidence is that of a free torque."""
+    body = found.fitted.body
+    evidence, noise = found.log_evidence, 4 * found.data.f.size
+    if body.chi2 - noise < MOST_LEFT * (base.chi2 - noise):
+        scored = Scores(body, found.data, [], [])(body.free_residual(found.data))
+        evidence += float(np.logaddexp(np.log(1 - BESIDE), np.log(BESIDE) + scored.unknown[0]))
+    return Mislabelled(Hypothesis((found.code,), evidence, found.fitted, found.sizes), weight, found.advice)
+
+
+def _trial(trial: int | None) -> tuple[str, str]:
+    """Ending of a code, and beginning of a sentence."""
+    return ("", "") if trial is None else (f"_trial_{trial + 1}", f"Trial {trial + 1}: ")
+
+
+def _discrete(search: Search, code: str, trial: int | None) -> _Found | None:
+    reading = READINGS[code]
+    T = search.only(reading.at(search._f), trial)
+    if trial is not None and search.gain(T) < LEAST_GAIN:
+        return None
+    ending, begin = _trial(trial)
+    advice = f"{begin}{reading.channel}: seems to be {reading.words}. {reading.remedy}"
+    evidence, fitted, data = search.fit(T)
+    return _Found(code + ending, evidence, fitted, data, advice, again=lambda: search.thoroughly(T))
+
+
+def _channels(which: str) -> np.ndarray:
+    return np.array([which in ("", angle) for angle in ANGLES])
+
+
+def _diagonal(search: Search, which: str, factor: np.ndarray, trial: int | None) -> np.ndarray:
+    """T (K, N, 2, 2) with a factor (N,) on both angles ("") or one, in all trials or one."""
+    values = np.where(_channels(which), factor[:, None], 1.0)
+    return search.only(values[:, :, None] * np.eye(2), trial)
+
+
+def _late(search: Search, which: str, trial: int | None) -> _Found | None:
+    f = search._f
+    grid = np.arange(-LATEST_S, LATEST_S + 0.005, 0.01)
+
+    def T(x: float) -> np.ndarray:
+        return _diagonal(search, which, np.exp(-2j * np.pi * f * x), trial)
+
+    if trial is not None and max(search.gain(T(float(x))) for x in grid[::2]) < LEAST_GAIN:
+        return None
+    found = search.along(T, grid)
+    if found is None:
+        return None
+    evidence, x, se, fitted, data = found
+    evidence += -0.5 * (x / LATE_S) ** 2 - float(np.log(LATE_S * np.sqrt(2 * np.pi)))
+    end, ending = f"_{which}" if which else "", _trial(trial)[0]
+    name = which or "theta1, theta2"
+    size = SizeEstimate(f"late{end}{ending}", x, se, x - 1.96 * se, x + 1.96 * se, "s")
+    how = "later" if x > 0 else "earlier"
+    advice = (
+        f"{_trial(trial)[1]}{name}: seems to be recorded {1000 * abs(x):.0f} ms {how} than the stimulus. "
+        "Check the synchronisation of the devices and the delay of their filters."
+    )
+    return _Found(f"shifted{end}{ending}", evidence, fitted, data, advice, (size,))
+
+
+def _low_passed(search: Search, which: str, zero_phase: bool) -> _Found | None:
+    f = search._f
+    low, high = np.log(CORNERS_HZ)
+
+    def T(x: float) -> np.ndarray:
+        s = 1j * f / np.exp(x)
+        once = 1 / (s**2 + np.sqrt(2) * s + 1)  # Butterworth, second order
+        return _diagonal(search, which, np.abs(once) ** 2 if zero_phase else once, None)
+
+    found = search.along(T, np.linspace(low, high, 12))
+    if found is None:
+        return None
+    evidence, x, se, fitted, data = found
+    end, corner = f"_{which}" if which else "", float(np.exp(x))
+    code = f"{'smoothed' if zero_phase else 'filtered'}{end}"
+    size = SizeEstimate(
+        f"corner{end}", corner, corner * se, float(np.exp(x - 1.96 * se)), float(np.exp(x + 1.96 * se)), "Hz"
+    )
+    advice = (
+        f"{which or 'theta1, theta2'}: seems to be low-passed at {corner:.2g} Hz "
+        f"({'without' if zero_phase else 'with'} delay). Give the angles before this filter."
+    )
+    return _Found(code, evidence - float(np.log(high - low)), fitted, data, advice, (size,))
+
+
+def _exchanged(search: Search, base: Fitted) -> _Found | None:
+    """The body with exchanged segments; the best of the published proportions, which share the prior."""
+    found = []
+    for legs, trunk in gyrations():
+        try:
+            model = exchanged_segments(base.model, legs, trunk)
+        except ModelError:
+            continue
+        found.append(search.thoroughly(search._same, Fitter(model, weak_prior(model, model), search._f)))
+    if not found:
+        return None
+    evidence, fitted, data = max(found, key=lambda f: f[0])
+    advice = "body: the segments seem to be exchanged. Segment 1 must be the legs, segment 2 the upper body."
+    return _Found("segments", evidence - float(np.log(len(gyrations()))), fitted, data, advice)

@@ -1,0 +1,149 @@
+"""A mislabelled recording gets no physiological name, and a sound one is not called mislabelled."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mcstudy.challenge.answer import from_diagnosis
+from mcstudy.challenge.answer_checks import check_answer
+from mcstudy.challenge.mislabelled import MISLABELLINGS, Sound, sound
+from mcstudy.challenge.mislabelled_answers import CLASSES, answered
+from mcstudy.effect_library.edits import body_of, exchanged_segments, gyrations
+from mcstudy.errors import RecordingError
+from mcstudy.files import schema
+from mcstudy.fitting.penalised import Data
+from mcstudy.gap.candidates.readings import READINGS
+from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.gap.diagnose import detect_fast, diagnose_fast
+from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
+from mcstudy.gap.questions.mislabelled import Search
+from mcstudy.gap.questions.possible import possible
+from mcstudy.gap.tables import text
+from mcstudy.spectra.measure import measure
+from mcstudy.stance.anthropometry import segments
+from mcstudy.stance.body import Body, two_segment
+
+BY_NAME = {m.name: m for m in MISLABELLINGS}
+
+
+@pytest.fixture(scope="module")
+def person() -> Sound:
+    return sound(1)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "stimulus / 2",
+        "theta2 50 ms late",
+        "second trial's stimulus x 2",
+        "second trial's angles 50 ms late",
+        "segments exchanged in the body file",
+        "theta1 low-passed at 3 Hz, zero phase",
+    ],
+)
+def test_what_the_nominal_model_cannot_tell_is_named_as_the_recording(person: Sound, name: str) -> None:
+    answer = answered(BY_NAME[name].change(person), BY_NAME[name].codes)
+    assert answer.kind == "right recording cause", answer.words
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("noise without a response", "no response to the stimulus beyond noise"),
+        ("clock of the angles 1 % fast", "their clock is 0.98 % faster than that of the stimulus"),
+        ("theta1 / 9.81", "theta1: seems to be 9.81 times too small .* accept 'over_g_theta1'"),
+        ("stimulus x 1000", "stimulus: reaches"),
+        ("integral of theta2", "theta2: seems to be an integral over time"),
+    ],
+)
+def test_a_refusal_gives_the_right_reason(person: Sound, name: str, words: str) -> None:
+    with pytest.raises(RecordingError, match=words):
+        checked_lines(BY_NAME[name].change(person))
+
+
+def test_a_mislabelled_recording_says_what_to_check_and_its_json_conforms(person: Sound) -> None:
+    d = diagnose_fast(BY_NAME["second trial's stimulus x 2"].change(person))
+    assert d.causes[0].effects == ("half_trial_2",)
+    assert d.closed is None
+    assert d.added is None
+    assert d.place["recording"] > 0.99
+    said = d.verdict()
+    assert "a mislabelled recording, half_trial_2 (100 %)" in said
+    assert "Trial 2: theta1, theta2: seems to be 2 times too small. Check the gain of the stimulus" in said
+    assert "Location: recording (100 %)." in said
+    assert "The active gains change" not in said
+    plain = json.loads(json.dumps(d.to_dict(), allow_nan=False))
+    schema.validate("diagnosis", plain, "diagnosis")
+    assert plain["causes"][0]["advice"] in said
+    assert "half_trial_2" in text(d)
+    answer = from_diagnosis(plain)  # a challenge has no such cause
+    check_answer({"name": "case", "seconds": 1.0, **answer}, "answers")
+    assert answer["unknown_probability"] > 0.99
+    assert answer["credible_set"] == ["unknown"]
+
+
+def test_a_code_that_the_user_accepts_is_not_named(person: Sound) -> None:
+    recording = BY_NAME["stimulus / 2"].change(person)
+    assert diagnose_fast(recording).causes[0].effects == ("double",)
+    assert "double" not in {e for c in diagnose_fast(recording, accept="double").causes for e in c.effects}
+
+
+def test_a_reading_of_all_trials_corrects_the_responses_and_leaves_the_agreement_of_the_trials(person: Sound) -> None:
+    lines = measure(person.recording)
+    t = detect_fast(person.recording)
+    search = Search(lines, t.base, t.minima, 0)
+    T = READINGS["space_angle"].at(lines.f)
+    assert search.gain(search.only(T, None)) == pytest.approx(0.0, abs=1e-6)
+    data, _, mix = search._trials.corrected(lines.f, search.only(T, None))
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", T, data.y), lines.y)
+    np.testing.assert_allclose(mix, T)
+    whole = Data.of(lines)
+    r = np.einsum("nij,nj->ni", T, np.ones_like(lines.y))
+    given = np.einsum("nij,nj->ni", whole.weight, r)
+    corrected = np.einsum("nij,nj->ni", data.weight, np.ones_like(lines.y))
+    np.testing.assert_allclose((np.abs(given) ** 2).sum(axis=1), (np.abs(corrected) ** 2).sum(axis=1))
+
+
+def test_segments_exchanged_twice_are_those_of_the_body() -> None:
+    parts = segments(1.7, 70.0, None, None)
+    names = {"m1": "m2", "h1": "h2", "I1": "I2", "m2": "m1", "h2": "h1", "I2": "I1"}
+    wrong = Body.from_segments(**{names.get(k, k): v for k, v in parts.items()})
+    for kind in ("ankle_torque", "platform_translation"):
+        right = exchanged_segments(two_segment(wrong, kind), *gyrations()[0])
+        expected = two_segment(Body.from_segments(**parts), kind)
+        for name in ("J1", "J2", "C1", "C2", "A1", "A2"):
+            assert getattr(body_of(right), name) == pytest.approx(getattr(body_of(expected), name))
+        forces = [sorted((t.row, t.coefficient) for t in m.terms if t.sense == "stimulus") for m in (right, expected)]
+        for (row, given), (other, wanted) in zip(*forces, strict=True):
+            assert (row, given) == (other, pytest.approx(wanted))
+
+
+def test_an_estimate_on_a_bound_or_beyond_a_body_is_no_explanation(person: Sound) -> None:
+    base = detect_fast(person.recording).base
+
+    def loose(mass: float, frequency: float, se: float = 0.5) -> Hypothesis:
+        from mcstudy.effect_library.library import apply
+
+        model = apply(base.model, "loose_head")
+        fitted = replace(base, model=model, theta=np.array([*base.theta, mass, frequency]))
+        return Hypothesis(("loose_head",), 0.0, fitted, (SizeEstimate("m_loose", mass, se, mass, mass, "kg"),))
+
+    assert possible(loose(5.0, 2.0), base)
+    assert not possible(loose(15.0, 2.0), base)  # on the bound of the mass
+    assert not possible(loose(5.0, 0.8), base)  # on the bound of the frequency
+    assert not possible(loose(14.0, 2.0), base)  # no head
+    assert possible(loose(14.0, 2.0, se=3.0), base)  # not certainly
+    lag = replace(base, theta=base.theta)
+    assert possible(Hypothesis((), 0.0, lag), base)
+
+
+@pytest.mark.parametrize("seed", [2, 6])
+def test_a_sound_recording_is_not_called_mislabelled(seed: int) -> None:
+    answer = answered(sound(seed).recording, ())
+    assert answer.kind in CLASSES
+    assert answer.kind not in CLASSES[:4]

@@ -67,7 +67,7 @@ def result(file: InferenceFile, out: Path, options: ClusterOptions) -> xr.Datase
     dataset = dataset.merge(_contradictions(found, bank, missed, given_others, fronts))
     dataset.attrs |= {
         "fingerprint": file.fingerprint,
-        "studies": len(found.bank),
+        "studies": len(bank),
         "realizations": n,
         "power": found.power,
     }

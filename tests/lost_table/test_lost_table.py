@@ -41,7 +41,7 @@ prior_studies = 12
 waves = [4]
 search = [2]
 aimed = 1
-papers = 4
+papers = 2
 particles = 50
 """
 

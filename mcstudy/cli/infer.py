@@ -16,29 +16,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", "--output", dest="out", type=Path, required=True, metavar="DIR", help="folder for all results"
     )
     parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw the marginals of the posterior")
+    parser.add_argument("--trade-offs", type=Path, metavar="SVG", help="also draw which numbers contradict each other")
     add_scheduler_arguments(parser)
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Infer what is missing and print the tables; returns the exit code."""
+    from mcstudy.files.json_files import write_text
     from mcstudy.lost_table.design import read_inference
     from mcstudy.lost_table.result import RESULT, result
     from mcstudy.lost_table.words import text
     from mcstudy.scheduler.compiling import compile_kernels
     from mcstudy.text_tables import folded
 
-    if args.figure is not None:
-        from mcstudy.report.style import require_matplotlib
-
-        require_matplotlib()
     file, options = read_inference(args.file), cluster_options(args)
     if options.here and not (args.out / RESULT).exists():
         compile_kernels(("lm", "linearised", "stability"))
     found = result(file, args.out, options)
     print(folded(text(found)))
     if args.figure is not None:
-        from mcstudy.files.json_files import write_text
         from mcstudy.report.marginals import marginals_svg
 
         write_text(args.figure, marginals_svg(found))
+    if args.trade_offs is not None:
+        from mcstudy.report.trade_off import trade_offs_svg
+
+        write_text(args.trade_offs, trade_offs_svg(found))
     return Exit.DONE

@@ -1,9 +1,12 @@
-"""Which printed numbers cannot be reproduced together: how near each pair of rows can be met at once.
+"""Which printed numbers cannot be reproduced together, by simulated studies: no emulator takes part in a trade-off.
 
-For a row that the posterior does not reproduce, configurations are sought that meet this row alone, everything else
-left open; those of the bank and of the posterior are added. The pairs of distances of this row and another that no
-configuration improves in both form the trade-off of the two. If none comes near both, the two contradict each other
-under the model; if every pair can be met, the contradiction is with several rows together.
+For a row that the best configuration misses, further studies are simulated where the emulator promises this row first
+and as many others as possible next (`mcstudy.lost_table.search`). Over all simulated studies, the pairs of the distance
+of this row and of another one that no study improves in both form the trade-off of the two; so do the distance of the
+row and the number of the others that are missed. If no study comes near both of a pair, the two contradict each other
+as far as they were sought; if every pair can be met, the contradiction is with several rows together.
+
+A distance is that of one study, whose luck is in it: it makes contradictions look smaller, not larger.
 """
 
 from __future__ import annotations
@@ -12,50 +15,42 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mcstudy.lost_table.emulator import Emulator
-from mcstudy.lost_table.posterior import Likelihood, sample
-from mcstudy.lost_table.rows import KEYS, ROWS, rounding, stated
-from mcstudy.streams import stream
+from mcstudy.lost_table.checks import LIMIT, apart
+from mcstudy.lost_table.rows import KEYS, ROWS
 
-PARTICLES = 300
-SHARPEN = 4.0
-"""Power of the likelihood of the row: what can be reached is sought, not what is probable."""
-
-POINTS = 9
+POINTS = 12
 """Points of a trade-off."""
 
 REACHED = 2.0
-"""Distance, in standard errors of a study, below which a row counts as met."""
-
-
-def distance(emulator: Emulator, u: np.ndarray) -> np.ndarray:
-    """Distances (N, R) of expected from printed rows, in standard errors of a study; rankings that hold count 0."""
-    error = np.sqrt(np.diag(emulator.covariance) + rounding() ** 2)
-    gap = (emulator.rows(u) - stated()) / error
-    above = np.array([row.kind == "above" for row in ROWS])
-    return np.asarray(np.where(above, np.maximum(-gap, 0.0), np.abs(gap)))
+"""Distance, in errors of the difference of two studies, below which a row counts as met in a pair."""
 
 
 def front(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Pairs (x, y) that no other pair improves in both, (POINTS, 2), thinned; repeated where there are fewer."""
     order = np.lexsort((y, x))
     x, y = x[order], y[order]
-    keep = y <= np.minimum.accumulate(y)
+    best = np.minimum.accumulate(y)
+    keep = np.concatenate([[True], y[1:] < best[:-1]])
     points = np.stack([x[keep], y[keep]], axis=1)
     return np.asarray(points[np.linspace(0, len(points) - 1, POINTS).round().astype(int)])
 
 
-def trade_offs(emulator: Emulator, rows: Sequence[str], others: np.ndarray, seed: int) -> np.ndarray:
-    """Trade-offs (len(rows), R, POINTS, 2) of each of ``rows`` with every row; NaN with itself and unused rows.
+def trade_offs(rows: np.ndarray, error: np.ndarray, missed: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Trade-offs of each of ``missed`` over simulated studies ``rows`` (N, R); ``error``: of a row of one study, (R,).
 
-    They are sought among `PARTICLES` configurations that meet the row alone and the points ``others`` (N, U).
+    Returns
+    -------
+    with every other row, (missed, R, POINTS, 2), NaN with itself; and with the number of the other rows that are missed
+    (further than `LIMIT`), (missed, POINTS, 2). Second readings of a row (``told``) are left out.
     """
-    out = np.full((len(rows), len(KEYS), POINTS, 2), np.nan)
-    for i, first in enumerate(rows):
-        alone = Likelihood.of(emulator, stated(), leave_out=tuple(k for k in KEYS if k != first))
-        found = sample(alone, stream(seed, "table_row", KEYS.index(first)), PARTICLES, SHARPEN)
-        d = distance(emulator, np.concatenate([found.u, others]))
-        for j, row in enumerate(ROWS):
-            if row.key != first and row.kind != "told":
-                out[i, j] = front(d[:, KEYS.index(first)], d[:, j])
-    return out
+    d = np.abs(apart(rows, error))
+    used = np.array([row.kind != "told" for row in ROWS])
+    pairs = np.full((len(missed), len(KEYS), POINTS, 2), np.nan)
+    many = np.full((len(missed), POINTS, 2), np.nan)
+    for i, key in enumerate(missed):
+        own = KEYS.index(key)
+        others = used & (np.arange(len(KEYS)) != own)
+        for j in np.flatnonzero(others):
+            pairs[i, j] = front(d[:, own], d[:, j])
+        many[i] = front(d[:, own], (d[:, others] > LIMIT).sum(axis=1))
+    return pairs, many

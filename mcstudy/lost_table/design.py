@@ -37,7 +37,10 @@ class Inference(Section):
     realizations: noise realizations of a simulated study; the paper's 50.
     prior_studies: studies simulated at points of the prior, from which the emulator is made.
     waves: studies simulated in each further wave, at points of the posterior found so far.
-    papers: simulated papers with known tables by which the inference is checked.
+    search: studies simulated in each round of the directed search, which follows the waves.
+    aimed: studies simulated for each printed number that the best configuration misses, where it is met first.
+    papers: simulated papers with known tables by which the inference is checked: studies at points of the prior.
+    first_paper: number of the first of them among the prior's studies.
     particles: points that represent a posterior.
     """
 
@@ -47,7 +50,10 @@ class Inference(Section):
     realizations: int = Field(default=50, ge=3, le=10_000)
     prior_studies: Count
     waves: list[Count] = Field(default_factory=list, max_length=20)
+    search: list[Count] = Field(default_factory=list, max_length=20)
+    aimed: int = Field(default=0, ge=0, le=10_000)
     papers: int = Field(default=0, ge=0, le=10_000)
+    first_paper: int = Field(default=0, ge=0)
     particles: int = Field(default=600, ge=50, le=100_000)
 
 

@@ -8,6 +8,7 @@ powers of the likelihood (sequential Monte Carlo: Del Moral, Doucet & Jasra 2006
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,8 +30,13 @@ say: with factor 1 the 90 % intervals of 24 simulated papers contained 84 +- 2 %
 TAILS = 5.0
 """Degrees of freedom of the likelihood's t distribution: the error of the emulator differs between configurations."""
 
-MOVES = 8
-"""Proposals per particle at every power of the likelihood."""
+MOVES, THOROUGH = 8, 24
+"""Proposals per particle at every power of the likelihood: where the next studies are sought, and for what is reported.
+
+With 8 the points of a posterior are still too close together: their standard deviation is 8 % below that with 24."""
+
+LAST = 6
+"""Times as many at the last power, or at each power that is reported."""
 
 REMAIN = 0.5
 """Effective share of the particles that is left by each step of the power."""
@@ -100,25 +106,38 @@ def sample(
     power: float = 1.0,
     start: np.ndarray | None = None,
 ) -> Posterior:
-    """Points of the posterior under the likelihood to the power ``power``.
+    """Points of the posterior under the likelihood to the power ``power``; see `tempered`."""
+    return next(tempered(likelihood, rng, particles, (power,), start))
 
-    ``start``: points of the prior to begin with; drawn when None.
+
+def tempered(
+    likelihood: Likelihood,
+    rng: np.random.Generator,
+    particles: int,
+    powers: Sequence[float],
+    start: np.ndarray | None = None,
+    moves: int = MOVES,
+) -> Iterator[Posterior]:
+    """Points of the posterior under the likelihood to each of the increasing ``powers``.
+
+    ``start``: points of the prior to begin with; drawn when None. ``moves``: proposals per particle.
     """
     prior = likelihood.emulator.prior
     u = prior_points(prior, rng, particles) if start is None else start[:particles].copy()
     value = likelihood(u)
     choice = np.array([bool(x.choices) for x in prior.unknowns])
     at, evidence = 0.0, 0.0
-    while at < power:
-        step = _step(value, power - at)
-        weight = step * value
-        evidence += float(logsumexp(weight) - np.log(len(u)))
-        at += step
-        picked = _resampled(np.exp(weight - logsumexp(weight)), rng)
-        u, value = u[picked], value[picked]
-        for _ in range(MOVES if at < power else 6 * MOVES):
-            u, value = _moved(likelihood, u, value, at, choice, rng)
-    return Posterior(u, value, evidence)
+    for power in powers:
+        while at < power:
+            step = _step(value, power - at)
+            weight = step * value
+            evidence += float(logsumexp(weight) - np.log(len(u)))
+            at += step
+            picked = _resampled(np.exp(weight - logsumexp(weight)), rng)
+            u, value = u[picked], value[picked]
+            for _ in range(moves if at < power else LAST * moves):
+                u, value = _moved(likelihood, u, value, at, choice, rng)
+        yield Posterior(u, value, evidence)
 
 
 def _step(value: np.ndarray, rest: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +12,22 @@ import xarray as xr
 from mcstudy.errors import StoreError
 from mcstudy.files.durable import PARTIAL
 from mcstudy.lost_table import checks
-from mcstudy.lost_table.calibration import Calibration, calibrate
+from mcstudy.lost_table.bank import Bank, simulated
+from mcstudy.lost_table.calibration import LEVELS, POWERS
+from mcstudy.lost_table.checks import rows_of
 from mcstudy.lost_table.contradictions import POINTS, trade_offs
 from mcstudy.lost_table.design import InferenceFile
-from mcstudy.lost_table.rows import KEYS, ROWS, shown
+from mcstudy.lost_table.emulator import Emulator
+from mcstudy.lost_table.posterior import THOROUGH, Likelihood, tempered
+from mcstudy.lost_table.rows import KEYS, ROWS, shown, stated
 from mcstudy.lost_table.run import Inferred, claim, infer
+from mcstudy.lost_table.search import promising
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.streams import stream
 
 RESULT = "result.zarr"
+
+FIRST_WAVE_OF_AIMED = 301
 
 NOT_REPRODUCED = 0.01
 """Posterior predictive p below which a printed number counts as not reproduced."""
@@ -44,16 +52,25 @@ def result(file: InferenceFile, out: Path, options: ClusterOptions) -> xr.Datase
     found = infer(file, out, options)
     inference = file.inference
     seed, n = inference.seed, inference.realizations
-    where = (seed, checks.WAVE_OF_STAND_IN, n)
-    stand_in = checks.repeated(found, checks.stand_in(found), where, out, options)
-    best = checks.best(found, stand_in, (seed, n), out, options)
-    replicates = checks.replicated(found, seed)
+    best = checks.best(found.prior, found.bank, found.stand_in.error, (seed, n), out, options)
+    replicates = checks.replicated(found.emulator, found.posterior.u, seed)
     p = checks.tail(replicates)
-    failed = [row.key for row, value in zip(ROWS, p, strict=True) if row.kind != "told" and value < NOT_REPRODUCED]
-    fronts = trade_offs(found.emulator, failed, np.concatenate([found.bank.u, found.posterior.u]), seed)
-    honest = calibrate(found.prior, found.prior_bank, inference.papers, n, inference.particles, seed)
-    dataset = _dataset(found, best, stand_in, replicates, p, failed, fronts, honest)
-    dataset.attrs |= {"fingerprint": file.fingerprint, "studies": len(found.bank), "realizations": n}
+    missed = [
+        row.key
+        for row, value, agrees in zip(ROWS, p, best.agrees, strict=True)
+        if row.kind != "told" and (value < NOT_REPRODUCED or not agrees)
+    ]
+    bank = _aimed(found, missed, file, out, options)
+    fronts = trade_offs(rows_of(found.prior, bank), found.stand_in.error, missed)
+    given_others = np.array([_given_others(found, key, inference.particles, seed) for key in missed])
+    dataset = _dataset(found, best, replicates, p)
+    dataset = dataset.merge(_contradictions(found, bank, missed, given_others, fronts))
+    dataset.attrs |= {
+        "fingerprint": file.fingerprint,
+        "studies": len(bank),
+        "realizations": n,
+        "power": found.power,
+    }
     partial = out / f"{RESULT}{PARTIAL}"
     shutil.rmtree(partial, ignore_errors=True)
     try:
@@ -62,6 +79,52 @@ def result(file: InferenceFile, out: Path, options: ClusterOptions) -> xr.Datase
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
     return opened(out)
+
+
+def _aimed(found: Inferred, missed: Sequence[str], file: InferenceFile, out: Path, options: ClusterOptions) -> Bank:
+    """The bank with the studies that aim at each missed row."""
+    seed, n = file.inference.seed, file.inference.realizations
+    bank = found.bank
+    for key in missed if file.inference.aimed else ():
+        aim = KEYS.index(key)
+        rng = stream(seed, "table_aimed", aim)
+        emulator = Emulator.of(found.prior, found.bank, n)
+        u = promising(found.prior, found.bank, emulator, found.stand_in.error, rng, file.inference.aimed, aim)
+        bank = bank.joined(simulated(found.prior, u, (seed, FIRST_WAVE_OF_AIMED + aim, n), out / "bank", options))
+    return bank
+
+
+def _given_others(found: Inferred, key: str, particles: int, seed: int) -> float:
+    """Posterior predictive p of a row when all other rows are used and it is not."""
+    likelihood = Likelihood.of(found.emulator, stated(), leave_out=(key,))
+    rng = stream(seed, "table_without", KEYS.index(key))
+    u = next(tempered(likelihood, rng, particles, (found.power,), moves=THOROUGH)).u
+    return float(checks.tail(checks.replicated(found.emulator, u, seed))[KEYS.index(key)])
+
+
+def _contradictions(
+    found: Inferred, bank: Bank, missed: list[str], given_others: np.ndarray, fronts: tuple[np.ndarray, np.ndarray]
+) -> xr.Dataset:
+    pairs, many = fronts
+    rows = rows_of(found.prior, bank)
+    data = {
+        "p_given_others": (("missed",), given_others, "posterior predictive p of the number when the others are used"),
+        "trade_off": (("missed", "row", "point", "of"), pairs, "distances that no simulated study improves in both"),
+        "trade_off_others": (
+            ("missed", "point", "of"),
+            many,
+            "distance, and number of other rows missed, that no simulated study improves in both",
+        ),
+        "bank_values": (("simulated", "unknown"), found.prior.values(bank.u), "configurations that were simulated"),
+        "bank_rows": (("simulated", "row"), shown(rows), "rows of their studies"),
+        "bank_distance": (
+            ("simulated", "row"),
+            checks.apart(rows, found.stand_in.error),
+            "distance of each study from the printed numbers, in errors of the difference of two studies",
+        ),
+    }
+    coords = {"missed": _words(missed), "point": np.arange(POINTS), "of": _words(("missed", "other"))}
+    return xr.Dataset({k: xr.Variable(dims, x, {"long_name": text}) for k, (dims, x, text) in data.items()}, coords)
 
 
 def opened(out: Path) -> xr.Dataset:
@@ -78,14 +141,10 @@ def opened(out: Path) -> xr.Dataset:
 def _dataset(
     found: Inferred,
     best: checks.Checked,
-    stand_in: checks.Checked,
     replicates: np.ndarray,
     p: np.ndarray,
-    failed: list[str],
-    fronts: np.ndarray,
-    honest: Calibration,
 ) -> xr.Dataset:
-    prior, u = found.prior, found.posterior.u
+    prior, u, stand_in, honest = found.prior, found.posterior.u, found.stand_in, found.calibration
     values, before = prior.values(u), prior.values(found.prior_bank.u)
     data = {
         "posterior": (("particle", "unknown"), values, "points of the posterior; the number of a choice"),
@@ -106,12 +165,20 @@ def _dataset(
         "best_distance": (("row",), best.distance, "of the printed number, in joint standard errors"),
         "stand_in_rows": (("study", "row"), shown(stand_in.columns), "rows of studies at the stand-in"),
         "stand_in_distance": (("row",), stand_in.distance, "of the printed number, in joint standard errors"),
-        "trade_off": (("failed", "row", "point", "of"), fronts, "distances that cannot both be smaller"),
-        "rank": (("paper", "unknown"), honest.rank, "share of the posterior below the true value, simulated papers"),
-        "covered": (("paper", "unknown"), honest.covered, "whether the 90 % interval contains the true value"),
-        "paper_width": (("paper", "unknown"), honest.width, "posterior over prior standard deviation"),
+        "rank": (
+            ("paper", "power", "unknown"),
+            honest.rank,
+            "share of the posterior below the true value, simulated papers",
+        ),
+        "covered": (
+            ("level", "paper", "power", "unknown"),
+            honest.covered,
+            "whether the central interval of a level contains the true value",
+        ),
+        "chosen_by_others": (("paper",), np.array(POWERS)[honest.chosen_by_others], "power that all others choose"),
+        "paper_width": (("paper", "power", "unknown"), honest.width, "posterior over prior standard deviation"),
         "paper_error": (
-            ("paper", "unknown"),
+            ("paper", "power", "unknown"),
             honest.error,
             "distance of the posterior mean from the truth, in the cube",
         ),
@@ -124,9 +191,8 @@ def _dataset(
         "label": ("row", _words(row.label for row in ROWS)),
         "kind": ("row", _words(row.kind for row in ROWS)),
         "quantile": list(QUANTILES),
-        "failed": _words(failed),
-        "point": np.arange(POINTS),
-        "of": _words(("failed", "row")),
+        "level": list(LEVELS),
+        "power": list(POWERS),
     }
     dataset = xr.Dataset(
         {name: xr.Variable(dims, x, {"long_name": text}) for name, (dims, x, text) in data.items()}, coords

@@ -2,11 +2,13 @@
 
     OUT/design.json   fingerprint of the inference file
     OUT/bank/         simulated studies, a few per file
+    OUT/papers/       simulated papers whose tables were inferred, one per file
     OUT/result.zarr   posterior, posterior predictive, contradictions, calibration
 
 The first studies are at points of the prior. Each wave simulates at points of the posterior found so far, under the
 square root of the likelihood, so that the emulator becomes accurate where the posterior is without losing what lies
-around it. Everything is a function of the file's seed; a stopped run resumes with the same bits.
+around it. The directed search (`mcstudy.lost_table.search`) then simulates where most numbers are nearly met at once.
+Everything is a function of the file's seed; a stopped run resumes with the same bits.
 """
 
 from __future__ import annotations
@@ -20,16 +22,21 @@ import numpy as np
 from mcstudy.errors import StudyChangedError
 from mcstudy.files.json_files import ensure_folder, read_document, write_text
 from mcstudy.lost_table.bank import Bank, prior_points, simulated
+from mcstudy.lost_table.calibration import POWERS, Calibration, calibrate
+from mcstudy.lost_table.checks import WAVE_OF_STAND_IN, Checked, repeated, stand_in_point
 from mcstudy.lost_table.design import InferenceFile
 from mcstudy.lost_table.emulator import Emulator
-from mcstudy.lost_table.posterior import Likelihood, Posterior, sample
+from mcstudy.lost_table.posterior import THOROUGH, Likelihood, Posterior, sample, tempered
 from mcstudy.lost_table.rows import stated
+from mcstudy.lost_table.search import promising
 from mcstudy.lost_table.unknowns import Prior
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.streams import stream
 
 WAVE_POWER = 0.5
 """Power of the likelihood whose posterior a wave is drawn from."""
+
+FIRST_WAVE_OF_SEARCH = 201
 
 NEAR = 500
 """Studies the final emulator is made of, at least: those whose predicted rows are nearest to the observed ones."""
@@ -41,15 +48,18 @@ class Inferred:
 
     Attributes
     ----------
-    prior: the unknowns. prior_bank: studies at points of the prior. bank: those and the studies of the waves.
-    emulator: the final one. likelihood, posterior: given the paper's rows.
+    prior: the unknowns. prior_bank: studies at points of the prior. bank: those, the studies of the waves and those of
+    the search. stand_in: repeated studies of the stand-in. emulator: the final one. calibration: of the inference.
+    power: of the likelihood, by which the posterior is widened. posterior: given the paper's rows.
     """
 
     prior: Prior
     prior_bank: Bank
     bank: Bank
+    stand_in: Checked
     emulator: Emulator
-    likelihood: Likelihood
+    calibration: Calibration
+    power: float
     posterior: Posterior
 
 
@@ -82,9 +92,19 @@ def infer(file: InferenceFile, out: Path, options: ClusterOptions) -> Inferred:
         if len(points) < studies:
             points = found.u[rng.integers(len(found.u), size=studies)]
         bank = bank.joined(simulated(prior, points, (seed, wave, n), out / "bank", options))
-    likelihood = Likelihood.of(near(prior, bank, prior_bank, n, observed), observed)
-    posterior = sample(likelihood, stream(seed, "table_posterior"), inference.particles, start=start)
-    return Inferred(prior, prior_bank, bank, likelihood.emulator, likelihood, posterior)
+    stand_in = repeated(prior, stand_in_point(prior), (seed, WAVE_OF_STAND_IN, n), out, options)
+    for turn, studies in enumerate(inference.search):
+        rng = stream(seed, "table_search", turn)
+        points = promising(prior, bank, Emulator.of(prior, bank, n), stand_in.error, rng, studies)
+        bank = bank.joined(simulated(prior, points, (seed, FIRST_WAVE_OF_SEARCH + turn, n), out / "bank", options))
+    settings = (seed, n, inference.particles // 2)
+    papers = (inference.first_paper, inference.papers)
+    calibration = calibrate(prior, prior_bank, papers, settings, out / "papers", options)
+    emulator, power = near(prior, bank, prior_bank, n, observed), POWERS[calibration.chosen]
+    rng = stream(seed, "table_posterior")
+    likelihood = Likelihood.of(emulator, observed)
+    posterior = next(tempered(likelihood, rng, inference.particles, (power,), start, THOROUGH))
+    return Inferred(prior, prior_bank, bank, stand_in, emulator, calibration, power, posterior)
 
 
 def near(prior: Prior, bank: Bank, prior_bank: Bank, realizations: int, observed: np.ndarray) -> Emulator:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.montecarlo import score_interval
 from mcstudy.lost_table.checks import LIMIT
 from mcstudy.lost_table.contradictions import REACHED
 from mcstudy.lost_table.unknowns import UNKNOWNS
@@ -20,7 +19,7 @@ CHOICES = {x.name: x.choices for x in UNKNOWNS if x.choices}
 def text(result: xr.Dataset) -> str:
     """All tables of a result."""
     parts = [_heading(result), _unknowns(result), _choices(result), _rows(result), _contradictions(result)]
-    if result.sizes["paper"]:
+    if result.sizes["paper"] > 1:
         parts.append(_calibration(result))
     return "\n\n".join(part for part in parts if part)
 
@@ -102,53 +101,63 @@ def _p(p: float) -> str:
 
 
 def _contradictions(result: xr.Dataset) -> str:
-    if not result.sizes["failed"]:
-        return "Contradictions: no printed number has a posterior predictive p below 0.01."
-    lines = []
+    if not result.sizes["missed"]:
+        return "Contradictions: the best configuration meets every printed number."
+    parts = ["Printed numbers that the best configuration misses, and what they contradict"]
     label = {str(k): str(v) for k, v in zip(result["row"].values, result["label"].values, strict=True)}
-    for key in result["failed"].values:
-        fronts = result["trade_off"].sel(failed=key)
-        both = fronts.max("of").min("point")  # the pair whose larger distance is smallest
+    for key in result["missed"].values:
+        one = result.sel(missed=key)
+        both = one["trade_off"].max("of").min("point")  # the pair whose larger distance is smallest
         worst = both.where(both > REACHED, drop=True).dropna("row").sortby(both, ascending=False)
-        names = "; ".join(f"{label[str(k)]} ({float(worst.sel(row=k)):.1f})" for k in worst["row"].values[:6])
-        alone = float(fronts.sel(of="failed").min())
-        lines.append([label[str(key)], f"{alone:.1f}", names or "no single row; several together"])
+        names = "; ".join(f"{label[str(k)]} ({float(worst.sel(row=k)):.1f})" for k in worst["row"].values)
+        p, by_others = _p(float(one["p"].sel(row=key))), _p(float(one["p_given_others"]))
+        parts.append(
+            fill(
+                f"{label[str(key)]}: p {p}, given the others {by_others}. Nearest study "
+                f"{float(one['trade_off_others'].sel(of='missed').min()):.1f}. {_others_missed(one)} "
+                f"Contradicts: {names or 'no single number, but several together'}."
+            )
+        )
     note = (
-        "alone: smallest distance of the row when nothing else is required. contradicts: rows that no configuration "
-        f"found meets together with it, with the smallest distance that one of the two keeps (above {REACHED:g} "
-        "standard errors of a study)."
+        f"Over the {result.attrs['studies']} simulated studies, without the emulator; distances in errors of the "
+        "difference of two studies. p: posterior predictive, when the number is used; and when only the others are. "
+        f"Contradicts: numbers that no study meets together with it, with the smallest distance that one of the two "
+        f"keeps (above {REACHED:g})."
     )
-    return (
-        "Printed numbers that the posterior does not reproduce (p < 0.01)\n"
-        + table(["printed number", "alone", "contradicts"], lines, of_text=True)
-        + "\n"
-        + fill(note)
-    )
+    return "\n".join([*parts, fill(note)])
+
+
+def _others_missed(one: xr.Dataset) -> str:
+    """Fewest other rows missed by any study, and by those that meet the row."""
+    curve = one["trade_off_others"]
+    distance, others = (curve.sel(of=name).values for name in ("missed", "other"))
+    met = others[distance <= LIMIT]
+    where = f"studies that meet it miss {met.min():.0f} others or more" if met.size else "no study meets it"
+    return f"Fewest others missed by a study: {others.min():.0f}; {where}."
 
 
 def _calibration(result: xr.Dataset) -> str:
-    n = result.sizes["paper"]
-    covered = result["covered"].values
-    share = float(covered.mean())
-    # papers are independent, their unknowns are not: the interval counts papers
-    by_paper = covered.mean(axis=1)
-    error = float(by_paper.std(ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
-    single = covered.mean(axis=0)
-    centre, half = score_interval(single, n)
-    odd = [
-        f"{name} {s:.2f} ({c - h:.2f} to {c + h:.2f})"
-        for name, s, c, h in zip(result["unknown"].values, single, centre, half, strict=True)
-        if not c - h <= 0.9 <= c + h
+    covered, chosen = result["covered"], result.attrs["power"]
+    levels = "/".join(f"{100 * float(level):g}" for level in result["level"].values)
+    rows = [
+        [f"{float(power):g}", _percent(covered.sel(power=power)), "chosen" if float(power) == chosen else ""]
+        for power in result["power"].values
     ]
-    ratio = float(result["paper_error"].mean() / result["prior_error"].mean())
+    checked = covered.sel(power=result["chosen_by_others"])
+    at = result.sel(power=chosen)
+    ratio = float(at["paper_error"].mean() / result["prior_error"].mean())
     words = (
-        f"Calibration: {n} papers were simulated from known tables and inferred. 90 % intervals contain the true value "
-        f"in {100 * share:.1f} ± {100 * error:.1f} % of cases. "
-        + (
-            f"Outside the sampling error of 90 %: {', '.join(odd)}. "
-            if odd
-            else "No unknown is outside its sampling error. "
-        )
-        + f"The distance of the posterior mean from the truth is {ratio:.2f} of that of the prior mean."
+        f"{result.sizes['paper']} papers were simulated from known tables and inferred, with the likelihood raised to "
+        "each power. The largest power is chosen whose intervals contain the true values often enough. For each paper "
+        f"at the power that the others choose, {levels} % intervals contain {_percent(checked)} % of true values. At "
+        f"the chosen power the distance of the posterior mean from the truth is {ratio:.2f} of that of the prior mean."
     )
-    return fill(words)
+    head = ["power", f"true values in central {levels} % intervals (percent ± one standard error)", ""]
+    return "Calibration\n" + table(head, rows, of_text=True) + "\n" + fill(words)
+
+
+def _percent(covered: xr.DataArray) -> str:
+    """Percent of true values inside the intervals of each level; papers are independent, their unknowns are not."""
+    by_paper = 100 * covered.mean("unknown")
+    mean, error = by_paper.mean("paper").values, by_paper.std("paper", ddof=1).values / np.sqrt(covered.sizes["paper"])
+    return ", ".join(f"{m:.1f} ± {e:.1f}" for m, e in zip(mean, error, strict=True))

@@ -18,6 +18,7 @@ from mcstudy.analysis.paper.rows import Row, rows
 from mcstudy.analysis.paper.statements import RESULTS
 from mcstudy.analysis.paper.verdict import DIFFERS
 from mcstudy.analysis.show.tables import Report, report_of
+from mcstudy.analysis.show.text import within
 from mcstudy.analysis.view import StudyView
 from mcstudy.files import schema
 from mcstudy.fitting.status import Status
@@ -270,6 +271,18 @@ def test_a_number_is_printed_to_the_second_digit_of_its_error(value: Any, mcse: 
 )
 def test_plain_numbers(value: float, expected: str) -> None:
     assert number(value) == expected
+
+
+def test_the_count_of_near_rows_leaves_out_what_cannot_be_compared_and_judges_exact_rows_by_their_verdict() -> None:
+    rows = [
+        {"verdict": "agrees", "distance": None},
+        {"verdict": "differs", "distance": None},
+        {"verdict": "cannot tell", "distance": -2.9},
+        {"verdict": "cannot tell", "distance": 3.1},
+        {"verdict": "differs", "distance": -8.0},
+        {"verdict": None, "distance": None},
+    ]
+    assert within(rows) == "Within 3 standard errors of both studies: 2 of 5 rows."
 
 
 def test_a_table_aligns_its_columns() -> None:

@@ -15,7 +15,7 @@ from mcstudy.analysis.paper.values import cells_of, fit_values
 from mcstudy.cli import main
 from mcstudy.errors import DesignError
 from mcstudy.exits import Exit
-from mcstudy.lost_table import checks, contradictions
+from mcstudy.lost_table import bank, calibration, checks, closed_form, contradictions, posterior, result, run, search
 from mcstudy.lost_table.bank import Bank, prior_points, simulated
 from mcstudy.lost_table.design import parse_inference, read_inference
 from mcstudy.lost_table.emulator import Emulator, packed, ridge, unpacked
@@ -39,6 +39,8 @@ seed = 3
 realizations = 5
 prior_studies = 12
 waves = [4]
+search = [2]
+aimed = 1
 papers = 2
 particles = 50
 """
@@ -203,10 +205,23 @@ def test_the_shipped_file_is_found_by_name() -> None:
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """As few studies and particles as show the way from file to tables."""
     for module, name, value in (
+        (bank, "DRAWS", 256),
         (checks, "CANDIDATES", 2),
+        (checks, "LOOKED_AT", 4),
         (checks, "TRIALS", 2),
         (checks, "REPEATS", 3),
-        (contradictions, "PARTICLES", 12),
+        (search, "PROPOSALS", 200),
+        (search, "LOOKED_AT", 4),
+        (calibration, "POWERS", (0.5, 1.0)),
+        (calibration, "THOROUGH", 1),
+        (run, "POWERS", (0.5, 1.0)),
+        (run, "THOROUGH", 1),
+        (result, "POWERS", (0.5, 1.0)),
+        (result, "THOROUGH", 1),
+        (result, "NOT_REPRODUCED", 1e-12),
+        (checks, "LIMIT", 20.0),  # so that few rows are missed, each of which costs studies
+        (posterior, "LAST", 1),
+        (posterior, "MOVES", 2),
     ):
         monkeypatch.setattr(module, name, value)
 
@@ -226,12 +241,15 @@ def test_a_killed_inference_resumes_with_the_same_bits_and_prints_its_tables(
     assert len(list(killed.glob("bank/*.npz"))) < 4  # the bank and its wave have four files
     assert not (killed / RESULT).exists()
     for out in (killed, undisturbed):
-        figure = ["--figure", str(out / "m.svg")]
+        figure = ["--figure", str(out / "m.svg"), "--trade-offs", str(out / "t.svg")]
         assert main(["infer", str(file), "-o", str(out), "--workers", "1", *figure]) == Exit.DONE
     xr.testing.assert_identical(opened(killed), opened(undisturbed))
-    assert (killed / "m.svg").read_bytes() == (undisturbed / "m.svg").read_bytes()
+    for name in ("m.svg", "t.svg"):
+        assert (killed / name).read_bytes() == (undisturbed / name).read_bytes()
+        assert "an inference about a lost table" in (killed / name).read_text()
+    assert (killed / "t.svg").read_text().count("<polyline") == opened(killed).sizes["missed"] > 0
     printed = capsys.readouterr().out
-    for part in ("an inference about a lost table", "Unknowns", "Choices", "Printed numbers", "Calibration: 2 papers"):
+    for part in ("an inference about a lost table", "Unknowns", "Choices", "Printed numbers", "Calibration"):
         assert part in printed
     file.write_text(FILE.replace("seed = 3", "seed = 4"))
     assert main(["infer", str(file), "-o", str(killed)]) == Exit.BAD_INPUT
@@ -242,6 +260,62 @@ def test_a_trade_off_is_what_cannot_be_improved_in_both() -> None:
     x, y = np.array([1.0, 2.0, 3.0, 2.5, 0.5]), np.array([3.0, 2.0, 1.0, 2.5, 9.0])
     points = {tuple(p) for p in contradictions.front(x, y)}
     assert points == {(0.5, 9.0), (1.0, 3.0), (2.0, 2.0), (3.0, 1.0)}
+
+
+def test_two_numbers_that_no_study_meets_together_are_found_to_contradict_and_others_are_not() -> None:
+    rng, error = np.random.default_rng(8), np.full(len(ROWS), 0.1)
+    first, second = KEYS.index("bias_12_0.41"), KEYS.index("spread_fmax_10")
+    rows = np.where([row.kind == "above" for row in ROWS], 1.0, stated()) + 0.02 * rng.standard_normal((80, len(ROWS)))
+    rows[:, first] = stated()[first] + np.linspace(-2, 2, 80)
+    rows[:, second] = stated()[second] + 1.5 - np.abs(np.linspace(-2, 2, 80))  # met only where the first is missed
+    pairs, many = contradictions.trade_offs(rows, error, ["bias_12_0.41"])
+    both = pairs[0].max(axis=-1).min(axis=-1)
+    assert both[second] > 3
+    assert np.nanmax(np.delete(both, second)) < 1
+    assert many[0][many[0][:, 0] <= 3][:, 1].min() == 1
+    assert many[0][:, 1].min() == 0
+
+
+def test_the_power_chosen_is_the_largest_whose_intervals_cover() -> None:
+    rng = np.random.default_rng(9)
+    rank = 0.02 + 0.96 * rng.random((200, len(calibration.POWERS), 17))  # a little too wide
+    narrow = rank[:, 2:]
+    rank[:, 2:] = np.where(narrow < 0.5, narrow**2, 1 - (1 - narrow) ** 2)  # too often at the ends
+    unused = np.zeros_like(rank)
+    found = calibration.Calibration(rank, unused, unused, unused[:, 0])
+    assert found.chosen == 1
+    assert found.covered[2, :, 1].mean() == pytest.approx(0.95, abs=0.05)
+    assert found.covered[2, :, 2].mean() < 0.9
+
+
+def test_the_power_that_checks_a_paper_is_chosen_by_the_others() -> None:
+    rank = np.full((2, len(calibration.POWERS), 17), 0.5)
+    rank[0, 1:] = 0.0  # the first paper alone finds all powers but the smallest too narrow
+    unused = np.zeros_like(rank)
+    found = calibration.Calibration(rank, unused, unused, unused[:, 0])
+    assert found.chosen_by_others.tolist() == [len(calibration.POWERS) - 1, 0]
+
+
+def test_a_search_that_aims_at_a_number_proposes_what_the_emulator_expects_to_meet_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(search, "PROPOSALS", 600)
+    monkeypatch.setattr(search, "LOOKED_AT", 4)
+    prior, rng = Prior(), np.random.default_rng(10)
+    bank = invented(prior, prior_points(prior, rng, 300), rng)
+    emulator, aim = Emulator.of(prior, bank, 50), KEYS.index("sway_1")
+    error = np.full(len(ROWS), 0.05)
+    proposed = search.promising(prior, bank, emulator, error, np.random.default_rng(1), 4, aim)
+    assert damped(prior.values(proposed)).all()
+    assert np.abs(emulator.rows(proposed)[:, aim] - stated()[aim]).max() < 0.1
+    assert np.median(np.abs(emulator.rows(bank.u)[:, aim] - stated()[aim])) > 0.5
+
+
+def test_rows_without_noise_that_a_configuration_misses_are_those_of_show() -> None:
+    prior = Prior()
+    stand_in = prior.values(checks.stand_in_point(prior))
+    # README: delays at high frequencies (two readings) and sway of both angles (one of them in both readings) differ
+    assert closed_form.misses(stand_in[None]).tolist() == [5]
 
 
 def test_a_study_file_names_a_set_of_true_values_and_its_origin_is_shown() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.paper.published import MARGINS
+from mcstudy.analysis.paper.verdict import AGREES, LIMIT
 from mcstudy.text_tables import counted, fill, folded, number, table, with_error
 
 _HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}
@@ -67,6 +68,13 @@ READING = (
 """How the table is to be read, for `str.format` with the margins."""
 
 
+def within(rows: list[dict[str, Any]]) -> str:
+    """How many of the rows that can be compared are within `LIMIT` errors of both studies; exact ones if they agree."""
+    compared = [row for row in rows if row["verdict"]]
+    near = [row["verdict"] == AGREES if row["distance"] is None else abs(row["distance"]) <= LIMIT for row in compared]
+    return f"Within {LIMIT:g} standard errors of both studies: {sum(near)} of {len(near)} rows."
+
+
 def _paper(paper: dict[str, Any]) -> str:
     body, notes = [], []
     for row in paper["rows"]:
@@ -83,6 +91,7 @@ def _paper(paper: dict[str, Any]) -> str:
         "",
         table(["", "paper", "ours ± MCSE", "apart", "verdict"], body),
         "",
+        within(paper["rows"]),
         *(fill(text.format(**margins)) for text in READING),
     ]
     floors = [

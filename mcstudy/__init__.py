@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from mcstudy.analysis.results import open_results
     from mcstudy.api.groups import fit_group, study_from
+    from mcstudy.api.performance import performance
     from mcstudy.api.recordings import diagnose, fit, import_recording
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
@@ -50,6 +51,7 @@ _FROM = {
     "fit_group": "api.groups",
     "import_recording": "api.recordings",
     "open_results": "analysis.results",
+    "performance": "api.performance",
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
     "run": "api.studies",
@@ -80,6 +82,7 @@ __all__ = [
     "fit_group",
     "import_recording",
     "open_results",
+    "performance",
     "read_recording",
     "read_study",
     "run",

@@ -35,9 +35,12 @@ from mcstudy.analysis import (
 )
 from mcstudy.analysis import atlas as atlases
 from mcstudy.analysis import compare as comparing
+from mcstudy.analysis import performance as performances
 from mcstudy.analysis import sensitivity as sensitivities
+from mcstudy.analysis.labels import PERCENT, labelled
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
+from mcstudy.fitting.standard_errors import overlap_of
 from mcstudy.stance.feedback import Model
 from mcstudy.study.readable import readable
 
@@ -226,6 +229,50 @@ class MonteCarlo:
         """Root mean squared error about the truth, in the unit of the parameter."""
         return self._result(accuracy.rmse(self._cells))
 
+    def performance(self, level: float = 0.95) -> xr.Dataset:
+        """Bias, empirical SE and MSE with the formulas of Morris et al. (2019), and how true the standard errors are.
+
+        The latter for a cube that holds standard errors (``store.standard_errors`` of a study file): their root mean
+        square, its error relative to the empirical SE, and the fraction of intervals that hold the truth, or the mean
+        estimate (bias-eliminated). Fits with the parameter on a bound have no standard error and count in ``left_out``.
+
+        Parameters
+        ----------
+        level
+            Of the normal intervals whose coverage is counted.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dims (measure, amplitude, fmax, parameter); coordinates ``meaning`` and ``measure_unit``; ``lower`` and
+            ``upper`` for coverages. Estimates made elsewhere: `mcstudy.performance`.
+        """
+        cells = self._cells
+        error = cells.get(selection.ERROR)
+        return self._result(performances.performance(cells["estimate"], cells["truth"], error, level))
+
+    def relative_precision(self, other: xr.Dataset | xr.DataTree) -> xr.Dataset:
+        """Variance of another group's estimates over that of this one, less one, in percent; paired by realization.
+
+        Parameters
+        ----------
+        other
+            The reference: a group of this or another cube, with the same seed for its pairs to mean anything.
+
+        Raises
+        ------
+        InputError
+            The groups have no parameter, amplitude or Fmax in common, or ``other`` is not a group.
+        """
+        if not isinstance(other, xr.Dataset | xr.DataTree):
+            raise InputError(f"relative_precision: expected a group of a cube, got {type(other).__name__}")
+        theirs = getattr(other, "mc")._cells  # noqa: B009 - registered, which types do not show
+        mine, reference = xr.align(self._cells["estimate"], theirs["estimate"], join="inner")
+        if 0 in mine.shape:
+            raise InputError("relative_precision: expected groups with parameters, amplitudes and Fmax in common")
+        gain = performances.relative_precision(mine, reference).drop_vars(["lower", "upper"])
+        return self._result(labelled(gain, self._data, performances.PRECISION.meaning, PERCENT))
+
     def correlation(self) -> xr.Dataset:
         """Correlation of every pair of estimates over realizations. Reads the best fits at once."""
         return self._result(correlation.correlation(self._cells))
@@ -284,13 +331,15 @@ class MonteCarlo:
         -------
         xarray.Dataset
             Also ``applies`` (amplitude, fmax): whether the bound applies there, which it does not where bounds of the
-            parameters are active; ``ratio`` and ``ratio_mcse``, the same numbers without this restriction;
-            ``cramer_rao_sd`` and ``paper_cost_sd``, the smallest possible standard deviations of an unbiased estimator
-            and of the paper's cost; ``held``, parameters that their bounds fix; ``why_not``, why there is no bound.
+            parameters are active; ``box`` and ``box_mcse``, the bound of van Trees over the observed mean squared
+            error, which knows the box of allowed values and so holds there too; ``cramer_rao_sd``, ``paper_cost_sd``
+            and ``box_rmse``, the smallest possible standard deviations of an unbiased estimator and of the paper's
+            cost, and the smallest possible largest root mean squared error of any estimator in the box; ``held``,
+            parameters that their bounds fix; ``why_not``, why there is no Cramér-Rao bound.
         """
         cells, model = self._cells, context.fitted_model(self._data)
         covariance = context.covariance_of(cells) if covariance is None else covariance
-        overlap = efficiency.overlap_of(context.points_of(cells))
+        overlap = overlap_of(context.points_of(cells))
         bounds = efficiency.bounds_on_sd(cells, model, covariance, overlap)
         return self._result(efficiency.efficiency(cells, bounds))
 

@@ -6,6 +6,16 @@ of unbiased estimates. Weighted least squares with other weights (the paper's co
 A^-1 B A^-1 with A = Re(J^H W^H W J), B = Re(J^H W^H W C W^H W J) / 2 (the sandwich). Both hold to first order in the
 noise and with no active bound. Where fits end on bounds, the estimates of *all* parameters may scatter less than that,
 because a bound on one parameter also restricts the parameters that are correlated with it. Derived.
+
+For those fits there is a bound that knows the box of allowed values. The constrained Cramér-Rao bound (Gorman & Hero
+1990) is none: at a truth inside the box no constraint is active, and it equals the unconstrained bound. The inequality
+of van Trees (1968; Gill & Levit 1995) is one. With a prior that has the information matrix L, no estimator, biased or
+not, has a mean squared error below (I + L)^-1 on average over that prior, I being the information of the data averaged
+over it. The prior is the density on the box with the least information, the product of squared cosines, for which L
+is (2 pi / width)^2 in each parameter (Bickel 1981); it gives the highest bound of all products. An average over the box
+cannot exceed the largest value in it, so the bound is below the largest mean squared error of every estimator in the
+box. I is that at the truth, as if the responses were linear in the parameters and the noise the same over the box. At
+one single truth an estimator may fall below it, by pulling its estimates towards that truth.
 """
 
 from __future__ import annotations
@@ -13,13 +23,13 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.accuracy import at_bound, statistic_of
+from mcstudy.analysis.accuracy import at_bound
 from mcstudy.analysis.labels import ONE, labelled, units_of
-from mcstudy.analysis.montecarlo import REALIZATION
+from mcstudy.analysis.montecarlo import REALIZATION, jackknives
 from mcstudy.analysis.selection import inside_bounds, sums_of
 from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
-from mcstudy.spectra.bands import Bands
+from mcstudy.fitting.standard_errors import joint_covariance, sandwich
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, frf_jacobian
@@ -54,24 +64,6 @@ def measured_covariance(cells: xr.Dataset) -> xr.DataArray:
     return cells["noise_covariance"].mean(REALIZATION)
 
 
-def joint_covariance(covariance: np.ndarray, overlap: np.ndarray | None = None) -> np.ndarray:
-    """Covariance of all points together, (2N, 2N), from that of each point (N, 2, 2).
-
-    ``overlap`` (N, N) is the correlation of neighbouring points that share lines (`overlap_of`); none by default.
-    """
-    n = len(covariance)
-    root = np.linalg.cholesky(covariance)
-    overlap = np.eye(n) if overlap is None else overlap
-    return np.einsum("nij,nm,mkj->nimk", root, overlap, root.conj()).reshape(2 * n, 2 * n)
-
-
-def overlap_of(bands: Bands) -> np.ndarray:
-    """Correlation of the points' errors through shared lines, (N, N); exact where the lines' noise is alike."""
-    gram = bands.weights @ bands.weights.T
-    scale = np.sqrt(np.diag(gram))
-    return gram / scale[:, None] / scale[None, :]
-
-
 def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
     """Cramér-Rao bound on the covariance of unbiased estimates, (P, P), for FRF errors ``joint`` (2N, 2N).
 
@@ -90,6 +82,20 @@ def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray
         raise InputError(f"frequency: {f.size} points do not determine {free.size} parameters")
     inverse = np.linalg.inv(R) * scale[free, None]
     return _among_all(inverse @ inverse.T, free, theta.size)
+
+
+def van_trees(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
+    """Bound (P, P) on the mean squared errors within the box of allowed values, for FRF errors ``joint`` (2N, 2N).
+
+    See the module. It exists where the points do not determine the parameters, and never exceeds the Cramér-Rao bound.
+    """
+    _, J = frf_jacobian(model, theta, f)
+    scale = model.upper - model.lower
+    white = np.sqrt(2) * _whitener(joint) @ (J.reshape(-1, theta.size) * scale)
+    # QR of data and prior together: the condition number is not squared, and the prior bounds it
+    R = np.linalg.qr(np.concatenate([white.real, white.imag, 2 * np.pi * np.eye(theta.size)]), mode="r")
+    inverse = np.linalg.inv(R) * scale[:, None]
+    return np.asarray(inverse @ inverse.T)
 
 
 def fixed_by_bounds(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
@@ -137,12 +143,7 @@ def linearised_covariance(
     if not free.size:
         return _among_all(np.empty((0, 0)), free, theta.size)
     J, scale = J[..., free], (model.upper - model.lower)[free]
-    weighted = np.einsum("nij,njp->nip", weight, J * scale)
-    G = np.einsum("nji,njp->nip", weight.conj(), weighted).reshape(-1, free.size)
-    A = np.einsum("nip,niq->pq", weighted.conj(), weighted).real
-    B = (G.conj().T @ joint @ G).real / 2
-    half = np.linalg.solve(A, B)
-    return _among_all(np.linalg.solve(A, half.T) * scale[:, None] * scale[None, :], free, theta.size)
+    return _among_all(sandwich(J * scale, weight, joint) * scale[:, None] * scale[None, :], free, theta.size)
 
 
 def bounds_on_sd(
@@ -156,20 +157,22 @@ def bounds_on_sd(
         `mcstudy.analysis.selection.combined` makes of them; the variance of a sum is that of the bound's own sum.
     model: the bounds are at its truth.
     covariance: of the FRF errors, dims (amplitude, frequency, angle, angle_2), e.g. `measured_covariance`.
-    overlap: see `joint_covariance`.
+    overlap: see `mcstudy.fitting.standard_errors.joint_covariance`.
 
     Returns
     -------
     Dataset ``cramer_rao`` and ``paper_cost`` (linearised, what the paper's weights cost), in the parameters' units; NaN
     where ``held`` says that the bounds hold the parameter, whatever the data are, and NaN in all of an amplitude and
-    Fmax where ``why_not`` (amplitude, fmax) says, in words, why there is none; it is empty elsewhere.
+    Fmax where ``why_not`` (amplitude, fmax) says, in words, why there is none; it is empty elsewhere. ``box`` is the
+    root of `van_trees`, NaN only where the covariance of the noise is singular.
 
     Raises `InputError` for parameters of another model.
     """
     f, truth = cells["frequency"].values, model.truth
     members = _members(cells, model)
     shape = (cells.sizes["amplitude"], cells.sizes["fmax"], len(members))
-    bound, paper, fixed = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=bool)
+    bound, paper, box = (np.full(shape, np.nan) for _ in range(3))
+    fixed = np.zeros(shape, dtype=bool)
     why_not = np.full(shape[:2], "", dtype=object)
     weight = paper_cost(model, f, frf(model, truth, f)).weight
     for a, C in enumerate(covariance.transpose("amplitude", "frequency", "angle", "angle_2").values):
@@ -178,6 +181,7 @@ def bounds_on_sd(
                 joint = joint_covariance(C[:n], None if overlap is None else overlap[:n, :n])
                 alone = fixed_by_bounds(model, truth, f[:n], joint)
                 fixed[a, b] = [alone[m].any() for m in members]
+                box[a, b] = _sd_of_sums(van_trees(model, truth, f[:n], joint), members)
                 bound[a, b] = _sd_of_sums(cramer_rao(model, truth, f[:n], joint), members)
                 paper[a, b] = _sd_of_sums(linearised_covariance(model, truth, f[:n], weight[:n], joint), members)
             except InputError as error:
@@ -191,6 +195,7 @@ def bounds_on_sd(
     values = {
         "cramer_rao": (dims, bound),
         "paper_cost": (dims, paper),
+        "box": (dims, box),
         "held": (dims, fixed),
         "why_not": (dims[:2], why_not.astype(str)),
     }
@@ -200,6 +205,7 @@ def bounds_on_sd(
         cells,
         cramer_rao=("standard deviation at the Cramér-Rao bound", units),
         paper_cost=("standard deviation with the paper's weights, to first order in the noise", units),
+        box=("root mean squared error at the van Trees bound within the box of allowed values", units),
         held=_HELD,
         why_not=_WHY_NOT,
     )
@@ -249,37 +255,47 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
     -------
     Dataset ``value`` and ``mcse`` (of the observed variance; the error of the bound is far smaller). Both are NaN where
     ``applies`` (amplitude, fmax) is false: there, more than one fit in ten is on *some* bound, and the Cramér-Rao
-    bound, which assumes no bounds, cannot be compared with any spread (`bound_applies`). ``ratio`` and ``ratio_mcse``
-    are the same numbers without this restriction. Also ``n``, ``left_out``, ``cramer_rao_sd``, ``paper_cost_sd``,
-    ``held``, ``why_not`` (see `bounds_on_sd`), and for cells that are not combined ``at_bound``, the fraction of fits
-    with the parameter itself on a bound.
+    bound, which assumes no bounds, cannot be compared with any spread (`bound_applies`). ``box`` and ``box_mcse``
+    exist there too: the van Trees bound, which knows the box of allowed values, over the observed mean squared error.
+    Also ``n``, ``left_out``, ``cramer_rao_sd``, ``paper_cost_sd``, ``box_rmse``, ``held``, ``why_not`` (see
+    `bounds_on_sd`), and for cells that are not combined ``at_bound``, the fraction of fits with the parameter itself on
+    a bound.
     """
-    out = statistic_of(cells, lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2)
+    least, box = jackknives(
+        cells["estimate"],
+        cells["truth"],
+        [
+            lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2,
+            lambda m: bounds["box"] ** 2 / m.mse.where(m.mse > 0),
+        ],
+    )
     applies, name = bound_applies(cells), "efficiency (Cramér-Rao variance over observed variance)"
-    found = out.assign(
-        value=out["value"].where(applies),
-        mcse=out["mcse"].where(applies),
+    found = least.assign(
+        value=least["value"].where(applies),
+        mcse=least["mcse"].where(applies),
         applies=applies,
-        ratio=out["value"],
-        ratio_mcse=out["mcse"],
+        box=box["value"],
+        box_mcse=box["mcse"],
         cramer_rao_sd=bounds["cramer_rao"],
         paper_cost_sd=bounds["paper_cost"],
+        box_rmse=bounds["box"],
         held=bounds["held"],
         why_not=bounds["why_not"],
     )
     if "at_bound" in cells:
         found["at_bound"] = at_bound(cells)["value"].sum("side", skipna=False)
-    anywhere = "Cramér-Rao variance over observed variance, also where the bound does not apply"
-    sd = {k: (bounds[k].attrs["long_name"], bounds[k].attrs["units"]) for k in ("cramer_rao", "paper_cost")}
+    within = "van Trees bound within the box of allowed values over observed mean squared error"
+    sd = {k: (bounds[k].attrs["long_name"], bounds[k].attrs["units"]) for k in ("cramer_rao", "paper_cost", "box")}
     return labelled(
         found,
         cells,
         name,
         applies=("whether the Cramér-Rao bound applies", ONE),
-        ratio=(anywhere, ONE),
-        ratio_mcse=(f"Monte Carlo standard error of the {anywhere}", ONE),
+        box=(within, ONE),
+        box_mcse=(f"Monte Carlo standard error of the {within}", ONE),
         cramer_rao_sd=sd["cramer_rao"],
         paper_cost_sd=sd["paper_cost"],
+        box_rmse=sd["box"],
         held=_HELD,
         why_not=_WHY_NOT,
         at_bound=("fraction of best fits with the parameter on a bound", ONE),

@@ -15,9 +15,11 @@ to first order).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+import functools
+import operator
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -25,6 +27,12 @@ from scipy.special import bdtr, bdtrc, betainc, ndtri
 
 REALIZATION = "realization"
 """Name of the dimension that is sampled."""
+
+NUMBERS_A_PIECE = 1 << 20
+"""Numbers of an array that are worked on at once, 8 MB and some fifteen times that in between; more are read piece by
+piece."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -51,21 +59,74 @@ Statistic = Callable[[Moments], xr.DataArray]
 
 def moments(x: xr.DataArray, truth: xr.DataArray) -> Moments:
     """Moments over realizations; NaN entries of ``x`` are realizations that are left out."""
-    return _moments(x, truth)[0]
-
-
-def _moments(x: xr.DataArray, truth: xr.DataArray) -> tuple[Moments, xr.Variable, xr.Variable]:
-    """Moments, and the deviations from the mean and squared errors they are made of (zero where left out)."""
     x, truth = xr.align(x, truth, join="inner", copy=False)
-    v, t = x.variable, truth.variable
-    n = v.notnull().sum(REALIZATION)
-    mean = v.fillna(0.0).sum(REALIZATION) / n.where(n > 0)
-    deviation, error2 = (v - mean).fillna(0.0), ((v - t) ** 2).fillna(0.0)
-    sd = ((deviation**2).sum(REALIZATION) / (n - 1).where(n > 1)) ** 0.5
-    mse = error2.sum(REALIZATION) / n.where(n > 0)
+    return _sums(x, truth, pieces(x)).moments
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Moments of all realizations, and the sums they are made of: squares about the mean, and about the truth."""
+
+    moments: Moments
+    about_mean: xr.Variable
+    about_truth: xr.Variable
+
+
+def pieces(x: xr.DataArray | xr.Dataset) -> list[slice]:
+    """Slices of the realizations of at most about `NUMBERS_A_PIECE` numbers each; one for a lazy (Dask) array."""
+    n = x.sizes[REALIZATION]
+    if x.chunks:
+        return [slice(0, n)]
+    largest = x.size if isinstance(x, xr.DataArray) else max(v.size for v in x.variables.values())
+    depth = max(1, NUMBERS_A_PIECE * n // max(largest, 1))
+    return [slice(first, first + depth) for first in range(0, max(n, 1), depth)]
+
+
+def _total(parts: Iterable[T]) -> T:
+    return functools.reduce(operator.add, parts)
+
+
+def _sums(x: xr.DataArray, truth: xr.DataArray, parts: list[slice]) -> _Sums:
+    """Two passes over the pieces of aligned ``x``: the mean, then the deviations from it."""
+    t = truth.variable
+
+    def count_and_sum(part: slice) -> np.ndarray:
+        v = _piece(x, part).variable
+        return _pair(v.notnull().sum(REALIZATION), v.fillna(0.0).sum(REALIZATION))
+
+    n, total = _total(count_and_sum(part) for part in parts)
+    mean = total / n.where(n > 0)
+
+    def squares(part: slice) -> np.ndarray:
+        v = _piece(x, part).variable
+        deviation, error2 = _deviations(v, mean, t)
+        return _pair((deviation**2).sum(REALIZATION), error2.sum(REALIZATION))
+
+    about_mean, about_truth = _total(squares(part) for part in parts)
+    sd = (about_mean / (n - 1).where(n > 1)) ** 0.5
+    mse = about_truth / n.where(n > 0)
     own, both = _coordinates(x, mean.dims), _coordinates(x, mse.dims, truth)
-    mean, sd, n, mse = (xr.DataArray(m, c) for m, c in ((mean, own), (sd, own), (n, own), (mse, both)))
-    return Moments(mean, sd, mse, truth, n), deviation, error2
+    made = [xr.DataArray(m, c) for m, c in ((mean, own), (sd, own), (mse, both), (n, own))]
+    return _Sums(Moments(made[0], made[1], made[2], truth, made[3]), about_mean, about_truth)
+
+
+def _pair(a: xr.Variable, b: xr.Variable) -> np.ndarray:
+    """Two variables that are added to others each for itself."""
+    out = np.empty(2, dtype=object)
+    out[:] = a, b
+    return out
+
+
+def _piece(x: xr.DataArray, part: slice) -> xr.DataArray:
+    """Some realizations of an array, read now unless it is lazy; all of an array in memory is the array itself."""
+    if x.chunks or (part.stop >= x.sizes[REALIZATION] and part.start == 0):
+        return x
+    return x.isel({REALIZATION: part}).compute()
+
+
+def _deviations(v: xr.Variable, mean: xr.Variable, truth: xr.Variable) -> tuple[xr.Variable, xr.Variable]:
+    """Deviations from the mean and squared errors; zero where left out."""
+    return (v - mean).fillna(0.0), ((v - truth) ** 2).fillna(0.0)
 
 
 def _coordinates(x: xr.DataArray, dims: tuple[Hashable, ...], other: xr.DataArray | None = None) -> xr.Coordinates:
@@ -79,19 +140,18 @@ def _coordinates(x: xr.DataArray, dims: tuple[Hashable, ...], other: xr.DataArra
     return held.drop_vars([name for name, c in held.variables.items() if not set(c.dims) <= set(dims)]).coords
 
 
-def _with_deleted(x: xr.DataArray, truth: xr.DataArray) -> tuple[Moments, Moments]:
-    """Moments of each cell, and the same with each realization deleted in turn (those keep the realization dim)."""
-    full, deviation, error2 = _moments(x, truth)
-    x, truth = xr.align(x, truth, join="inner", copy=False)
-    n, mean = full.n.variable, full.mean.variable
+def _with_deleted(x: xr.DataArray, truth: xr.DataArray, sums: _Sums) -> Moments:
+    """Moments of each cell with each realization of ``x``, one piece of all, deleted in turn (they keep its dim)."""
+    n, mean = sums.moments.n.variable, sums.moments.mean.variable
+    deviation, error2 = _deviations(x.variable, mean, truth.variable)
     every = _coordinates(x, x.dims, truth)
     n1 = n - x.variable.notnull()
     some, several = n1.where(n1 > 0), (n1 - 1).where(n1 > 1)
     # deleting i moves the mean, so the sum of squares about the new mean drops by y_i^2 n / (n - 1)
-    ss1 = ((deviation**2).sum(REALIZATION) - deviation**2 * n / some).clip(min=0.0)
-    mse1 = (error2.sum(REALIZATION) - error2) / some
+    ss1 = (sums.about_mean - deviation**2 * n / some).clip(min=0.0)
+    mse1 = (sums.about_truth - error2) / some
     mean1, sd1, mse1, n1 = (xr.DataArray(m, every) for m in (mean - deviation / some, (ss1 / several) ** 0.5, mse1, n1))
-    return full, Moments(mean1, sd1, mse1, truth, n1)
+    return Moments(mean1, sd1, mse1, truth, n1)
 
 
 def jackknife(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic) -> xr.Dataset:
@@ -112,24 +172,58 @@ def jackknife(x: xr.DataArray, truth: xr.DataArray, statistic: Statistic) -> xr.
 
 
 def jackknives(x: xr.DataArray, truth: xr.DataArray, statistics: Sequence[Statistic]) -> list[xr.Dataset]:
-    """`jackknife` of several statistics, which share the moments."""
-    full, deleted = _with_deleted(x, truth)
-    return [_jackknifed(x, full, deleted, statistic) for statistic in statistics]
+    """`jackknife` of several statistics, which share the moments; memory for one of the `pieces` of ``x`` at a time."""
+    own, truth = xr.align(x, truth, join="inner", copy=False)
+    parts = pieces(own)
+    sums = _sums(own, truth, parts)
+    values = [statistic(sums.moments) for statistic in statistics]
+    spreads: list[_Spread | None] = [None] * len(statistics)
+    for part in parts:
+        piece = _piece(own, part)
+        deleted = _with_deleted(piece, truth, sums)
+        for k, statistic in enumerate(statistics):
+            pooled = [d for d in x.dims if d not in (*values[k].dims, REALIZATION)]
+            found = _Spread.of(piece, statistic(deleted), pooled)
+            before = spreads[k]
+            spreads[k] = found if before is None else before.merged(found)
+    return [_result(x, sums.moments, *pair) for pair in zip(values, spreads, strict=True)]
 
 
-def _jackknifed(x: xr.DataArray, full: Moments, deleted: Moments, statistic: Statistic) -> xr.Dataset:
-    value, replicate = statistic(full), statistic(deleted)
-    pooled = [d for d in x.dims if d not in (*value.dims, REALIZATION)]
-    used = x.variable.notnull()
-    used = used.any(pooled) if pooled else used
-    at = xr.DataArray(used, _coordinates(x, used.dims))
-    replicate, at = xr.align(replicate, at, join="inner", copy=False)
-    r, joined = replicate.variable, at.variable
-    g = joined.sum(REALIZATION)
-    centre = r.where(joined, 0.0).sum(REALIZATION) / g.where(g > 0)
-    squares = ((r - centre) ** 2).where(joined, 0.0).sum(REALIZATION, skipna=False)
-    mcse = np.sqrt(squares * (g - 1) / g.where(g > 1))
-    mcse = xr.DataArray(mcse, _coordinates(replicate, mcse.dims, at))
+@dataclass(frozen=True)
+class _Spread:
+    """Number, mean and summed squares about the mean of the replicates of a statistic; ``squares`` has coordinates."""
+
+    n: xr.Variable
+    centre: xr.Variable
+    squares: xr.DataArray
+
+    @classmethod
+    def of(cls, x: xr.DataArray, replicate: xr.DataArray, pooled: list[Hashable]) -> _Spread:
+        """Replicates of the realizations of ``x`` that have a number in any of the cells that are pooled."""
+        used = x.variable.notnull()
+        used = used.any(pooled) if pooled else used
+        at = xr.DataArray(used, _coordinates(x, used.dims))
+        replicate, at = xr.align(replicate, at, join="inner", copy=False)
+        r, joined = replicate.variable, at.variable
+        g = joined.sum(REALIZATION)
+        centre = r.where(joined, 0.0).sum(REALIZATION) / g.where(g > 0)
+        squares = ((r - centre) ** 2).where(joined, 0.0).sum(REALIZATION, skipna=False)
+        return cls(g, centre, xr.DataArray(squares, _coordinates(replicate, squares.dims, at)))
+
+    def merged(self, other: _Spread) -> _Spread:
+        """Both together (Chan, Golub & LeVeque 1983)."""
+        n = self.n + other.n
+        off = (other.centre - self.centre).where((self.n > 0) & (other.n > 0), 0.0)
+        centre = self.centre.fillna(0.0).where(self.n > 0, other.centre) + off * other.n / n.where(n > 0)
+        squares = self.squares.variable + other.squares.variable + off**2 * self.n * other.n / n.where(n > 0, 1)
+        return _Spread(n, centre.where(n > 0), self.squares.copy(data=squares.transpose(*self.squares.dims).data))
+
+
+def _result(x: xr.DataArray, full: Moments, value: xr.DataArray, spread: _Spread | None) -> xr.Dataset:
+    assert spread is not None
+    g, pooled = spread.n, [d for d in x.dims if d not in (*value.dims, REALIZATION)]
+    mcse = np.sqrt(spread.squares.variable * (g - 1) / g.where(g > 1))
+    mcse = xr.DataArray(mcse, spread.squares.coords)
     least = full.n.variable.min(pooled) if pooled else full.n.variable
     n = xr.DataArray(least, _coordinates(x, least.dims))
     return xr.Dataset({"value": value, "mcse": mcse, "n": n, "left_out": x.sizes[REALIZATION] - n})

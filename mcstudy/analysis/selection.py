@@ -26,6 +26,9 @@ COMBINED: dict[str, tuple[str, ...]] = {
 INSIDE = "inside_bounds"
 """Variable of `combined` cells that holds what `inside_bounds` says of the parameters they were combined from."""
 
+ERROR = "standard_error"
+"""Variable with the standard errors of the best fit, in a cube that holds them."""
+
 _OF_THE_BEST = {
     "estimate": "parameters of the best fit",
     "cost": "cost of the best fit",
@@ -33,9 +36,10 @@ _OF_THE_BEST = {
     "status": "how the best fit ended; pending is a fit that has not been run",
     "at_bound": "bound the parameter of the best fit lies on",
     "iterations": "evaluations of the model with its derivatives for the best fit",
+    ERROR: "standard error of the parameters of the best fit",
 }
 
-_CONDITIONAL = ("estimate", "cost", "growth_rate")
+_CONDITIONAL = ("estimate", "cost", "growth_rate", ERROR)
 
 _ACCOUNT = {
     "used": "with a usable fit",
@@ -76,6 +80,9 @@ def best(cube: xr.Dataset, allowed: xr.DataArray | None = None) -> xr.Dataset:
     for name in ("status", "at_bound", "iterations"):
         if name in cube:
             out[name] = take(cube[name], index)
+    if ERROR in cube and allowed is not None:  # they are those of the best of all starts
+        first = _whole_starts(cube["cost"].where(usable(cube), np.inf)).argmin("start")
+        out[ERROR] = cube[ERROR].where(any_ok & (index == first))
     which = take(cube["start"].broadcast_like(index), index) if "start" in cube.coords else index
     out["best_start"] = label(which.where(any_ok, -1).astype("int64"), "start of the best fit; -1 where none is usable")
     out["usable_starts"] = label(ok.sum("start"), "usable starts")

@@ -10,17 +10,19 @@ import xarray as xr
 
 from mcstudy.analysis.context import covariance_of, group_of, model_of, nearest, points_of, provenance_of
 from mcstudy.analysis.convergence import starts_needed
-from mcstudy.analysis.efficiency import bounds_on_sd, overlap_of
-from mcstudy.analysis.selection import best, combined
+from mcstudy.analysis.efficiency import bounds_on_sd
+from mcstudy.analysis.selection import ERROR, best, combined
 from mcstudy.errors import InputError
 from mcstudy.files.sections import leaves
+from mcstudy.fitting.standard_errors import overlap_of
 from mcstudy.stance.feedback import Model
-from mcstudy.study.design import SECTIONS, Group
+from mcstudy.study.design import FITTED, Group
 from mcstudy.study.models import with_model_values
 from mcstudy.study.unstable import instability
 
 _NEEDED = (
     "estimate",
+    ERROR,
     "cost",
     "status",
     "at_bound",
@@ -103,7 +105,7 @@ class GroupView:
     def differences_from(self, other: Group) -> list[str]:
         """Settings in which the group differs from ``other``, ``field = value`` of this group."""
         theirs, ours = (
-            dict(leaves({s: getattr(g, s).model_dump(mode="json") for s in SECTIONS})) for g in (other, self.group)
+            dict(leaves({s: getattr(g, s).model_dump(mode="json") for s in FITTED})) for g in (other, self.group)
         )
         return [f"{field} = {value}" for field, value in ours.items() if field in theirs and theirs[field] != value]
 

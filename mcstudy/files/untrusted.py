@@ -13,7 +13,7 @@ import re
 import stat
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from google_crc32c import value as crc32c
 
@@ -46,16 +46,28 @@ def real_bytes(path: Path, limit: int = LARGEST_CHUNK, follow: bool = False) -> 
 
     ``follow``: whether ``path`` may be a link; true for files that the user names.
     """
+    with _regular(path, follow) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > limit:
+            raise StoreError(f"{path}: expected at most {limit} bytes, found {size}")
+        return file.read(limit)
+
+
+def real_end(path: Path, n: int) -> bytes:
+    """The last ``n`` bytes of a regular file, fewer of a shorter one; errors as `real_bytes`."""
+    with _regular(path) as file:
+        file.seek(max(os.fstat(file.fileno()).st_size - n, 0))
+        return file.read(n)
+
+
+def _regular(path: Path, follow: bool = False) -> BinaryIO:
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | (0 if follow else os.O_NOFOLLOW))
     status = os.fstat(handle)
     if not stat.S_ISREG(status.st_mode):
         os.close(handle)
         what = "a folder" if stat.S_ISDIR(status.st_mode) else "something else"
         raise StoreError(f"{path}: expected a regular file, found {what}")
-    with os.fdopen(handle, "rb") as file:
-        if status.st_size > limit:
-            raise StoreError(f"{path}: expected at most {limit} bytes, found {status.st_size}")
-        return file.read(limit)
+    return os.fdopen(handle, "rb")
 
 
 def toml(text: str) -> dict[str, Any]:

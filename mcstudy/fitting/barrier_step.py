@@ -18,6 +18,8 @@ import math
 import numpy as np
 from numba import njit
 
+from mcstudy.fitting.small_linear import solve
+
 BOUNDARY = 0.995
 """Fraction of the way to a bound that a step may go (Byrd, Hribar & Nocedal 1999)."""
 
@@ -131,30 +133,9 @@ def system(hessian, x, lower, upper, low, high, out):  # type: ignore[no-untyped
 @njit(nogil=True)
 def direct_step(matrix, slope, step):  # type: ignore[no-untyped-def]
     """Solve ``matrix`` (P, P) step = -slope by Cholesky's factorisation; False when it is not positive definite."""
-    P = slope.size
-    factor = np.zeros((P, P))
-    for i in range(P):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            if i > j:
-                factor[i, j] = total / factor[j, j]
-            elif total > 0.0 and math.isfinite(total):
-                factor[i, i] = math.sqrt(total)
-            else:
-                return False
-    for i in range(P):
-        total = -slope[i]
-        for k in range(i):
-            total -= factor[i, k] * step[k]
-        step[i] = total / factor[i, i]
-    for i in range(P - 1, -1, -1):
-        total = step[i]
-        for k in range(i + 1, P):
-            total -= factor[k, i] * step[k]
-        step[i] = total / factor[i, i]
-    return True
+    for i in range(slope.size):
+        step[i] = -slope[i]
+    return solve(matrix.copy(), step, slope.size)
 
 
 @njit(nogil=True)

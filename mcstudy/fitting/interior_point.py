@@ -37,12 +37,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Bounds, Options, Outcomes, Queue, pack
+from mcstudy.fitting.arguments import Bounds, Options, Outcomes
 from mcstudy.fitting.interior_point_kernel import interior_point as kernel
 from mcstudy.fitting.interior_point_kernel import machines
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.plans import kept_plan, workspace
-from mcstudy.fitting.problem import Fits, Problem
+from mcstudy.fitting.problem import Fits, Problem, queued
 
 REACH = 0.0001
 """How near a bound its solutions end that lie on it, in widths of the bounds."""
@@ -62,11 +62,7 @@ def interior_point_queue(problems: Sequence[Problem], which: np.ndarray, starts:
     table = kept_plan(model, np.asarray(problems[0].f, dtype=float).tobytes())
     out = Outcomes.empty(*starts.shape)
     if len(starts):
-        queue = Queue(
-            packed=np.stack([pack(p.data, p.weight) for p in problems]),
-            problem=np.ascontiguousarray(which, dtype=np.int64),
-            starts=np.ascontiguousarray(starts),
-        )
+        queue = queued(problems, which, starts)
         room = machines(WIDTH, starts.shape[1])
         kernel(table, workspace(table), room, queue, Bounds(model.lower, model.upper), options, out)
     return Fits.of(model, *out, reach=REACH)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Options, Outcomes, Queue, pack
+from mcstudy.fitting.arguments import Bounds, Options, Outcomes, pack
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.plans import kept_plan, plan, workspace
-from mcstudy.fitting.problem import Fits, Problem
+from mcstudy.fitting.problem import Fits, Problem, queued
 
 
 def lm_queue(
@@ -30,11 +30,7 @@ def lm_queue(
     table = kept_plan(model, np.asarray(problems[0].f, dtype=float).tobytes())
     out = Outcomes.empty(*starts.shape)
     if len(starts):
-        queue = Queue(
-            packed=np.stack([pack(p.data, p.weight) for p in problems]),
-            problem=np.ascontiguousarray(which, dtype=np.int64),
-            starts=np.ascontiguousarray(starts),
-        )
+        queue = queued(problems, which, starts)
         bounds = Bounds(model.lower, model.upper)
         kernel.levenberg_marquardt(table, workspace(table), queue, bounds, Options(tolerance, max_iterations), out)
     return Fits.of(model, *out)

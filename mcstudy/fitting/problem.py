@@ -10,10 +10,12 @@ Both costs are one half-quadratic form: with W_n a 2 x 2 complex lower-triangula
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from mcstudy.fitting.arguments import Queue, pack
 from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
@@ -85,6 +87,15 @@ def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarra
     else:
         weight[angles] = np.nan
     return Problem(model, np.asarray(f, dtype=float), data, weight)
+
+
+def queued(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray) -> Queue:
+    """Starts (M, P) of problems that share model and frequencies, for a kernel; ``which``: problem of each, (M,)."""
+    return Queue(
+        packed=np.stack([pack(p.data, p.weight) for p in problems]),
+        problem=np.ascontiguousarray(which, dtype=np.int64),
+        starts=np.ascontiguousarray(starts),
+    )
 
 
 @dataclass(frozen=True)

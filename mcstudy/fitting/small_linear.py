@@ -6,6 +6,9 @@ import numpy as np
 
 from mcstudy.stance.compiled import compiled
 
+RELATIVE_RIDGE = 1e-14
+"""Added to a diagonal, relative to it, so that a matrix with a direction of zero curvature has a factor."""
+
 
 @compiled
 def factor(A, n):  # type: ignore[no-untyped-def]
@@ -54,6 +57,44 @@ def solve(A, b, n):  # type: ignore[no-untyped-def]
         return False
     solve_factored(A, b, n)
     return True
+
+
+@compiled
+def likelihood_ratios(gram, right, gradients, ratio, variance, explained):  # type: ignore[no-untyped-def]
+    """Of D linear fits: likelihood ratios and variances (D, K) of K quantities, and the squares that they explain (D,).
+
+    ``gram``: lower triangles by rows, (D, F (F + 1) / 2), or one for all fits. ``right``: (D, F). ``gradients``: (K, F)
+    of the quantities. What no line determines has a variance of about 1 / `RELATIVE_RIDGE`, not an infinite one.
+    """
+    D, F = right.shape
+    A, b, g = np.empty((F, F)), np.empty(F), np.empty(F)
+    for d in range(D):
+        if d < gram.shape[0]:
+            k = 0
+            for i in range(F):
+                for j in range(i + 1):
+                    A[i, j] = gram[d, k]
+                    k += 1
+                A[i, i] *= 1.0 + RELATIVE_RIDGE
+            factor(A, F)
+        explained[d] = 0.0
+        for i in range(F):
+            b[i] = right[d, i]
+            for j in range(i):
+                b[i] -= A[i, j] * b[j]
+            b[i] /= A[i, i]
+            explained[d] += b[i] * b[i]
+        for k in range(gradients.shape[0]):
+            along, size = 0.0, 0.0
+            for i in range(F):
+                g[i] = gradients[k, i]
+                for j in range(i):
+                    g[i] -= A[i, j] * g[j]
+                g[i] /= A[i, i]
+                along += g[i] * b[i]
+                size += g[i] * g[i]
+            ratio[d, k] = along * along / size
+            variance[d, k] = size
 
 
 @compiled

@@ -136,7 +136,7 @@ def _starts() -> None:
 def _diagnosis() -> None:
     # Imported here: studies need none of them, and the statistics behind the first take a second to import.
     from mcstudy.fitting.penalised import Fitter
-    from mcstudy.fitting.small_linear import gaussian_factor, orthonormal
+    from mcstudy.fitting.small_linear import gaussian_factor, likelihood_ratios, orthonormal
 
     problem = _problem()
     model = problem.model
@@ -146,6 +146,7 @@ def _diagnosis() -> None:
     fitter.ends(data, model.truth[None], np.eye(1, model.truth.size), np.ones(1), np.ones(1))
     gaussian_factor(np.eye(2), np.ones((2, 1)), 1.0)
     orthonormal(np.eye(2, 4), np.ones((1, 4)), 1e-6)
+    likelihood_ratios(np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones(1))
 
 
 PARTS = {

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtri
 
+from mcstudy.fitting.small_linear import likelihood_ratios
 from mcstudy.spectra.line_noise import LineNoise
 
 DRAWS = 400
@@ -112,27 +113,26 @@ class _Linear(NamedTuple):
 
 
 def _products(J: np.ndarray) -> np.ndarray:
-    """Gram matrix per unit of each of the four numbers of a line's precision, (4 N, F F), of J (N, 2, F).
+    """Gram matrix per unit of each of the four numbers of a line's precision, (4 N, F (F + 1) / 2), of J (N, 2, F).
 
-    The Gram matrix of a draw is linear in these numbers, so that all draws are one product of matrices.
+    Lower triangles by rows. The Gram matrix of a draw is linear in these numbers, so that all draws are one product of
+    matrices.
     """
+    i, j = np.tril_indices(J.shape[2])
     a, b = J[:, 0], J[:, 1]
-    cross = a.conj()[:, :, None] * b[:, None, :]
-    turned = np.swapaxes(cross, 1, 2)
-    squares = [(x.conj()[:, :, None] * x[:, None, :]).real for x in (a, b)]
-    parts = [*squares, (cross + turned.conj()).real, (1j * (cross - turned.conj())).real]
+    across, back = a.conj()[:, i] * b[:, j], b.conj()[:, i] * a[:, j]
+    squares = [(x.conj()[:, i] * x[:, j]).real for x in (a, b)]
+    parts = [*squares, (across + back).real, -(across - back).imag]
     return 2 * np.stack(parts, axis=1).reshape(4 * len(J), -1)
 
 
 def _linear_fits(
     J: np.ndarray, gram: np.ndarray, pulled: np.ndarray, deviance: np.ndarray, gradients: np.ndarray
 ) -> _Linear:
-    """Linear fits to D errors ``pulled`` (D, 2 N) by their precision, with ``gram`` (D or 1, F F)."""
-    F = J.shape[2]
-    flat = J.reshape(-1, F)
+    """Linear fits to D errors ``pulled`` (D, 2 N) by their precision, with ``gram`` (D or 1, F (F + 1) / 2)."""
+    flat = J.reshape(-1, J.shape[2])
     right = 2 * (pulled.real @ flat.real + pulled.imag @ flat.imag)
-    inverse = np.linalg.inv(gram.reshape(-1, F, F))
-    solved = (inverse @ right[..., None])[..., 0]
-    variance = np.einsum("kf,dfk->dk", gradients, inverse @ gradients.T)
-    chi2 = deviance - np.einsum("df,df->d", solved, right)
-    return _Linear((solved @ gradients.T) ** 2 / variance, variance, chi2)
+    shape = len(right), len(gradients)
+    out = _Linear(np.empty(shape), np.empty(shape), np.empty(len(right)))
+    likelihood_ratios(np.ascontiguousarray(gram), right, np.ascontiguousarray(gradients), *out)
+    return out._replace(chi2=deviance - out.chi2)

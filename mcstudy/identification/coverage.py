@@ -9,15 +9,20 @@ harmonics (`mcstudy.spectra.even_lines`), and the fit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.special import ndtri
 
 from mcstudy.effect_library.simulated import simulate
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.identification.at_truth import judged, starts
 from mcstudy.identification.correction import Draws, simulated
-from mcstudy.identification.fit import NOISE_HZ, fit_lines
+from mcstudy.identification.fit import NOISE_HZ, bounded, fit_lines
+from mcstudy.identification.minimum import without_prior
+from mcstudy.identification.quantities import quantities
 from mcstudy.identification.result import FitResult
 from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
 from mcstudy.spectra.line_noise import LineNoise
@@ -33,6 +38,9 @@ from mcstudy.streams import stream
 
 TRIALS, DISCARD = 2, 1
 """Trials of a recording, and cycles discarded at the start of each."""
+
+LEVEL = 0.95
+"""Of all intervals."""
 
 SLOWEST = -0.5
 """Growth rate, 1/s, above which a drawn body is not used: it would sway for minutes after a push."""
@@ -85,9 +93,9 @@ class Source:
         R = self._cycles
         white = rng.standard_normal((TRIALS, R, *self._root.shape[:2], 2)).view(complex)[..., 0] * np.sqrt(0.5)
         noise = np.zeros((TRIALS, R, len(self._root) + 1, 2), dtype=complex)
-        noise[:, :, 1:] = np.einsum("kab,trkb->trka", self._root, white)
+        noise[:, :, 1:] = self._root[..., 0] * white[..., :1] + self._root[..., 1] * white[..., 1:]
         means = noise.mean(axis=1) * np.sqrt(R)
-        differences = np.einsum("dr,trka->tdka", _contrasts(R), noise).reshape(TRIALS * (R - 1), -1, 2)
+        differences = (_contrasts(R) @ noise.reshape(TRIALS, R, -1)).reshape(TRIALS * (R - 1), -1, 2)
         total = TRIALS * R * np.abs(self._stimulus) ** 2
         covariance = self._understated * self._estimator(means, differences) * TRIALS / total[:, None, None]
         repeats = self._response + noise[:, :, self._wanted].reshape(TRIALS * R, -1, 2) / self._stimulus[:, None]
@@ -104,10 +112,10 @@ class Source:
             harmonic=self._wanted,
         ).below(self._fmax)
 
-    def draws(self) -> Draws:
-        """What the correction of all recordings of this condition shares."""
+    def draws(self, fmax: float | None = None) -> Draws:
+        """What the correction of all recordings of this condition shares; of their lines up to ``fmax`` if given."""
         noise = LineNoise(np.empty((self.f.size, 2, 2)), self._estimator.dof * TRIALS, self._pooling)
-        return simulated(noise.at(self.f <= self._fmax), stream(0, "fit correction"))
+        return simulated(noise.at(self.f <= (fmax or self._fmax)), stream(0, "fit correction"))
 
 
 COLUMNS = ("estimate", "low", "high", "low_by_data", "high_by_data", "wald_low", "wald_high")
@@ -137,6 +145,37 @@ def intervals(condition: Condition, first: int, last: int, time_domain: bool = F
         "intervals": np.array([[_row(e) for e in f.estimates] for f in fits]),
         "about": np.array([(f.p_value, f.minima.starts, _reached(f)) for f in fits], dtype=float),
     }
+
+
+JUDGED = ("contained", "estimate", "wald_low", "wald_high", "rise")
+"""What is kept of every test; see `mcstudy.identification.at_truth.Judged`."""
+
+LOW_HZ, FEW, MANY = 2.0, 12, 48
+"""Random starts of each search: few, and many up to a frequency below which more minima are deep."""
+
+
+def judgements(truth: int, cycles: int, fmax: Sequence[float], first: int, last: int) -> dict[float, np.ndarray]:
+    """Whether intervals of realizations ``first`` ... ``last`` - 1 contain the truth, (R, K, len(JUDGED)) by fmax.
+
+    Up to `NOISE_HZ` the recordings are those of `intervals`.
+    """
+    source, nominal = Source(Condition(truth, cycles, max(fmax))), two_segment()
+    model, theta = bounded(nominal, nominal, {}), np.array(list(body(truth).values()))
+    wanted, seeds = quantities(model), range(first, last)
+    drawn = [source(stream(r, f"coverage {truth} {cycles}")) for r in seeds]
+    found: dict[float, np.ndarray] = {}
+    before = None
+    for highest in sorted(fmax, key=lambda f: (f < LOW_HZ, f)):
+        lines = [x.below(highest) for x in drawn]
+        fitter = Fitter(model, without_prior(model, nominal), lines[0].f)
+        further = starts(fitter, seeds, MANY if highest < LOW_HZ else FEW, before)
+        before = judged(fitter, lines, wanted, theta, source.draws(highest), LEVEL, further)
+        best = np.array([m.theta[0] for m in before.minima])
+        estimate = np.array([[q.value(x) for q in wanted] for x in best])
+        error = ndtri(0.5 + LEVEL / 2) * np.sqrt([n.variance for n in before.near])
+        columns = before.contained, estimate, estimate - error, estimate + error, before.rise
+        found[highest] = np.stack(columns, axis=-1)
+    return found
 
 
 def truths(number: int, names: list[str]) -> np.ndarray:

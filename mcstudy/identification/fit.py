@@ -11,21 +11,21 @@ from scipy.special import ndtri
 
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError, RecordingError
-from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.identification.complete import complete
-from mcstudy.identification.correction import Draws, correction, simulated
+from mcstudy.identification.correction import Draws, simulated
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
 from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.tables import BANDS_HZ
+from mcstudy.identification.threshold import threshold
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.response import frf_jacobian
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
 
@@ -99,16 +99,12 @@ def fit_lines(
     fitter = Fitter(model, without_prior(model, nominal), lines.f)
     minima = search(fitter, data, seed)
     theta = minima.theta[0]
-    near = Linearised.at(model, minima, of)
-    jacobian = whiten(data.weight, frf_jacobian(model, theta, lines.f)[1])
-    free = near.free
     drawn = draws or simulated(lines.noise, stream(seed, "fit correction"))
-    corrected = correction(jacobian[:, free], near.gradients[:, free], drawn)
-    null = corrected.null_chi2
-    worse = max(1.0, float(minima.chi2[0] / null.mean()))  # Birge (1932): residuals above the noise widen the intervals
-    found = profiles(fitter, data, minima, of, worse * corrected.threshold(level), curve)
+    upto = threshold(model, data, minima, of, drawn, level)
+    null, near = upto.null_chi2, upto.near
+    found = profiles(fitter, data, minima, of, upto.rise, curve)
     error = ndtri(0.5 + level / 2) * np.sqrt(near.variance)
-    share = _information(jacobian @ near.tangent.T, lines.f)
+    share = _information(upto.jacobian @ near.tangent.T, lines.f)
     return FitResult(
         name=name,
         level=level,

@@ -78,7 +78,7 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
         )
         chi2 = np.concatenate([f.chi2 for f in fits])
         chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
-        best, hits = _distinct(chi2, len(aimed))
+        best, hits = distinct(chi2, len(aimed))
         near = chi2[best] - chi2[best[0]] < REACH
         found = int((hits[near] > 0).sum() + (hits[~near] > 0).any())
         waterfall = np.sort(chi2[len(aimed) :])
@@ -105,7 +105,7 @@ def _hopeful(fitter: Fitter, data: Data, starts: np.ndarray, lowest: float) -> P
     return fits
 
 
-def _distinct(chi2: np.ndarray, aimed: int) -> tuple[np.ndarray, np.ndarray]:
+def distinct(chi2: np.ndarray, aimed: int) -> tuple[np.ndarray, np.ndarray]:
     """Index of one fit per minimum, the lowest first, and the random starts (all but the first ``aimed``) in each."""
     order = np.argsort(chi2)
     order = order[np.isfinite(chi2[order])]

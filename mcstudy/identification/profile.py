@@ -19,6 +19,7 @@ import numpy as np
 
 from mcstudy.fitting.outermost_kernel import BOUND, DATA, GAVE_UP
 from mcstudy.fitting.penalised import ENDED, Data, Fitter
+from mcstudy.fitting.standard_errors import wald_covariance
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.quantities import Quantity
 from mcstudy.stance.feedback import Model
@@ -89,7 +90,7 @@ class Linearised:
         """At the lowest minimum."""
         theta = minima.theta[0]
         free = (theta > model.lower) & (theta < model.upper)
-        covariance = np.linalg.pinv(minima.information[0][np.ix_(free, free)], hermitian=True)
+        covariance = wald_covariance(minima.information[0], free)
         gradients = np.array([q.gradient(theta) for q in wanted])
         tangent = np.zeros(gradients.shape)
         tangent[:, free] = gradients[:, free] @ covariance

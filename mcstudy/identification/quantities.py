@@ -80,9 +80,11 @@ def expression(model: Model, text: str) -> Quantity:
         return np.array([np.imag(at(row)) / STEP for row in steps])
 
     linear = _linear(tree)
+    constant = gradient(model.truth) if linear else None
     units = {model.units[model.names.index(name)] for name in named}
     unit = units.pop() if linear and len(units) == 1 else ""
-    return Quantity(text, unit, lambda theta: float(at(theta)), gradient, linear)
+    slope = gradient if constant is None else lambda _: constant
+    return Quantity(text, unit, lambda theta: float(at(theta)), slope, linear)
 
 
 def function(model: Model, name: str, of: Callable[[Mapping[str, float]], float]) -> Quantity:

@@ -25,16 +25,33 @@ MOVING = 0.05
 SHARE = 0.75
 """Smallest share of changing samples on straight lines for a stimulus to count as piecewise linear."""
 
+LEVELS = 9
+"""Most different slopes of a stimulus that is recognised by taking the same few slopes again and again."""
+
 
 def is_straight(stimulus: np.ndarray) -> bool:
-    """Whether the stimulus (n,) is piecewise linear, with few bends, all of them at samples."""
+    """Whether the stimulus (n,) is piecewise linear, with bends at samples.
+
+    It is if bends are few, or if it takes the same few slopes again and again, as a PRTS does whose slope may change at
+    every sample or every second one.
+    """
     slope = np.diff(stimulus)
     bend = np.abs(np.diff(slope))
     if bend.size == 0 or not bend.any():
         return False
     moves = np.abs(slope) > MOVING * np.abs(slope).max()
     moving = moves[1:] | moves[:-1]
-    return bool((bend[moving] <= BENT * bend.max()).mean() >= SHARE)
+    if (bend[moving] <= BENT * bend.max()).mean() >= SHARE:
+        return True
+    jumps = not (moves[1:] & moves[:-1]).any()  # constant between them
+    return not jumps and _levels(slope) <= LEVELS < _levels(stimulus)
+
+
+def _levels(values: np.ndarray) -> float:
+    """Number of narrow groups that the values (n,) form; infinite if one of them is wide."""
+    ordered, narrow = np.sort(values), BENT * np.abs(values).max()
+    groups = np.split(ordered, np.flatnonzero(np.diff(ordered) > narrow) + 1)
+    return len(groups) if all(g[-1] - g[0] <= narrow for g in groups) else np.inf
 
 
 def drive(recording: Recording, f: np.ndarray) -> np.ndarray:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 from mcstudy.stance.body import TRUTH_PROVENANCE, two_segment
 
+INFERRED = "inferred from the paper's published numbers"
+"""How true values are called that were found by `mcstudy infer`, wherever they are shown."""
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -33,8 +36,8 @@ TRUTHS: dict[str, Truth] = {
             "Td1": 0.05533,
             "Td2": 0.07715,
         },
-        "inferred: the paper's Table I is lost; these values came nearest to its printed numbers "
-        "among simulated studies (mcstudy infer table_one); the numbers do not determine all of them",
+        f"{INFERRED}: its Table I is lost; these values came nearest to the printed numbers among simulated "
+        "studies (mcstudy infer table_one); the numbers do not determine all of them",
     ),
 }
 """Sets that `model.truth` of a study file may name."""

@@ -120,6 +120,8 @@ def _check_fit(group: Group) -> None:
         raise DesignError(
             "fit.cost: expected 'paper' for a group without noise (no noise covariance to weight with), got 'ml'"
         )
+    if group.store.standard_errors and (group.simulator == "none" or min(group.noise.psd) == 0):
+        raise DesignError("store.standard_errors: expected false for a group without noise on both angles, got true")
 
 
 def _check_frequencies(group: Group, model: Model) -> None:
@@ -157,7 +159,8 @@ def check_determined(frequencies: int, model: Model, fmax: float, field: str) ->
 def _realization_bytes(group: Group, parameters: int, frequencies: int) -> int:
     """Bytes of the results of one realization at one amplitude, uncompressed (`mcstudy.study.layout`)."""
     a_fit = 2 * 8 * parameters + parameters + 8 + 8 + 4 + 1
-    return a_fit * len(group.fmax) * group.starts + (16 * 2 + 16 * 4) * frequencies
+    errors = 8 * parameters if group.store.standard_errors else 0
+    return (a_fit * group.starts + errors) * len(group.fmax) + (16 * 2 + 16 * 4) * frequencies
 
 
 def _check_size(group: Group, model: Model) -> None:

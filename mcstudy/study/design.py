@@ -19,6 +19,7 @@ from mcstudy.files.plain_errors import shown, validated
 from mcstudy.files.sections import Name, Positive, Section
 from mcstudy.study.checks import check_group
 from mcstudy.study.group import (
+    FITTED,
     SECTIONS,
     BoundsSection,
     FitSection,
@@ -27,6 +28,7 @@ from mcstudy.study.group import (
     NoiseSection,
     SpectraSection,
     StimulusSection,
+    StoreSection,
     StudySection,
 )
 from mcstudy.study.models import with_model_values
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from mcstudy.study.plan import StudyPlan
 
 __all__ = [
+    "FITTED",
     "SECTIONS",
     "BoundsSection",
     "FitSection",
@@ -47,6 +50,7 @@ __all__ = [
     "Section",
     "SpectraSection",
     "StimulusSection",
+    "StoreSection",
     "Study",
     "StudySection",
 ]
@@ -91,7 +95,7 @@ class Study(Section):
         **fields
             Those of a ``[group.NAME]`` table of a study file: ``realizations``, ``starts``, ``fmax`` (list, Hz),
             ``amplitude`` (list, N m or m), ``simulator``, and the sections ``model``, ``stimulus``, ``noise``,
-            ``spectra`` and ``fit`` as dicts.
+            ``spectra``, ``fit`` and ``store`` as dicts.
 
         Raises
         ------

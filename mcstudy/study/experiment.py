@@ -36,6 +36,7 @@ class Experiment:
         self._points = {fmax: len(self.bands.below(fmax)) for fmax in group.fmax}
         self.n_frequencies = tuple(self._points[fmax] for fmax in group.fmax)
         self.true_frf = frf(self.model, self.model.truth, self.f)
+        self._overlap: np.ndarray | None = None
         self.measure = SIMULATORS[group.simulator](group, self.model, self.bands, seed)
 
     def problem(self, data: Measurement, fmax: float) -> Problem:
@@ -47,6 +48,17 @@ class Experiment:
             assert data.covariance is not None  # a study file with ml and without noise is refused
             return ml_cost(self.model, self.f[:n], data.frf[:n], data.covariance[:n])
         return paper_cost(self.model, self.f[:n], data.frf[:n])
+
+    def standard_errors(self, problem: Problem, theta: np.ndarray, data: Measurement) -> np.ndarray:
+        """Standard errors (P,) of the estimate ``theta`` of a problem of this measurement, NaN on a bound."""
+        from mcstudy.fitting.standard_errors import overlap_of, standard_errors
+
+        assert data.covariance is not None  # a study file with standard errors and without noise is refused
+        n = len(problem.f)
+        if self._overlap is None:
+            self._overlap = overlap_of(self.bands)
+        likelihood = self.group.fit.cost == "ml"
+        return standard_errors(problem, theta, data.covariance[:n], self._overlap[:n, :n], likelihood)
 
     def starts(self, problems: Sequence[Problem], realizations: Sequence[int]) -> np.ndarray:
         """Starts for one problem per realization, (R, starts, P); the same at every Fmax unless taken from the data."""

@@ -116,6 +116,9 @@ def _copy(old: GroupStore, new: GroupStore, chunk: Chunk) -> None:
             if dims[:4] == CELL:
                 place = np.ix_(*cell_axes, np.array([r]), starts)
                 data[name][place] = source[name][:, :, [realization % depth]]
+            elif "fmax" in dims:  # of the best of all starts: computed again where there are more of them
+                if a.starts == b.starts:
+                    data[name][0, at_fmax, r] = source[name][0, :, realization % depth]
             else:
                 data[name][0, r] = source[name][0, realization % depth]
     if (data["status"] != Status.PENDING).any():

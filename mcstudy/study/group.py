@@ -167,6 +167,15 @@ class FitSection(Section):
         return plain
 
 
+class StoreSection(Section):
+    """What the cube holds besides the fits.
+
+    ``standard_errors``: those of the best fit of every cell (`mcstudy.fitting.standard_errors`).
+    """
+
+    standard_errors: bool = False
+
+
 class Group(Section):
     """One group of the cube: its axes, and the sections that apply to it.
 
@@ -184,6 +193,15 @@ class Group(Section):
     noise: NoiseSection = NoiseSection()
     spectra: SpectraSection = SpectraSection()
     fit: FitSection = FitSection()
+    store: StoreSection = StoreSection()
+
+    @model_serializer(mode="wrap")
+    def _without_default_store(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A cube that holds nothing further has the design and the fingerprint that it had without this section."""
+        plain: dict[str, Any] = dump(self)
+        if self.store == StoreSection():
+            plain.pop("store", None)
+        return plain
 
     @property
     def fits(self) -> int:
@@ -196,5 +214,8 @@ class Group(Section):
         return self.simulator != "none" and any(self.noise.psd)
 
 
-SECTIONS = ("model", "stimulus", "noise", "spectra", "fit")
+FITTED = ("model", "stimulus", "noise", "spectra", "fit")
+"""Sections on which data and fits depend."""
+
+SECTIONS = (*FITTED, "store")
 """Sections that a group may override."""

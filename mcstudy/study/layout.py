@@ -188,6 +188,9 @@ def layout(
     add("at_bound", by_parameter, "|i1", 0, "1", "bound the estimate lies on", **bounds)
     unstable = "real part of the rightmost characteristic root; positive is unstable"
     add("growth_rate", cell, "<f8", NAN, "1/s", unstable)
+    if group.store.standard_errors:
+        error = "standard error of the best fit's estimate; NaN on a bound"
+        add("standard_error", "amplitude fmax realization parameter", "<f8", NAN, per_parameter, error)
     flags = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name.lower() for s in Status)}
     add("status", cell, "|u1", 0, "1", "how the fit ended; pending is a fit that has not been run", **flags)
     results = tuple(name for name, spec in arrays.items() if spec.values is None)

@@ -85,7 +85,10 @@ def replay(
     again["status"][stored["status"] == Status.PENDING] = Status.SOLVER_ERROR  # `fill` must skip them
     again["status"][cell] = Status.PENDING
     fill(store, chunk, again, lambda: False)
-    again["status"][stored["status"] == Status.PENDING] = Status.PENDING
+    waiting = stored["status"] == Status.PENDING
+    again["status"][waiting] = Status.PENDING
+    if "standard_error" in stored:  # of the best of all starts
+        again["standard_error"][waiting.any(axis=3)] = stored["standard_error"][waiting.any(axis=3)]
     differ = tuple(n for n in store.layout.results if stored[n].tobytes() != again[n].tobytes())
     experiment = store.experiment
     data = experiment.measure(experiment.group.amplitude[chunk.amplitude], realization)

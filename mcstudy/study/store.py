@@ -23,9 +23,9 @@ import numpy as np
 from mcstudy.errors import DesignError, StoreError
 from mcstudy.files import durable, schema
 from mcstudy.files.durable import sync_folder, sync_tree
-from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, refuse_links, sealed
+from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, real_end, refuse_links, sealed
 from mcstudy.fitting.status import USABLE, Status
-from mcstudy.study.checksums import LARGEST_NOTE, Checked, checksum, note
+from mcstudy.study.checksums import LARGEST_NOTE, Checked, checksum, note, noted
 from mcstudy.study.design import Study
 from mcstudy.study.encoding import codecs, decoded, encoded
 from mcstudy.study.environment import environment
@@ -138,6 +138,21 @@ class GroupStore:
         except (OSError, StoreError):
             return False
         return said is None or said == self._note(chunk, sums)
+
+    def status(self, chunk: Chunk) -> np.ndarray | None:
+        """Status of every fit of a chunk, None when it is not whole: a quick look, which reads little of a large cube.
+
+        Of the other arrays only the ends of the files are compared with the stored checksums, which finds missing,
+        swapped and truncated files; `complete` reads every byte.
+        """
+        try:
+            if not self.annotated(chunk):
+                return self.read("status", chunk) if self.complete(chunk) else None
+            said = noted(real_bytes(self.note_file(chunk), LARGEST_NOTE), self.fingerprint, self.files(chunk))
+            ends = (checksum(real_end(self.chunk_file(name, chunk), 4)) for name in self.layout.results)
+            return self.read("status", chunk) if tuple(ends) == tuple(said.values()) else None
+        except (OSError, StoreError, ValueError):
+            return None
 
     def consistent(self, chunk: Chunk) -> bool:
         """Whether a chunk is intact and holds an estimate exactly where its status says so."""

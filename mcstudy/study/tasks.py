@@ -16,13 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mcstudy.fitting.problem import Fits
+from mcstudy.fitting.problem import Fits, Problem
 from mcstudy.fitting.solvers import fit_queue
 from mcstudy.fitting.status import USABLE, Status
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.design import Study
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import Chunk
+from mcstudy.study.measure import Measurement
 from mcstudy.study.store import GroupStore
 
 STARTS_A_CALL = {"lm": 1024, "interior_point": 128}
@@ -113,18 +114,21 @@ def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: 
     amplitude, realizations = group.amplitude[chunk.amplitude], store.layout.realizations(chunk)
     options = group.fit.options()
     step = STARTS_A_CALL.get(group.fit.solver, OTHERS_A_CALL)
-    wanted = np.flatnonzero((data["status"][0] == Status.PENDING).any(axis=(0, 2)))
+    unfinished = (data["status"][0] == Status.PENDING).any(axis=2)  # (fmax, realization)
+    if "standard_error" in data:  # a stop may have come before them
+        unfinished |= np.isnan(data["standard_error"][0]).all(axis=2) & np.isin(data["status"][0], USABLE).any(axis=2)
+    wanted = np.flatnonzero(unfinished.any(axis=0))
     measured = {r: experiment.measure(amplitude, realizations[r]) for r in wanted}
     for r, measurement in measured.items():
         data["frf"][0, r] = measurement.frf
         if measurement.covariance is not None:
             data["noise_covariance"][0, r] = measurement.covariance
     for k, fmax in enumerate(group.fmax):
-        rows = np.flatnonzero((data["status"][0, k] == Status.PENDING).any(axis=1))
+        rows = np.flatnonzero(unfinished[k])
         problems = [experiment.problem(measured[r], fmax) for r in rows]
         if stopped():
             return
-        if rows.size:
+        if (data["status"][0, k, rows] == Status.PENDING).any():
             data["initial"][0, k, rows] = experiment.starts(problems, [realizations[r] for r in rows])
         row, start = np.nonzero(data["status"][0, k, rows] == Status.PENDING)
         for first in range(0, row.size, step):
@@ -133,6 +137,21 @@ def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: 
             which, at = row[first : first + step], start[first : first + step]
             place = (0, k, rows[which], at)
             _put(data, place, fit_queue(problems, which, data["initial"][place], group.fit.solver, options), experiment)
+        if "standard_error" in data:
+            for r, problem in zip(rows, problems, strict=True):
+                data["standard_error"][0, k, r] = _errors_of_best(data, k, int(r), problem, measured[r], experiment)
+
+
+def _errors_of_best(
+    data: dict[str, np.ndarray], k: int, row: int, problem: Problem, measured: Measurement, experiment: Experiment
+) -> np.ndarray:
+    """Standard errors (P,) of the best fit of a cell: of lowest cost, of equal costs the first (as in the analysis)."""
+    cell = (0, k, row)
+    cost = np.where(np.isin(data["status"][cell], USABLE) & np.isfinite(data["cost"][cell]), data["cost"][cell], np.inf)
+    best = int(cost.argmin())
+    if np.isinf(cost[best]):
+        return np.full(data["estimate"].shape[-1], np.nan)
+    return experiment.standard_errors(problem, data["estimate"][cell][best], measured)
 
 
 def _put(

@@ -223,8 +223,11 @@ def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, findin
     again["status"][waiting] = Status.SOLVER_ERROR  # not chosen: `fill` must skip them
     fill(store, chunk, again, lambda: False)
     for name in store.layout.results:
-        if "fmax" in store.layout.arrays[name].dims:  # one value or row per fit
+        dims = store.layout.arrays[name].dims
+        if "start" in dims:  # one value or row per fit
             again[name][waiting] = stored[name][waiting]  # values of fits that have not been run are undefined
+        elif "fmax" in dims:  # of the best of all starts
+            again[name][waiting.any(axis=3)] = stored[name][waiting.any(axis=3)]
     findings.recomputed += int(chosen.sum())
     differ = [n for n in store.layout.results if stored[n].tobytes() != again[n].tobytes()]
     if differ:

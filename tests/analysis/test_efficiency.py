@@ -7,12 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.optimize import lsq_linear
 
 import mcstudy.analysis.accessors  # noqa: F401 - registers .mc
 from mcstudy.analysis import efficiency
 from mcstudy.analysis.selection import best, combined
 from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
+from mcstudy.fitting.standard_errors import joint_covariance, overlap_of
 from mcstudy.spectra.bands import odd_lines, published
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
@@ -48,7 +50,7 @@ def linear_estimates(weight: np.ndarray, C: np.ndarray, f: np.ndarray, rng: np.r
 def test_the_best_weights_reach_the_bound_and_the_papers_weights_their_sandwich() -> None:
     rng, f = np.random.default_rng(0), odd_lines(2.0).f
     C = random_covariance(rng, f)
-    joint = efficiency.joint_covariance(C)
+    joint = joint_covariance(C)
     bound = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint)
     ml = np.linalg.inv(np.linalg.cholesky(C))
     paper = paper_cost(MODEL, f, frf(MODEL, MODEL.truth, f)).weight
@@ -63,10 +65,10 @@ def test_the_best_weights_reach_the_bound_and_the_papers_weights_their_sandwich(
 def test_points_that_share_lines_say_less_than_independent_ones() -> None:
     f, rng = published().below(1.2).f, np.random.default_rng(1)
     C = random_covariance(rng, f)
-    overlap = efficiency.overlap_of(published().below(1.2))
+    overlap = overlap_of(published().below(1.2))
     assert overlap[3, 4] == pytest.approx(0.5)  # harmonics 7, 9 and 9, 11
     assert overlap[0, 1] == 0
-    joint = efficiency.joint_covariance(C, overlap)
+    joint = joint_covariance(C, overlap)
     np.testing.assert_allclose(joint, joint.conj().T)
     np.testing.assert_allclose(joint[6:8, 6:8], C[3])
     assert np.linalg.eigvalsh(joint).min() > 0
@@ -75,14 +77,12 @@ def test_points_that_share_lines_say_less_than_independent_ones() -> None:
 def test_too_few_points_are_refused() -> None:
     f = published().f[:2]
     with pytest.raises(InputError, match="2 points do not determine 12 parameters"):
-        efficiency.cramer_rao(
-            MODEL, MODEL.truth, f, efficiency.joint_covariance(random_covariance(np.random.default_rng(2), f))
-        )
+        efficiency.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(random_covariance(np.random.default_rng(2), f)))
 
 
 def test_a_parameter_that_its_bounds_hold_has_no_bound_and_the_others_that_of_knowing_it() -> None:
     f = published().below(1.2).f
-    joint = efficiency.joint_covariance(random_covariance(np.random.default_rng(3), f))
+    joint = joint_covariance(random_covariance(np.random.default_rng(3), f))
     k = MODEL.names.index("Kpas1")
     value = float(MODEL.truth[k])
     narrow = MODEL.with_bounds({"Kpas1": (value - 5e-10, value + 5e-10)})
@@ -150,9 +150,66 @@ def test_a_bound_on_any_parameter_takes_the_cramer_rao_bound_from_all(make_cube:
     assert float(found["at_bound"].sel(fmax=1.2, parameter="K11")) == 0
     assert bool(found[["value", "mcse"]].sel(fmax=1.2).isnull().all().to_array().all())
     assert bool(found["value"].sel(fmax=8.0).notnull().all())
-    assert bool(found["ratio"].notnull().all())
-    xr.testing.assert_equal(found["value"].sel(fmax=8.0), found["ratio"].sel(fmax=8.0).rename("value"))
+    assert bool(found[["box", "box_mcse"]].notnull().all().to_array().all())
+    unbounded = (found["cramer_rao_sd"] / cube.mc.sd()["value"].isel(amplitude=0)) ** 2
+    kept = [name for name in found.data_vars if found[name].dims == unbounded.dims and found[name].dtype == float]
+    assert not any(np.isclose(found[name].sel(fmax=1.2), unbounded.sel(fmax=1.2)).any() for name in kept)
     assert not bool(cube.mc.only(cube.mc.best()["cost"] < 0).mc.efficiency()["applies"].any())
+
+
+def test_the_density_of_the_bound_within_the_box_has_the_least_information() -> None:
+    x, step = np.linspace(1e-4, 1 - 1e-4, 200_001, retstep=True)
+
+    def information(density: np.ndarray) -> float:
+        density = density / (density.sum() * step)
+        return float((np.gradient(density, step) ** 2 / density).sum() * step)
+
+    least = information(np.sin(np.pi * x) ** 2)
+    assert least == pytest.approx((2 * np.pi) ** 2, rel=1e-3)
+    for a, b in ((2.5, 2.5), (3.0, 3.0), (3.0, 4.0), (5.0, 5.0)):
+        assert information(x ** (a - 1) * (1 - x) ** (b - 1)) > least
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.2, 1.0, 5.0])
+def test_no_estimator_in_the_box_beats_the_van_trees_bound(noise: float) -> None:
+    """Bayes risk of the posterior mean (by quadrature) and largest risk of the clipped estimate, one parameter."""
+    bound = 1 / (1 / noise**2 + (2 * np.pi) ** 2)
+    x, step = np.linspace(0, 1, 401, retstep=True)
+    prior = 2 * np.sin(np.pi * x) ** 2
+    y, dy = np.linspace(-8 * noise, 1 + 8 * noise, 4001, retstep=True)
+    likelihood = np.exp(-0.5 * ((y[:, None] - x) / noise) ** 2) / (noise * np.sqrt(2 * np.pi))
+    evidence = (likelihood * prior).sum(1) * step
+    mean = (likelihood * prior * x).sum(1) * step / evidence
+    risk = ((mean[:, None] - x) ** 2 * likelihood * prior).sum() * step * dy
+    assert bound <= risk
+    clipped = ((np.clip(y, 0, 1)[:, None] - x) ** 2 * likelihood).sum(0) * dy
+    assert bound <= clipped.max()
+    if noise <= 0.05:
+        assert risk < 1.1 * bound
+
+
+def test_the_bound_within_the_box_lies_between_data_and_box_and_below_estimates_in_it() -> None:
+    rng, f = np.random.default_rng(9), published().below(1.2).f
+    C = random_covariance(rng, f)
+    width = MODEL.upper - MODEL.lower
+    root = {s: efficiency.van_trees(MODEL, MODEL.truth, f, joint_covariance(C * s)) for s in (1e-8, 1, 1e15)}
+    plain = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(C))
+    np.testing.assert_allclose(root[1e-8], plain * 1e-8, rtol=1e-3, atol=0)
+    np.testing.assert_allclose(np.diag(root[1e15]), (width / (2 * np.pi)) ** 2, rtol=1e-3)
+    assert (np.linalg.eigvalsh((plain - root[1]) / width / width[:, None]) > -1e-12).all()
+    # estimates in the box: linear least squares within it (scipy), for true values drawn from the density
+    _, J = frf_jacobian(MODEL, MODEL.truth, f)
+    white = np.sqrt(2) * np.linalg.solve(np.linalg.cholesky(C), J * width).reshape(-1, width.size)
+    design = np.concatenate([white.real, white.imag])
+    grid = np.linspace(0, 1, 2001)
+    truth = np.interp(rng.random((60, width.size)), grid - np.sin(2 * np.pi * grid) / (2 * np.pi), grid)
+    data = truth @ design.T + rng.standard_normal((60, len(design)))
+    found = np.array([lsq_linear(design, y, bounds=(0, 1)).x for y in data])
+    error = ((found - truth) ** 2).mean(0)
+    allowed = np.diag(root[1]) / width**2
+    spread = ((found - truth) ** 2).std(0) / np.sqrt(60)
+    assert (error > allowed - 3 * spread).all()
+    assert error.sum() > allowed.sum()
 
 
 def test_the_bound_of_combined_stiffnesses_is_that_of_the_sum(make_cube: Cube) -> None:
@@ -162,7 +219,7 @@ def test_the_bound_of_combined_stiffnesses_is_that_of_the_sum(make_cube: Cube) -
     C = random_covariance(np.random.default_rng(7), cells["frequency"].values)
     covariance = xr.DataArray(C[None], dims=("amplitude", "frequency", "angle", "angle_2"))
     bounds = efficiency.bounds_on_sd(combined(cells), MODEL, covariance).isel(amplitude=0, fmax=0)
-    whole = efficiency.cramer_rao(MODEL, MODEL.truth, f, efficiency.joint_covariance(C[: f.size]))
+    whole = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(C[: f.size]))
     i, j = MODEL.names.index("K11"), MODEL.names.index("Kpas1")
     expected = np.sqrt(whole[i, i] + whole[j, j] + 2 * whole[i, j])
     assert float(bounds["cramer_rao"].sel(parameter="K11+Kpas1")) == pytest.approx(expected, rel=1e-9)

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from examples import module
 
 from mcstudy.analysis.paper.sampling import Value
 from mcstudy.analysis.paper.statements import RESULTS
 
-EXAMPLE = Path(__file__).parents[2] / "pipelines" / "examples" / "equal_studies.py"
 
-
-@pytest.fixture(scope="module")
-def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("equal_studies", EXAMPLE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture(scope="module", name="example")
+def _example() -> ModuleType:
+    return module("equal_studies")
 
 
 def test_a_study_quotes_its_numbers_as_the_paper_does(example: ModuleType) -> None:

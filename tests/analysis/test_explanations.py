@@ -74,3 +74,11 @@ def test_a_trade_off_is_named_only_where_the_estimates_show_it(make_cube: Cube) 
 
 def test_the_origin_of_the_true_values_is_that_of_the_study_shown(make_cube: Cube) -> None:
     assert "stand-in for the lost Table I" in texts(make_cube())["highest_cv"]
+
+
+def test_every_note_of_an_inferred_study_says_inferred_and_none_says_stand_in(make_cube: Cube) -> None:
+    cube = make_cube(model={"truth": "inferred"})
+    assert GroupView("a", cube).provenance.startswith("inferred from the paper's published numbers")
+    for key, text in texts(cube).items():
+        assert "inferred from the paper's published numbers" in text, key
+        assert "stand-in" not in text, key

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from scipy.stats import binom
 
+from mcstudy.analysis import montecarlo
 from mcstudy.analysis.montecarlo import (
     Moments,
     fraction,
@@ -147,3 +148,26 @@ def test_quantiles_are_ordered() -> None:
     out = quantiles(x, (0.1, 0.5, 0.9))
     for low, high in pairwise(out["value"].values[0]):
         assert low < high
+
+
+@pytest.mark.parametrize("depth", [1, 7, 40])
+def test_statistics_read_piece_by_piece_are_those_of_all_at_once(depth: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    x = draws(rng, "skewed", studies=3, n=101)
+    x = x.where(rng.random(x.shape) > 0.1)
+    x[0, :60] = np.nan  # whole pieces of a cell are empty
+    x[1] = np.nan
+    whole = {name: jackknife(x, TRUTH, of) for name, of in STATISTICS.items()}
+    assert np.isfinite(whole["cv"]["mcse"].isel(study=[0, 2])).all()
+    monkeypatch.setattr(montecarlo, "NUMBERS_A_PIECE", 12 * depth)
+    assert len(montecarlo.pieces(x)) == -(-101 // depth)
+    for name, of in STATISTICS.items():
+        again = jackknife(x, TRUTH, of)
+        xr.testing.assert_allclose(again, whole[name], rtol=1e-12)
+        assert np.array_equal(again["n"], whole[name]["n"])
+    xr.testing.assert_allclose(moments(x, TRUTH).sd, _of_all(x).std("realization", ddof=1), rtol=1e-12)
+
+
+def _of_all(x: xr.DataArray) -> xr.DataArray:
+    """Cells without any number have no spread either."""
+    return x.where(x.notnull().sum("realization") > 1)

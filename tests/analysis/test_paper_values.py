@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mcstudy.analysis.paper import accuracy_rows, model_rows, published
+from mcstudy.analysis.paper import accuracy_rows, model_rows, published, sampling
 from mcstudy.analysis.paper.values import cells_of, fit_values, relation_values
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
@@ -65,6 +65,21 @@ def test_a_larger_study_is_the_mean_over_blocks_of_the_papers_size() -> None:
         assert (found.n, found.blocks) == (150, 3)
         assert found.one == pytest.approx(np.sqrt(np.mean([p.one**2 for p in one]))), key
         assert found.mcse == pytest.approx(found.one / np.sqrt(3))
+
+
+@pytest.mark.parametrize("at_once", [1, 3])
+def test_blocks_in_slabs_give_what_all_blocks_together_give(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    x = estimates(230, seed=5)
+    x[0, 1, ::17] = np.nan
+    whole = fit_values(cells_of(x, TRUTH, NAMES))
+    monkeypatch.setattr(sampling, "BLOCKS_AT_ONCE", at_once)
+    assert [s.stop for s in sampling.slabs(230, 50)] == {1: [50, 100, 150, 230], 3: [150, 230]}[at_once]
+    again = fit_values(cells_of(x, TRUTH, NAMES))
+    assert list(again) == list(whole)
+    for key, value in whole.items():
+        assert (again[key].n, again[key].blocks, again[key].detail) == (value.n, 4, value.detail)
+        found = [(v.value, v.mcse, v.one) for v in (again[key], value)]
+        np.testing.assert_allclose(*found, rtol=1e-11)
 
 
 def test_the_error_of_one_study_is_the_scatter_between_equal_studies() -> None:

@@ -179,11 +179,16 @@ def test_a_failed_fit_is_named_in_the_text(make_cube: Cube) -> None:
     assert "1 solver error" in report_of(tree(g=cube)).text()
 
 
-def test_efficiency_is_shown_only_where_bounds_are_inactive(make_cube: Cube) -> None:
+def test_efficiency_is_that_within_the_box_where_bounds_are_active(make_cube: Cube) -> None:
     cube = make_cube(realizations=4, fmax=(1.2,), amplitude=(3.0,))
-    assert "efficiency" in report_of(tree(g=cube)).text()
+    assert "efficiency 'b'" not in report_of(tree(g=cube)).text()
     cube["at_bound"][..., 0] = 1
-    assert "efficiency" not in report_of(tree(g=cube)).text()
+    report = report_of(tree(g=cube))
+    assert "efficiency 'b': the Cramér-Rao bound does not apply" in report.text()
+    (line,) = [x for x in report.text().splitlines() if x.startswith("K11 ")]
+    assert line.endswith(" b")
+    found = report.data["groups"]["g"]["cells"][0]["parameters"][0]["efficiency"]
+    assert found["box"] == pytest.approx(float(cube.mc.efficiency()["box"][0, 0, 0]))
 
 
 def test_efficiency_is_marked_and_withheld_where_another_parameters_bound_lends_the_information(
@@ -202,9 +207,8 @@ def test_efficiency_is_marked_and_withheld_where_another_parameters_bound_lends_
             assert (found["mcse"] is not None) is applies, entry["name"]
     assert [p["name"] for p in free["parameters"]][-2:] == ["K11+Kpas1", "K22+Kpas2"]
     text = report.text()
-    assert "efficiency '-': the Cramér-Rao bound does not apply" in text
     (line,) = [x for x in text.splitlines() if x.startswith("K11 ")]
-    assert line.split().count("-") == 1
+    assert line.split().count("b") == 1
 
 
 def test_text_fits_a_terminal(paper_report: Report) -> None:

@@ -1,29 +1,21 @@
 """`pipelines/examples/estimated_derivatives.py`: solvers of the same cost, few fits unless told otherwise."""
 
-import importlib.util
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from examples import EXAMPLES, module
 
-EXAMPLE = Path(__file__).parents[2] / "pipelines" / "examples" / "estimated_derivatives.py"
 
-
-@pytest.fixture(scope="module")
-def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("estimated_derivatives", EXAMPLE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture(scope="module", name="example")
+def _example() -> ModuleType:
+    return module("estimated_derivatives")
 
 
 def test_the_default_is_few_fits_and_the_page_names_the_command_that_makes_its_figures(example: ModuleType) -> None:
     small = example.arguments().parse_args([])
     assert small.realizations * small.starts <= 2
-    assert "`--realizations 6 --starts 10`" in (EXAMPLE.parent / "README.md").read_text(encoding="utf-8")
+    assert "`--realizations 6 --starts 10`" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
 
 
 def test_with_estimated_derivatives_the_same_minimum_is_reached_in_units_of_the_bounds(example: ModuleType) -> None:

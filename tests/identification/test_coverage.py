@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import runpy
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from mcstudy.errors import InputError
-from mcstudy.fitting.penalised import whiten
-from mcstudy.identification.coverage import COLUMNS, Condition, Source, body, intervals, truths
+from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.identification import coverage
+from mcstudy.identification.at_truth import judged, starts
+from mcstudy.identification.coverage import JUDGED, Condition, Source, body, truths
+from mcstudy.identification.fit import bounded
+from mcstudy.identification.minimum import without_prior
+from mcstudy.identification.quantities import quantities
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf
@@ -59,18 +65,48 @@ def test_drawn_lines_are_those_of_a_simulated_recording() -> None:
     assert np.exp(np.log(drawn.noise.variance / lines.noise.variance).mean()) == pytest.approx(1, abs=0.35)
 
 
-def test_a_stopped_study_goes_on_and_counts_every_interval(example: dict[str, Any], tmp_path: Path) -> None:
-    settings = {"realizations": 3, "truths": [0], "cycles": [3], "fmax": [1.2], "block": 2}
-    jobs = [(Condition(0, 3, 1.2), 0, 2), (Condition(0, 3, 1.2), 2, 3)]
-    assert example["block"](jobs[0], tmp_path, False) > 0
-    assert example["block"](jobs[0], tmp_path, False) == 0.0  # it is there
-    example["block"](jobs[1], tmp_path, False)
-    data = example["collect"](settings, tmp_path, jobs)
-    whole = intervals(Condition(0, 3, 1.2), 0, 3)["intervals"]
-    np.testing.assert_array_equal(data.low.values[0, 0, 0], whole[:, :, COLUMNS.index("low")])
-    held = (data.low <= data.true_value) & (data.true_value <= data.high)
+def test_a_stopped_study_goes_on_and_counts_every_test(example: dict[str, Any], tmp_path: Path) -> None:
+    settings = {"realizations": 3, "truths": [0], "cycles": [3], "fmax": [1.2, 3.1], "block": 2}
+    jobs = [(0, 3, 0, 2), (0, 3, 2, 3)]
+    assert example["block"](jobs[0], settings["fmax"], tmp_path, False) > 0
+    assert example["block"](jobs[0], settings["fmax"], tmp_path, False) == 0.0  # it is there
+    example["block"](jobs[1], settings["fmax"], tmp_path, False)
+    data = example["collect"](settings, tmp_path, jobs, False)
+    whole = coverage.judgements(0, 3, settings["fmax"], 0, 3)[3.1]
+    np.testing.assert_array_equal(data.rise.sel(fmax=3.1).values[0, 0], whole[:, :, JUDGED.index("rise")])
     row = next(line for line in example["table"](data).splitlines() if line.startswith("mean"))
+    assert float(row.split()[3]) == pytest.approx(100 * float(data.contained.sel(fmax=3.1).mean()), abs=0.06)
+
+
+def test_intervals_contain_the_truth_where_the_test_at_the_truth_says_so(
+    example: dict[str, Any], tmp_path: Path
+) -> None:
+    """Two ways to the same answer: both ends of an interval, and one fit with the quantity at its true value."""
+    settings = {"realizations": 4, "truths": [0], "cycles": [6], "fmax": [3.1], "block": 4}
+    example["block"]((0, 6, 0, 4), settings["fmax"], tmp_path, True)
+    data = example["collect"](settings, tmp_path, [(0, 6, 0, 4)], True)
+    held = (data.low <= data.true_value) & (data.true_value <= data.high)
+    np.testing.assert_array_equal(data.contained, held)
+    found = example["table"](data)
+    assert "the interval holds the truth and the test does not: 0.00 %; the reverse: 0.00 %" in found
+    row = next(line for line in found.splitlines() if line.startswith("mean"))
     assert float(row.split()[1]) == pytest.approx(100 * float(held.mean()), abs=0.06)
+
+
+def test_the_deviance_at_the_truth_is_that_of_another_optimiser() -> None:
+    """The rise of the deviance with a quantity held, and the lowest minimum, by scipy's bounded least squares."""
+    oracle = runpy.run_path(str(EXAMPLES / "interval_oracle.py"))["Constrained"]
+    model, theta = bounded(two_segment(), two_segment(), {}), np.array(list(body(0).values()))
+    source = Source(Condition(0, 6, 3.1))
+    lines, wanted = source(stream(0, "a test")), quantities(model)
+    fitter = Fitter(model, without_prior(model, two_segment()), lines.f)
+    found = judged(fitter, [lines], wanted, theta, source.draws(), 0.95, starts(fitter, [0], 4))
+    minimum = found.minima[0].chi2[0]
+    for k, name in ((1, "K12"), (12, "K11 + Kpas1")):
+        other = oracle(SimpleNamespace(model=model, lines=lines), name)
+        least, _ = other.least(wanted[k].value(theta), np.array([theta, found.minima[0].theta[0]]))
+        tolerance = 1e-4 if found.rise[0, k] > 3.84 else 0.02  # below the ceiling the fit stops early
+        assert found.rise[0, k] == pytest.approx(least - minimum, abs=tolerance)
 
 
 def test_true_values_of_sums_are_sums() -> None:

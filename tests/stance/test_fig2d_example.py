@@ -1,25 +1,15 @@
 """The causes of the paper's Fig. 2D that `pipelines/examples/fig2d.py` tells apart."""
 
-import importlib.util
-import sys
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
-
-EXAMPLE = Path(__file__).parents[2] / "pipelines" / "examples" / "fig2d.py"
+from examples import module
 
 
 @pytest.fixture(scope="module")
 def fig2d() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("fig2d", EXAMPLE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["fig2d"] = module  # dataclasses look their module up by name
-    spec.loader.exec_module(module)
-    return module
+    return module("fig2d")
 
 
 @pytest.fixture(scope="module")

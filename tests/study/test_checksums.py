@@ -22,9 +22,10 @@ from mcstudy.fitting.status import Status
 from mcstudy.report.context import Context
 from mcstudy.report.page import page
 from mcstudy.report.words import headline
-from mcstudy.study import tasks
+from mcstudy.study import checksums, tasks
 from mcstudy.study.checked_store import CheckedStore
 from mcstudy.study.extend import Growth, extend
+from mcstudy.study.failures import counts
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
@@ -87,6 +88,41 @@ def test_a_chunk_that_is_missing_or_another_ones_is_refused_by_name(
         read(copy)
     either = [file, chunk_file(copy, array, 1)] if damage == "swapped" else [file]
     assert [f for f in either if str(f) in str(caught.value)]
+
+
+@pytest.mark.parametrize("damage", ["missing", "folder", "swapped", "cut"])
+def test_status_counts_the_fits_of_a_chunk_that_is_not_whole_as_pending(copy: Path, damage: str) -> None:
+    (store,) = Cube.open(copy).groups.values()
+    before = counts(store)
+    assert before[Status.PENDING] == 0
+    file = chunk_file(copy, "estimate", 0)
+    if damage == "swapped":
+        swap(copy, "estimate")
+    elif damage == "cut":
+        file.write_bytes(file.read_bytes()[:-9])
+    else:
+        file.unlink()
+    if damage == "folder":
+        file.mkdir()
+    touched = store.layout.chunks[: 2 if damage == "swapped" else 1]
+    assert counts(store)[Status.PENDING] == sum(store.layout.fits(chunk) for chunk in touched)
+
+
+def test_status_reads_the_ends_of_the_large_arrays_and_verify_every_byte(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (store,) = Cube.open(copy).groups.values()
+    file = chunk_file(copy, "estimate", 0)
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    assert counts(store)[Status.PENDING] == 0
+    assert verify(copy, cells=0).damage[0].startswith(f"{file}: checksum does not match")
+    read: list[str] = []
+    real = checksums.cube_bytes
+    monkeypatch.setattr(checksums, "cube_bytes", lambda root, key: read.append(key) or real(root, key))
+    counts(store)
+    assert {key.split("/")[1] for key in read} == {"status"}
 
 
 @pytest.mark.parametrize("read", READERS)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from mcstudy.analysis.paper.published import AMPLITUDES_NM
 from mcstudy.analysis.view import GroupView
+from mcstudy.stance.truths import INFERRED
 
 OFTEN_PERCENT = 50.0
 """Share of fits on a bound from which the bounds are said to determine a parameter's spread."""
@@ -103,6 +104,11 @@ def _from_truth(_: GroupView) -> str:
 
 def _origin(view: GroupView) -> str:
     """Where the true values come from; the paper's Table I is lost."""
+    if INFERRED in view.provenance:
+        return (
+            f"True values are {INFERRED}, this one among them where the inference uses it: an inference about the lost "
+            "Table I (pipelines/table_one.md)."
+        )
     if "stand-in" in view.provenance:
         return "True values are a stand-in for the lost Table I and were not calibrated to this number."
     return "The paper's true values (Table I) are lost; those of this study are its own."

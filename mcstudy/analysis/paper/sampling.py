@@ -10,7 +10,7 @@ Arrays have the axes (block, realization, ...); those with a realization deleted
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -18,6 +18,9 @@ import numpy as np
 
 MANY = 20
 """From this many blocks on, the error of one is the standard deviation between them; below, its own estimate."""
+
+BLOCKS_AT_ONCE = 100
+"""Blocks that are worked on together, so that memory does not grow with the number of realizations."""
 
 DRAWS = 200
 """Resamples of a bootstrap over the realizations of a block."""
@@ -52,6 +55,14 @@ class Value:
 def exact(value: float, detail: str = "", one: float = 0.0) -> Value:
     """A number without Monte Carlo error; ``one``: the error the paper's has nevertheless."""
     return Value(float(value), 0.0, one, 1, detail=detail)
+
+
+def slabs(realizations: int, size: int) -> list[slice]:
+    """Realizations of `BLOCKS_AT_ONCE` blocks of ``size`` each; the last slab has at least one whole block, if any."""
+    depth = size * BLOCKS_AT_ONCE
+    blocks = max(realizations // size, 1)
+    last = -(-blocks // BLOCKS_AT_ONCE) - 1
+    return [slice(k * depth, (k + 1) * depth if k < last else realizations) for k in range(last + 1)]
 
 
 def in_blocks(x: np.ndarray, size: int) -> np.ndarray:
@@ -96,6 +107,20 @@ def means(x: np.ndarray) -> tuple[Means, Means]:
         return whole, Means(mean - d / np.where(fewer > 0, fewer, np.nan), sd, fewer)
 
 
+def merged(parts: Sequence[Means]) -> Means:
+    """Moments of all realizations from those of parts of them (Chan, Golub & LeVeque 1983)."""
+    if len(parts) == 1:
+        return parts[0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        n = np.stack([m.n for m in parts])
+        centres = np.where(n > 0, np.stack([m.mean for m in parts]), 0.0)
+        squares = np.where(n > 1, np.stack([m.sd for m in parts]) ** 2 * (n - 1), 0.0)
+        total = n.sum(0)
+        mean = (centres * n).sum(0) / total
+        ss = squares.sum(0) + (n * (centres - mean) ** 2).sum(0)
+        return Means(mean, np.sqrt(ss / np.where(total > 1, total - 1, np.nan)), total)
+
+
 def pooled(value: np.ndarray, error: np.ndarray, n: int, size: int) -> Value:
     """`Value` of numbers (block,) and their errors, each from ``n`` realizations; ``size``: those of the paper."""
     keep = np.isfinite(value)
@@ -106,7 +131,26 @@ def pooled(value: np.ndarray, error: np.ndarray, n: int, size: int) -> Value:
     return Value(float(v.mean()), one / np.sqrt(v.size), one * np.sqrt(n / size), n * v.size, int(v.size))
 
 
-def jackknife(whole: T, deleted: T, used: np.ndarray, statistics: Statistics[T], size: int) -> dict[str, Value]:
+@dataclass(frozen=True)
+class Sample:
+    """A number of every block: ``value`` and ``error`` (block,), each from at most ``n`` realizations."""
+
+    value: np.ndarray
+    error: np.ndarray
+    n: int
+
+
+def pooled_samples(parts: Sequence[dict[str, Sample]], size: int) -> dict[str, Value]:
+    """`pooled` by key, of the blocks of all parts together."""
+    out = {}
+    for key in parts[0]:
+        of = [part[key] for part in parts]
+        joined = (np.concatenate([s.value for s in of]), np.concatenate([s.error for s in of]))
+        out[key] = pooled(*joined, max(s.n for s in of), size)
+    return out
+
+
+def jackknife(whole: T, deleted: T, used: np.ndarray, statistics: Statistics[T]) -> dict[str, Sample]:
     """Smooth statistics with the delete-one jackknife; ``used`` (block, realization): realizations with any value."""
     g = used.sum(1)
     out = {}
@@ -116,11 +160,11 @@ def jackknife(whole: T, deleted: T, used: np.ndarray, statistics: Statistics[T],
             centre = r.sum(1) / np.maximum(g, 1)
             squares = np.where(used, (r - centre[:, None]) ** 2, 0.0).sum(1)
         error = np.sqrt(squares * (g - 1) / np.where(g > 2, g, np.nan))
-        out[key] = pooled(value, error, int(g.max()), size)
+        out[key] = Sample(value, error, int(g.max()))
     return out
 
 
-def bootstrap(x: np.ndarray, of_means: Callable[[Means], T], statistics: Statistics[T], size: int) -> dict[str, Value]:
+def bootstrap(x: np.ndarray, of_means: Callable[[Means], T], statistics: Statistics[T]) -> dict[str, Sample]:
     """Counts and ranks, for which a jackknife fails: the same with a bootstrap over realizations (a fixed stream).
 
     ``x``: (block, realization, cells). ``of_means``: from the moments to what the statistics take.
@@ -144,7 +188,7 @@ def bootstrap(x: np.ndarray, of_means: Callable[[Means], T], statistics: Statist
     most = int(used.reshape(*used.shape[:2], -1).any(-1).sum(1).max())
     first = of_means(whole)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return {k: pooled(of(first), of(again).std(1, ddof=1), most, size) for k, of in statistics.items()}
+        return {k: Sample(of(first), of(again).std(1, ddof=1), most) for k, of in statistics.items()}
 
 
 def without_one(x: np.ndarray) -> np.ndarray:

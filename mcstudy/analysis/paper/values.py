@@ -18,12 +18,16 @@ from mcstudy.analysis.paper.accuracy_rows import MID, NAMES, TWELVE, Measures, m
 from mcstudy.analysis.paper.model_rows import influences
 from mcstudy.analysis.paper.sampling import (
     Means,
+    Sample,
     Value,
     bootstrap,
     correlation,
     in_blocks,
     jackknife,
     means,
+    merged,
+    pooled_samples,
+    slabs,
     without_one,
 )
 from mcstudy.stance.feedback import Model
@@ -71,6 +75,16 @@ def fit_values(cells: xr.Dataset, model: Model | None = None, size: int = publis
     any of the Fmax 0.41, 1.2 and 8 Hz. model: for the rows about J_NC and sensitivity. size: realizations of a block,
     which is the number behind the paper's value.
     """
+    parts = slabs(cells.sizes["realization"], size)
+    found = [_of_slab(cells.isel(realization=part).compute(), model, size) for part in parts]
+    out = pooled_samples([samples for samples, _ in found], size)
+    fmax = tuple(float(f) for f in cells["fmax"].values)
+    truth = _sums_of(cells["truth"].sel(parameter=list(TWELVE)).values)
+    return _with_details(out, measures(merged([of_all for _, of_all in found]), truth, fmax))
+
+
+def _of_slab(cells: xr.Dataset, model: Model | None, size: int) -> tuple[dict[str, Sample], Means]:
+    """Samples of some whole blocks, and the moments of all their realizations."""
     fmax = tuple(float(f) for f in cells["fmax"].values)
     x, truth = _with_sums(cells)
     blocks = in_blocks(x, size)
@@ -86,30 +100,32 @@ def fit_values(cells: xr.Dataset, model: Model | None = None, size: int = publis
         counts |= accuracy_rows.by_influence(*influences(model, cells["frequency"].values))
     whole, deleted = means(blocks)
     used = np.isfinite(blocks).any((2, 3, 4))
-    out = jackknife(measured(whole), measured(deleted), used, possible(accuracy_rows.SMOOTH), size)
-    out |= bootstrap(blocks, measured, counts, size)
+    out = jackknife(measured(whole), measured(deleted), used, possible(accuracy_rows.SMOOTH))
+    out |= bootstrap(blocks, measured, counts)
     if "growth_rate" in cells:
         out |= _unstable(cells, fmax, size)
     if set(published.FMAX_HZ) <= set(fmax):
-        out |= _together(blocks, size)
+        out |= _together(blocks)
         if model is not None and "cost" in cells and "frequency" in cells.coords:
             out |= _relation_of_best(cells, model, size)
-    return _with_details(out, measured(means(x[None])[0]))
+    return out, means(x[None])[0]
 
 
 def _with_sums(cells: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Estimates (realization, amplitude, fmax, `NAMES`) and true values (`NAMES`,), the sums among them."""
 
-    def full(values: np.ndarray) -> np.ndarray:
-        of = dict(zip(TWELVE, np.moveaxis(values, -1, 0), strict=True))
-        sums = [of[a] + of[b] for a, b in published.REDUNDANT]
-        return np.concatenate([values, np.stack(sums, axis=-1)], axis=-1)
-
     own = cells[["estimate", "truth"]].sel(parameter=list(TWELVE))
-    return full(own["estimate"].transpose(*AXES, "parameter").values), full(own["truth"].values)
+    return _sums_of(own["estimate"].transpose(*AXES, "parameter").values), _sums_of(own["truth"].values)
 
 
-def _unstable(cells: xr.Dataset, fmax: tuple[float, ...], size: int) -> dict[str, Value]:
+def _sums_of(values: np.ndarray) -> np.ndarray:
+    """Values of `TWELVE` (..., 12) with the sums: (..., `NAMES`)."""
+    of = dict(zip(TWELVE, np.moveaxis(values, -1, 0), strict=True))
+    sums = [of[a] + of[b] for a, b in published.REDUNDANT]
+    return np.concatenate([values, np.stack(sums, axis=-1)], axis=-1)
+
+
+def _unstable(cells: xr.Dataset, fmax: tuple[float, ...], size: int) -> dict[str, Sample]:
     growth = cells["growth_rate"].transpose(*AXES).values
     share = in_blocks(np.where(np.isfinite(growth), np.where(growth > 0, 100.0, 0.0), np.nan), size)
 
@@ -120,16 +136,16 @@ def _unstable(cells: xr.Dataset, fmax: tuple[float, ...], size: int) -> dict[str
     if len(statistics) == len(published.FMAX_HZ):
         low, mid, high = map(at, published.FMAX_HZ)
         statistics["unstable_8_most"] = lambda m: high(m) - np.maximum(low(m), mid(m))
-    return jackknife(*means(share), np.isfinite(share).any((2, 3)), statistics, size)
+    return jackknife(*means(share), np.isfinite(share).any((2, 3)), statistics)
 
 
-def _together(blocks: np.ndarray, size: int) -> dict[str, Value]:
+def _together(blocks: np.ndarray) -> dict[str, Sample]:
     """Correlation of active and passive stiffness over realizations, mean over amplitudes and Fmax."""
-    out: dict[str, Value] = {}
+    out: dict[str, Sample] = {}
     for i, (a, b) in enumerate(published.REDUNDANT, 1):
         x, y = (blocks[..., NAMES.index(n)] for n in (a, b))
         r, fewer = correlation(x, y, 1), correlation(without_one(x), without_one(y), 2)
-        out |= jackknife(r, fewer, np.isfinite(x).any((2, 3)), {f"together_{i}": _mean_of_cells}, size)
+        out |= jackknife(r, fewer, np.isfinite(x).any((2, 3)), {f"together_{i}": _mean_of_cells})
     return out
 
 
@@ -140,7 +156,7 @@ def _mean_of_cells(r: np.ndarray) -> np.ndarray:
 _RELATION = {"noise": accuracy_rows.weaker_with_noise, "8hz": accuracy_rows.weaker_at_8hz}
 
 
-def _relation_of_best(cells: xr.Dataset, model: Model, size: int) -> dict[str, Value]:
+def _relation_of_best(cells: xr.Dataset, model: Model, size: int) -> dict[str, Sample]:
     """Fig. 3C over best fits: correlation over realizations of log J and log J_NC (of the fitted frequencies)."""
     cells = cells.sel(fmax=list(published.FMAX_HZ))
     if "n_frequencies" not in cells:
@@ -149,7 +165,7 @@ def _relation_of_best(cells: xr.Dataset, model: Model, size: int) -> dict[str, V
     x, y = (in_blocks(np.log(z.transpose(*AXES).values), size) for z in (cells["cost"], j_nc_within(cells, model)))
     r, fewer = correlation(x, y, 1), correlation(without_one(x), without_one(y), 2)
     statistics = {f"relation_{key}_best": of for key, of in _RELATION.items()}
-    return jackknife(r, fewer, np.isfinite(x).any((2, 3)), statistics, size)
+    return jackknife(r, fewer, np.isfinite(x).any((2, 3)), statistics)
 
 
 def relation_values(r: xr.DataArray, size: int = published.REALIZATIONS) -> dict[str, Value]:
@@ -159,7 +175,7 @@ def relation_values(r: xr.DataArray, size: int = published.REALIZATIONS) -> dict
     """
     x = in_blocks(r.sel(fmax=list(published.FMAX_HZ)).transpose(*AXES).values, size)
     statistics = {f"relation_{key}_starts": lambda m, of=of: of(m.mean) for key, of in _RELATION.items()}
-    return jackknife(*means(x), np.isfinite(x).any((2, 3)), statistics, size)
+    return pooled_samples([jackknife(*means(x), np.isfinite(x).any((2, 3)), statistics)], size)
 
 
 def _with_details(values: dict[str, Value], whole: Measures) -> dict[str, Value]:

@@ -16,9 +16,13 @@ from mcstudy.analysis.montecarlo import Statistic, fraction, jackknives, quantil
 from mcstudy.analysis.notes import notes
 from mcstudy.analysis.paper.published import PAPER
 from mcstudy.analysis.paper.rows import Row, rows
+from mcstudy.analysis.performance import WITH_ERRORS, performance
 from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
+
+_BESIDE = ("floor", "lower", "upper", "box", "box_mcse", "used")
+"""Further numbers of a result that the tables hold."""
 
 _FLAGS = ("applies", "held")
 """Variables of a result that are true or false."""
@@ -185,7 +189,7 @@ def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
 
     It converts to arrays once instead of selecting each number with xarray, because a table has thousands of numbers.
     """
-    names = ("value", "mcse", *(name for name in ("floor", "lower", "upper", *_FLAGS) if name in result))
+    names = ("value", "mcse", *(name for name in (*_BESIDE, *_FLAGS) if name in result))
     sizes = result["value"].sizes
     arrays = {}
     for name in names:
@@ -200,6 +204,7 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     bounds = accuracy.at_bound(view.cells)
     for side in ("lower", "upper"):
         single[f"at_{side}_bound"] = bounds.sel(side=side)
+    single |= _of_errors(view.cells)
     if view.bounds_on_sd is not None:
         single["efficiency"] = efficiency(view.cells, view.bounds_on_sd)
     units = dict(zip(view.model.names, view.model.units, strict=True))
@@ -211,6 +216,17 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
             sums["efficiency"] = efficiency(view.combined, view.combined_bounds_on_sd)
         entries += _entries(view.combined, new, units, sums)
     return entries
+
+
+def _of_errors(cells: xr.Dataset) -> dict[str, xr.Dataset]:
+    """How true the standard errors are, where the cube holds them."""
+    if selection.ERROR not in cells:
+        return {}
+    found = performance(cells["estimate"], cells["truth"], cells[selection.ERROR])
+    found = found.assign(used=found["n"]).drop_vars(["meaning", "measure_unit"])
+    keys = [m.key for m in WITH_ERRORS]
+    without = {k: [] if "coverage" in k else ["lower", "upper"] for k in keys}
+    return {f"se_{k}" if k == "relative_error" else k: found.sel(measure=k).drop_vars(without[k]) for k in keys}
 
 
 def _entries(

@@ -153,6 +153,7 @@ def _group(name: str, group: dict[str, Any]) -> str:
     parts = [head, _overview(d, group["cells"])]
     if d["simulator"] != "none":  # without noise and averaging every bias is rounding
         parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]
+        parts += [found for f in d["fmax"] if (found := _standard_errors(d, group["cells"], f))]
     return "\n\n".join(parts)
 
 
@@ -222,20 +223,52 @@ def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float
             line += [with_error(*bias), with_error(p["cv"]["value"], p["cv"]["mcse"]), on]
             line += [_efficiency(p)] * efficient
         rows.append(line)
-    without = efficient and any(_efficiency(p) == "-" for c in here for p in c["parameters"])
-    fixed = any(_efficiency(p) == "fixed" for c in here for p in c["parameters"])
-    return table(header, rows) + (_NO_BOUND if without else "") + (_FIXED if fixed else "")
+    said = [_efficiency(p) for c in here for p in c["parameters"]]
+    without, boxed, fixed = "-" in said, any(s.endswith(_BOX) for s in said), "fixed" in said
+    return table(header, rows) + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
 
 
-_NO_BOUND = (
-    "\nefficiency '-': the Cramér-Rao bound does not apply (more than one fit in ten is on some bound) or is not known."
+def _standard_errors(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
+    """How true the standard errors are; empty for a cube without them."""
+    here = [c for c in cells if c["fmax"] == fmax]
+    known = [i for i, p in enumerate(here[0]["parameters"]) if "coverage" in p]
+    if not known:
+        return ""
+    header = [f"{fmax:g} Hz"]
+    for c in here:
+        header += [f"SE off % ({c['amplitude']:g} {design['amplitude_unit']})", "holds truth %", "holds mean %", "of"]
+    rows = []
+    for i in known:
+        line = [here[0]["parameters"][i]["name"]]
+        for p in (c["parameters"][i] for c in here):
+            line.append(with_error(p["se_relative_error"]["value"], p["se_relative_error"]["mcse"]))
+            for key in ("coverage", "bias_eliminated_coverage"):
+                line.append(with_error(*(None if (x := p[key][k]) is None else 100 * x for k in ("value", "mcse"))))
+            line.append(_count(p["coverage"]["used"]))
+        rows.append(line)
+    return table(header, rows) + (
+        "\nStandard errors (SE) of the fits. SE off: their root mean square against the SD of the estimates. holds: "
+        "share of\n95 % intervals, estimate ± 1.96 SE, that hold the truth or the mean estimate. of: realizations "
+        "with a standard\nerror; with the parameter on a bound there is none."
+    )
+
+
+_BOX = " b"
+_NO_BOUND = "\nefficiency '-': no bound is known."
+_BOXED = (
+    "\nefficiency 'b': the Cramér-Rao bound does not apply (over one fit in ten is on some bound) or is not known. "
+    "Given is\nthe bound of van Trees, which knows the box of allowed values, over the mean squared error."
 )
 _FIXED = "\nefficiency 'fixed': the bounds determine the parameter; within them, the data do not."
 
 
 def _efficiency(parameter: dict[str, Any]) -> str:
-    """Efficiency with error; ``fixed``: the bounds determine the parameter, so it has none; ``-``: see `_NO_BOUND`."""
+    """Efficiency with error; ``fixed``: the bounds determine the parameter, so it has none; `_BOX`: see there."""
     found = parameter.get("efficiency")
     if found is None:
         return "-"
-    return "fixed" if found["held"] else with_error(found["value"], found["mcse"])  # no value where it does not apply
+    if found["held"]:
+        return "fixed"
+    if found["value"] is not None or found["box"] is None:
+        return with_error(found["value"], found["mcse"])
+    return with_error(found["box"], found["box_mcse"]) + _BOX

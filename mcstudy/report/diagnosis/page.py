@@ -9,7 +9,6 @@ from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.tables import closing, evidence, tables
 from mcstudy.gap.verdict import added_name, effects_of, sentences
-from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.diagnosis.sections import (
     evidence_figure,
@@ -23,6 +22,7 @@ from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figure, missing
 from mcstudy.report.html import Table, details, escape, table
+from mcstudy.report.origin import recording_rows
 
 
 def gap_page(diagnosis: Diagnosis, command: str = "mcstudy gap report REC -o page.html") -> str:
@@ -101,17 +101,8 @@ def _diagnose_command(command: str) -> str:
 
 
 def _provenance(data: GapData, command: str) -> str:
-    d, r = data.diagnosis, data.diagnosis.recording
-    rows = [["recording", d.name]]
-    if r is not None:
-        rows += [["origin", r.provenance or "not stated"], ["stimulus", r.stimulus]]
-    if isinstance(r, Recording):
-        peaks = ", ".join(f"{a:.3g}" for a in r.amplitudes)
-        rows += [
-            ["trials", f"{len(r.trials)}, {r.duration_s:.0f} s together at {r.rate_hz:g} Hz"],
-            ["amplitudes (peak)", f"{peaks} {r.stimulus_unit}"],
-            ["period", "none" if r.period_s is None else f"{r.period_s:g} s"],
-        ]
+    d = data.diagnosis
+    rows = recording_rows(d.name, d.recording)
     rows += [["lines", f"{len(data.lines)}, {data.lines.f[0]:.3g} to {data.lines.f[-1]:.3g} Hz"]]
     rows += [[k, str(v)] for k, v in d.method.items()]
     commands = "\n".join(

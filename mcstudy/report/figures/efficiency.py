@@ -27,8 +27,9 @@ def efficiency_of(view: GroupView) -> xr.Dataset:
 def efficiency_dots(data: GroupLike, amplitude: float | None = None, ax: Axes | None = None) -> Axes:
     """Efficiency of every parameter by Fmax, ± MCSE: Cramér-Rao variance divided by observed variance.
 
-    Hollow: more than 10 % of the fits end on some bound, so that the Cramér-Rao bound does not apply. Vertical ticks:
-    what the weights of the paper's cost can reach to first order.
+    Hollow: more than 10 % of the fits end on some bound, so that the Cramér-Rao bound does not apply; shown is the van
+    Trees bound within the box of allowed values divided by the mean squared error. Vertical ticks: what the weights of
+    the paper's cost can reach to first order.
     """
     view, ax = view_of(data), axes(ax, (4.3, 4.6))
     amplitude = chosen_amplitude(view, amplitude)
@@ -58,7 +59,9 @@ def efficiency_dots(data: GroupLike, amplitude: float | None = None, ax: Axes | 
 
 
 def _dots(ax: Axes, here: xr.Dataset, y: np.ndarray, colour: str, marker: str, face: str) -> None:
-    value, error = here["ratio"].values, here["ratio_mcse"].fillna(0.0).values
+    names = ("value", "mcse") if bool(here["applies"]) else ("box", "box_mcse")
+    value, error = (here[name].values for name in names)
+    error = np.nan_to_num(error)
     shown = np.isfinite(value) & (value >= SHOWN[0]) & (value <= SHOWN[1])
     below = np.minimum(error, 0.8 * np.where(np.isfinite(value), value, 0.0))  # a log axis has no zero
     bars = [below[shown], np.minimum(error[shown], SHOWN[1] - value[shown])]

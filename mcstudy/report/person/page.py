@@ -9,10 +9,10 @@ from mcstudy.identification import words
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.tables import Table as FitTable
 from mcstudy.identification.tables import estimates, help_needed, interval, relative
-from mcstudy.recordings.recording import Recording
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
 from mcstudy.report.html import Table, escape, table
+from mcstudy.report.origin import recording_rows
 from mcstudy.report.person import figures, responses
 from mcstudy.text_tables import number
 
@@ -250,16 +250,7 @@ def _shown(items: Sequence[Figure], command: str) -> str:
 
 
 def _provenance(fit: FitResult, command: str) -> str:
-    r = fit.recording
-    rows = [["recording", fit.name]]
-    if r is not None:
-        rows += [["origin", r.provenance or "not stated"], ["stimulus", r.stimulus]]
-    if isinstance(r, Recording):
-        peaks = ", ".join(f"{a:.3g}" for a in r.amplitudes)
-        rows += [
-            ["trials", f"{len(r.trials)}, {r.duration_s:.0f} s together at {r.rate_hz:g} Hz"],
-            ["amplitudes (peak)", f"{peaks} {r.stimulus_unit}"],
-        ]
+    rows = recording_rows(fit.name, fit.recording)
     rows += [[k, ", ".join(v) if isinstance(v, list) else str(v)] for k, v in fit.method.items() if v != []]
     rows += [[f"bounds of {p.name}", f"{number(p.lower)} to {number(p.upper)} {p.unit}"] for p in fit.model.parameters]
     printed = command.split(" --html ")[0] + " --json"

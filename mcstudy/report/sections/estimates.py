@@ -11,7 +11,7 @@ from mcstudy.analysis.paper.published import FMAX_HZ
 from mcstudy.analysis.sensitivity import RANGES
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
-from mcstudy.report.context import Context, conditions, largest_amplitude, short, stat, value_of
+from mcstudy.report.context import Context, conditions, finite, largest_amplitude, short, stat, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.accuracy import bias_at, cv_at
 from mcstudy.report.figures.common import chosen_fmax
@@ -254,9 +254,13 @@ def _fig_7c(view: GroupView) -> Figure | Missing:
 
 
 def _efficiency(result: xr.Dataset) -> str:
-    if str(result["why_not"].item()):
+    if bool(result["held"]):
+        return "fixed by its bounds"
+    if bool(result["applies"]) and not str(result["why_not"].item()):
+        return value_of(result)
+    if finite(result["box"]) is None:
         return "–"
-    return "fixed by its bounds" if bool(result["held"]) else value_of(result)
+    return f"{value_of(result.assign(value=result['box'], mcse=result['box_mcse']))} (box)"
 
 
 def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
@@ -287,8 +291,9 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
         title,
         [
             f"Group {view.name} (cost {view.group.fit.cost}): smallest possible variance of an unbiased estimator, "
-            "divided by the observed variance, ± MCSE; 1 is the optimum. Hollow: more than one fit in ten ends on a "
-            "bound, so the Cramér-Rao bound does not apply (a dash in the tables) and values above 1 are possible."
+            "divided by the observed variance, ± MCSE; 1 is the optimum. Hollow, and (box) in the tables: more than "
+            "one fit in ten ends on a bound, so the Cramér-Rao bound does not apply; instead, the bound of van Trees, "
+            "which knows the box of allowed values, divided by the mean squared error."
             f"{ticks} Arrows: beyond the scale.{''.join(missing)}",
         ],
         [Panel(f"{a:g} {unit(view)}", partial(figures.efficiency_dots, view, a), (4.3, 4.6), "x") for a in amplitudes],

@@ -1,0 +1,146 @@
+"""Measures of estimates and standard errors: equal to rsimsum's, and to the paper's formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import mcstudy as mc
+from mcstudy.analysis.performance import intervals, performance, relative_precision
+from mcstudy.errors import InputError
+
+Cube = Callable[..., xr.Dataset]
+GOLDEN = Path(__file__).parent / "golden"
+NAMES = {
+    "bias": "bias",
+    "empse": "empirical_se",
+    "mse": "mse",
+    "modelse": "model_se",
+    "relerror": "relative_error",
+    "cover": "coverage",
+    "becover": "bias_eliminated_coverage",
+    "relprec": "relative_precision",
+}
+
+
+def estimates() -> pd.DataFrame:
+    return pd.read_csv(GOLDEN / "estimates.csv")
+
+
+def test_all_measures_and_their_errors_are_rsimsums() -> None:
+    ours = mc.performance(estimates())
+    compared = 0
+    for row in pd.read_csv(GOLDEN / "rsimsum.csv").itertuples():
+        if row.stat in NAMES and not (row.stat == "relprec" and row.method == "paper"):
+            found = ours.sel({"measure": NAMES[row.stat], "method": row.method, "parameter": row.parameter})
+            np.testing.assert_allclose([found["value"], found["mcse"]], [row.est, row.mcse], rtol=1e-10)
+            compared += 1
+        if row.stat == "nsim":
+            assert (ours["n"].sel({"method": row.method, "parameter": row.parameter}) == row.est).all()
+    assert compared == 2 * (7 + 8)
+    assert (ours["n"] + ours["left_out"] == 40).all()
+
+
+def test_the_measures_of_standard_errors_are_over_the_realizations_that_have_one() -> None:
+    rng = np.random.default_rng(0)
+    x, se = 3 + rng.standard_normal(30), 1 + 0.1 * rng.standard_normal(30)
+    se[:10] = np.nan
+    found = performance(
+        *(xr.DataArray(v, dims="realization") for v in (x,)), xr.DataArray(2.5), xr.DataArray(se, dims="realization")
+    )
+    kept = slice(10, None)
+    half = 1.959963984540054 * se[kept]
+    expected = {
+        "bias": x.mean() - 2.5,
+        "model_se": np.sqrt((se[kept] ** 2).mean()),
+        "relative_error": 100 * (np.sqrt((se[kept] ** 2).mean()) / x[kept].std(ddof=1) - 1),
+        "coverage": (abs(x[kept] - 2.5) <= half).mean(),
+        "bias_eliminated_coverage": (abs(x[kept] - x[kept].mean()) <= half).mean(),
+    }
+    for measure, value in expected.items():
+        assert float(found["value"].sel(measure=measure)) == pytest.approx(value, rel=1e-12), measure
+    assert found["n"].sel(measure=["bias", "coverage"]).values.tolist() == [30, 20]
+    assert found["left_out"].sel(measure=["bias", "coverage"]).values.tolist() == [0, 10]
+
+
+def test_errors_are_the_scatter_of_repeated_studies_and_normal_intervals_hold_the_truth() -> None:
+    rng, n = np.random.default_rng(1), 100
+    z, other = rng.standard_normal((2, 2000, n))
+    dims = ("study", "realization")
+    se = np.sqrt(rng.chisquare(20, (2000, n)) / 20)
+    x, y = xr.DataArray(z, dims=dims), xr.DataArray(0.6 * z + 0.8 * other, dims=dims)
+    found = performance(x, xr.DataArray(0.0), xr.DataArray(se, dims=dims))
+    scatter = found["value"].std("study")
+    np.testing.assert_allclose(np.sqrt((found["mcse"] ** 2).mean("study")), scatter, rtol=0.08)
+    assert float(found["value"].sel(measure="coverage").mean()) == pytest.approx(0.939, abs=0.004)
+    gain = relative_precision(x, y)
+    assert float(np.sqrt((gain["mcse"] ** 2).mean())) == pytest.approx(float(gain["value"].std()), rel=0.08)
+
+
+def test_intervals_of_coverages_stay_between_zero_and_one() -> None:
+    x = xr.DataArray(np.zeros(5), dims="realization")
+    found = performance(x, xr.DataArray(0.0), x + 1).sel(measure="coverage")
+    assert float(found["value"]) == float(found["upper"]) == 1
+    assert 0 < float(found["lower"]) < 1
+
+
+def test_a_zipper_ranks_the_intervals_by_their_distance_from_the_truth() -> None:
+    x = xr.DataArray([0.0, 3.0, -1.0, np.nan], dims="realization")
+    found = intervals(x, xr.DataArray(0.0), xr.ones_like(x))
+    np.testing.assert_allclose(found["centile"], [1 / 3, 1, 2 / 3, np.nan])
+    assert found["holds"].values.tolist() == [True, False, True, False]
+
+
+def test_the_order_of_rows_is_nothing_and_that_of_methods_is_the_tables() -> None:
+    table = estimates()
+    first = mc.performance(table)
+    again = mc.performance(table.sample(frac=1, random_state=1), reference="paper")
+    assert first["method"].values.tolist() == ["paper", "ml"]
+    for name in ("value", "mcse", "n"):
+        np.testing.assert_allclose(
+            again[name].sel(first["method"].coords).reindex_like(first[name]), first[name], rtol=1e-12
+        )
+    assert np.isfinite(
+        mc.performance(table, reference="ml")["value"].sel({"measure": "relative_precision", "method": "paper"})
+    ).all()
+
+
+def test_a_dataset_and_a_table_without_methods_are_accepted() -> None:
+    table = estimates().query("method == 'ml'").drop(columns="method")
+    found = mc.performance(table)
+    assert found["value"].dims == ("measure", "parameter")
+    data = xr.Dataset.from_dataframe(table.set_index(["realization", "parameter"]))
+    data["truth"] = data["truth"].max("realization")
+    xr.testing.assert_allclose(mc.performance(data)["value"], found["value"].sel(parameter=data["parameter"]))
+    alone = mc.performance(table.drop(columns="standard_error"))
+    assert alone["measure"].values.tolist() == ["bias", "empirical_se", "mse"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.drop(columns="truth"), "truth: expected a column of this name, got parameter"),
+        (lambda t: pd.concat([t, t[:1]]), "got two for method paper, realization 0, parameter K11"),
+        (lambda t: t.assign(truth=t["estimate"]), "truth: expected the same number in all rows of parameter K11"),
+        (lambda t: t.assign(standard_error=-1.0), "standard_error: expected no negative value, got -1"),
+        (lambda t: t.assign(estimate="high"), "estimate: expected numbers"),
+        (lambda t: t.assign(estimate=np.inf), "estimate: expected finite numbers or NaN"),
+        (lambda _: {"parameter": ["a"], "estimate": [1, 2]}, "data: expected a table"),
+    ],
+)
+def test_a_mistake_in_a_table_is_named_in_one_line(change: Callable[[pd.DataFrame], object], message: str) -> None:
+    with pytest.raises(InputError, match=message) as error:
+        mc.performance(change(estimates()))  # type: ignore[arg-type]
+    assert "\n" not in str(error.value)
+
+
+def test_a_method_or_level_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(InputError, match="reference: expected one of paper, ml, got 'other'"):
+        mc.performance(estimates(), reference="other")
+    with pytest.raises(InputError, match="level: expected a number between 0 and 1, got 95"):
+        mc.performance(estimates(), level=95)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import re
-import runpy
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import module
 
 from mcstudy.challenge.answer import from_diagnosis
 from mcstudy.challenge.answer_checks import check_answer
@@ -24,6 +23,7 @@ from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose_fast
 from mcstudy.gap.fits.base_fit import base_fit
 from mcstudy.gap.fits.priors import opened, weak_prior
+from mcstudy.gap.questions.any_gap import GapTest
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
 from mcstudy.gap.questions.mislabelled import Labels, Mislabelled, Search, mislabelled
 from mcstudy.gap.questions.possible import possible
@@ -33,14 +33,17 @@ from mcstudy.spectra.measure import measure
 from mcstudy.stance.anthropometry import segments
 from mcstudy.stance.body import Body, two_segment
 
-EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
-
 BY_NAME = {m.name: m for m in MISLABELLINGS}
 
 
 @pytest.fixture(scope="module")
 def person() -> Sound:
     return sound(1)
+
+
+@pytest.fixture(scope="module")
+def tested(person: Sound) -> GapTest:
+    return detect_fast(person.recording, fmax=3.0)
 
 
 def readings_of(recording: Recording, accept: frozenset[str] = frozenset()) -> tuple[list[Mislabelled], float]:
@@ -69,7 +72,7 @@ def test_what_the_nominal_model_cannot_tell_is_the_best_reading(person: Sound, n
     assert found[0].hypothesis.log_evidence > found[1].hypothesis.log_evidence + 3 if len(found) > 1 else True
 
 
-@pytest.mark.parametrize("seed", [1, 2, 6])
+@pytest.mark.parametrize("seed", [2, 6])
 def test_no_reading_explains_a_sound_recording_better_than_its_labels(seed: int) -> None:
     found, plain = readings_of(sound(seed).recording)
     assert found
@@ -117,10 +120,11 @@ def test_a_mislabelled_recording_says_what_to_check_and_its_json_conforms(person
     assert answer["credible_set"] == ["unknown"]
 
 
-def test_a_reading_of_all_trials_corrects_the_responses_and_leaves_the_agreement_of_the_trials(person: Sound) -> None:
-    lines = measure(person.recording)
-    t = detect_fast(person.recording)
-    search = Search(lines, t.base, t.minima, 0)
+def test_a_reading_of_all_trials_corrects_the_responses_and_leaves_the_agreement_of_the_trials(
+    person: Sound, tested: GapTest
+) -> None:
+    lines = measure(person.recording, fmax=3.0)
+    search = Search(lines, tested.base, tested.minima, 0)
     T = READINGS["space_angle"].at(lines.f)
     assert search.gain(search.only(T, None)) == pytest.approx(0.0, abs=1e-6)
     data, _, mix = search._trials.corrected(lines.f, search.only(T, None))
@@ -147,8 +151,8 @@ def test_segments_exchanged_twice_are_those_of_the_body() -> None:
             assert (row, given) == (other, pytest.approx(wanted))
 
 
-def test_an_estimate_on_a_bound_or_beyond_a_body_is_no_explanation(person: Sound) -> None:
-    base = detect_fast(person.recording).base
+def test_an_estimate_on_a_bound_or_beyond_a_body_is_no_explanation(tested: GapTest) -> None:
+    base = tested.base
 
     def loose(mass: float, frequency: float, se: float = 0.5) -> Hypothesis:
         model = apply(base.model, "loose_head")
@@ -160,14 +164,13 @@ def test_an_estimate_on_a_bound_or_beyond_a_body_is_no_explanation(person: Sound
     assert not possible(loose(5.0, 0.8), base)  # on the bound of the frequency
     assert not possible(loose(14.0, 2.0), base)  # no head
     assert possible(loose(14.0, 2.0, se=3.0), base)  # not certainly
-    lag = replace(base, theta=base.theta)
-    assert possible(Hypothesis((), 0.0, lag), base)
+    assert possible(Hypothesis((), 0.0, base), base)
 
 
 def test_the_table_counts_every_answer(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    example = runpy.run_path(str(EXAMPLES / "mislabelled.py"))
+    example = module("mislabelled")
     monkeypatch.setattr("sys.argv", ["mislabelled.py", "--only", "mirrored", "--recordings", "1"])
-    example["main"]()
+    example.main()
     shown = capsys.readouterr().out
     for name in ("both angles mirrored", "theta1 mirrored", "theta2 mirrored"):
         assert name in shown

@@ -1,7 +1,8 @@
 """What does the diagnosis say about mislabelled recordings?
 
     python pipelines/examples/mislabelled.py
-    python pipelines/examples/mislabelled.py --only "stimulus" --recordings 3
+    python pipelines/examples/mislabelled.py --only "stimulus" --recordings 1 2
+    python pipelines/examples/mislabelled.py --sound 63
 
 Every way to mislabel a recording (`mcstudy.challenge.mislabelled`) is applied to the same sound recordings, and the
 answer of the diagnosis falls in one class: refused with the right words, refused with other words, named as the cause
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
+from collections.abc import Sequence
 
 from mcstudy.challenge.mislabelled import KINDS, MISLABELLINGS, sound
 from mcstudy.challenge.mislabelled_answers import CLASSES, answered
@@ -23,18 +25,17 @@ from mcstudy.challenge.rates import rate
 from mcstudy.text_tables import table
 
 
-def rows(only: str, recordings: int, verbose: bool) -> dict[str, list[str]]:
+def rows(only: str, recordings: Sequence[int], verbose: bool) -> dict[str, list[str]]:
     """The class of every answer, by mislabelling."""
-    bodies = [sound(seed) for seed in range(recordings)]
-    found: dict[str, list[str]] = {}
-    for m in MISLABELLINGS:
-        if only not in m.name:
-            continue
-        for it in bodies:
-            answer = answered(m.change(it), m.codes)
-            found.setdefault(m.name, []).append(answer.kind)
-            if verbose:
-                print(f"{m.name} | {it.recording.name} | {answer.kind} | {answer.words}", flush=True)
+    found: dict[str, list[str]] = {m.name: [] for m in MISLABELLINGS if only in m.name}
+    for seed in recordings:
+        it = sound(seed)
+        for m in MISLABELLINGS:
+            if m.name in found:
+                answer = answered(m.change(it), m.codes)
+                found[m.name].append(answer.kind)
+                if verbose:
+                    print(f"{m.name} | {it.recording.name} | {answer.kind} | {answer.words}", flush=True)
     return found
 
 
@@ -42,7 +43,7 @@ def main() -> None:
     """Diagnose, count, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="only mislabellings whose name contains this text")
-    parser.add_argument("--recordings", type=int, default=KINDS, help="sound recordings that are mislabelled")
+    parser.add_argument("--recordings", type=int, nargs="+", default=range(KINDS), help="which sound recordings")
     parser.add_argument("--sound", type=int, help="diagnose this many sound recordings instead")
     parser.add_argument("--verbose", action="store_true", help="print every answer")
     args = parser.parse_args()

@@ -118,7 +118,8 @@ def explain(
     weighted: list[tuple[Hypothesis, float]] = [(none, np.log(NONE))]
     for h, e in zip(singles, effects, strict=True):
         weighted.append((h, np.log(SINGLE / n_causes / families[e.cause])))
-    leaders = sorted((h for h in singles if possible(h, base)), key=lambda h: -h.log_evidence)[:LEADERS]
+    # Also leaders that no body can have: what is beside them, or in a pair, may be possible.
+    leaders = sorted(singles, key=lambda h: -h.log_evidence)[:LEADERS]
     group_of = {n: k for k, g in enumerate(groups) for n in g}
     n_pairs = n_causes * (n_causes - 1) / 2
     if leaders and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + np.log(NONE) - 3:

@@ -59,6 +59,8 @@ def _introduction(data: GapData) -> str:
     d = data.diagnosis
     if d.leading is None:
         after = "No gap was detected, so no effect was added and the figures show the base model only."
+    elif d.leading.advice:
+        after = "The recording seems to be mislabelled, so the figures show the base model only."
     elif d.added is None:
         after = (
             f"The leading cause, {effects_of(d.leading)}, changes the response with amplitude or over time but not the "

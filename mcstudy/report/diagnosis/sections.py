@@ -6,7 +6,7 @@ from functools import partial
 
 from mcstudy.gap import tables
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.verdict import not_a_body, share_closed, sway
+from mcstudy.gap.verdict import not_a_body, share_closed, shown_causes, sway
 from mcstudy.report.context import short
 from mcstudy.report.diagnosis import figures, outcome_figures
 from mcstudy.report.diagnosis.data import BANDS_PER_DECADE, GapData
@@ -137,7 +137,7 @@ def evidence_figure(d: Diagnosis) -> Figure:
         "deviations of known shape. Second: the residual of all lines (goodness of fit).",
         numbers.note,
     ]
-    if d.leading is not None:
+    if d.leading is not None and any(c.sizes for c in shown_causes(d)):
         panels.append(Panel("sizes of the causes", partial(outcome_figures.effect_sizes, d)))
         text[0] += (
             " Third: sizes of the leading cause and of those in the 95 % set, with 95 % intervals, in standard errors "

@@ -52,7 +52,7 @@ def to_dataset(recording: Recording) -> xr.Dataset:
     for k, trial in enumerate(recording.trials):
         stimulus[k, : trial.samples] = trial.stimulus
         theta[k, : trial.samples] = trial.theta
-    stated = [np.nan if t.amplitude is None else t.amplitude for t in recording.trials]
+    stated = np.array([np.nan if t.amplitude is None else t.amplitude for t in recording.trials], dtype=float)
     unit = recording.stimulus_unit
     attrs: dict[str, Any] = {
         "schema": schema.identifier("recording"),
@@ -70,7 +70,7 @@ def to_dataset(recording: Recording) -> xr.Dataset:
         {
             "stimulus": (("trial", "time"), stimulus, {"units": unit, "long_name": recording.stimulus}),
             "theta": (("trial", "time", "angle"), theta, {"units": "rad", "long_name": "joint angles"}),
-            "amplitude": ("trial", np.array(stated), {"units": unit, "long_name": "stated stimulus amplitude"}),
+            "amplitude": ("trial", stated, {"units": unit, "long_name": "stated stimulus amplitude"}),
             "samples": ("trial", np.array([t.samples for t in recording.trials]), {"long_name": "length of the trial"}),
         },
         coords={

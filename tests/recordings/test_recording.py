@@ -207,6 +207,12 @@ def test_angles_of_another_clock_than_the_stimulus_are_refused_for_that_reason(r
         check(replace(recording, trials=tuple(trials)))
 
 
+def test_an_amplitude_may_be_a_whole_number(tmp_path: Path) -> None:
+    whole = replace(SWAY, trials=(replace(SWAY.trials[0], amplitude=5),))
+    write_recording(whole, tmp_path / "whole.nc")
+    assert read_recording(tmp_path / "whole.nc").trials[0].amplitude == 5.0
+
+
 def test_an_amplitude_that_matches_no_convention_is_noted_not_refused() -> None:
     odd = replace(SWAY, trials=(replace(SWAY.trials[0], amplitude=3.7),))
     assert [s.code for s in checked_lines(odd)[0].suspicions] == ["amplitude"]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from scipy.stats import rankdata
 
 from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import REALIZATION, normal_quantile, wilson
@@ -161,6 +160,8 @@ def intervals(estimate: xr.DataArray, truth: xr.DataArray, error: xr.DataArray, 
     Dataset ``lower``, ``upper``, ``holds`` (whether the truth is inside) and ``centile``, the share of realizations
     whose estimate is at most as many standard errors from the truth: of valid intervals, those above the level miss it.
     """
+    from scipy.stats import rankdata  # slow to import, and few studies keep standard errors
+
     reach = normal_quantile(level) * error
     away = abs(estimate - truth) / error
     holds = _holds(estimate, reach, truth)

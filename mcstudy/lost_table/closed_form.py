@@ -6,7 +6,8 @@ import numpy as np
 
 from mcstudy.analysis.paper.model_rows import sensitivity_values, sway_values
 from mcstudy.analysis.paper.statements import RESULTS
-from mcstudy.analysis.paper.verdict import DIFFERS, LIMIT, judge
+from mcstudy.analysis.paper.verdict import judge
+from mcstudy.analysis.paper.verdict_names import DIFFERS, LIMIT
 from mcstudy.lost_table.simulate import CYCLE_S, CYCLES, PARAMETERS, PSD, RATE_HZ, study_of
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.study.experiment import Experiment

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from mcstudy.analysis.paper.published import FMAX_HZ, MARGINS
-from mcstudy.analysis.paper.verdict import AGREES, CANNOT_TELL, DIFFERS
+from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL, DIFFERS
 from mcstudy.analysis.show.text import READING, incomplete, ours, verdict
 from mcstudy.report.context import Context, short, stat
 from mcstudy.report.html import Table, escape, table

@@ -21,7 +21,8 @@ from mcstudy.analysis.paper.published import AMPLITUDES_NM, FMAX_HZ, REALIZATION
 from mcstudy.analysis.paper.sampling import Value, pooled
 from mcstudy.analysis.paper.statements import RESULTS
 from mcstudy.analysis.paper.values import fit_values
-from mcstudy.analysis.paper.verdict import AGREES, DIFFERS, judge
+from mcstudy.analysis.paper.verdict import judge
+from mcstudy.analysis.paper.verdict_names import AGREES, DIFFERS
 from mcstudy.analysis.view import GroupView
 
 GROUP, SEED = "accuracy", 990017

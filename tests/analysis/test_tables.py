@@ -16,7 +16,7 @@ from mcstudy.analysis import montecarlo
 from mcstudy.analysis.paper import sampling
 from mcstudy.analysis.paper.rows import Row, rows
 from mcstudy.analysis.paper.statements import RESULTS
-from mcstudy.analysis.paper.verdict import DIFFERS
+from mcstudy.analysis.paper.verdict_names import DIFFERS
 from mcstudy.analysis.show.tables import Report, report_of
 from mcstudy.analysis.show.text import within
 from mcstudy.analysis.view import StudyView

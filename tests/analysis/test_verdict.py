@@ -7,16 +7,8 @@ import pytest
 
 from mcstudy.analysis.paper.published import Criterion, Published
 from mcstudy.analysis.paper.sampling import Value
-from mcstudy.analysis.paper.verdict import (
-    AGREES,
-    CANNOT_TELL,
-    DEFINITION,
-    DIFFERS,
-    OURS,
-    THEIRS,
-    Verdict,
-    judge,
-)
+from mcstudy.analysis.paper.verdict import DEFINITION, OURS, THEIRS, Verdict, judge
+from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL, DIFFERS
 
 
 def statement(value: float = 10.0, criterion: Criterion = "equal", **more: float) -> Published:

@@ -22,7 +22,8 @@ from mcstudy.analysis.paper.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ,
 from mcstudy.analysis.paper.sampling import Value
 from mcstudy.analysis.paper.statements import RESULTS
 from mcstudy.analysis.paper.values import fit_values, relation_values
-from mcstudy.analysis.paper.verdict import DIFFERS, Verdict, judge
+from mcstudy.analysis.paper.verdict import Verdict, judge
+from mcstudy.analysis.paper.verdict_names import DIFFERS
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.stance.noise import SensorNoise
 

@@ -17,11 +17,7 @@ import numpy as np
 
 from mcstudy.analysis.paper.published import Published
 from mcstudy.analysis.paper.sampling import MANY, Value
-
-AGREES, DIFFERS, CANNOT_TELL = "agrees", "differs", "cannot tell"
-
-LIMIT = 3.0
-"""Distance from which two studies differ, in standard errors of their difference."""
+from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL, DIFFERS, LIMIT
 
 LIMIT_FEW = 3.75
 """The same for fewer than `MANY` blocks, whose error is itself an estimate, too small where a mean |bias| is small by

@@ -6,7 +6,7 @@ from typing import Any
 
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.paper.published import MARGINS
-from mcstudy.analysis.paper.verdict import AGREES, LIMIT
+from mcstudy.analysis.paper.verdict_names import AGREES, LIMIT
 from mcstudy.text_tables import counted, fill, folded, number, table, with_error
 
 _HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +37,6 @@ class Experiment:
         self._points = {fmax: len(self.bands.below(fmax)) for fmax in group.fmax}
         self.n_frequencies = tuple(self._points[fmax] for fmax in group.fmax)
         self.true_frf = frf(self.model, self.model.truth, self.f)
-        self._overlap: np.ndarray | None = None
         self.measure = SIMULATORS[group.simulator](group, self.model, self.bands, seed)
 
     def problem(self, data: Measurement, fmax: float) -> Problem:
@@ -51,14 +51,18 @@ class Experiment:
 
     def standard_errors(self, problem: Problem, theta: np.ndarray, data: Measurement) -> np.ndarray:
         """Standard errors (P,) of the estimate ``theta`` of a problem of this measurement, NaN on a bound."""
-        from mcstudy.fitting.standard_errors import overlap_of, standard_errors
+        from mcstudy.fitting.standard_errors import standard_errors
 
         assert data.covariance is not None  # a study file with standard errors and without noise is refused
         n = len(problem.f)
-        if self._overlap is None:
-            self._overlap = overlap_of(self.bands)
         likelihood = self.group.fit.cost == "ml"
         return standard_errors(problem, theta, data.covariance[:n], self._overlap[:n, :n], likelihood)
+
+    @cached_property
+    def _overlap(self) -> np.ndarray:
+        from mcstudy.fitting.standard_errors import overlap_of
+
+        return overlap_of(self.bands)
 
     def starts(self, problems: Sequence[Problem], realizations: Sequence[int]) -> np.ndarray:
         """Starts for one problem per realization, (R, starts, P); the same at every Fmax unless taken from the data."""

@@ -19,7 +19,7 @@ from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import Model
 from mcstudy.study.layout import Chunk
 from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.tasks import fill
+from mcstudy.study.tasks import again
 
 
 @dataclass(frozen=True)
@@ -81,21 +81,16 @@ def replay(
     before = Status(int(stored["status"][cell]))
     if before is Status.PENDING:
         raise InputError(f"{out}: expected a finished fit, but this one has not been run yet")
-    again = {name: values.copy() for name, values in stored.items()}
-    again["status"][stored["status"] == Status.PENDING] = Status.SOLVER_ERROR  # `fill` must skip them
-    again["status"][cell] = Status.PENDING
-    fill(store, chunk, again, lambda: False)
-    waiting = stored["status"] == Status.PENDING
-    again["status"][waiting] = Status.PENDING
-    if "standard_error" in stored:  # of the best of all starts
-        again["standard_error"][waiting.any(axis=3)] = stored["standard_error"][waiting.any(axis=3)]
-    differ = tuple(n for n in store.layout.results if stored[n].tobytes() != again[n].tobytes())
+    chosen = np.zeros(stored["status"].shape, dtype=bool)
+    chosen[cell] = True
+    repeated = again(store, chunk, stored, chosen)
+    differ = tuple(n for n in store.layout.results if stored[n].tobytes() != repeated[n].tobytes())
     experiment = store.experiment
     data = experiment.measure(experiment.group.amplitude[chunk.amplitude], realization)
     problem = experiment.problem(data, experiment.group.fmax[at.fmax])
     theta = experiment.starts([problem], [realization])[0, at.start]
-    status = Status(int(again["status"][cell]))
-    path = _path(problem, theta, int(again["iterations"][cell]), store) if status.usable else ()
+    status = Status(int(repeated["status"][cell]))
+    path = _path(problem, theta, int(repeated["iterations"][cell]), store) if status.usable else ()
     return Replay(experiment.model, path, status, before, differ)
 
 

@@ -142,6 +142,25 @@ def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: 
                 data["standard_error"][0, k, r] = _errors_of_best(data, k, int(r), problem, measured[r], experiment)
 
 
+def again(store: GroupStore, chunk: Chunk, stored: dict[str, np.ndarray], chosen: np.ndarray) -> dict[str, np.ndarray]:
+    """The arrays of a chunk with the ``chosen`` finished fits run again; whatever has not been run stays as stored.
+
+    ``chosen``: of the shape of ``stored["status"]``, bool.
+    """
+    data = {name: values.copy() for name, values in stored.items()}
+    waiting = stored["status"] == Status.PENDING
+    data["status"][waiting] = Status.SOLVER_ERROR  # `fill` must skip them
+    data["status"][chosen] = Status.PENDING
+    fill(store, chunk, data, lambda: False)
+    for name in store.layout.results:
+        dims = store.layout.arrays[name].dims
+        if "start" in dims:  # one value or row per fit
+            data[name][waiting] = stored[name][waiting]
+        elif "fmax" in dims:  # of the best of all starts
+            data[name][waiting.any(axis=3)] = stored[name][waiting.any(axis=3)]
+    return data
+
+
 def _errors_of_best(
     data: dict[str, np.ndarray], k: int, row: int, problem: Problem, measured: Measurement, experiment: Experiment
 ) -> np.ndarray:

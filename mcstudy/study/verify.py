@@ -26,7 +26,7 @@ from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import skeleton
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.strays import NOT_PART, parts, strays
-from mcstudy.study.tasks import fill
+from mcstudy.study.tasks import again
 
 STARTS_A_CELL = 4
 """Number of starts recomputed in each sampled cell, at every Fmax."""
@@ -214,22 +214,12 @@ def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, findin
     group, realizations = store.layout.group, store.layout.realizations(chunk)
     r = int(rng.integers(len(realizations)))
     stored = {name: store.read(name, chunk) for name in store.layout.results}
-    again = {name: values.copy() for name, values in stored.items()}
     chosen = np.zeros(stored["status"].shape, dtype=bool)
     chosen[0, :, r, rng.choice(group.starts, min(STARTS_A_CELL, group.starts), replace=False)] = True
     chosen &= stored["status"] != Status.PENDING
-    again["status"][chosen] = Status.PENDING
-    waiting = stored["status"] == Status.PENDING
-    again["status"][waiting] = Status.SOLVER_ERROR  # not chosen: `fill` must skip them
-    fill(store, chunk, again, lambda: False)
-    for name in store.layout.results:
-        dims = store.layout.arrays[name].dims
-        if "start" in dims:  # one value or row per fit
-            again[name][waiting] = stored[name][waiting]  # values of fits that have not been run are undefined
-        elif "fmax" in dims:  # of the best of all starts
-            again[name][waiting.any(axis=3)] = stored[name][waiting.any(axis=3)]
+    recomputed = again(store, chunk, stored, chosen)
     findings.recomputed += int(chosen.sum())
-    differ = [n for n in store.layout.results if stored[n].tobytes() != again[n].tobytes()]
+    differ = [n for n in store.layout.results if stored[n].tobytes() != recomputed[n].tobytes()]
     if differ:
         findings.damage.append(
             f"{store.chunk_file('status', chunk)}: amplitude {group.amplitude[chunk.amplitude]:g}, realization "

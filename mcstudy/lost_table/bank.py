@@ -5,27 +5,23 @@ A study of the bank depends on the seed, its wave and its number alone, so a sto
 
 from __future__ import annotations
 
-import io
-import zipfile
-import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from mcstudy.errors import StoreError
-from mcstudy.files.durable import PARTIAL, write
-from mcstudy.files.json_files import ensure_folder
+from mcstudy.lost_table.kept_files import Kind, kept
 from mcstudy.lost_table.simulate import Moments, damped, simulate
 from mcstudy.lost_table.unknowns import Prior
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.scheduler.fan_out import fan_out
 from mcstudy.streams import stream
 
 PART = 4
 """Studies per file; a kill loses at most this many per worker."""
+
+NAMES = tuple(f.name for f in fields(Moments))
+"""Arrays of a file."""
 
 DRAWS = 4096
 """Points of the prior drawn at a time."""
@@ -43,11 +39,11 @@ class Bank:
 
     def take(self, which: np.ndarray) -> Bank:
         """Some of the studies."""
-        return Bank(self.u[which], Moments(*(getattr(self.moments, f.name)[which] for f in fields(Moments))))
+        return Bank(self.u[which], Moments(*(getattr(self.moments, n)[which] for n in NAMES)))
 
     def joined(self, other: Bank) -> Bank:
         """The studies of both."""
-        both = (np.concatenate([getattr(b.moments, f.name) for b in (self, other)]) for f in fields(Moments))
+        both = (np.concatenate([getattr(b.moments, n) for b in (self, other)]) for n in NAMES)
         return Bank(np.concatenate([self.u, other.u]), Moments(*both))
 
 
@@ -86,46 +82,18 @@ def simulated(
     ``where``: seed, wave and realizations. Raises `Interrupted` when stopped; the same call resumes.
     """
     seed, wave, realizations = where
-    ensure_folder(folder)
-    for left in folder.glob(f"*{PARTIAL}"):
-        left.unlink(missing_ok=True)
-    jobs = [_Job(k, u[k : k + PART]) for k in range(0, len(u), PART)]
 
-    def path(job: _Job) -> Path:
-        return folder / f"wave{wave}-{job.first:05d}.npz"
+    def name(job: _Job) -> str:
+        return f"wave{wave}-{job.first:05d}.npz"
 
-    def work(job: _Job) -> bool:
+    def make(job: _Job) -> dict[str, np.ndarray]:
         ends = []
         for k, values in enumerate(prior.values(job.u)):
             own = int(stream(seed, "table_study", wave, job.first + k).integers(2**62))
             ends.append(simulate(values, own, realizations))
-        arrays = {f.name: np.stack([getattr(m, f.name) for m in ends]) for f in fields(Moments)}
-        content = io.BytesIO()
-        np.savez(content, allow_pickle=False, u=job.u, **arrays)
-        write(path(job), content.getvalue())
-        return True
+        return {n: np.stack([getattr(m, n) for m in ends]) for n in NAMES}
 
-    missing = [job for job in jobs if _read(path(job), job.u) is None]
-    for _ in fan_out(work, missing, options, str(folder.parent)):
-        pass
-    return _joined([_read(path(job), job.u) for job in jobs], folder)
-
-
-def _read(path: Path, u: np.ndarray) -> dict[str, Any] | None:
-    """A file of the bank; None where it is missing, damaged or of other points."""
-    try:
-        content = io.BytesIO(path.read_bytes())
-        with np.load(content, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("u", *(f.name for f in fields(Moments)))}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
-        return None
-    return arrays if np.array_equal(arrays["u"], u) else None
-
-
-def _joined(parts: Sequence[dict[str, Any] | None], folder: Path) -> Bank:
-    whole = [p for p in parts if p is not None]
-    if len(whole) != len(parts):
-        raise StoreError(f"{folder}: a file of the bank changed while it was read; run the same command again")
-    names = [f.name for f in fields(Moments)]
-    moments = Moments(*(np.concatenate([p[name] for p in whole]) for name in names))
-    return Bank(np.concatenate([p["u"] for p in whole]), moments)
+    jobs = [_Job(k, u[k : k + PART]) for k in range(0, len(u), PART)]
+    parts = kept(Kind(folder, NAMES), jobs, name, lambda job: {"u": job.u}, make, options)
+    moments = Moments(*(np.concatenate([p[n] for p in parts]) for n in NAMES))
+    return Bank(np.concatenate([p["u"] for p in parts]), moments)

@@ -15,24 +15,18 @@ waves, which only the paper's numbers have; the studies at the best configuratio
 
 from __future__ import annotations
 
-import io
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from mcstudy.errors import StoreError
-from mcstudy.files.durable import PARTIAL, write
-from mcstudy.files.json_files import ensure_folder
 from mcstudy.lost_table.bank import Bank
 from mcstudy.lost_table.checks import rows_of
 from mcstudy.lost_table.emulator import Emulator
+from mcstudy.lost_table.kept_files import Kind, kept
 from mcstudy.lost_table.posterior import THOROUGH, Likelihood, tempered
 from mcstudy.lost_table.unknowns import Prior
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.scheduler.fan_out import fan_out
 from mcstudy.streams import stream
 
 LEVELS = (0.5, 0.8, 0.95)
@@ -98,30 +92,18 @@ def calibrate(
     ``where``: seed, realizations and particles. ``folder``: where finished papers are kept.
     Raises `Interrupted` when stopped; the same call resumes.
     """
-    ensure_folder(folder)
-    for left in folder.glob(f"*{PARTIAL}"):
-        left.unlink(missing_ok=True)
     first, count = papers
     places = range(min(first, len(bank)), min(first + count, len(bank)))
-
-    def path(place: int) -> Path:
-        return folder / f"paper{place:05d}.npz"
-
-    def work(place: int) -> bool:
-        content = io.BytesIO()
-        np.savez(content, allow_pickle=False, u=bank.u[place], powers=POWERS, **_paper(prior, bank, place, where))
-        write(path(place), content.getvalue())
-        return True
-
-    missing = [place for place in places if _read(path(place), bank.u[place]) is None]
-    for _ in fan_out(work, missing, options, str(folder.parent)):
-        pass
-    found = [_read(path(place), bank.u[place]) for place in places]
-    whole = [x for x in found if x is not None]
-    if len(whole) < len(found):
-        raise StoreError(f"{folder}: a file changed while it was read; run the same command again")
+    found = kept(
+        Kind(folder, RESULTS_OF_A_PAPER),
+        places,
+        lambda place: f"paper{place:05d}.npz",
+        lambda place: {"u": bank.u[place], "powers": np.array(POWERS)},
+        lambda place: _paper(prior, bank, place, where),
+        options,
+    )
     shape = (0, len(POWERS), len(prior))
-    rank, width, error = (np.stack([x[n] for x in whole]) if whole else np.empty(shape) for n in RESULTS_OF_A_PAPER)
+    rank, width, error = (np.stack([x[n] for x in found]) if found else np.empty(shape) for n in RESULTS_OF_A_PAPER)
     return Calibration(rank, width, error, np.abs(bank.u.mean(axis=0) - bank.u[places.start : places.stop]))
 
 
@@ -143,13 +125,3 @@ def _paper(prior: Prior, bank: Bank, place: int, where: tuple[int, int, int]) ->
         out["width"].append(found.u.std(axis=0) / sd)
         out["error"].append(np.abs(found.u.mean(axis=0) - true))
     return {name: np.stack(x) for name, x in out.items()}
-
-
-def _read(path: Path, u: np.ndarray) -> dict[str, np.ndarray] | None:
-    """A finished paper; None where it is missing, damaged or of another table."""
-    try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            found = {name: file[name] for name in ("u", "powers", *RESULTS_OF_A_PAPER)}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
-        return None
-    return found if np.array_equal(found["u"], u) and np.array_equal(found["powers"], POWERS) else None

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.lost_table.unknowns import UNKNOWNS, Unknown
+from mcstudy.report.svg_document import svg_document
 
 COLUMNS, WIDTH, HEIGHT, GAP = 4, 190.0, 96.0, 34.0
 BINS = 16
@@ -19,18 +20,13 @@ def marginals_svg(result: xr.Dataset) -> str:
     """One panel per unknown as an SVG document: prior flat and grey, posterior as bars, best and stand-in as lines."""
     rows = math.ceil(len(UNKNOWNS) / COLUMNS)
     width, height = COLUMNS * (WIDTH + 20) + 20, TOP + rows * (HEIGHT + GAP) + 6
-    body = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" font-family="sans-serif" '
-        'font-size="10" role="img">',
-        f"<title>Posterior of the lost true values: {html.escape(str(result.attrs['status']))}</title>",
-        f'<rect width="{width:g}" height="{height:g}" fill="#fefefe"/>',
-        '<text x="20" y="18" font-size="12">Bars: posterior. Grey: prior. Solid line: best configuration. Dashed: '
-        f"stand-in. {html.escape(str(result.attrs['status']).capitalize())}.</text>",
-    ]
+    status = str(result.attrs["status"])
+    caption = f"Bars: posterior. Grey: prior. Solid line: best configuration. Dashed: stand-in. {status.capitalize()}."
+    body: list[str] = []
     for k, unknown in enumerate(UNKNOWNS):
         x, y = 20 + (k % COLUMNS) * (WIDTH + 20), TOP + (k // COLUMNS) * (HEIGHT + GAP)
         body += _panel(unknown, result.sel(unknown=unknown.name), x, y)
-    return "\n".join([*body, "</svg>"])
+    return svg_document(f"Posterior of the lost true values: {status}", caption, (width, height), 20, body)
 
 
 def _panel(unknown: Unknown, one: xr.Dataset, x: float, y: float) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.lost_table.checks import LIMIT
+from mcstudy.report.svg_document import svg_document
 
 COLUMNS, WIDTH, HEIGHT, GAP, LEFT, TOP = 3, 220.0, 150.0, 62.0, 36.0, 40.0
 FURTHEST = 15.0
@@ -20,19 +21,13 @@ def trade_offs_svg(result: xr.Dataset) -> str:
     missed = [str(k) for k in result["missed"].values]
     rows = max(math.ceil(len(missed) / COLUMNS), 1)
     width, height = LEFT + COLUMNS * (WIDTH + LEFT), TOP + rows * (HEIGHT + GAP)
-    status = html.escape(str(result.attrs["status"]))
-    body = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" font-family="sans-serif" '
-        'font-size="10" role="img">',
-        f"<title>Trade-offs between printed numbers: {status}</title>",
-        f'<rect width="{width:g}" height="{height:g}" fill="#fefefe"/>',
-        f'<text x="{LEFT:g}" y="18" font-size="12">Dots: simulated studies. Line: none is better in both. Dashed: '
-        f"{LIMIT:g} errors. {status.capitalize()}.</text>",
-    ]
+    status = str(result.attrs["status"])
+    caption = f"Dots: simulated studies. Line: none is better in both. Dashed: {LIMIT:g} errors. {status.capitalize()}."
+    body: list[str] = []
     for k, key in enumerate(missed):
         x, y = LEFT + (k % COLUMNS) * (WIDTH + LEFT), TOP + (k // COLUMNS) * (HEIGHT + GAP)
         body += _panel(result, key, x, y)
-    return "\n".join([*body, "</svg>"])
+    return svg_document(f"Trade-offs between printed numbers: {status}", caption, (width, height), LEFT, body)
 
 
 def _panel(result: xr.Dataset, key: str, x: float, y: float) -> list[str]:

@@ -11,11 +11,11 @@ import xarray as xr
 
 from mcstudy.analysis import performance as measures
 from mcstudy.analysis.montecarlo import REALIZATION
+from mcstudy.analysis.selection import ERROR
 from mcstudy.errors import InputError
 
 KEYS = (REALIZATION, "parameter")
 VALUES = ("estimate", "truth")
-ERROR = "standard_error"
 
 
 def performance(

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
+from real_person import needs_wang, wang
 
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.tables import text
-from mcstudy.recordings.io import read_recording
 
-ROOT = Path(__file__).parents[2]
-WANG = ROOT.parent / "shared" / "real" / "wang"
-
-pytestmark = pytest.mark.skipif(
-    not WANG.is_dir(), reason="the recording of Wang & van den Bogert is not in ../shared/real/wang"
-)
+pytestmark = needs_wang
 
 
 @pytest.fixture(scope="module")
 def by_fmax() -> dict[float, Diagnosis]:
-    recording = read_recording(ROOT / "pipelines" / "recordings" / "wang.toml", data=WANG)
+    recording = wang()
     return {fmax: diagnose_fast(recording, fmax=fmax) for fmax in (2.0, 4.0, 8.0)}
 
 

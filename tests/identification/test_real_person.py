@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
+from real_person import needs_wang, wang
 
 from mcstudy.identification.fit import fit
 from mcstudy.identification.result import FitResult
-from mcstudy.recordings.io import read_recording
 
-ROOT = Path(__file__).parents[2]
-WANG = ROOT.parent / "shared" / "real" / "wang"
-
-pytestmark = pytest.mark.skipif(
-    not WANG.is_dir(), reason="the recording of Wang & van den Bogert is not in ../shared/real/wang"
-)
+pytestmark = needs_wang
 
 
 @pytest.fixture(scope="module")
 def by_fmax() -> dict[float, FitResult]:
-    recording = read_recording(ROOT / "pipelines" / "recordings" / "wang.toml", data=WANG)
+    recording = wang()
     return {fmax: fit(recording, fmax=fmax) for fmax in (2.0, 4.0)}
 
 
@@ -35,9 +28,7 @@ def test_only_the_sum_of_ankle_stiffness_is_determined(by_fmax: dict[float, FitR
     assert by_fmax[2.0].p_value == pytest.approx(0.022, abs=0.002)
 
 
-def test_the_fit_up_to_four_hertz_is_the_lowest_minimum(
-    by_fmax: dict[float, FitResult],
-) -> None:
+def test_the_fit_up_to_four_hertz_is_the_lowest_minimum(by_fmax: dict[float, FitResult]) -> None:
     """A stable minimum with a squared residual of 11,900 was taken where the lowest has 432."""
     f = by_fmax[4.0]
     assert f.chi2 < 450

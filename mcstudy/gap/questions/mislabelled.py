@@ -172,10 +172,10 @@ class Search:
     """
 
     def __init__(self, lines: Lines, base: Fitted, minima: np.ndarray, seed: int) -> None:
-        self._trials, self._f, self._seed = _Trials.of(lines), lines.f, seed
+        self._trials, self.f, self._seed = _Trials.of(lines), lines.f, seed
         self._base, self._minima = base, minima
         self._fitter = Fitter(base.model, base.prior, lines.f)
-        _, self._apart, _ = self._trials.corrected(lines.f, self._same)
+        _, self._apart, _ = self._trials.corrected(lines.f, self.same)
 
     @property
     def trials(self) -> tuple[int, ...]:
@@ -183,30 +183,31 @@ class Search:
         return self._trials.names
 
     @property
-    def _same(self) -> np.ndarray:
-        return np.broadcast_to(np.eye(2, dtype=complex), (len(self.trials), self._f.size, 2, 2))
+    def same(self) -> np.ndarray:
+        """T of correct labels, (K, N, 2, 2)."""
+        return np.broadcast_to(np.eye(2, dtype=complex), (len(self.trials), self.f.size, 2, 2))
 
     def only(self, T: np.ndarray, trial: int | None) -> np.ndarray:
         """T (N, 2, 2) of every trial, or of one of them, (K, N, 2, 2)."""
-        out = np.array(self._same)
+        out = np.array(self.same)
         out[slice(None) if trial is None else self.trials.index(trial)] = T
         return out
 
     def gain(self, T: np.ndarray) -> float:
         """Decrease of the squared difference between trials under T (K, N, 2, 2)."""
-        return self._apart - self._trials.corrected(self._f, T)[1]
+        return self._apart - self._trials.corrected(self.f, T)[1]
 
     def fit(self, T: np.ndarray, fitter: Fitter | None = None) -> tuple[float, Relabelled, Data]:
         """Log evidence under T (K, N, 2, 2), from few starts; the fit, and the corrected data."""
         fitter = fitter or self._fitter
-        data, apart, mix = self._trials.corrected(self._f, T)
+        data, apart, mix = self._trials.corrected(self.f, T)
         rows = [fitter.prior.mean[None], drawn_starts(fitter.model, self._seed, FEW)]
         rows.append(linearised_starts(fitter.model, data, self._seed, 1))
         return self._as_read(fitter.best(data, np.concatenate(rows)), data, apart, mix)
 
     def thoroughly(self, T: np.ndarray, fitter: Fitter | None = None) -> tuple[float, Relabelled, Data]:
         """The same from all starts of the base fit."""
-        data, apart, mix = self._trials.corrected(self._f, T)
+        data, apart, mix = self._trials.corrected(self.f, T)
         return self._as_read(base_fit(fitter or self._fitter, data, self._seed)[0], data, apart, mix)
 
     def _as_read(self, best: Fitted, data: Data, apart: float, mix: np.ndarray) -> tuple[float, Relabelled, Data]:
@@ -223,7 +224,7 @@ class Search:
         starts = np.vstack([self._minima[:2], self._base.prior.mean])
         step = float(grid[1] - grid[0])
         for _ in range(ROUNDS):
-            made = [self._trials.corrected(self._f, T(float(x))) for x in grid]
+            made = [self._trials.corrected(self.f, T(float(x))) for x in grid]
             S = len(starts)
             fits = self._fitter.fits(
                 np.array([d.packed for d, _, _ in made]),
@@ -320,7 +321,7 @@ def _trial(trial: int | None) -> tuple[str, str]:
 
 def _discrete(search: Search, code: str, trial: int | None) -> _Found | None:
     reading = READINGS[code]
-    T = search.only(reading.at(search._f), trial)
+    T = search.only(reading.at(search.f), trial)
     if trial is not None and search.gain(T) < LEAST_GAIN:
         return None
     ending, begin = _trial(trial)
@@ -340,7 +341,7 @@ def _diagonal(search: Search, which: str, factor: np.ndarray, trial: int | None)
 
 
 def _late(search: Search, which: str, trial: int | None) -> _Found | None:
-    f = search._f
+    f = search.f
     grid = np.arange(-LATEST_S, LATEST_S + 0.005, 0.01)
 
     def T(x: float) -> np.ndarray:
@@ -365,7 +366,7 @@ def _late(search: Search, which: str, trial: int | None) -> _Found | None:
 
 
 def _low_passed(search: Search, which: str, zero_phase: bool) -> _Found | None:
-    f = search._f
+    f = search.f
     low, high = np.log(CORNERS_HZ)
 
     def T(x: float) -> np.ndarray:
@@ -397,7 +398,7 @@ def _exchanged(search: Search, base: Fitted) -> _Found | None:
             model = exchanged_segments(base.model, legs, trunk)
         except ModelError:
             continue
-        found.append(search.thoroughly(search._same, Fitter(model, weak_prior(model, model), search._f)))
+        found.append(search.thoroughly(search.same, Fitter(model, weak_prior(model, model), search.f)))
     if not found:
         return None
     evidence, fitted, data = max(found, key=lambda f: f[0])

@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from mcstudy.analysis.convergence import COST_FLOOR
 from mcstudy.analysis.minimum_curve import average_curve, minimum_curve
 from mcstudy.analysis.neural import j_nc
-from mcstudy.analysis.selection import usable
+from mcstudy.analysis.selection import attempted, usable
 from mcstudy.analysis.view import GroupView
+from mcstudy.fitting.certainty import COST_FLOOR
 from mcstudy.report.figures.common import (
     MOST_POINTS,
     GroupLike,
@@ -150,11 +150,11 @@ def waterfall(
     a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
     cube = view.cube.sel(amplitude=a, fmax=f).isel(realization=slice(0, MOST_CURVES))
     cost = cube["cost"].where(usable(cube)).transpose("realization", "start").values
-    for row in cost:
+    for row, starts in zip(cost, attempted(cube).sum("start").values, strict=True):
         row = np.sort(row[np.isfinite(row)])
         if row.size:
             ratio = (row + COST_FLOOR) / (row[0] + COST_FLOOR)
-            share = 100 * np.arange(1, row.size + 1) / cube.sizes["start"]
+            share = 100 * np.arange(1, row.size + 1) / starts
             keep = _corners(np.log10(ratio))
             ax.step(share[keep], ratio[keep], where="pre", color=COLOURS["blue"], linewidth=0.8, alpha=0.45)
     log_axis(ax.yaxis)

@@ -139,7 +139,8 @@ class Study(Section):
     def _repr_html_(self) -> str:
         """Notebook display: the groups and their numbers of fits."""
         rows = "".join(
-            f"<tr><th scope='row'>{html.escape(name)}</th><td>{g.realizations}</td><td>{g.starts_in_words}</td>"
+            f"<tr><th scope='row'>{html.escape(name)}</th><td>{g.realizations}</td>"
+            f"<td>{g.starts_in_words if g.until_certain else g.starts}</td>"
             f"<td>{_listed(g.fmax)}</td><td>{_listed(g.amplitude)}</td>"
             f"<td>{html.escape(g.model.kind)}</td><td>{g.fit.cost}, {g.fit.solver}</td><td>{g.fits}</td></tr>"
             for name, g in self.groups.items()

@@ -208,8 +208,8 @@ class Group(Section):
     """
 
     realizations: int = Field(ge=1, le=10_000_000)
-    most_starts: Annotated[int, Field(ge=1, le=MOST_STARTS)] | None = None
     starts: int = Field(ge=1, le=MOST_STARTS)
+    most_starts: Annotated[int, Field(ge=1, le=MOST_STARTS)] | None = None
     fmax: Annotated[tuple[Annotated[float, FREQUENCY], ...], LENGTH, ASCENDING]
     amplitude: Annotated[tuple[Annotated[float, AMPLITUDE], ...], LENGTH, ASCENDING]
     simulator: Literal["none", "spectral", "time_domain"] = "spectral"
@@ -222,22 +222,26 @@ class Group(Section):
 
     @field_validator("starts", mode="wrap")
     @classmethod
-    def _number(cls, given: Any, whole_number: ValidatorFunctionWrapHandler, info: ValidationInfo) -> int:
-        """The largest number of starts for the words that stand for it."""
-        most = info.data.get("most_starts")
+    def _number_or_words(cls, given: Any, whole_number: ValidatorFunctionWrapHandler) -> int:
         if given == UNTIL_CERTAIN:
-            return _Largest(DEFAULT_MOST_STARTS if most is None else most)
-        if most is not None:
-            raise ValueError(f"expected {UNTIL_CERTAIN!r} beside most_starts")
+            return _Largest(DEFAULT_MOST_STARTS)
         if isinstance(given, str):
             raise ValueError(f"expected a whole number or {UNTIL_CERTAIN!r}")
         return int(whole_number(given))
 
+    @field_validator("most_starts", mode="after")
+    @classmethod
+    def _only_beside_the_words(cls, most: int | None, info: ValidationInfo) -> int | None:
+        if most is not None and type(info.data.get("starts")) is int:
+            raise ValueError(f"expected starts = {UNTIL_CERTAIN!r} beside it")
+        return most
+
     @model_validator(mode="after")
-    def _with_largest_number(self) -> Group:
-        if not isinstance(self.starts, _Largest):
+    def _with_the_largest_number(self) -> Group:
+        if type(self.starts) is int:
             return self
-        return self.model_copy(update={"starts": int(self.starts), "most_starts": int(self.starts)})
+        most = int(self.starts) if self.most_starts is None else self.most_starts
+        return self.model_copy(update={"starts": most, "most_starts": most})
 
     @model_serializer(mode="wrap")
     def _as_in_a_file(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:

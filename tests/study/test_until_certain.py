@@ -140,7 +140,7 @@ def test_a_study_file_keeps_the_words() -> None:
 @pytest.mark.parametrize(
     ("fields", "says"),
     [
-        ({"starts": 5, "most_starts": 9}, r"group\.g\.starts: expected 'until certain' beside most_starts, got 5"),
+        ({"starts": 5, "most_starts": 9}, r"group\.g\.most_starts: expected starts = 'until certain' beside it, got 9"),
         ({"starts": "until sure"}, r"group\.g\.starts: expected a whole number or 'until certain', got 'until sure'"),
         ({"starts": "until certain", "most_starts": 0}, r"group\.g\.most_starts: expected at least 1, got 0"),
         ({"starts": "until certain", "fit": {"starts": "latin_hypercube"}}, r"g\.fit\.starts: expected another kind"),

@@ -22,6 +22,7 @@ from mcstudy.report.figures.common import (
     colour_of,
     log_axis,
     plain_log_axis,
+    sample,
     view_of,
 )
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
@@ -31,6 +32,11 @@ MOST_CURVES = 60
 """Largest number of realizations in a waterfall plot."""
 
 
+def pools_of_points(view: GroupView) -> int:
+    """Realizations whose starts are the points of `controller_error`."""
+    return max(1, MOST_POINTS // view.cube.sizes["start"])
+
+
 def controller_error(
     data: GroupLike, amplitude: float | None = None, fmax: float | None = None, ax: Axes | None = None
 ) -> Axes:
@@ -38,7 +44,7 @@ def controller_error(
     view, ax = view_of(data), axes(ax)
     a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
     cube = view.cube.sel(amplitude=[a], fmax=[f])
-    cube = cube.isel(realization=slice(0, max(1, MOST_POINTS // cube.sizes["start"])))
+    cube = cube.isel(realization=slice(0, pools_of_points(view)))
     ok = usable(cube).values.ravel()
     cost, error = cube["cost"].values.ravel()[ok], j_nc(cube, view.model).values.ravel()[ok]
     stable = cube["growth_rate"].values.ravel()[ok] < 0
@@ -97,9 +103,9 @@ def _rounded(*columns: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def curve_of(view: GroupView) -> xr.Dataset:
-    """`average_curve` of a group at all numbers of starts that the page draws or prints; one pass over its costs."""
+    """`average_curve` of a `sample` of a group at all numbers of starts that the page draws or prints; one pass."""
     drawn = np.union1d(_points(view.cube.sizes["start"]), printed_starts(view))
-    return average_curve(minimum_curve(view.cube, drawn)).compute()
+    return average_curve(minimum_curve(sample(view), drawn)).compute()
 
 
 def printed_starts(view: GroupView) -> list[int]:

@@ -16,8 +16,9 @@ from mcstudy.fitting.certainty import MISSED
 from mcstudy.report import figures
 from mcstudy.report.context import Context, conditions, finite, largest_amplitude, short, stat, value_of, with_ends
 from mcstudy.report.figure import Figure, Missing, Panel
+from mcstudy.report.figures.common import MOST_POINTS, of_all, sampled
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
-from mcstudy.report.figures.search import curve_of, printed_starts
+from mcstudy.report.figures.search import MOST_CURVES, curve_of, pools_of_points, printed_starts
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 
@@ -49,7 +50,7 @@ def _fig_3a(context: Context) -> Figure | Missing:
             f"Every start of group {view.name} without noise: cost J of its fit to the two FRFs against the error J_NC "
             "of the four neural controllers. Bottom left: the true parameters were found. The paper's points form a "
             "line because its solver stopped early; ours converges, so points gather at the truth (to rounding) and "
-            "at the local minima.",
+            f"at the local minima.{of_all(view, pools_of_points(view))}",
         ],
         [Panel("cost and controller error", lambda ax: figures.controller_error(view, fmax=f, ax=ax))],
         [
@@ -82,7 +83,7 @@ def _fig_3b(context: Context) -> Figure | Missing:
             "Expected lowest cost after x random starts: mean over realizations ± standard error (the paper shows SD), "
             "one curve per condition. Where a curve is flat, more starts do not help. Computed from exact order "
             "statistics of the whole pool, not by resampling. The mean hides the realizations that need more starts: "
-            "see the median and the 90th percentile in the table.",
+            f"see the median and the 90th percentile in the table.{of_all(views[0], sampled(views[0]))}",
         ],
         [
             Panel(f"group {v.name}, solver {v.group.fit.solver}, Fmax {f:g} Hz", partial(figures.starts_curve, v, f))
@@ -148,7 +149,7 @@ def _fig_3c(context: Context) -> Figure | Missing:
         [
             "Best fit of every realization: cost against error of the neural controllers (over all frequencies, also "
             "those not fitted). Hollow: the fitted loop is unstable. Small dots: the local minima of the first "
-            "realizations.",
+            f"realizations.{of_all(view, MOST_POINTS)}",
         ],
         [
             Panel(f"Fmax {f:g} Hz", partial(figures.controller_error_by_noise, view, f), share="xy")
@@ -173,7 +174,7 @@ def _waterfall(context: Context) -> Figure | Missing:
         [
             "Costs of all starts of a realization, sorted, divided by the realization's lowest; one line per "
             "realization. The flat beginning is the fraction of starts that found the lowest minimum; every step is "
-            "another minimum.",
+            f"another minimum.{of_all(views[0], MOST_CURVES)}",
         ],
         [
             Panel(
@@ -266,7 +267,7 @@ def _by_starts(context: Context) -> Figure | Missing:
         [
             "Mean |bias| and coefficient of variation over parameters when only the first x starts of every "
             "realization are used. What still decreases with x is due to the optimiser; the remainder is due to the "
-            "estimator.",
+            f"estimator.{of_all(view, sampled(view))}",
         ],
         [
             Panel("mean |bias|", partial(figures.bias_by_starts, view), (4.3, 4.0)),

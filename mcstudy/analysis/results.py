@@ -24,7 +24,7 @@ FITS_IN_MEMORY = 1_000_000
 
 
 FITS_OF_TABLES = 200_000
-"""The same for tables and pages, which read a large cube in slabs: a fifth of the memory costs little time there."""
+"""The same for tables and pages, which read a larger cube in slabs: at 10^6 fits less than half of the memory."""
 
 
 def open_for_tables(path: str | Path) -> xr.DataTree:

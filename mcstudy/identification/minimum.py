@@ -95,7 +95,7 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
         enough = waterfall.size >= least and unseen(found, waterfall.size) < MISSED
         if enough or first + BATCH >= MOST:
             theta = np.concatenate([f.estimate for f in fits])
-            stood = _standing(model, theta[best], chi2[best], data)
+            stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], len(data.f))
             if stood.any() or waterfall.size >= PATIENCE:
                 break
     information = np.concatenate([f.information for f in fits])
@@ -104,11 +104,14 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
     return Minima(theta[best], chi2[best], information[best], hits, waterfall.size, found, waterfall)
 
 
-def _standing(model: Model, theta: np.ndarray, chi2: np.ndarray, data: Data) -> np.ndarray:
-    """Which minima (K,), the lowest first, have a stable closed loop; none unless one of them is near the lowest."""
-    stable = growth_rate(model, theta) < 0
-    reach = REACH * max(1.0, chi2[0] / (4 * len(data.f)))
-    return np.asarray(stable & (stable & (chi2 - chi2[0] < reach)).any())
+def standing(stable: np.ndarray, chi2: np.ndarray, lines: int) -> np.ndarray:
+    """Which minima (K,) are a person's who stood: the ``stable`` ones; none unless one of them is near the lowest.
+
+    ``chi2``: (K,) deviances of fits to so many ``lines``.
+    """
+    lowest = chi2.min()
+    reach = REACH * max(1.0, lowest / (4 * lines))
+    return np.asarray(stable & (stable & (chi2 < lowest + reach)).any())
 
 
 def _converged(fitter: Fitter, data: Data, starts: np.ndarray) -> PenalisedFits:

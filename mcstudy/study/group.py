@@ -40,6 +40,8 @@ NOISE_CORNER = Range(1e-6, 1e6, "Hz")
 NOISE_PSD = Range(1e-18, 1e6, "deg^2/Hz", or_zero=True)
 DELAY_MARGIN = Range(1e-9, 10.0, "s")
 STATE = Range(1e-6, 1e3, "s")
+LINE_WEIGHT = Range(1e-12, 1e12)
+PHASE = Range(1e-12, 360.0, "deg", or_zero=True, signed=True)
 
 
 def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -94,8 +96,19 @@ class ModelSection(Section):
         return dict(TRUTHS[truth].values)
 
 
+class LinesSection(Section):
+    """Lines of a stimulus that replace the pseudorandom sequence; see `mcstudy.stance.line_stimulus.LineStimulus`."""
+
+    harmonic: tuple[Annotated[int, Field(ge=1, le=1_000_000)], ...] = Field(default=(), max_length=10_000)
+    weight: tuple[Annotated[float, LINE_WEIGHT], ...] = Field(default=(), max_length=10_000)
+    phase_deg: tuple[Annotated[float, PHASE], ...] = Field(default=(), max_length=10_000)
+
+
 class StimulusSection(Section):
-    """Pseudorandom ternary stimulus: 3**stages - 1 states of state_s seconds; ``cycles`` periods, some discarded."""
+    """Pseudorandom ternary stimulus: 3**stages - 1 states of state_s seconds; ``cycles`` periods, some discarded.
+
+    ``lines``: the cycle of the sequence, with these lines instead of those of the sequence.
+    """
 
     kind: Literal["ankle_torque", "hip_torque", "platform_translation"] = "ankle_torque"
     stages: int = Field(default=7, ge=2, le=9)
@@ -104,6 +117,15 @@ class StimulusSection(Section):
     cycles: int = Field(default=6, ge=1, le=100_000)
     discard: int = Field(default=1, ge=0, le=100_000)
     convention: Literal["peak", "peak_to_peak"] = "peak"
+    lines: LinesSection = LinesSection()
+
+    @model_serializer(mode="wrap")
+    def _without_lines(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A study of the sequence has the design and the fingerprint that it had before there were lines."""
+        plain: dict[str, Any] = dump(self)
+        if self.lines == LinesSection():
+            plain.pop("lines", None)
+        return plain
 
 
 class NoiseSection(Section):

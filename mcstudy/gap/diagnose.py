@@ -186,7 +186,7 @@ def diagnose_lines(
         groups=tuple(t.groups),
         f=lines.f,
         torque=missing_torque(base, data),
-        warnings=tuple(_other_axes(lines)),
+        warnings=(*_other_axes(lines), *lines.notes),
         method={
             "null": "bootstrap with refits" if refits else "linearised",
             "draws": draws,

@@ -118,7 +118,7 @@ def fit_lines(
         minima=minima,
         model=model,
         lines=lines,
-        warnings=_warnings(minima.missed),
+        warnings=(*_warnings(minima.missed), *lines.notes),
         method={"cost": "ml", "seed": seed, "effects": list(effects)},
         without=_without(lines, nominal, bounds or {}, seed) if effects else None,
     )

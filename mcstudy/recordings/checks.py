@@ -218,8 +218,8 @@ def _clock(recording: Recording) -> None:
     """Refuse angles that answer later, or earlier, in every further cycle: their clock is not that of the stimulus.
 
     One delay per cycle is common to all trials. It maximises the mean correlation between all pairs of cycles of both
-    angles, so a single disturbed cycle does not decide. A wrong clock delays all frequencies, an almost undamped mode only
-    turns the phase of its own, so the delay must remain without the frequencies that differ most. Derived.
+    angles, so a single disturbed cycle does not decide. A wrong clock delays all frequencies, an almost undamped mode
+    only turns the phase of its own. So the delay must remain without the frequencies that differ most. Derived.
     """
     period = recording.period
     if period is None or max(recording.cycles) < 3:

@@ -62,7 +62,7 @@ def surprise(lines: Lines) -> float:
 
 @pytest.fixture(scope="module")
 def rings() -> Recording:
-    return recorded(0, ringing=4e-3)
+    return recorded(0, ringing=8e-3)
 
 
 def test_a_ringing_mode_is_found_at_its_line_and_its_covariance_covers_the_truth(rings: Recording) -> None:

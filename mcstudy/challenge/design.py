@@ -18,9 +18,10 @@ from mcstudy.study.design import Name, Positive, Section
 MAIN = "main"
 """Name of the series of cases that the targets refer to."""
 
-CaseKind = Literal["none", "shifted", "known", "outsider", "pair"]
-KINDS: tuple[CaseKind, ...] = ("none", "known", "outsider", "pair", "shifted")
-"""No missing effect; one effect of the library; one out-of-library effect; two of the library; parameters far off."""
+CaseKind = Literal["none", "shifted", "known", "outsider", "pair", "misshapen"]
+KINDS: tuple[CaseKind, ...] = ("none", "known", "outsider", "pair", "shifted", "misshapen")
+"""No missing effect; one effect of the library; one out-of-library effect; two of the library; parameters far off; one
+mechanism of the library in another form than it declares."""
 
 NOTHING_MISSING: tuple[CaseKind, ...] = ("none", "shifted")
 """Kinds without a missing effect, in which every detection is a false alarm."""
@@ -54,6 +55,7 @@ class Mix(Section):
     outsider: Share = 0.15
     pair: Share = 0.10
     shifted: Share = 0.05
+    misshapen: Share = 0.0
 
     @model_validator(mode="after")
     def _whole(self) -> Mix:
@@ -87,11 +89,13 @@ class Stratum(Section):
 class Sizes(Section):
     """Sizes of effects, as delta: the root of the noncentrality that remains after refitting the model.
 
-    ``effects``: names of the library to draw from; if empty, all that a linear analysis can detect.
+    ``effects``: names of the library to draw from; if empty, all that a linear analysis can detect. ``outsiders``,
+    ``forms``: names of out-of-library effects and of misshapen forms; if empty, all.
     """
 
     effects: tuple[str, ...] = ()
     outsiders: tuple[str, ...] = ()
+    forms: tuple[str, ...] = ()
     strata: Annotated[tuple[Stratum, ...], Field(min_length=1, max_length=100)] = (
         Stratum(share=0.15, low=3.75, high=4.25),
         Stratum(share=0.25, low=5.5, high=6.5),

@@ -10,7 +10,9 @@ import numpy as np
 
 from mcstudy.challenge.cases import Case, draw_body, draw_linear, pool, protocol_of, shared
 from mcstudy.challenge.design import NOTHING_MISSING, ChallengeFile, Series
+from mcstudy.challenge.forms import FORMS, Form
 from mcstudy.challenge.geometry import SIMILAR, Column, Geometry, Probe, best_fit, free
+from mcstudy.challenge.misshapen import draw_form
 from mcstudy.challenge.oracle import Ceiling, Classifier, size_grid
 from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY
 from mcstudy.challenge.withheld import Drawn, draw_nonlinear, draw_out_of_library
@@ -68,6 +70,8 @@ def make_case(file: ChallengeFile, case: Case) -> tuple[Recording, dict[str, Any
         recording, more = _nothing(series, rng, case.kind == "shifted")
     elif case.kind == "outsider":
         recording, more = _out_of_library(series, rng)
+    elif case.kind == "misshapen":
+        recording, more = _misshapen(series, rng)
     else:
         recording, more = _known(series, rng, 2 if case.kind == "pair" else 1)
     # The recording must not reveal how it was simulated.
@@ -178,6 +182,36 @@ def _out_of_library(series: Series, rng: np.random.Generator) -> tuple[Recording
             outside = {"name": name, "size": drawn.measured.size, "unit": OUT_OF_LIBRARY[name].unit}
             return recording, _entry(drawn.theta, drawn.measured.delta, [], outsider=outside, **more)
     raise DesignError(f"sizes.outsiders: in {REDRAWS} draws, none of the required size was found with a stable body")
+
+
+def _misshapen(series: Series, rng: np.random.Generator) -> tuple[Recording, dict[str, Any]]:
+    """One mechanism of the library in another form: every mechanism equally often, then every form of it.
+
+    Similar effects are those of the declared effect, not of the form, so that a form that resembles another effect is
+    no reason to accept the name of that effect.
+    """
+    forms = [f for n, f in FORMS.items() if (not series.sizes.forms or n in series.sizes.forms) and _shows(series, f)]
+    mechanisms = sorted({f.mechanism for f in forms})
+    for _ in range(REDRAWS if forms else 0):
+        mechanism = str(rng.choice(mechanisms))
+        own = [f for f in forms if f.mechanism == mechanism]
+        form = own[int(rng.integers(len(own)))]
+        drawn = draw_form(series, rng, form)
+        done = None if drawn is None else _simulated(series, rng, drawn)
+        if drawn is not None and done is not None:
+            recording, more = done
+            around = Surroundings.of(drawn.geometry, shared(series)[1])
+            delta = drawn.measured.delta
+            described = [{"effect": mechanism, "sizes": drawn.sizes, "delta": delta}]
+            more |= _similarity(around, described)
+            return recording, _entry(drawn.theta, delta, described, form=form.name, **more)
+    raise DesignError(f"sizes.forms: in {REDRAWS} draws, none of the required size was found with a stable body")
+
+
+def _shows(series: Series, form: Form) -> bool:
+    """Whether a change with amplitude, if that is what the form makes, can appear in the recordings of a series."""
+    several = len(set(series.protocol.amplitudes)) > 1
+    return several or library.effect(form.mechanism).contrast != "amplitude"
 
 
 def _simulated(series: Series, rng: np.random.Generator, drawn: Drawn) -> tuple[Recording, dict[str, Any]] | None:

@@ -225,7 +225,7 @@ def test_the_noise_of_figure_2_is_the_noise_that_was_fitted(paper_tree: xr.DataT
     """FRF of the cube less the closed form is the drawn noise over the stimulus, at an unaveraged line."""
     data = paper_tree["accuracy"]["frf"].sel(amplitude=3.0, realization=0).isel(frequency=0).values
     true = paper_tree["accuracy"]["true_frf"].isel(frequency=0).values
-    drive = signals.prts.coefficients()[1]
+    drive = signals.periodic.coefficients()[1]
     assert np.allclose(data - true, signals.noise_spectrum[1] / drive, rtol=1e-9)
 
 

@@ -14,12 +14,13 @@ from mcstudy.analysis.by_starts import mean_cv
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
-from mcstudy.report.context import Context, conditions, finite, largest_amplitude, short, stat, value_of
+from mcstudy.report.context import Context, conditions, largest_amplitude, stat, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
 from mcstudy.report.figures.search import curve_of, printed_starts
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
+from mcstudy.report.numbers import finite, short
 
 CURVE_TITLE = "Starts needed"
 

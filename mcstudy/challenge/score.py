@@ -147,6 +147,7 @@ FIGURES = {
     "gap-closed intervals hold the truth, misshapen": share(
         lambda j: misshapen(j) and j.closed_inside is not None, lambda j: bool(j.closed_inside), 0.95
     ),
+    "near instability: false alarms": share(lambda j: j.kind == "near_unstable", lambda j: j.detected, 0.05),
     "parameters far off: false alarms": share(lambda j: j.kind == "shifted", lambda j: j.detected, 0.05),
     "nothing missing: top-1": share(nothing, lambda j: j.top, "top"),
 }

@@ -7,8 +7,9 @@ import numpy as np
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.untrusted import LARGEST_CHUNK
 from mcstudy.spectra.bands import PERIOD_S
+from mcstudy.stance.body import WEIGHTS
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.ranges import DELAY, GAIN, MAX_SAMPLES
+from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.study.group import GAIN_BOUND, Group
 from mcstudy.study.layout import realizations_a_chunk
@@ -76,6 +77,8 @@ def _check_response(group: Group, model: Model) -> None:
 
 def _check_stimulus(group: Group) -> None:
     s = group.stimulus
+    if s.kind in WEIGHTS and (peak := stimulus(group, group.amplitude[-1]).peak) > LARGEST_TILT:
+        raise DesignError(f"amplitude: expected a {s.kind} with a peak of at most {LARGEST_TILT} rad, got {peak:g} rad")
     if s.state_s * s.rate_hz > MAX_SAMPLES:
         raise DesignError(f"stimulus.state_s: expected at most {MAX_SAMPLES} samples per state, got {s.state_s} s")
     try:

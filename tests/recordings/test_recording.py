@@ -24,7 +24,7 @@ from mcstudy.recordings.guards import check_hdf5, check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import Recording, Trial
-from mcstudy.stance.body import Body, two_segment
+from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway
 from mcstudy.stance.stimulus import Prts
@@ -162,15 +162,15 @@ def test_what_cannot_be_analysed_is_refused_by_name(recording: Recording, messag
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", ["ankle_torque", "hip_torque", "platform_translation"])
+@pytest.mark.parametrize("kind", [k for k in STIMULI if k != "visual_tilt"])
 def test_every_mislabelled_channel_is_recognised(kind: str) -> None:
-    recording = sway(kind=kind, scale=0.01 if kind == "platform_translation" else 1.0)
+    recording = sway(kind=kind, scale={"rad": 0.003, "m": 0.01}.get(STIMULI[kind], 1.0))
     assert checked_lines(recording)[0].suspicions == ()
     for name, reading in READINGS.items():
         matrix = reading.matrix
         if name == "space_angle" or reading.check == "fit":
             continue  # the hip is half the trunk's angle: told apart only by the fit
-        if any(reading.orders) or (reading.torque and kind == "platform_translation"):
+        if any(reading.orders) or (reading.torque and kind not in TORQUES):
             continue
         if "degrees" in name or name in ("thousand", "thousand_theta1", "thousand_theta2"):
             with pytest.raises(RecordingError, match="deg"):

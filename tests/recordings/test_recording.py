@@ -464,6 +464,40 @@ def test_a_published_frf_is_a_recording_too(tmp_path: Path) -> None:
         read_recording(path)
 
 
+def test_the_frf_of_a_tilt_is_read_in_the_units_of_both_angles(tmp_path: Path) -> None:
+    lines = "\n".join(f"{f},1.5,-10,0.1" for f in (0.1, 0.2, 0.5, 1.0))
+    (tmp_path / "frf.csv").write_text(f"f,gain1,phase1,sd1\n{lines}\n")
+    path, same = tmp_path / "frf.toml", 'body = {reference = "goodworth2018"}\nfrf = {file = "frf.csv"}\n'
+    for units, gain in (('{angle = "deg", stimulus = "deg"}', 1.5), ('{angle = "mrad", stimulus = "rad"}', 1.5e-3)):
+        path.write_text(f'stimulus = "surface_tilt"\nunits = {units}\n{same}')
+        recording = read_recording(path)
+        assert np.abs(recording.y[:, 0]) == pytest.approx(gain)
+        assert recording.base_model().names == ("K", "B", "Kpas", "Td", "Wprop")
+    path.write_text(f'stimulus = "surface_tilt"\nunits = {{angle = "deg"}}\n{same}')
+    with pytest.raises(RecordingError, match="units: expected both angle and stimulus"):
+        read_recording(path)
+    path.write_text(f'stimulus = "hip_torque"\n{same}')
+    with pytest.raises(RecordingError, match="stimulus: expected one of ankle_torque, surface_tilt, visual_tilt where"):
+        read_recording(path)
+
+
+def test_a_tilt_and_its_stated_amplitude_are_read_in_their_unit(tmp_path: Path) -> None:
+    t = np.arange(0, 30, 0.01)
+    table = np.column_stack([0.5 * np.sin(t), 0.5 * np.cos(t), 0.1 * np.sin(t)])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="stimulus,theta1,theta2", comments="")
+    text = 'stimulus = "surface_tilt"\nrate_hz = 100\nbody = {reference = "goodworth2018"}\n'
+    trials = '[[trials]]\nfile = "a.csv"\namplitude = 0.5\n'
+    path = tmp_path / "a.toml"
+    path.write_text(f'{text}units = {{angle = "deg", stimulus = "deg"}}\n{trials}')
+    recording = read_recording(path)
+    assert isinstance(recording, Recording)
+    assert recording.trials[0].amplitude == pytest.approx(np.deg2rad(0.5))
+    assert recording.amplitudes == pytest.approx(np.deg2rad(0.5), rel=1e-4)
+    path.write_text(f'{text}units = {{angle = "deg", stimulus = "rad"}}\n{trials}')
+    with pytest.raises(RecordingError, match=r"expected a number from 1e-06 to 0\.4 rad, got 0\.5"):
+        read_recording(path)
+
+
 WANG = Path(__file__).parents[3] / "shared" / "real" / "wang"
 
 WANG_SHEET = """

@@ -107,7 +107,7 @@ class Signals:
         """The same by integration in time from rest."""
         model, rate = self.view.model, self.periodic.rate_hz
         drive = self.torque
-        if self.view.group.stimulus.kind == "platform_translation":  # the model senses its acceleration
+        if model.senses_motion:
             drive = np.tile(with_derivatives(self.periodic.waveform(), rate), (self.cycles, 1))
         return simulate(model, model.truth, drive, rate).theta
 

@@ -160,3 +160,9 @@ def finite(x: Any) -> float | None:
 def short(x: Any, digits: int = 3) -> str:
     """A number for people."""
     return number(finite(x), digits)
+
+
+def with_ends(statistic: dict[str, Any]) -> str:
+    """A number of starts with its interval; a dash is an end that so few realizations cannot bound."""
+    value, low, high = ("–" if statistic[k] is None else f"{statistic[k]:.0f}" for k in ("value", "lower", "upper"))
+    return value if low == high == "–" else f"{value} [{low}, {high}]"

@@ -22,6 +22,7 @@ from mcstudy.report.figures.common import (
     fixed_ticks,
     legend_below,
     plain_log_axis,
+    sample,
     view_of,
 )
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
@@ -39,8 +40,8 @@ AT_ONCE = 300_000
 
 @lru_cache(maxsize=8)
 def best_by_starts_of(view: GroupView) -> xr.Dataset:
-    """`mcstudy.analysis.by_starts.best_of_first` of a group; kept, because every statistic needs it."""
-    return best_of_first(view.cube).compute()
+    """`mcstudy.analysis.by_starts.best_of_first` of a `sample` of a group; kept, because every statistic needs it."""
+    return best_of_first(sample(view)).compute()
 
 
 @lru_cache(maxsize=8)

@@ -9,15 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import (
-    GroupLike,
-    axes,
-    chosen_amplitude,
-    frequency_axis,
-    legend_below,
-    log_axis,
-    view_of,
-)
+from mcstudy.report.axes import axes, frequency_axis, legend_below, log_axis
+from mcstudy.report.figures.common import GroupLike, chosen_amplitude, view_of
 from mcstudy.report.labels import unit
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 from mcstudy.spectra import periods

@@ -50,7 +50,7 @@ NOTED = ("stuck", "amplitude")
 """Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording."""
 
 
-PEOPLE = 60
+PEOPLE = 200
 """Bodies whose responses to a tilt are compared, the nominal one first."""
 
 GAINS, DELAYS = (0.5, 1.7), (0.75, 1.25)

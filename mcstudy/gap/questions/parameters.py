@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.fitting.penalised import Fitted
-from mcstudy.gap.fits.priors import DELAY_SPREAD_S, GAIN_SPREAD
+from mcstudy.gap.fits.priors import DELAY_SPREAD_S, GAIN_SPREAD, WEIGHT_SPREAD
 
 MOSTLY_PRIOR = 0.5
 """Share of the precision of an estimate that the priors add, its own and those of parameters that trade for it, from
@@ -19,7 +19,8 @@ SOURCES = {"data": "", "prior": "mostly prior", "bound": "on its bound"}
 PRIOR_EXPLAINED = (
     "The diagnosis uses a weak prior, not knowledge of this person: a normal distribution around the values of the "
     "base model (by default stand-ins for the subjects of Goodworth & Peterka, gains scaled to this weight), with "
-    f"a standard deviation of {100 * GAIN_SPREAD:.0f} % of a gain and {1000 * DELAY_SPREAD_S:.0f} ms of a delay. "
+    f"a standard deviation of {100 * GAIN_SPREAD:.0f} % of a gain, {1000 * DELAY_SPREAD_S:.0f} ms of a delay "
+    f"and {WEIGHT_SPREAD} of the sensory weight of a tilt. "
     "The command mcstudy fit estimates without a prior."
 )
 """What the prior of the diagnosis is (`mcstudy.gap.fits.priors`)."""

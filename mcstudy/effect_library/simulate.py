@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy import fft
@@ -44,6 +45,9 @@ Torque = Callable[[Sway, float], np.ndarray]
 
 Distortion = Callable[[np.ndarray, float], np.ndarray]
 """(measured angles (n, 2), rate in Hz) -> what is recorded (n, 2)."""
+
+Rule = Callable[[TrialSetting], Mapping[str, Any]]
+"""(trial) -> fields of `mcstudy.stance.rules.Rules`."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,7 @@ def simulate_recording(
     body: Body | None = None,
     torque: Torque | None = None,
     measure: Distortion | None = None,
+    rule: Rule | None = None,
     name: str = "simulated",
     provenance: str = "mcstudy simulate",
 ) -> Recording:
@@ -104,7 +109,8 @@ def simulate_recording(
         middle of their range.
     model: `two_segment` of ``body`` when None. body: what the recording states as the body.
     torque: a torque that depends on the sway itself (solved by iteration); measure: a distortion of the recorded
-        angles. Both are for effects outside the library.
+        angles; rule: fields of `Rules` by trial, in place of those of ``effects``. All three are for effects outside
+        the library.
 
     Raises `InputError` for an effect without a size, `FallsError` for a body that is unstable
     or falls in the simulation (an angle exceeds `LARGEST_SWAY`).
@@ -118,7 +124,7 @@ def simulate_recording(
         stimulus = _stimulus(protocol, amplitude, stimulus_stream)
         n, rate = stimulus.shape[0], protocol.waveform.rate_hz
         setting = TrialSetting(model, amplitude, reference, n, rate, rule_stream)
-        rules = library.rules(effects, dict(sizes or {}), setting)
+        rules = library.rules(effects, dict(sizes or {}), setting) if rule is None else Rules(**rule(setting))
         noise = protocol.noise.sample(noise_stream, n, rate)
         sway = _with_torque(model, theta, stimulus, rate, noise, rules, torque)
         if not np.abs(sway.theta).max() < LARGEST_SWAY:

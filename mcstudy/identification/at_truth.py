@@ -21,7 +21,7 @@ from mcstudy.fitting.arguments import Restraint
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.fits.base_fit import drawn_starts
 from mcstudy.identification.correction import Draws
-from mcstudy.identification.minimum import ITERATIONS, TOLERANCE, Minima, distinct
+from mcstudy.identification.minimum import ITERATIONS, TOLERANCE, Minima, distinct, standing
 from mcstudy.identification.profile import Linearised
 from mcstudy.identification.quantities import Quantity
 from mcstudy.identification.threshold import threshold
@@ -105,8 +105,8 @@ def _searched(fitter: Fitter, packed: np.ndarray, starts: np.ndarray) -> list[Mi
     stable = (growth_rate(fitter.model, last.estimate) < 0).reshape(R, m)
     out = []
     for r in range(R):
-        usable = chi2[r] if not stable[r].any() else np.where(stable[r], chi2[r], np.inf)  # the person stood
-        best, hits = distinct(usable, 1)
+        stood = standing(stable[r], chi2[r], packed.shape[1] // 8)
+        best, hits = distinct(np.where(stood, chi2[r], np.inf) if stood.any() else chi2[r], 1)
         at = best + m * r
         out.append(
             Minima(last.estimate[at], last.chi2[at], last.information[at], hits, S - 1, len(best), np.sort(chi2[r]))

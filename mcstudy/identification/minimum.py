@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.fitting.arguments import PenalisedFits, Prior
+from mcstudy.fitting.certainty import missed
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.fits.base_fit import drawn_starts, linearised_starts
 from mcstudy.gap.fits.priors import weak_prior
@@ -62,6 +63,11 @@ class Minima:
         """Expected share of starts that would end in a minimum not seen yet; see `unseen`."""
         return unseen(self.found, self.starts)
 
+    @property
+    def missed_lowest(self) -> float:
+        """Chance that as many new random starts miss the lowest minimum (`mcstudy.fitting.certainty`)."""
+        return float(missed(self.hits[0] / self.starts, self.starts))
+
 
 def without_prior(model: Model, base: Model) -> Prior:
     """No prior; steps are scaled with what is typical of people. ``base``: ``model`` without effects."""
@@ -89,7 +95,7 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
         enough = waterfall.size >= least and unseen(found, waterfall.size) < MISSED
         if enough or first + BATCH >= MOST:
             theta = np.concatenate([f.estimate for f in fits])
-            stood = _standing(model, theta[best], chi2[best], data)
+            stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], len(data.f))
             if stood.any() or waterfall.size >= PATIENCE:
                 break
     information = np.concatenate([f.information for f in fits])
@@ -98,11 +104,14 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
     return Minima(theta[best], chi2[best], information[best], hits, waterfall.size, found, waterfall)
 
 
-def _standing(model: Model, theta: np.ndarray, chi2: np.ndarray, data: Data) -> np.ndarray:
-    """Which minima (K,), the lowest first, have a stable closed loop; none unless one of them is near the lowest."""
-    stable = growth_rate(model, theta) < 0
-    reach = REACH * max(1.0, chi2[0] / (4 * len(data.f)))
-    return np.asarray(stable & (stable & (chi2 - chi2[0] < reach)).any())
+def standing(stable: np.ndarray, chi2: np.ndarray, lines: int) -> np.ndarray:
+    """Which minima (K,) are a person's who stood: the ``stable`` ones; none unless one of them is near the lowest.
+
+    ``chi2``: (K,) deviances of fits to so many ``lines``.
+    """
+    lowest = chi2.min()
+    reach = REACH * max(1.0, lowest / (4 * lines))
+    return np.asarray(stable & (stable & (chi2 < lowest + reach)).any())
 
 
 def _converged(fitter: Fitter, data: Data, starts: np.ndarray) -> PenalisedFits:

@@ -143,15 +143,15 @@ class Population:
         x, log = self.mu[known], log[known]
         w = np.exp(log).sum() * self._step / np.sqrt(2 * np.pi)
         out = np.empty((self.tau.size, self.mu.size))
-        for t, tau in enumerate(self.tau):
-            if tau == 0:
-                out[t] = np.where(known, 0.0, -np.inf)
-                out[t, known] = log
-                continue
-            # Of two neighbours the upper one is better for means above this value, which rises with x.
-            turn = (x[1:] + x[:-1]) / 2 - tau**2 * np.diff(log) / self._step
-            best = np.searchsorted(turn, self.mu)
-            out[t] = log[best] - 0.5 * ((x[best] - self.mu) / tau) ** 2 + np.log(w / np.hypot(w, tau))
+        out[0] = np.where(known, 0.0, -np.inf)
+        out[0, known] = log
+        # Of two neighbours the upper one is better for means above ``between - tau^2 slope``, which rises with x.
+        between, slope = (x[1:] + x[:-1]) / 2, np.diff(log) / self._step
+        for t, tau in enumerate(self.tau[1:], 1):
+            best = np.searchsorted(between - tau**2 * slope, self.mu)
+            away = x[best] - self.mu
+            out[t] = log[best] - (0.5 / tau**2) * (away * away)
+        out[1:] += np.log(w / np.hypot(w, self.tau[1:]))[:, None]
         return out
 
     @cached_property

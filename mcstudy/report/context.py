@@ -148,3 +148,9 @@ def stat(result: dict[str, Any], factor: float = 1.0) -> str:
 def value_of(result: xr.Dataset) -> str:
     """``value ± mcse`` of a scalar Dataset."""
     return with_error(finite(result["value"]), finite(result["mcse"]))
+
+
+def with_ends(statistic: dict[str, Any]) -> str:
+    """A number of starts with its interval; a dash is an end that so few realizations cannot bound."""
+    value, low, high = ("–" if statistic[k] is None else f"{statistic[k]:.0f}" for k in ("value", "lower", "upper"))
+    return value if low == high == "–" else f"{value} [{low}, {high}]"

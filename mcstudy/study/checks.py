@@ -10,7 +10,7 @@ from mcstudy.spectra.bands import PERIOD_S
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.ranges import DELAY, GAIN, MAX_SAMPLES
 from mcstudy.stance.response import frf_jacobian
-from mcstudy.study.group import GAIN_BOUND, Group
+from mcstudy.study.group import GAIN_BOUND, UNTIL_CERTAIN, Group
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.measure import HIGHEST_HZ, frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model
@@ -111,6 +111,11 @@ def _check_stimulus(group: Group) -> None:
 
 
 def _check_fit(group: Group) -> None:
+    if group.until_certain and group.fit.starts == "latin_hypercube":
+        raise DesignError(
+            f"fit.starts: expected another kind for starts = {UNTIL_CERTAIN!r}, because Latin hypercube starts depend "
+            "on their number, got 'latin_hypercube'"
+        )
     if group.spectra.covariance == "through_loop" and (group.fit.cost != "ml" or group.simulator != "spectral"):
         raise DesignError(
             "spectra.covariance: expected 'even_lines' unless fit.cost = 'ml' and simulator = 'spectral', "

@@ -5,8 +5,9 @@
 Every person is a body whose parameters are drawn from normal distributions around the nominal ones; bodies that fall
 are drawn again. Frequency responses are drawn in the frequency domain: the response of the body, and errors and
 estimates of their covariance with the distribution that a recording of two trials of six cycles at 5 N m has. Each
-person is fitted once. Groups are drawn from these people, and the mean, the difference between two groups of other
-people, and the values of the individuals are compared with the truth: the mean over all people that were drawn.
+person is fitted once. Groups are drawn from these people, and the mean, the standard deviation between people, the
+difference between two groups of other people, and the values of the individuals are compared with the truth: mean and
+standard deviation of all people that were drawn. A row is printed as soon as its quantity is done.
 """
 
 from __future__ import annotations
@@ -92,22 +93,33 @@ class Held(NamedTuple):
 
     mean: bool
     identified: bool
+    between: bool
     difference: bool
     individuals: float
 
 
-def judged(people: Sequence[Person], name: str, groups: int, size: int, mean: float) -> list[Held]:
-    """Of random groups of ``size`` people."""
+def judged(people: Sequence[Person], name: str, groups: int, size: int) -> list[Held]:
+    """Of random groups of ``size`` people; the truth is that of all ``people``."""
     rng, out = stream(0, "groups"), []
+    true = np.array([p.truth[name] for p in people])
+    mean, spread = float(true.mean()), float(true.std(ddof=1))
     for _ in range(groups):
         picked = rng.permutation(len(people))[: 2 * size]
         first, second = (
             Population([people[k].likelihood[name] for k in one], 0.95) for one in (picked[:size], picked[size:])
         )
-        m, d = first.mean(), unpaired(second, first).interval
-        own = [v.low <= people[k].truth[name] <= v.high for k, v in zip(picked[:size], first.individual(), strict=True)]
+        m, s, d = first.mean(), first.between(), unpaired(second, first).interval
+        own = [v.low <= true[k] <= v.high for k, v in zip(picked[:size], first.individual(), strict=True)]
         both = m.low_from == m.high_from == "data"
-        out.append(Held(m.low <= mean <= m.high, both, d.low <= 0 <= d.high, float(np.mean(own))))
+        out.append(
+            Held(
+                mean=m.low <= mean <= m.high,
+                identified=both,
+                between=s.low <= spread <= s.high,
+                difference=d.low <= 0 <= d.high,
+                individuals=float(np.mean(own)),
+            )
+        )
     return out
 
 
@@ -129,16 +141,27 @@ def main() -> None:
     with ProcessPoolExecutor(args.workers, get_context("spawn")) as pool:
         people = list(pool.map(run, range(args.people), chunksize=5))
         names = list(people[0].truth)
-        means = {name: float(np.mean([p.truth[name] for p in people])) for name in names}
-        judge = [pool.submit(judged, _of(people, name), name, args.groups, args.size, means[name]) for name in names]
-        found = [100 * np.mean(one.result(), axis=0) for one in judge]
-    print(
-        f"{args.groups} groups of {args.size} from {args.people} people, up to {args.fmax:g} Hz: % of 95 % intervals "
-        "that hold the truth"
-    )
-    print(f"{'quantity':14}{'mean':>8}{'(ended by data)':>18}{'difference':>12}{'individuals':>13}")
-    for name, held in zip([*names, "mean"], [*found, np.mean(found, axis=0)], strict=True):
-        print(f"{name:14}{held[0]:8.1f}{f'({held[1]:.0f})':>18}{held[2]:12.1f}{held[3]:13.1f}")
+        judge = [pool.submit(judged, _of(people, name), name, args.groups, args.size) for name in names]
+        print(
+            f"{args.groups} groups of {args.size} from {args.people} people, up to {args.fmax:g} Hz: "
+            "% of 95 % intervals that hold the truth"
+        )
+        columns = zip(("mean", "(ended by data)", "SD between", "difference", "individuals"), WIDTHS, strict=True)
+        print(f"{'quantity':14}" + "".join(name.rjust(width) for name, width in columns), flush=True)
+        found = []
+        for name, one in zip(names, judge, strict=True):
+            found.append(100 * np.mean(one.result(), axis=0))
+            print(_row(name, found[-1]), flush=True)
+    print(_row("mean", np.mean(found, axis=0)))
+
+
+WIDTHS = (8, 18, 12, 12, 13)
+"""Of the columns that are printed."""
+
+
+def _row(name: str, held: np.ndarray) -> str:
+    cells = [f"({x:.0f})" if k == 1 else f"{x:.1f}" for k, x in enumerate(held)]
+    return f"{name:14}" + "".join(cell.rjust(width) for cell, width in zip(cells, WIDTHS, strict=True))
 
 
 def _of(people: Sequence[Person], name: str) -> list[Person]:

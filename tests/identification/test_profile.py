@@ -79,9 +79,10 @@ def test_both_ends_are_those_of_an_independent_profile(fitted: FitResult, name: 
     e, rng = fitted[name], np.random.default_rng(0)
     assert (e.low_from, e.high_from) == ("data", "data")
     for side in (-1, 1):
-        apart, below = example["difference"](fitted, e, side, STARTS, rng)
-        assert abs(apart) < 1e-6
-        assert below > -1e-5
+        end = example["difference"](fitted, e, side, STARTS, rng)
+        assert end.verdict == "same"
+        assert end.below > -1e-5
+        assert abs(end.own) < 1e-6
 
 
 def test_the_interval_of_a_logarithm_is_the_logarithm_of_the_interval(fitted: FitResult) -> None:

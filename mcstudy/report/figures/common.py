@@ -15,6 +15,9 @@ GroupLike = GroupView | xr.Dataset | xr.DataTree
 MOST_POINTS = 600
 """Largest number of points per condition in a scatter plot; if there are more, the first realizations are shown."""
 
+MOST_STARTS = 1_000_000
+"""Starts of a group that figures about single starts read at most: their curves do not change visibly with more."""
+
 
 def view_of(data: GroupLike) -> GroupView:
     """The group behind ``data``; a `GroupView` keeps its best fits between figures, the others are read again."""
@@ -23,6 +26,25 @@ def view_of(data: GroupLike) -> GroupView:
     if isinstance(data, xr.DataTree):
         return GroupView(data.name or "group", data.to_dataset())
     return GroupView("group", data)
+
+
+def sample(view: GroupView) -> xr.Dataset:
+    """The cube with as many of its first realizations as hold `MOST_STARTS`."""
+    return view.cube.isel(realization=slice(0, sampled(view)))
+
+
+def sampled(view: GroupView) -> int:
+    """Realizations of `sample`."""
+    held = view.cube.sizes["realization"]
+    return min(held, max(1, MOST_STARTS * held // max(view.cube["cost"].size, 1)))
+
+
+def of_all(view: GroupView, shown: int) -> str:
+    """Sentence for a figure that shows ``shown`` realizations; empty if these are all."""
+    held = view.cube.sizes["realization"]
+    if shown >= held:
+        return ""
+    return f" Shown are the first {shown:,} of {held:,} realizations, which are a random sample."
 
 
 def chosen_fmax(view: GroupView, fmax: float | None = None) -> float:

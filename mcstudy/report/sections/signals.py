@@ -25,6 +25,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
     s = Signals.of(view, context.seed, float(view.cube["amplitude"].values[0]))
     python = f'figures.NAME(figures.Signals.of(tree["{view.name}"], {context.seed}, {s.amplitude:g}))'
     peak = f"{s.amplitude:g} {unit(view)} ({view.group.stimulus.convention.replace('_', ' ')})"
+    what = "Sum of cosines" if view.group.stimulus.lines.harmonic else "Pseudorandom ternary stimulus"
     rms = np.degrees(s.noise_sway).std(axis=0)
     paper = METHODS["noise-evoked sway RMS"][0]
     f, error = s.frf_error(view.group.stimulus.discard)
@@ -38,7 +39,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Fig. 2A",
             "Stimulus and sensor noise",
             [
-                f"Pseudorandom ternary stimulus of {peak}, {s.cycles} cycles of {s.prts.period_s:g} s; sensor noise "
+                f"{what} of {peak}, {s.cycles} cycles of {s.periodic.period_s:g} s; sensor noise "
                 "that is added to the sensed angles (low-pass filtered pink noise); and the sway that this noise alone "
                 "evokes.",
                 "RMS of that sway in this realization: "

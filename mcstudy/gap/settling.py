@@ -37,7 +37,7 @@ def cycles_to_discard(recording: Recording | FrfRecording, model: Model, theta: 
 def unsettled(recording: Recording | FrfRecording, model: Model, theta: np.ndarray, discard: int) -> tuple[str, ...]:
     """A note when that oscillation outlasts the ``discard`` cycles left out, else nothing."""
     period_s, root = _oscillation(recording, model, theta)
-    if root is None or math.exp(root.real * period_s * discard) <= OVER:
+    if root is None or (root.real < 0 and math.exp(root.real * period_s * discard) <= OVER):
         return ()
     where = f"the slowest oscillation of the fitted model ({root.imag / (2 * math.pi):.2f} Hz)"
     if root.real >= 0:

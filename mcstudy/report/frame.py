@@ -63,7 +63,7 @@ def place(ax: Axes, renderer: RendererBase, left: float = 0.0) -> None:
     bottom = _TICK + _GAP + (upright if _rotated(ax) else 1.2 * _TICK_SIZE * lines)
     bottom += 1.6 * _LABEL_SIZE if ax.get_xlabel() else 0.0
     top = 1.7 * _TITLE_SIZE if ax.get_title() else 0.6 * _TICK_SIZE
-    right = 0.8 * _TICK_SIZE
+    right = max(0.8 * _TICK_SIZE, _beyond(ax, width - left))
     box = ax.get_window_extent(renderer)
     for text in ax.texts:
         extent = text.get_window_extent(renderer)
@@ -75,6 +75,18 @@ def place(ax: Axes, renderer: RendererBase, left: float = 0.0) -> None:
         legend.set_bbox_to_anchor((0.5, hanging / height), ax.figure.transSubfigure)
     bottom += hanging
     ax.set_position((left / width, bottom / height, 1 - (left + right) / width, 1 - (bottom + top) / height))
+
+
+def _beyond(ax: Axes, width: float) -> float:
+    """How far the x axis' labels reach beyond axes of this width at the right, points."""
+    if _rotated(ax):
+        return 0.0
+    reach = 0.0
+    for value, text in _labels(ax.xaxis):
+        x, _ = ax.transAxes.inverted().transform(ax.transData.transform((value, ax.get_ylim()[0])))
+        half = max(_width(line, _TICK_SIZE) for line in text.split("\n")) / 2
+        reach = max(reach, half - (1 - x) * width)
+    return reach
 
 
 def edges(ax: Axes) -> tuple[float, float, float, float]:

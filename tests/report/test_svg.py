@@ -11,6 +11,7 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.axes import Axes
 
+from mcstudy.report import frame
 from mcstudy.report.readings import as_json
 from mcstudy.report.style import COLOURS, DARK
 from mcstudy.report.svg import drawn, rendered
@@ -104,3 +105,10 @@ def test_coordinates_are_rounded_and_labels_are_not() -> None:
     assert ">0.125<" in text
     assert ">0.6250<" in text
     assert not re.findall(r'd="[^"]*\d\.\d{3}', text)
+
+
+def test_the_last_label_of_an_axis_is_inside_the_drawing() -> None:
+    ax = drawn(lambda ax: ax.set_xlim(0, 1000), (2.0, 2.0))
+    rendered(ax, "key", "title", "text")
+    room = 144 - frame.edges(ax)[1]
+    assert room >= frame._width("1000", frame._TICK_SIZE) / 2

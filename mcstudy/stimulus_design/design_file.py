@@ -78,11 +78,13 @@ class PriorSection(Section):
     Attributes
     ----------
     bodies: their number. spread: half-width of the uniform distributions of every parameter, and of one factor of all
-    inertias and moments of the body (its mass), relative to the values of ``[model]``.
+    inertias and moments of the body (its mass), relative to the values of ``[model]``. sway_bodies: further bodies for
+    which only the limit of the sway holds.
     """
 
     bodies: int = Field(default=12, ge=0, le=1000)
     spread: float = Field(default=0.2, ge=0, lt=0.9)
+    sway_bodies: int = Field(default=0, ge=0, le=2000)
 
 
 class VerifySection(Section):

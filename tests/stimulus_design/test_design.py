@@ -12,7 +12,7 @@ import pytest
 
 import mcstudy as mc
 from mcstudy.cli import main
-from mcstudy.errors import DesignError
+from mcstudy.errors import DesignError, InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.report.stimulus_design import stimulus_design_svg
@@ -206,3 +206,20 @@ def test_fewer_cycles_give_larger_errors_as_their_number_says() -> None:
 
 def test_a_picture_of_a_prediction_says_so(found: Any) -> None:
     assert "predicted CV" in stimulus_design_svg(found)
+
+
+def test_a_waveform_at_an_unsuitable_rate_is_refused(found: Any) -> None:
+    assert found.waveform(200.0)[1].max() == pytest.approx(found.stimulus.waveform().max(), rel=1e-9)
+    for rate in (12.0, 100.01):
+        with pytest.raises(InputError, match="rate_hz: expected a whole number of samples"):
+            found.waveform(rate)
+
+
+def test_more_bodies_in_the_limit_of_the_sway_lower_the_sway_of_bodies_that_nobody_knew() -> None:
+    tables = {"prior": {"bodies": 0}, "verify": {"bodies": 12}}
+    few = mc.design(with_fields(**tables))
+    many = mc.design(with_fields(**{**tables, "prior": {"bodies": 0, "sway_bodies": 60}}))
+    sway = [max(b.sway for b in design.bodies) for design in (few, many)]
+    assert sway[1] < sway[0]
+    assert many.predicted_ratio.mean() < few.predicted_ratio.mean()  # which has its price
+    assert "above its limit in" in few.text().replace("\n", " ")

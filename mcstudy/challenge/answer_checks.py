@@ -164,7 +164,7 @@ def _interval(given: Mapping[str, float], value: str, where: str) -> None:
         raise StoreError(f"{where}: expected low <= high, found {given['low']:g} and {given['high']:g}")
 
 
-CAUSES = {"none": 0, "shifted": 0, "outsider": 0, "known": 1, "misshapen": 1, "pair": 2}
+CAUSES = {"none": 0, "shifted": 0, "near_unstable": 0, "outsider": 0, "known": 1, "misshapen": 1, "pair": 2}
 """Number of effects of the library in a case of each kind."""
 
 

@@ -18,12 +18,12 @@ from mcstudy.study.design import Name, Positive, Section
 MAIN = "main"
 """Name of the series of cases that the targets refer to."""
 
-CaseKind = Literal["none", "shifted", "known", "outsider", "pair", "misshapen"]
-KINDS: tuple[CaseKind, ...] = ("none", "known", "outsider", "pair", "shifted", "misshapen")
+CaseKind = Literal["none", "shifted", "known", "outsider", "pair", "misshapen", "near_unstable"]
+KINDS: tuple[CaseKind, ...] = ("none", "known", "outsider", "pair", "shifted", "misshapen", "near_unstable")
 """No missing effect; one effect of the library; one out-of-library effect; two of the library; parameters far off; one
-mechanism of the library in another form than it declares."""
+mechanism of the library in another form than it declares; nothing missing, near the limit of stability."""
 
-NOTHING_MISSING: tuple[CaseKind, ...] = ("none", "shifted")
+NOTHING_MISSING: tuple[CaseKind, ...] = ("none", "shifted", "near_unstable")
 """Kinds without a missing effect, in which every detection is a false alarm."""
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -36,6 +36,10 @@ Density = Annotated[float, Field(ge=1e-9, le=1e3)]
 
 Delta = Annotated[float, Field(ge=0.1, le=1e3)]
 """Range of the delta of an effect."""
+
+
+Decay = Annotated[float, Field(ge=1e-4, le=10)]
+"""Range of the decay of a near-unstable body, 1/s."""
 
 
 class Challenge(Section):
@@ -56,6 +60,7 @@ class Mix(Section):
     pair: Share = 0.10
     shifted: Share = 0.05
     misshapen: Share = 0.0
+    near_unstable: Share = 0.0
 
     @model_validator(mode="after")
     def _whole(self) -> Mix:
@@ -71,11 +76,20 @@ class Mix(Section):
 
 class Bodies(Section):
     """Truth of every case: nominal parameters times a factor uniform within ``spread`` (``shifted_spread`` at least
-    half used for shifted ones), redrawn until every mode decays faster than ``decay`` (1/s)."""
+    half used for shifted ones), redrawn until every mode decays faster than ``decay`` (1/s). Near-unstable ones vary by
+    ``shifted_spread``, and their least damped oscillation decays within ``near_decay`` (1/s)."""
 
     spread: Share = 0.15
     shifted_spread: Share = 0.30
     decay: float = Field(default=0.2, ge=0, le=10)
+    near_decay: tuple[Decay, Decay] = (0.1, 0.5)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Bodies:
+        slow, fast = self.near_decay
+        if fast <= slow:
+            raise ValueError(f"near_decay: expected a lower and a larger upper rate, got {slow:g} and {fast:g}")
+        return self
 
 
 class Stratum(Section):

@@ -13,6 +13,7 @@ from mcstudy.challenge.design import NOTHING_MISSING, ChallengeFile, Series
 from mcstudy.challenge.forms import FORMS, Form
 from mcstudy.challenge.geometry import SIMILAR, Column, Geometry, Probe, best_fit, free
 from mcstudy.challenge.misshapen import draw_form
+from mcstudy.challenge.near_unstable import draw_near_unstable
 from mcstudy.challenge.oracle import Ceiling, Classifier, size_grid
 from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY
 from mcstudy.challenge.withheld import Drawn, draw_nonlinear, draw_out_of_library
@@ -67,7 +68,9 @@ def make_case(file: ChallengeFile, case: Case) -> tuple[Recording, dict[str, Any
     rng = stream(*coordinates)
     entry: dict[str, Any] = {"name": case.name, "series": case.series, "kind": case.kind}
     if case.kind in NOTHING_MISSING:
-        recording, more = _nothing(series, rng, case.kind == "shifted")
+        near = case.kind == "near_unstable"
+        theta = draw_near_unstable(series, rng) if near else draw_body(series, rng, case.kind == "shifted")
+        recording, more = _nothing(series, rng, theta)
     elif case.kind == "outsider":
         recording, more = _out_of_library(series, rng)
     elif case.kind == "misshapen":
@@ -98,9 +101,8 @@ def _entry(theta: np.ndarray, delta: float, effects: list[dict[str, Any]], **mor
     }
 
 
-def _nothing(series: Series, rng: np.random.Generator, shifted: bool) -> tuple[Recording, dict[str, Any]]:
-    theta = draw_body(series, rng, shifted)
-    if series.mix.none + series.mix.shifted == 1.0:  # no case has a cause
+def _nothing(series: Series, rng: np.random.Generator, theta: np.ndarray) -> tuple[Recording, dict[str, Any]]:
+    if sum(series.mix.of(k) for k in NOTHING_MISSING) == 1.0:  # no case has a cause
         return simulate_recording(protocol_of(series), theta, rng), _entry(theta, 0.0, [])
     setting, probes = shared(series)
     around = Surroundings.of(Geometry(free(two_segment()), theta, setting, series.noise.sensor), probes)
@@ -202,10 +204,21 @@ def _misshapen(series: Series, rng: np.random.Generator) -> tuple[Recording, dic
             recording, more = done
             around = Surroundings.of(drawn.geometry, shared(series)[1])
             delta = drawn.measured.delta
-            described = [{"effect": mechanism, "sizes": drawn.sizes, "delta": delta}]
+            described: list[dict[str, Any]] = [{"effect": mechanism, "sizes": drawn.sizes, "delta": delta}]
             more |= _similarity(around, described)
+            described[0]["group"] = [*described[0]["group"], *same_change(mechanism)]
             return recording, _entry(drawn.theta, delta, described, form=form.name, **more)
     raise DesignError(f"sizes.forms: in {REDRAWS} draws, none of the required size was found with a stable body")
+
+
+def same_change(name: str) -> list[str]:
+    """Other effects that change the gains in the same direction, with amplitude or over time: two amplitudes, or first
+    and last cycles, tell nothing else about them."""
+    own = library.effect(name)
+    if own.contrast is None:
+        return []
+    alike = (e for e in library.LIBRARY.values() if (e.contrast, e.gain_sign) == (own.contrast, own.gain_sign))
+    return [e.name for e in alike if e.name != name]
 
 
 def _shows(series: Series, form: Form) -> bool:
@@ -276,7 +289,7 @@ def _classifier(series: Series, around: Surroundings) -> Classifier:
     # Every effect is drawn equally often, so the weight of a group is its number of effects.
     weight = 1.0 / each
     total = np.array([weight[owner == g].sum() for g in range(len(around.groups))])
-    nothing = series.mix.none + series.mix.shifted
+    nothing = sum(series.mix.of(k) for k in NOTHING_MISSING)
     known = series.mix.known or 1.0
     prior = np.concatenate([[nothing or 1.0], known * total / total.sum()])
     delta, share = size_grid(series.sizes.strata)

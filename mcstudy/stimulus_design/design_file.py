@@ -25,6 +25,9 @@ from mcstudy.study.study_file import check_tables
 
 KIND = "design"
 
+KINDS = ("ankle_torque", "hip_torque", "platform_translation")
+"""Stimuli that can be designed: the verification computes starts from the data, which a tilt does not allow."""
+
 
 class DesignSection(Section):
     """What is optimal, and what is kept of the sequence.
@@ -78,11 +81,13 @@ class PriorSection(Section):
     Attributes
     ----------
     bodies: their number. spread: half-width of the uniform distributions of every parameter, and of one factor of all
-    inertias and moments of the body (its mass), relative to the values of ``[model]``.
+    inertias and moments of the body (its mass), relative to the values of ``[model]``. sway_bodies: further bodies for
+    which only the limit of the sway holds.
     """
 
     bodies: int = Field(default=12, ge=0, le=1000)
     spread: float = Field(default=0.2, ge=0, lt=0.9)
+    sway_bodies: int = Field(default=0, ge=0, le=2000)
 
 
 class VerifySection(Section):
@@ -152,6 +157,8 @@ def _check(file: DesignFile) -> None:
     design, s = file.design, file.stimulus
     if s.lines.harmonic:
         raise DesignError("stimulus.lines: expected none: a design is compared with the sequence")
+    if s.kind not in KINDS:
+        raise DesignError(f"stimulus.kind: expected one of {', '.join(KINDS)} for a design, got {s.kind!r}")
     check_group(file.group())
     if s.discard == 0:
         raise DesignError(

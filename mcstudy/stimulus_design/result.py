@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from mcstudy.errors import InputError
 from mcstudy.files.json_files import plain
 from mcstudy.files.schema import identifier
 from mcstudy.short_repr import Summary
@@ -26,12 +27,13 @@ class BodyCheck:
     Attributes
     ----------
     predicted: ratio of SDs at the Cramer-Rao bound, with the bounds of the fit. sway: largest ratio of the sway RMS
-    of the angles, design over sequence. found: the spread of the fits.
+    of the angles, design over sequence. found: the spread of the fits, None without
+    verification.
     """
 
     predicted: float
     sway: float
-    found: Spread
+    found: Spread | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,10 +42,20 @@ class StimulusDesign(Summary):
 
     Attributes
     ----------
-    designed: the stimulus. cv: predicted coefficients of variation with sequence and design up to fmax, (2, P).
-    bounded_cv: the same with what the bounds of the fit add (`mcstudy.stimulus_design.spectrum.predicted`), (2, P).
-    sizes: of sequence and design. noise_sway: RMS sway of the noise alone, rad, (A,). spreads: of the fits for the body
-    of the file, empty without verification. bodies: the same for the other bodies.
+    designed
+        The stimulus, its spectrum and its limits.
+    cv
+        Predicted coefficients of variation with sequence and design, up to ``design.fmax``, (2, P).
+    bounded_cv
+        The same with what the bounds of the fit add, (2, P).
+    sizes
+        Of sequence and design: RMS, peak, rate, crest factor, evoked sway.
+    noise_sway
+        RMS of the sway that the noise alone evokes, rad, (A,).
+    spreads
+        Of the fits for the body of the file; empty without verification.
+    bodies
+        The same for the other bodies.
     """
 
     designed: Designed
@@ -67,17 +79,17 @@ class StimulusDesign(Summary):
         bodies: list[BodyCheck] = []
         if results is not None:
             found = [s for cost in costs(file) for s in spreads(results, "", cost)]
-            for n, section in enumerate(bodies_of(designed)):
-                body = model_of(file, section)
-                both = [predicted(file, body, designed.f, p, bounded=True) for p in powers]
-                one, other = size_of(body, designed.sequence), size_of(body, designed.stimulus)
-                bodies.append(
-                    BodyCheck(
-                        float(np.exp(np.log(both[0] / both[1]).mean())),
-                        float((other.sway / one.sway).max()),
-                        spreads(results, f"body{n + 1:02d}_", "ml")[0],
-                    )
+        for n, section in enumerate(bodies_of(designed)):
+            body = model_of(file, section)
+            both = [predicted(file, body, designed.f, p, bounded=True) for p in powers]
+            one, other = size_of(body, designed.sequence), size_of(body, designed.stimulus)
+            bodies.append(
+                BodyCheck(
+                    float(np.exp(np.log(both[0] / both[1]).mean())),
+                    float((other.sway / one.sway).max()),
+                    None if results is None else spreads(results, f"body{n + 1:02d}_", "ml")[0],
                 )
+            )
         return cls(designed, cv, bounded_cv, sizes, noise_sway(file, model), tuple(found), tuple(bodies))
 
     @property
@@ -112,12 +124,33 @@ class StimulusDesign(Summary):
         return max((s for s in self.spreads if s.cost == "ml"), key=lambda s: s.fmax)
 
     def waveform(self, rate_hz: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """One cycle at a sampling rate: times, s, (n,), and stimulus, (n,); the file's rate when 0."""
+        """One cycle of the design.
+
+        Parameters
+        ----------
+        rate_hz
+            Sampling rate, with a whole number of samples in a cycle; that of the design file when 0.
+
+        Returns
+        -------
+        tuple
+            Times, s, and the stimulus in its unit, each (n,).
+
+        Raises
+        ------
+        InputError
+            The rate does not suit the cycle or is below twice the highest line.
+        """
         rate = rate_hz or self.designed.file.design.waveform_rate_hz or self.stimulus.rate_hz
         s = self.stimulus
-        t = np.arange(round(s.period_s * rate)) / rate
+        n = round(s.period_s * rate)
+        if abs(s.period_s * rate - n) > 1e-6 or n <= 2 * s.harmonic[-1]:
+            raise InputError(
+                f"rate_hz: expected a whole number of samples in a cycle of {s.period_s:g} s, and more than "
+                f"{2 * s.harmonic[-1] / s.period_s:g} Hz, got {rate:g}"
+            )
+        t = np.arange(n) / rate
         c, k = s.coefficients()[list(s.harmonic)], np.array(s.harmonic)
-        n = t.size
         spectrum = np.zeros(n // 2 + 1, dtype=complex)
         spectrum[k] = c
         return t, np.fft.irfft(spectrum, n, norm="forward")
@@ -165,13 +198,18 @@ class StimulusDesign(Summary):
             "predicted_cv_with_bounds": {"sequence": self.bounded_cv[0], "design": self.bounded_cv[1]},
             "verification": [_spread(s) for s in self.spreads],
             "bodies": [
-                {"predicted_ratio": b.predicted, "sway_ratio": b.sway, "found": _spread(b.found)} for b in self.bodies
+                {
+                    "predicted_ratio": b.predicted,
+                    "sway_ratio": b.sway,
+                    "found": None if b.found is None else _spread(b.found),
+                }
+                for b in self.bodies
             ],
         }
         return dict(plain(value))
 
     def write(self, out: Path) -> None:
-        """Write ``design.json``, ``waveform.csv`` and ``study.toml`` into a folder; an InputError if it cannot be."""
+        """Write ``design.json``, ``waveform.csv`` and ``study.toml`` into a folder."""
         from mcstudy.files.json_files import ensure_folder, write_json, write_text
 
         ensure_folder(out)

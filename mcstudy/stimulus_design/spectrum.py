@@ -84,6 +84,7 @@ def designed(file: DesignFile) -> Designed:
     base, seed, limits = file.group(), file.design.seed, file.limits
     model = model_of(file, file.model)
     models = [model, *(model_of(file, b) for b in drawn(file, file.prior.bodies, stream(seed, "design_prior")))]
+    limited = [model_of(file, b) for b in drawn(file, file.prior.sway_bodies, stream(seed, "design_sway"))]
     sequence = stimulus(base, file.design.amplitude)
     c = sequence.coefficients()
     harmonic = np.arange(1, int(file.design.fmax * sequence.period_s + 0.5) + 1, 2)
@@ -97,7 +98,7 @@ def designed(file: DesignFile) -> Designed:
     )
     rms, name = limits.rms, "limits.rms"
     for _ in range(ROUNDS):
-        allowed = _allowed(file, models, sequence, f, used, rms, name)
+        allowed = _allowed(file, [*models, *limited], sequence, f, used, rms, name)
         try:
             optimum = maximum(criterion, allowed)
         except InputError as error:

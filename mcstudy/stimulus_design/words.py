@@ -119,15 +119,25 @@ def _fits(design: StimulusDesign, s: Spread) -> str:
 
 
 def _bodies(design: StimulusDesign) -> str:
-    found = np.array([b.found.mean for b in design.bodies])
-    error = np.array([b.found.mean_error for b in design.bodies])
-    sway = np.array([b.sway for b in design.bodies])
-    said = np.array([b.predicted for b in design.bodies])
-    spread, n = 100 * design.designed.file.prior.spread, len(design.bodies)
-    mean, which = np.exp(np.log(found).mean()), "other body" if n == 1 else "other bodies"
-    return fill(
-        f"{n} {which} drawn within ±{spread:g} %: standard deviations lower by "
-        f"x{mean:.3g} (geometric mean over bodies; x{found.min():.3g} to x{found.max():.3g}, each ± about "
-        f"{np.median(error):.2g}; predicted with bounds x{np.exp(np.log(said).mean()):.3g}); evoked sway at most "
-        f"{sway.max():.3g} of the sequence's."
+    """Bodies that the design did not know: predicted and found reduction of the errors, and sway."""
+    file, n = design.designed.file, len(design.bodies)
+    said, sway = (np.array([getattr(b, name) for b in design.bodies]) for name in ("predicted", "sway"))
+    fits = [b.found for b in design.bodies if b.found is not None]
+    which = "other body" if n == 1 else "other bodies"
+    words = (
+        f"{n} {which} drawn within ±{100 * file.prior.spread:g} %: predicted standard deviations with bounds lower by "
+        f"x{_mean(said):.3g} (geometric mean over bodies; x{said.min():.3g} to x{said.max():.3g}); evoked sway of the "
+        f"sequence's: median {np.median(sway):.3g}, largest {sway.max():.3g}, above its limit in "
+        f"{(sway > file.limits.sway).sum()} of {n}."
     )
+    if fits:
+        found, error = np.array([s.mean for s in fits]), np.median([s.mean_error for s in fits])
+        words += (
+            f" Bounded fits: lower by x{_mean(found):.3g} (x{found.min():.3g} to x{found.max():.3g}, each ± about "
+            f"{error:.2g})."
+        )
+    return fill(words)
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(np.exp(np.log(values).mean()))

@@ -12,7 +12,7 @@ import pytest
 
 import mcstudy as mc
 from mcstudy.cli import main
-from mcstudy.errors import DesignError
+from mcstudy.errors import DesignError, InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.report.stimulus_design import stimulus_design_svg
@@ -20,7 +20,7 @@ from mcstudy.stance.information import expected_line_covariance
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
 from mcstudy.stimulus_design.bodies import drawn, model_of
-from mcstudy.stimulus_design.design_file import parse_design, read_design
+from mcstudy.stimulus_design.design_file import KINDS, parse_design, read_design
 from mcstudy.stimulus_design.spectrum import predicted, size_of
 from mcstudy.stimulus_design.verify import bodies_of, compared
 from mcstudy.study.study_file import read_study
@@ -101,7 +101,7 @@ def test_the_criterion_for_one_parameter_serves_it_best(found: Any) -> None:
     assert "optimal for Kpas1" in aimed.text().replace("\n", " ")
 
 
-@pytest.mark.parametrize("kind", ["hip_torque", "platform_translation"])
+@pytest.mark.parametrize("kind", KINDS[1:])
 def test_every_kind_of_stimulus_can_be_designed(kind: str) -> None:
     found = mc.design(with_fields(stimulus={"kind": kind}, design={"amplitude": 0.02}, prior={"bodies": 0}))
     assert np.exp(np.log(found.predicted_ratio).mean()) > 1.5
@@ -122,6 +122,7 @@ def test_every_kind_of_stimulus_can_be_designed(kind: str) -> None:
         ({"design": {"keep": 1.0}}, "design.keep: expected less than 1"),
         ({"noise": {"psd": [0.0, 0.0]}}, "noise.psd: expected noise on both angles"),
         ({"design": {"waveform_rate_hz": 12.0}}, "design.waveform_rate_hz: expected more than twice design.fmax"),
+        ({"stimulus": {"kind": "visual_tilt", "stages": 6}}, "stimulus.kind: expected one of ankle_torque"),
         ({"verify": {"fmax": [9.0]}}, "verify.fmax: expected at most design.fmax"),
         ({"model": {"truth": {"Kpas1": 0.0}, "bounds": {"absolute": {"Kpas1": [0.0, 10.0]}}}}, "model.truth.Kpas1"),
     ],
@@ -206,3 +207,20 @@ def test_fewer_cycles_give_larger_errors_as_their_number_says() -> None:
 
 def test_a_picture_of_a_prediction_says_so(found: Any) -> None:
     assert "predicted CV" in stimulus_design_svg(found)
+
+
+def test_a_waveform_at_an_unsuitable_rate_is_refused(found: Any) -> None:
+    assert found.waveform(200.0)[1].max() == pytest.approx(found.stimulus.waveform().max(), rel=1e-9)
+    for rate in (12.0, 100.01):
+        with pytest.raises(InputError, match="rate_hz: expected a whole number of samples"):
+            found.waveform(rate)
+
+
+def test_more_bodies_in_the_limit_of_the_sway_lower_the_sway_of_bodies_that_nobody_knew() -> None:
+    tables = {"prior": {"bodies": 0}, "verify": {"bodies": 12}}
+    few = mc.design(with_fields(**tables))
+    many = mc.design(with_fields(**{**tables, "prior": {"bodies": 0, "sway_bodies": 60}}))
+    sway = [max(b.sway for b in design.bodies) for design in (few, many)]
+    assert sway[1] < sway[0]
+    assert many.predicted_ratio.mean() < few.predicted_ratio.mean()  # which has its price
+    assert "above its limit in" in few.text().replace("\n", " ")

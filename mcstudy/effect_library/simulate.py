@@ -19,7 +19,7 @@ from mcstudy.effect_library.declare import TrialSetting
 from mcstudy.errors import FallsError, InputError
 from mcstudy.recordings.checks import LARGEST_SWAY
 from mcstudy.recordings.recording import AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size
-from mcstudy.stance.body import STIMULI, Body, two_segment
+from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.realize import realise
@@ -29,7 +29,7 @@ from mcstudy.stance.stability import growth_rate
 from mcstudy.stance.stimulus import Prts
 
 PLATFORM_HZ = 6.0
-"""Corner frequency, Hz, of the fourth-order zero-phase low-pass that smooths the motion of a platform."""
+"""Corner frequency, Hz, of the fourth-order zero-phase low-pass that smooths the motion of a platform or a scene."""
 
 LARGEST_SIZE = 1e6
 """Largest size of an effect; a larger one is an error in any unit."""
@@ -198,7 +198,7 @@ def draw_case(
 
 
 def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) -> np.ndarray:
-    """Whole record of one trial, (n,), or (n, 3) with derivatives for a platform."""
+    """Whole record of one trial, (n,), or (n, 3) with derivatives for a motion (of a platform or a visual scene)."""
     waveform = replace(protocol.waveform, amplitude=amplitude)
     period, rate = waveform.waveform(), waveform.rate_hz
     if not protocol.periodic:
@@ -209,7 +209,7 @@ def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) ->
         coefficients[0] = 0.0
         period = fft.irfft(coefficients, period.size * protocol.cycles)
         period *= waveform.peak / np.abs(period).max()
-    if protocol.stimulus == "platform_translation":
+    if protocol.stimulus not in TORQUES:
         coefficients = fft.rfft(period)
         f = np.arange(coefficients.size) * rate / period.size
         period = fft.irfft(coefficients / (1 + (f / PLATFORM_HZ) ** 4), period.size)

@@ -180,6 +180,8 @@ def _default_bounds(model: Model) -> dict[str, tuple[float, float]]:
     return {
         p.name: (min(low, p.value), max(high, p.value))
         if p.name in model.delays
+        else (p.lower, p.upper)
+        if p.name in model.weights
         else (min(0.0, GAIN_UPTO * p.value), max(0.0, GAIN_UPTO * p.value))
         for p in model.parameters
     }

@@ -21,17 +21,18 @@ from mcstudy.recordings.recording import (
     Suspicion,
     Trial,
 )
+from mcstudy.stance.ranges import LARGEST_TILT
 
 SMALLEST_SWAY = 1e-9
 """Smallest half range of an angle, rad; less means that it was not measured."""
 
-SMALLEST_STIMULUS = {"N m": 1e-6, "m": 1e-9}
+SMALLEST_STIMULUS = {"N m": 1e-6, "m": 1e-9, "rad": 1e-9}
 """Smallest half range of a stimulus, per unit; less means that there was no stimulus."""
 
 LARGEST_SWAY = 1.0
 """Largest half range of an angle, rad (57 deg)."""
 
-LARGEST_STIMULUS = {"N m": 300.0, "m": 1.0}
+LARGEST_STIMULUS = {"N m": 300.0, "m": 1.0, "rad": LARGEST_TILT}
 """Largest half range of a stimulus, per unit; more means that the stated unit is wrong."""
 
 PERIODIC = 0.05

@@ -13,7 +13,8 @@ import xarray as xr
 from mcstudy.analysis.paper.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ, STARTS
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.view import GroupView, StudyView
-from mcstudy.text_tables import number, with_error
+from mcstudy.report.numbers import finite
+from mcstudy.text_tables import with_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,19 +148,6 @@ def stat(result: dict[str, Any], factor: float = 1.0) -> str:
 def value_of(result: xr.Dataset) -> str:
     """``value ± mcse`` of a scalar Dataset."""
     return with_error(finite(result["value"]), finite(result["mcse"]))
-
-
-def finite(x: Any) -> float | None:
-    """A float, or None where there is none or it is not finite."""
-    if x is None:
-        return None
-    value = float(x)
-    return value if value - value == 0 else None
-
-
-def short(x: Any, digits: int = 3) -> str:
-    """A number for people."""
-    return number(finite(x), digits)
 
 
 def with_ends(statistic: dict[str, Any]) -> str:

@@ -10,9 +10,10 @@ from mcstudy.analysis.paper.published import FMAX_HZ, MARGINS
 from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL, DIFFERS
 from mcstudy.analysis.show.text import READING, incomplete, ours, verdict
 from mcstudy.fitting.certainty import MISSED
-from mcstudy.report.context import Context, short, stat
+from mcstudy.report.context import Context, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
+from mcstudy.report.numbers import short
 from mcstudy.study.unstable import warning
 from mcstudy.text_tables import number
 

@@ -68,6 +68,7 @@ class StudySection(Section):
 class BoundsSection(Section):
     """Bounds: gains as multiples of the true value, delays as the true value +- a margin, or absolute per parameter.
 
+    Sensory weights lie between 0 and 1 unless absolute bounds are given.
     Defaults: Goodworth & Peterka 2018, Methods.
     """
 
@@ -110,7 +111,7 @@ class StimulusSection(Section):
     ``lines``: the cycle of the sequence, with these lines instead of those of the sequence.
     """
 
-    kind: Literal["ankle_torque", "hip_torque", "platform_translation"] = "ankle_torque"
+    kind: Literal["ankle_torque", "hip_torque", "platform_translation", "surface_tilt", "visual_tilt"] = "ankle_torque"
     stages: int = Field(default=7, ge=2, le=9)
     state_s: Annotated[float, STATE] = 0.020
     rate_hz: Annotated[float, RATE] = 200.0

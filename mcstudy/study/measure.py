@@ -119,7 +119,6 @@ def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
 def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
     """FRFs of a record simulated with stimulus and noise together, from rest and with true delays."""
     s = group.stimulus
-    senses_derivatives = s.kind == "platform_translation"
 
     def measure(amplitude: float, realization: int) -> Measurement:
         from mcstudy.spectra.estimate import frf_from_recording
@@ -129,7 +128,7 @@ def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measurin
         noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
         cycle = stimulus(group, amplitude).waveform()
         drive = np.tile(cycle, s.cycles)
-        samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if senses_derivatives else drive
+        samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if model.senses_motion else drive
         sensed = noise.sample(noise_stream(seed, realization), drive.size, s.rate_hz)
         sway = simulate(model, model.truth, samples, s.rate_hz, noise=sensed)
         data = frf_from_recording(sway.theta, drive, s.rate_hz, bands, s.discard, spectrum(group))

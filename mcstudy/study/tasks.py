@@ -53,7 +53,7 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskReport:
-    """Result of a task: fits run by status, whether its chunks are complete, and the seconds it took."""
+    """Result of a task: fits run or left out by status, whether its chunks are complete, and the seconds it took."""
 
     counts: Counter[int] = field(default_factory=Counter)
     complete: bool = True
@@ -61,7 +61,7 @@ class TaskReport:
 
     @property
     def fits(self) -> int:
-        """Number of fits run."""
+        """Number of fits run or left out."""
         return sum(self.counts.values())
 
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.declare import Effect
@@ -165,8 +164,10 @@ def alike_groups(names: Sequence[str], cosine: np.ndarray, threshold: float = AL
     """Connected sets of effects with |cosine| above the threshold, including sets of one."""
     if not names:
         return []
-    count, label = connected_components(cosine > threshold, directed=False)
-    return [tuple(n for n, own in zip(names, label, strict=True) if own == k) for k in range(count)]
+    linked = (cosine > threshold) | np.eye(len(names), dtype=bool)
+    while not np.array_equal(further := linked @ linked, linked):  # boolean: whatever is linked by way of another
+        linked = further
+    return [tuple(names[int(i)] for i in np.flatnonzero(row)) for k, row in enumerate(linked) if row.argmax() == k]
 
 
 def ambiguity_groups(found: Sequence[Signature]) -> list[tuple[str, ...]]:

@@ -13,18 +13,8 @@ from mcstudy.analysis.neural import j_nc
 from mcstudy.analysis.selection import attempted, usable
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import COST_FLOOR
-from mcstudy.report.figures.common import (
-    MOST_POINTS,
-    GroupLike,
-    axes,
-    chosen_amplitude,
-    chosen_fmax,
-    colour_of,
-    log_axis,
-    plain_log_axis,
-    sample,
-    view_of,
-)
+from mcstudy.report.axes import axes, colour_of, log_axis, plain_log_axis
+from mcstudy.report.figures.common import MOST_POINTS, GroupLike, chosen_amplitude, chosen_fmax, sample, view_of
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 

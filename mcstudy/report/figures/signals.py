@@ -9,15 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import (
-    GroupLike,
-    axes,
-    chosen_amplitude,
-    frequency_axis,
-    legend_below,
-    log_axis,
-    view_of,
-)
+from mcstudy.report.axes import axes, frequency_axis, legend_below, log_axis
+from mcstudy.report.figures.common import GroupLike, chosen_amplitude, view_of
 from mcstudy.report.labels import unit
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 from mcstudy.spectra import periods
@@ -114,7 +107,7 @@ class Signals:
         """The same by integration in time from rest."""
         model, rate = self.view.model, self.periodic.rate_hz
         drive = self.torque
-        if self.view.group.stimulus.kind == "platform_translation":  # the model senses its acceleration
+        if model.senses_motion:
             drive = np.tile(with_derivatives(self.periodic.waveform(), rate), (self.cycles, 1))
         return simulate(model, model.truth, drive, rate).theta
 

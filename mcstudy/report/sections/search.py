@@ -14,13 +14,14 @@ from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report import figures
-from mcstudy.report.context import Context, conditions, finite, largest_amplitude, short, stat, value_of, with_ends
+from mcstudy.report.context import Context, conditions, largest_amplitude, stat, value_of, with_ends
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.common import MOST_POINTS, of_all, sampled
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
 from mcstudy.report.figures.search import MOST_CURVES, curve_of, pools_of_points, printed_starts
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
+from mcstudy.report.numbers import finite, short
 
 CURVE_TITLE = "Starts needed"
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mcstudy.challenge.design import Stratum
+from mcstudy.challenge.design import NOTHING_MISSING, Stratum
 from mcstudy.challenge.grade import judge
 from mcstudy.challenge.oracle import FLOOR, Classifier, log_evidence, size_grid
 from mcstudy.challenge.rates import mean, rate
@@ -30,7 +30,8 @@ CASES = 420
 
 def make_key(rng: np.random.Generator) -> dict[str, Any]:
     """A key of cases that were never simulated."""
-    kinds = ["none"] * 100 + ["known"] * 180 + ["outsider"] * 60 + ["pair"] * 40 + ["shifted"] * 20 + ["misshapen"] * 20
+    kinds = ["none"] * 100 + ["known"] * 180 + ["outsider"] * 60 + ["pair"] * 40 + ["misshapen"] * 20
+    kinds += ["shifted"] * 10 + ["near_unstable"] * 10
     cases = []
     for k, kind in enumerate(kinds):
         case: dict[str, Any] = {"name": f"case{k:03d}", "series": "main", "kind": kind, "parameters": {"K11": 1.0}}
@@ -43,7 +44,7 @@ def make_key(rng: np.random.Generator) -> dict[str, Any]:
             case["effects"].append(
                 {"effect": name, "sizes": {SIZES[name]: 1.0}, "delta": 6.0, "group": group, "kin": group}
             )
-        if kind not in ("none", "shifted"):
+        if kind not in NOTHING_MISSING:
             case["delta"] = float(rng.choice([4.0, 6.0, 12.0]))
             case |= {"closable": dict.fromkeys(EFFECTS, 0.3), "nearest": "head_mode", "residual_delta": case["delta"]}
             case["closable"]["+".join(sorted(e["effect"] for e in case["effects"]))] = 1.0
@@ -74,7 +75,7 @@ def plain(**more: Any) -> dict[str, Any]:
 
 def oracle(case: dict[str, Any], k: int) -> dict[str, Any]:
     """Knows the truth; its intervals hold it in 95 of 100 cases, as they should."""
-    if case["kind"] in ("none", "shifted"):
+    if case["kind"] in NOTHING_MISSING:
         return plain(none_probability=1.0)
     if case["kind"] == "outsider":
         return plain(detected=True, p_value=0.0, unknown_probability=1.0, credible_set=["unknown"])

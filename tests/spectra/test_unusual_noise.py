@@ -18,6 +18,7 @@ from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway
 from mcstudy.stance.stimulus import Prts
+from tests.helpers.examples import module
 
 PRTS = Prts(rate_hz=100.0)
 MODEL = two_segment()
@@ -118,3 +119,9 @@ def test_one_repeat_of_a_trial_is_not_judged() -> None:
     assert not scatter(one).sharp.any()
     assert trial_power(one) is None
     assert with_scatter(one) is one
+
+
+def test_the_example_counts_the_notes() -> None:
+    example = module("unusual_noise")
+    assert example.noted(example.sound, "the cycles differ", 1).startswith("0 of 1,")
+    assert example.noted(example.unequal, "the noise of trial", 1).startswith("1 of 1,")

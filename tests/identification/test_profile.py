@@ -13,7 +13,7 @@ import mcstudy as mc
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.gap.fits.base_fit import drawn_starts
 from mcstudy.identification.coverage import Condition, Source, body
-from mcstudy.identification.fit import bounded
+from mcstudy.identification.fit import bounded, fit_lines
 from mcstudy.identification.minimum import search, without_prior
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.stance.body import two_segment
@@ -85,6 +85,15 @@ def test_both_ends_are_those_of_an_independent_profile(fitted: FitResult, name: 
         assert end.verdict == "same"
         assert end.below > -1e-5
         assert abs(end.own) < 1e-6
+
+
+def test_an_end_behind_a_local_one_is_found() -> None:
+    """From the minimum the search stops at a local end of this interval, 23 % of its width before the true one."""
+    example = runpy.run_path(str(EXAMPLES / "interval_oracle.py"))
+    fitted = fit_lines(Source(Condition(0, 6, 3.1))(stream(13, "oracle")), two_segment(), curve=())
+    end = example["difference"](fitted, fitted["Td1"], -1, STARTS, stream(13, "oracle starts"))
+    assert end.verdict == "same"
+    assert fitted["Td1"].low == pytest.approx(0.078355, abs=2e-6)
 
 
 def test_the_interval_of_a_logarithm_is_the_logarithm_of_the_interval(fitted: FitResult) -> None:

@@ -30,7 +30,7 @@ FMAX, STARTS, AMPLITUDES = (0.41, 1.2, 8.0), 50, "3.0, 5.0"
 
 VERBS = ("run", "status", "verify", "show", "report")
 
-LARGEST_PAGE = 1_000_000
+LARGEST_PAGE = 10_000_000
 """Fits of the largest study whose page is written: the page takes longer than all other verbs together."""
 
 

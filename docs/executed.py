@@ -64,7 +64,7 @@ def _is_run(block: nodes.Element) -> bool:
 
 def _python(block: nodes.Element, where: str, namespace: dict[str, Any]) -> str:
     """Run it; returns what it prints."""
-    from mcstudy.report.figures.common import styled
+    from mcstudy.report.axes import styled
 
     with styled(), contextlib.redirect_stdout(io.StringIO()) as printed:
         exec(compile(block.astext(), where, "exec"), namespace)
@@ -85,7 +85,7 @@ def _figures(key: str) -> list[nodes.Node]:
     """All open figures as inline SVG in the site's colours, light and dark; they are closed."""
     import matplotlib.pyplot as plt
 
-    from mcstudy.report.figures.common import styled
+    from mcstudy.report.axes import styled
     from mcstudy.report.svg import inline
 
     shown = []

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from mcstudy.analysis.results import open_results
+    from mcstudy.api.design import design
     from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.performance import performance
     from mcstudy.api.recordings import diagnose, fit, import_recording
@@ -45,6 +46,7 @@ _FROM = {
     "Recording": "recordings.recording",
     "Study": "study.design",
     "Trial": "recordings.recording",
+    "design": "api.design",
     "diagnose": "api.recordings",
     "effects": "effect_library.library:LIBRARY",
     "fit": "api.recordings",
@@ -76,6 +78,7 @@ __all__ = [
     "Study",
     "Trial",
     "__version__",
+    "design",
     "diagnose",
     "effects",
     "fit",

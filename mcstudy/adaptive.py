@@ -221,6 +221,7 @@ def run_until(
 
 def _add(total: Outcome, more: Outcome) -> None:
     total.fits += more.fits
+    total.not_needed += more.not_needed
     total.seconds += more.seconds
     total.counts.update(more.counts)
     total.failed_blocks += more.failed_blocks
@@ -241,7 +242,8 @@ def _already_grown(study: Study, out: Path) -> Study:
 
 
 def _wanted(name: str, group: Group, found: Look, target: PrecisionTarget) -> _Step | None:
-    if found.shift > target.percent and group.fit.starts != "latin_hypercube":  # whose starts cannot be added to
+    grows = group.fit.starts != "latin_hypercube" and not group.until_certain
+    if found.shift > target.percent and grows:  # otherwise starts cannot be added, or are as many as needed
         why = (
             f"leaving out half of the starts shifts the bias by {_percent(found.shift)} +- {found.shift_error:.2g} "
             f"({found.shift_where}), so the number of starts limits precision"

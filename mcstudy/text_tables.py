@@ -86,6 +86,11 @@ def with_error(value: float | None, mcse: float | None) -> str:
     return f"{value:.{decimals}f} ± {mcse:.{decimals}f}"
 
 
+def starts_in_words(starts: int, until_certain: bool) -> str:
+    """Number of starts of a fit; the largest number where they are drawn until certain."""
+    return f"at most {counted(starts, 'start')}, until certain" if until_certain else counted(starts, "start")
+
+
 def counted(n: int, what: str) -> str:
     """``1 start``, ``2 starts``."""
     return f"{n} {what}" if n == 1 else f"{n} {what}s"

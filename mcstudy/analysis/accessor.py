@@ -115,9 +115,11 @@ class MonteCarlo:
         xarray.Dataset
             The group without ``start``: ``estimate`` (amplitude, fmax, realization, parameter), ``cost``, ``status``,
             ``at_bound``, ``growth_rate``, ``iterations``; also ``best_start`` (-1 where no start was usable; numbers
-            are then NaN) and ``usable_starts``.
+            are then NaN), ``usable_starts``, and ``missed``: the chance that as many new starts miss the lowest cost of
+            the cell, and so that these missed a lower one (right in the mean over realizations).
         """
-        return self._result(selection.best(self._cube, allowed))
+        cells = selection.best(self._cube, allowed)
+        return self._result(cells.assign(missed=convergence.starts_needed(self._cube)["missed"]))
 
     def compare(self, other: xr.Dataset | xr.DataTree) -> xr.Dataset:
         """Another group, of any cube, minus this one: bias, spread and more by Fmax. Needs all starts of both.
@@ -499,7 +501,8 @@ class MonteCarlo:
         Returns
         -------
         xarray.Dataset
-            What the statistic returns, with the dim ``drawn``: the best of the first so many starts.
+            What the statistic returns, with the dim ``drawn``: the best of the first so many starts. ``missed``: the
+            chance that as many new starts miss the lowest minimum, mean over realizations.
         """
         return self._result(by_starts.by_starts(self._cube, statistic, counts))
 

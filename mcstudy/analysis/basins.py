@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.convergence import COST_FLOOR
 from mcstudy.analysis.labels import ONE, labelled, units_of
 from mcstudy.analysis.montecarlo import wilson
-from mcstudy.analysis.selection import usable
+from mcstudy.analysis.selection import attempted, usable
+from mcstudy.fitting.certainty import COST_FLOOR
 from mcstudy.fitting.status import Status
 
 COST_TOLERANCE = 1e-3
@@ -87,15 +87,15 @@ def basins(
         output_dtypes=[float, float, np.int64],
         dask_gufunc_kwargs={"output_sizes": {"basin": most, "part": 3}},
     )
-    attempted = (cube["status"] != int(Status.PENDING)).sum("start")
+    tried = attempted(cube).sum("start")
     members, low, growth_rate = (table.isel(part=i) for i in range(3))
-    reach = wilson(members, attempted)
+    reach = wilson(members, tried)
     out = reach[["value", "mcse", "lower", "upper"]].assign(
         cost=low,
         estimate=lead * (cube["upper"] - cube["lower"]) + cube["lower"],
         stable=xr.where(growth_rate < 0, 1.0, 0.0).where(growth_rate.notnull()),
         n_basins=found,
-        n=attempted,
+        n=tried,
     )
     return labelled(
         out.assign_coords(basin=np.arange(most)),

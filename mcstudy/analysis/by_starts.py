@@ -12,8 +12,11 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy
-from mcstudy.analysis.labels import ONE
+from mcstudy.analysis.convergence import starts_needed
+from mcstudy.analysis.labels import ONE, label
+from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import best
+from mcstudy.fitting.certainty import MISSED, missed
 
 COUNTS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500)
 """Numbers of starts that are evaluated, up to the number in the cube."""
@@ -24,11 +27,18 @@ def by_starts(
 ) -> xr.Dataset:
     """A statistic of cells, such as `mean_cv`, with the dim ``drawn``: the best of that many starts.
 
-    The largest count is always the number of starts the cube has.
+    The largest count is always the number of starts the cube has. ``missed``, with dims (amplitude, fmax, drawn): see
+    `missed_by`.
     """
     cells = best_of_first(cube, counts)
     parts = [statistic(cells.isel(drawn=i, drop=True)) for i in range(cells.sizes["drawn"])]
-    return xr.concat(parts, dim=cells["drawn"], coords="minimal", compat="override")
+    out = xr.concat(parts, dim=cells["drawn"], coords="minimal", compat="override")
+    return out.assign(missed=missed_by(starts_needed(cube)["hit_rate"], cells["drawn"]))
+
+
+def missed_by(hit_rate: xr.DataArray, drawn: xr.DataArray) -> xr.DataArray:
+    """Chance that ``drawn`` new starts miss the pool's minimum, mean over realizations; see `fitting.certainty`."""
+    return label(missed(hit_rate.where(hit_rate > 0), drawn).mean(REALIZATION), f"{MISSED}, mean over realizations")
 
 
 def best_of_first(cube: xr.Dataset, counts: Iterable[int] = COUNTS) -> xr.Dataset:

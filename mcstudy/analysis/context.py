@@ -8,10 +8,11 @@ import numpy as np
 import xarray as xr
 from pydantic import TypeAdapter, ValidationError
 
-from mcstudy.analysis.efficiency import expected_line_covariance, measured_covariance
+from mcstudy.analysis.efficiency import measured_covariance
 from mcstudy.errors import ModelError, StoreError
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.information import expected_line_covariance
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.study.design import Group
 from mcstudy.study.measure import kept_points, stimulus

@@ -1,7 +1,7 @@
 """Number of starts that a fit needs: exact, per realization. (The paper's own curve: `mcstudy.analysis.minimum_curve`.)
 
 A *pool* is the set of fits of one cell. A fit is a success (*hit*) if its cost is within `HIT_TOLERANCE` of the pool's
-minimum. The pool's minimum represents the global one, so a minimum that no start of the pool reached is not noticed.
+minimum. The pool's minimum represents the global one; `mcstudy.fitting.certainty` estimates the chance that it is not.
 """
 
 from __future__ import annotations
@@ -12,15 +12,8 @@ from scipy.special import gammaln
 
 from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import quantiles, wilson
-from mcstudy.analysis.selection import usable
-from mcstudy.fitting.status import Status
-
-HIT_TOLERANCE = 1e-3
-"""Relative excess of cost that still counts as the same minimum (too small to matter for any recording)."""
-
-COST_FLOOR = 1e-12
-"""Excess of cost that counts as none: without noise the minimum is rounding, and no ratio to it means anything.
-The paper's cost is 1 for a model that predicts no sway at all, so the floor is on a scale of 1."""
+from mcstudy.analysis.selection import attempted, usable
+from mcstudy.fitting.certainty import COST_FLOOR, HIT_TOLERANCE, MISSED, missed
 
 HITS = ("starts that reached the lowest cost of the pool", ONE)
 
@@ -32,14 +25,14 @@ _EQUAL = 1 + 1e-9  # a probability that equals its limit up to rounding has reac
 def hits(cube: xr.Dataset, tolerance: float = HIT_TOLERANCE, floor: float = COST_FLOOR) -> xr.Dataset:
     """Per pool: ``hits`` among ``starts`` attempted, the pool's ``minimum``; dims (amplitude, fmax, realization).
 
-    A failed fit counts as a start without success; a pending one does not count.
+    A failed fit counts as a start without success; one that is pending or was not needed does not count.
     """
     cost = cube["cost"].where(usable(cube))
     minimum = cost.min("start")
     out = xr.Dataset(
         {
             "hits": (cost <= minimum * (1 + tolerance) + floor).sum("start"),
-            "starts": (cube["status"] != int(Status.PENDING)).sum("start"),
+            "starts": attempted(cube).sum("start"),
             "minimum": minimum,
         }
     )
@@ -65,8 +58,8 @@ def fewest_starts(hits: np.ndarray, starts: np.ndarray, confidence: float) -> np
     needed = np.full(pairs.shape[1], np.nan)
     for j, (k, n) in enumerate(pairs.T):
         if k > 0:
-            missed = miss_probability(k, n, np.arange(1, n - k + 2))
-            needed[j] = 1 + np.argmax(missed <= (1 - confidence) * _EQUAL)
+            without = miss_probability(k, n, np.arange(1, n - k + 2))
+            needed[j] = 1 + np.argmax(without <= (1 - confidence) * _EQUAL)
     out[...] = needed[inverse].reshape(out.shape)
     return out
 
@@ -89,8 +82,9 @@ def starts_needed(
     Dataset with dims (amplitude, fmax, realization): ``value`` (exact, from the pool without replacement), ``mcse``
     (of ``independent``, by the delta method from the hit rate), ``independent`` (for endless starts) with ``lower``
     and ``upper`` (from the hit rate's Wilson interval), ``missed`` (chance that a new pool of as many starts misses
-    this minimum, and so an estimate of the chance that this pool missed a lower one), ``hit_rate``, ``hits``,
-    ``starts``.
+    this minimum, and so an estimate of the chance that this pool missed a lower one, right in the mean over
+    realizations), ``missed_upper`` (the same from the lower end of the hit rate's interval, the criterion of
+    ``starts = "until certain"``), ``hit_rate``, ``hits``, ``starts``.
     """
     pool = hits(cube, tolerance, floor)
     rate = wilson(pool["hits"], pool["starts"])
@@ -122,7 +116,8 @@ def starts_needed(
             "independent": independent(rate["value"]),
             "lower": independent(rate["upper"]),
             "upper": independent(rate["lower"]),
-            "missed": ((1 - rate["value"]) ** pool["starts"]).where(pool["hits"] > 0),
+            "missed": missed(rate["value"], pool["starts"]).where(pool["hits"] > 0),
+            "missed_upper": missed(rate["lower"], pool["starts"]).where(pool["hits"] > 0),
             "hit_rate": rate["value"],
             "hits": pool["hits"],
             "starts": pool["starts"],
@@ -137,7 +132,8 @@ def starts_needed(
         independent=(f"{independent_starts} {of}", ONE),
         lower=(f"lower end of the 95 % interval of the {independent_starts} {of}", ONE),
         upper=(f"upper end of the 95 % interval of the {independent_starts} {of}", ONE),
-        missed=("chance that as many new starts miss the lowest cost of the pool", ONE),
+        missed=(MISSED, ONE),
+        missed_upper=(f"upper end of the 95 % interval of the {MISSED}", ONE),
         hit_rate=("fraction of starts that reached the lowest cost of the pool", ONE),
         hits=HITS,
         starts=STARTS,

@@ -31,9 +31,7 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
 from mcstudy.fitting.standard_errors import joint_covariance, sandwich
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, frf_jacobian
-from mcstudy.stance.simulate_spectral import sway_psd
 
 HELD = 1e-3
 """Smallest change of the responses between the bounds of a parameter, in standard deviations of the noise; with a
@@ -41,17 +39,6 @@ smaller change the bounds, not the data, determine (hold) the parameter."""
 
 INSIDE = 0.9
 """Fraction of best fits that must be off every bound for the Cramér-Rao bound to apply."""
-
-
-def expected_line_covariance(
-    model: Model, theta: np.ndarray, noise: SensorNoise, f: np.ndarray, drive: np.ndarray, duration_s: float
-) -> np.ndarray:
-    """Covariance of the FRF errors at single lines, (N, 2, 2), from theory; no leakage.
-
-    A Fourier coefficient over ``duration_s`` (all averaged cycles together) of sway with one-sided density S has
-    variance S / (2 duration); ``drive`` (N,) are the stimulus' Fourier coefficients at the same lines.
-    """
-    return sway_psd(model, theta, noise, f) / (2 * duration_s) / (np.abs(drive) ** 2)[:, None, None]
 
 
 def measured_covariance(cells: xr.Dataset) -> xr.DataArray:

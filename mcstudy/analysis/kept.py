@@ -1,9 +1,15 @@
 """Statistics and the page of a cube that are kept, so that the next look at the same cube need not compute them again.
 
 They lie in ``OUT.log/statistics/``, next to the cube and not part of it; whoever deletes them loses nothing but time.
-The name of a file is a hash of everything that the numbers depend on: every byte of the cube and of its run log, the
+The name of a file is a hash of everything that the numbers depend on: the content of the cube and of its run log, the
 source of this package, versions, CPU and threads. So a changed or damaged cube, another program and another machine
-do not find it, and what is found under a name was computed from exactly these bytes, which were checked then.
+do not find it, and what is found under a name was computed from this content, which was checked then.
+
+The numbers of a chunk are not read again, because in a large cube that takes longer than all else. A chunk is
+represented by the file's size, the time of its last change, and its last four bytes, which are the CRC-32C of the
+others. A chunk that was written again has another time and, with other numbers, another checksum. Only bytes that
+changed without any writing (a failing disk) stay unnoticed here; `mcstudy verify` finds them, and what is kept was
+computed before. All other files are read whole: metadata, and the stored checksums of every chunk.
 
 A file is written whole or not at all and starts with its checksum. A file that is damaged, or that cannot be read or
 written (a read-only folder), is as if it were not there.
@@ -32,6 +38,9 @@ MOST = 8
 
 LARGEST = 1 << 28
 """Bytes of a file that is read at most."""
+
+CHECKSUM_BYTES = 4
+"""Bytes of the CRC-32C at the end of a chunk."""
 
 PACKAGES = ("xarray", "pandas", "matplotlib")
 """Libraries of statistics and figures whose versions `environment` does not hold."""
@@ -112,16 +121,23 @@ def _version(package: str) -> str:
 
 
 def _content(cube: Path) -> str:
-    """SHA-256 of everything in a cube's folder, and of its run log; `OSError` for more than plain files and folders."""
+    """SHA-256 of everything in a cube's folder, and of its run log; see the module for what stands for a chunk.
+
+    `OSError` for more than plain files and folders.
+    """
     digest = sha256()
 
     def add(path: str) -> None:
-        mode = os.lstat(path).st_mode
+        about = os.lstat(path)
         digest.update(os.fsencode(os.path.relpath(path, cube)) + b"\0")
-        if stat.S_ISREG(mode):
+        if stat.S_ISREG(about.st_mode):
             with open(path, "rb") as file:
-                digest.update(file_digest(file, "sha256").digest())
-        elif not stat.S_ISDIR(mode):
+                if _is_chunk(os.path.basename(path)):
+                    file.seek(max(about.st_size - CHECKSUM_BYTES, 0))
+                    digest.update(b"%d %d " % (about.st_size, about.st_mtime_ns) + file.read(CHECKSUM_BYTES))
+                else:
+                    digest.update(file_digest(file, "sha256").digest())
+        elif not stat.S_ISDIR(about.st_mode):
             raise OSError(f"{path}: expected a file or a folder")
 
     def fail(error: OSError) -> None:
@@ -135,6 +151,11 @@ def _content(cube: Path) -> str:
     if os.path.lexists(log):
         add(str(log))
     return digest.hexdigest()
+
+
+def _is_chunk(name: str) -> bool:
+    """Whether a file of a cube holds numbers and ends in their checksum (`mcstudy.study.layout`)."""
+    return name.startswith("c.") and not name.endswith(".checksums")
 
 
 def _read(file: Path, kind: str) -> dict[str, Any] | None:

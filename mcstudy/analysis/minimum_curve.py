@@ -12,10 +12,10 @@ import numpy as np
 import xarray as xr
 from scipy.special import gammaln
 
-from mcstudy.analysis.convergence import COST_FLOOR
 from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import usable
+from mcstudy.fitting.certainty import COST_FLOOR
 
 ROUNDING = 12**-0.5
 """Standard error of a whole number that nothing else moves."""

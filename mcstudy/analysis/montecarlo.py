@@ -17,11 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 import xarray as xr
-from scipy.special import bdtr, bdtrc, betainc, ndtri
+from scipy.special import bdtr, bdtrc, betainc
+
+from mcstudy.fitting.proportions import normal_quantile, score_interval
 
 REALIZATION = "realization"
 """Name of the dimension that is sampled."""
@@ -238,21 +240,6 @@ def _least(n: xr.Variable, dims: tuple[Hashable, ...]) -> xr.Variable:
     """Realizations that enter a value with these dims; of cells that are pooled in it, the smallest number."""
     pooled = _pooled(n.dims, dims)
     return n.min(pooled) if pooled else n
-
-
-def normal_quantile(confidence: float) -> float:
-    """Two-sided standard normal quantile, e.g. 1.96 for 0.95."""
-    return float(ndtri(0.5 + confidence / 2))
-
-
-def score_interval(m: Any, n: Any, phi: float = 1.0, confidence: float = 0.95) -> tuple[Any, Any]:
-    """Centre and half width of the score interval of a mean ``m`` of ``n`` values from 0 to 1 (numbers or arrays).
-
-    It ends at the roots mu of n (m - mu)^2 = z^2 phi mu (1 - mu), with z `normal_quantile`: Wilson's interval of a
-    fraction when ``phi`` is 1, a narrower one when the values vary less than those of 0 and 1 only.
-    """
-    a = normal_quantile(confidence) ** 2 * phi / n
-    return (m + a / 2) / (1 + a), np.sqrt(a * (m * (1 - m) + a / 4)) / (1 + a)
 
 
 def wilson(successes: xr.DataArray, trials: xr.DataArray, confidence: float = 0.95) -> xr.Dataset:

@@ -13,7 +13,8 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.labels import ONE, labelled
-from mcstudy.analysis.montecarlo import REALIZATION, normal_quantile, wilson
+from mcstudy.analysis.montecarlo import REALIZATION, wilson
+from mcstudy.fitting.proportions import normal_quantile
 
 LEVEL = 0.95
 """Level of the intervals whose coverage is counted."""

@@ -23,6 +23,15 @@ FITS_IN_MEMORY = 1_000_000
 """Up to this number of fits, results are read at once by default: about 250 MB, several times faster than lazily."""
 
 
+FITS_OF_TABLES = 200_000
+"""The same for tables and pages, which read a larger cube in slabs: at 10^6 fits less than half of the memory."""
+
+
+def open_for_tables(path: str | Path) -> xr.DataTree:
+    """`open_results` for who reads all of a cube once: in memory only up to `FITS_OF_TABLES` fits."""
+    return open_results(path, lazy=Cube.open(path).study.fits > FITS_OF_TABLES)
+
+
 def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
     """Open a results cube: one node per group, with its statistics as ``.mc``.
 

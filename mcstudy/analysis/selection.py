@@ -13,7 +13,7 @@ import xarray as xr
 
 from mcstudy.analysis.labels import ONE, label, labelled, relabelled
 from mcstudy.errors import InputError
-from mcstudy.fitting.status import USABLE, Status
+from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.study.readable import PARAMETER_UNIT
 
 COMBINED: dict[str, tuple[str, ...]] = {
@@ -53,6 +53,11 @@ _ACCOUNT = {
 def usable(cube: xr.Dataset) -> xr.DataArray:
     """Which fits are usable: the solver ran and returned a finite cost. Dims of ``status``."""
     return cube["status"].isin(USABLE) & np.isfinite(cube["cost"])
+
+
+def attempted(cube: xr.Dataset) -> xr.DataArray:
+    """Which fits were run, usable or not. Dims of ``status``."""
+    return ~cube["status"].isin(NOT_RUN)
 
 
 def best(cube: xr.Dataset, allowed: xr.DataArray | None = None) -> xr.Dataset:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.convergence import COST_FLOOR, HIT_TOLERANCE
 from mcstudy.analysis.labels import ONE, label, labelled
-from mcstudy.analysis.selection import usable
+from mcstudy.analysis.selection import attempted, usable
+from mcstudy.fitting.certainty import COST_FLOOR, HIT_TOLERANCE
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import growth_rate
 
@@ -52,7 +52,8 @@ def hit_rate_by_start(
     cost = cube["cost"].where(usable(cube))
     hit = cost <= cost.min("start") * (1 + tolerance) + floor
     stable = stable_starts(cube, model)
-    loop = xr.concat([stable, ~stable], dim=xr.DataArray(list(LOOPS), dims="loop", name="loop"))
+    ran = attempted(cube)
+    loop = xr.concat([stable & ran, ~stable & ran], dim=xr.DataArray(list(LOOPS), dims="loop", name="loop"))
     n = loop.sum("start")
     share = (hit & loop).sum("start") / n.where(n > 0)
     used = share.notnull().sum("realization")

@@ -157,13 +157,13 @@ class StudyView:
         return max(fit, key=lambda g: (-len(g.differences), g.group.realizations), default=None)
 
     def pools(self, fmax: float, amplitude: float, least: int) -> GroupView | None:
-        """The comparable group with noise and at least ``least`` starts that is nearest to the paper's; the most."""
+        """The comparable group with noise that is nearest to the paper's; of those, the most starts in every cell."""
         fit = [g for g in self.groups.values() if g.noisy and g.comparable([fmax], [amplitude])]
-        enough = [g for g in fit if g.group.starts >= least]
+        enough = [g for g in fit if g.group.starts >= least and not g.group.until_certain]
         return max(enough, key=lambda g: (-len(g.differences), g.group.starts), default=None)
 
     def noise_free(self, fmax: float, least: int) -> GroupView | None:
         """The comparable group fitted to the closed form that has the most pools of at least ``least`` starts."""
         fit = [g for g in self.groups.values() if g.group.simulator == "none" and g.comparable([fmax], [])]
-        enough = [g for g in fit if g.group.starts >= least]
+        enough = [g for g in fit if g.group.starts >= least and not g.group.until_certain]
         return max(enough, key=lambda g: (-len(g.differences), g.group.realizations), default=None)

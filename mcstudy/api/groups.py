@@ -29,7 +29,7 @@ def fit_group(
     level: float = 0.95,
     model: Model | None = None,
     fmax: float = 8.0,
-    discard: int = 1,
+    discard: int | None = None,
     accept: Iterable[str] = (),
     seed: int = 0,
     workers: int | None = None,

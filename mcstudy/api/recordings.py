@@ -30,7 +30,7 @@ def diagnose(
     seed: int = 0,
     model: Model | None = None,
     fmax: float = 8.0,
-    discard: int = 1,
+    discard: int | None = None,
     accept: Iterable[str] = (),
 ) -> DiagnosisWithFigures:
     """Where the model fails on a recording, which effect is missing, and how far adding it closes the gap.
@@ -50,7 +50,8 @@ def diagnose(
     fmax
         Highest frequency used, Hz.
     discard
-        Transient cycles left out at the start of every trial.
+        Transient cycles left out at the start of every trial; None for one, or as many as the slowest oscillation of
+        the fitted body needs to decay, at most half of a trial.
     accept
         Codes of warnings about mislabelled channels that are to be accepted, e.g. ``"swapped"``.
 
@@ -94,7 +95,7 @@ def fit(
     level: float = 0.95,
     model: Model | None = None,
     fmax: float = 8.0,
-    discard: int = 1,
+    discard: int | None = None,
     accept: Iterable[str] = (),
     seed: int = 0,
 ) -> FitWithFigures:
@@ -119,7 +120,8 @@ def fit(
     fmax
         Highest frequency used, Hz.
     discard
-        Transient cycles left out at the start of every trial.
+        Transient cycles left out at the start of every trial; None for one, or as many as the slowest oscillation of
+        the fitted body needs to decay, at most half of a trial.
     accept
         Codes of warnings about mislabelled channels that are to be accepted, e.g. ``"swapped"``.
     seed

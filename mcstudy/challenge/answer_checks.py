@@ -164,7 +164,7 @@ def _interval(given: Mapping[str, float], value: str, where: str) -> None:
         raise StoreError(f"{where}: expected low <= high, found {given['low']:g} and {given['high']:g}")
 
 
-CAUSES = {"none": 0, "shifted": 0, "outsider": 0, "known": 1, "pair": 2}
+CAUSES = {"none": 0, "shifted": 0, "near_unstable": 0, "outsider": 0, "known": 1, "misshapen": 1, "pair": 2}
 """Number of effects of the library in a case of each kind."""
 
 
@@ -187,3 +187,5 @@ def check_key(cases: Sequence[Mapping[str, Any]], series: Iterable[str], where: 
                 raise StoreError(f"{at}: ceiling.{name[:60]!r}: {expected}, found {value:g}")
         if ("outsider" in case) != (case["kind"] == "outsider"):
             raise StoreError(f"{at}: outsider: expected one for kind outsider only, found kind {case['kind']}")
+        if ("form" in case) != (case["kind"] == "misshapen"):
+            raise StoreError(f"{at}: form: expected one for kind misshapen only, found kind {case['kind']}")

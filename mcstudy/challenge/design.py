@@ -18,11 +18,12 @@ from mcstudy.study.design import Name, Positive, Section
 MAIN = "main"
 """Name of the series of cases that the targets refer to."""
 
-CaseKind = Literal["none", "shifted", "known", "outsider", "pair"]
-KINDS: tuple[CaseKind, ...] = ("none", "known", "outsider", "pair", "shifted")
-"""No missing effect; one effect of the library; one out-of-library effect; two of the library; parameters far off."""
+CaseKind = Literal["none", "shifted", "known", "outsider", "pair", "misshapen", "near_unstable"]
+KINDS: tuple[CaseKind, ...] = ("none", "known", "outsider", "pair", "shifted", "misshapen", "near_unstable")
+"""No missing effect; one effect of the library; one out-of-library effect; two of the library; parameters far off; one
+mechanism of the library in another form than it declares; nothing missing, near the limit of stability."""
 
-NOTHING_MISSING: tuple[CaseKind, ...] = ("none", "shifted")
+NOTHING_MISSING: tuple[CaseKind, ...] = ("none", "shifted", "near_unstable")
 """Kinds without a missing effect, in which every detection is a false alarm."""
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -35,6 +36,10 @@ Density = Annotated[float, Field(ge=1e-9, le=1e3)]
 
 Delta = Annotated[float, Field(ge=0.1, le=1e3)]
 """Range of the delta of an effect."""
+
+
+Decay = Annotated[float, Field(ge=1e-4, le=10)]
+"""Range of the decay of a near-unstable body, 1/s."""
 
 
 class Challenge(Section):
@@ -54,6 +59,8 @@ class Mix(Section):
     outsider: Share = 0.15
     pair: Share = 0.10
     shifted: Share = 0.05
+    misshapen: Share = 0.0
+    near_unstable: Share = 0.0
 
     @model_validator(mode="after")
     def _whole(self) -> Mix:
@@ -69,11 +76,20 @@ class Mix(Section):
 
 class Bodies(Section):
     """Truth of every case: nominal parameters times a factor uniform within ``spread`` (``shifted_spread`` at least
-    half used for shifted ones), redrawn until every mode decays faster than ``decay`` (1/s)."""
+    half used for shifted ones), redrawn until every mode decays faster than ``decay`` (1/s). Near-unstable ones vary by
+    ``shifted_spread``, and their least damped oscillation decays within ``near_decay`` (1/s)."""
 
     spread: Share = 0.15
     shifted_spread: Share = 0.30
     decay: float = Field(default=0.2, ge=0, le=10)
+    near_decay: tuple[Decay, Decay] = (0.1, 0.5)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Bodies:
+        slow, fast = self.near_decay
+        if fast <= slow:
+            raise ValueError(f"near_decay: expected a lower and a larger upper rate, got {slow:g} and {fast:g}")
+        return self
 
 
 class Stratum(Section):
@@ -87,11 +103,13 @@ class Stratum(Section):
 class Sizes(Section):
     """Sizes of effects, as delta: the root of the noncentrality that remains after refitting the model.
 
-    ``effects``: names of the library to draw from; if empty, all that a linear analysis can detect.
+    ``effects``: names of the library to draw from; if empty, all that a linear analysis can detect. ``outsiders``,
+    ``forms``: names of out-of-library effects and of misshapen forms; if empty, all.
     """
 
     effects: tuple[str, ...] = ()
     outsiders: tuple[str, ...] = ()
+    forms: tuple[str, ...] = ()
     strata: Annotated[tuple[Stratum, ...], Field(min_length=1, max_length=100)] = (
         Stratum(share=0.15, low=3.75, high=4.25),
         Stratum(share=0.25, low=5.5, high=6.5),

@@ -10,7 +10,7 @@ that the model's parameters absorb entirely, and appear only through their curva
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -258,15 +258,26 @@ def probes(geometry: Geometry, names: Sequence[str]) -> list[Probe]:
 def size_for(
     geometry: Geometry, name: str, shapes: Mapping[str, float], limit: float, wanted: float, decay: float = 0.0
 ) -> tuple[float, float]:
+    """Size between 0 and ``limit`` of an effect of the library with a delta of ``wanted``, and its delta; see
+    `searched_size`."""
+    first = library.effect(name).size
+    return searched_size(
+        geometry, lambda size: geometry.response([name], {**shapes, first.name: size}, decay), limit, wanted
+    )
+
+
+def searched_size(
+    geometry: Geometry, response: Callable[[float], np.ndarray | None], limit: float, wanted: float
+) -> tuple[float, float]:
     """Size between 0 and ``limit`` with a delta of ``wanted``, or the closest one with a stable body, and its delta.
 
-    Delta grows with size, but not in proportion; the interval that contains it is bisected on a log scale.
+    ``response``: FRFs (N, 2) at a size, None for a body that is not stable. Delta grows with size, but not in
+    proportion; the interval that contains it is bisected on a log scale.
     """
-    first = library.effect(name).size
     low, high, best = 0.0, abs(limit), (0.0, 0.0)
     size = high / 8
     for _ in range(24):
-        y = geometry.response([name], {**shapes, first.name: float(np.copysign(size, limit))}, decay)
+        y = response(float(np.copysign(size, limit)))
         delta = np.inf if y is None else float(np.linalg.norm(geometry.unexplained(y)))
         if abs(delta - wanted) < abs(best[1] - wanted):
             best = float(np.copysign(size, limit)), delta

@@ -28,6 +28,9 @@ TRUTH = "truth"
 
 UNDECIDED = "undecided"
 
+FAILED = "error"
+"""Most probable hypothesis of a recording that could not be diagnosed."""
+
 SCORES: dict[str, Bounds] = {"log_loss": (0.0, -math.log(FLOOR)), "brier": (0.0, 2.0)}
 """Bounds of the proper scores of one case."""
 
@@ -92,6 +95,8 @@ def true_name(case: Mapping[str, Any]) -> str:
         return "none"
     if case["kind"] == "outsider":
         return f"outside: {case['outsider']['name']}"
+    if case["kind"] == "misshapen":
+        return f"misshapen: {case['form']}"
     return "+".join(sorted(e["effect"] for e in case["effects"]))
 
 
@@ -101,7 +106,7 @@ def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
     if "error" in answer:
         nothing = case["kind"] in NOTHING_MISSING
         return Judged(
-            case, nothing, 0.0, False, "error", False, LARGEST_SET, not nothing and case["kind"] != "outsider",
+            case, nothing, 0.0, False, FAILED, False, LARGEST_SET, not nothing and case["kind"] != "outsider",
             1.0, -math.log(FLOOR), 2.0,
             size_inside=False if case["kind"] == "known" else None,
             closed_inside=False if case.get("closable") else None,

@@ -42,10 +42,17 @@ class OutOfLibraryEffect:
     measure: Callable[[float], Distortion] | None = None
 
 
-def _at(name: str, value: float) -> Parameter:
+def constant(name: str, value: float) -> Parameter:
     """A parameter that is a constant of the simulation."""
     width = max(abs(value), 1e-6)
     return Parameter(name, "", value, value - width, value + width)
+
+
+def holding(model: Model, theta: np.ndarray) -> Model:
+    """The model with nominal values ``theta`` (P,) and bounds that include them."""
+    return model.with_bounds(
+        {p.name: (min(p.lower, v), max(p.upper, v)) for p, v in zip(model.parameters, theta, strict=True)}
+    ).with_values(dict(zip(model.names, map(float, theta), strict=True)))
 
 
 def _on_ankle(values: np.ndarray) -> np.ndarray:
@@ -120,7 +127,7 @@ def _leg_mass(model: Model, size: float) -> Model:
         (Monomial(1.0, 2), Monomial(2 * 0.15 * w, 1), Monomial(w**2, 0)),
     )
     return model.with_terms(
-        [_at("m_wobble", size)],
+        [constant("m_wobble", size)],
         [Term("ankle", "theta1", ("m_wobble",), 2, filters=("wobble",), coefficient=height**2)],
         [filt],
     )
@@ -130,7 +137,7 @@ def _split_delay(model: Model, size: float) -> Model:
     """Cross-coupling feedback (K12, K21 and their damping) arrives ``size`` s later than the direct one."""
     by_row = {t.row: t.delay for t in model.terms if t.noisy}
     values = {p.name: p.value for p in model.parameters}
-    late = {row: _at(f"late_{row}", values[str(delay)] + size) for row, delay in by_row.items()}
+    late = {row: constant(f"late_{row}", values[str(delay)] + size) for row, delay in by_row.items()}
     crossed = {("hip", "theta1"), ("ankle", "theta2")}
     terms = tuple(
         replace(t, delay=f"late_{t.row}") if t.noisy and (t.row, t.sense) in crossed else t for t in model.terms
@@ -156,7 +163,7 @@ def _lumbar(model: Model, size: float) -> Model:
     """Hip stiffness through a flexible lumbar joint: -size (s / (s + 5 1/s)) theta2, a relaxing passive stiffness."""
     filt = Filter("lumbar", (Monomial(1.0, 1),), (Monomial(1.0, 1), Monomial(5.0, 0)))
     return model.with_terms(
-        [_at("k_lumbar", size)], [Term("hip", "theta2", ("k_lumbar",), filters=("lumbar",))], [filt]
+        [constant("k_lumbar", size)], [Term("hip", "theta2", ("k_lumbar",), filters=("lumbar",))], [filt]
     )
 
 
@@ -222,10 +229,7 @@ def simulate_out_of_library(
     model = two_segment(body, protocol.stimulus)
     theta = np.asarray(theta, dtype=float)
     if o.model is not None:
-        base = model.with_bounds(
-            {p.name: (min(p.lower, v), max(p.upper, v)) for p, v in zip(model.parameters, theta, strict=True)}
-        ).with_values(dict(zip(model.names, map(float, theta), strict=True)))
-        model = o.model(base, size)
+        model = o.model(holding(model, theta), size)
         theta = model.truth
     return simulate_recording(
         protocol,

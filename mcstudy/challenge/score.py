@@ -24,6 +24,7 @@ from mcstudy.challenge.targets import (
     between,
     false_alarms,
     known,
+    misshapen,
     nothing,
     outside,
     share,
@@ -137,6 +138,16 @@ FIGURES = {
     "false unknown, nothing missing": share(nothing, lambda j: j.flagged),
     "false unknown, known causes": share(known, lambda j: j.flagged),
     "false unknown, pairs": share(between(0.0, math.inf, "pair"), lambda j: j.flagged),
+    "misshapen: right mechanism first, of those that no other effect imitates better": share(
+        lambda j: misshapen(j) and j.delta >= 6.0 and j.case.get("nearest") in j.case["effects"][0]["kin"],
+        lambda j: j.top,
+    ),
+    "misshapen: mean P(mechanism)": average(misshapen, lambda j: j.probability),
+    "size of the 95 % set, misshapen": average(misshapen, lambda j: j.set_size, bounds=SET_SIZES),
+    "gap-closed intervals hold the truth, misshapen": share(
+        lambda j: misshapen(j) and j.closed_inside is not None, lambda j: bool(j.closed_inside), 0.95
+    ),
+    "near instability: false alarms": share(lambda j: j.kind == "near_unstable", lambda j: j.detected, 0.05),
     "parameters far off: false alarms": share(lambda j: j.kind == "shifted", lambda j: j.detected, 0.05),
     "nothing missing: top-1": share(nothing, lambda j: j.top, "top"),
 }
@@ -184,7 +195,7 @@ def _by_cause(main: Sequence[Judged]) -> list[dict[str, Any]]:
     """Figures for each effect, in and out of the library, at delta of 5 and more."""
     own: dict[str, list[Judged]] = defaultdict(list)
     for j in main:
-        if j.kind in ("known", "outsider") and j.delta >= 5.0:
+        if j.kind in ("known", "outsider", "misshapen") and j.delta >= 5.0:
             own[true_name(j.case)].append(j)
     return [
         {

@@ -10,7 +10,10 @@ import numpy as np
 
 from mcstudy.challenge.cases import Case, draw_body, draw_linear, pool, protocol_of, shared
 from mcstudy.challenge.design import NOTHING_MISSING, ChallengeFile, Series
+from mcstudy.challenge.forms import FORMS, Form
 from mcstudy.challenge.geometry import SIMILAR, Column, Geometry, Probe, best_fit, free
+from mcstudy.challenge.misshapen import draw_form
+from mcstudy.challenge.near_unstable import draw_near_unstable
 from mcstudy.challenge.oracle import Ceiling, Classifier, size_grid
 from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY
 from mcstudy.challenge.withheld import Drawn, draw_nonlinear, draw_out_of_library
@@ -65,9 +68,13 @@ def make_case(file: ChallengeFile, case: Case) -> tuple[Recording, dict[str, Any
     rng = stream(*coordinates)
     entry: dict[str, Any] = {"name": case.name, "series": case.series, "kind": case.kind}
     if case.kind in NOTHING_MISSING:
-        recording, more = _nothing(series, rng, case.kind == "shifted")
+        near = case.kind == "near_unstable"
+        theta = draw_near_unstable(series, rng) if near else draw_body(series, rng, case.kind == "shifted")
+        recording, more = _nothing(series, rng, theta)
     elif case.kind == "outsider":
         recording, more = _out_of_library(series, rng)
+    elif case.kind == "misshapen":
+        recording, more = _misshapen(series, rng)
     else:
         recording, more = _known(series, rng, 2 if case.kind == "pair" else 1)
     # The recording must not reveal how it was simulated.
@@ -94,9 +101,8 @@ def _entry(theta: np.ndarray, delta: float, effects: list[dict[str, Any]], **mor
     }
 
 
-def _nothing(series: Series, rng: np.random.Generator, shifted: bool) -> tuple[Recording, dict[str, Any]]:
-    theta = draw_body(series, rng, shifted)
-    if series.mix.none + series.mix.shifted == 1.0:  # no case has a cause
+def _nothing(series: Series, rng: np.random.Generator, theta: np.ndarray) -> tuple[Recording, dict[str, Any]]:
+    if sum(series.mix.of(k) for k in NOTHING_MISSING) == 1.0:  # no case has a cause
         return simulate_recording(protocol_of(series), theta, rng), _entry(theta, 0.0, [])
     setting, probes = shared(series)
     around = Surroundings.of(Geometry(free(two_segment()), theta, setting, series.noise.sensor), probes)
@@ -180,6 +186,36 @@ def _out_of_library(series: Series, rng: np.random.Generator) -> tuple[Recording
     raise DesignError(f"sizes.outsiders: in {REDRAWS} draws, none of the required size was found with a stable body")
 
 
+def _misshapen(series: Series, rng: np.random.Generator) -> tuple[Recording, dict[str, Any]]:
+    """One mechanism of the library in another form: every mechanism equally often, then every form of it.
+
+    Similar effects are those of the declared effect, not of the form, so that a form that resembles another effect is
+    no reason to accept the name of that effect.
+    """
+    forms = [f for n, f in FORMS.items() if (not series.sizes.forms or n in series.sizes.forms) and _shows(series, f)]
+    mechanisms = sorted({f.mechanism for f in forms})
+    for _ in range(REDRAWS if forms else 0):
+        mechanism = str(rng.choice(mechanisms))
+        own = [f for f in forms if f.mechanism == mechanism]
+        form = own[int(rng.integers(len(own)))]
+        drawn = draw_form(series, rng, form)
+        done = None if drawn is None else _simulated(series, rng, drawn)
+        if drawn is not None and done is not None:
+            recording, more = done
+            around = Surroundings.of(drawn.geometry, shared(series)[1])
+            delta = drawn.measured.delta
+            described = [{"effect": mechanism, "sizes": drawn.sizes, "delta": delta}]
+            more |= _similarity(around, described)
+            return recording, _entry(drawn.theta, delta, described, form=form.name, **more)
+    raise DesignError(f"sizes.forms: in {REDRAWS} draws, none of the required size was found with a stable body")
+
+
+def _shows(series: Series, form: Form) -> bool:
+    """Whether a change with amplitude, if that is what the form makes, can appear in the recordings of a series."""
+    several = len(set(series.protocol.amplitudes)) > 1
+    return several or library.effect(form.mechanism).contrast != "amplitude"
+
+
 def _simulated(series: Series, rng: np.random.Generator, drawn: Drawn) -> tuple[Recording, dict[str, Any]] | None:
     """None when the body is stable without noise but falls with noise."""
     try:
@@ -242,7 +278,7 @@ def _classifier(series: Series, around: Surroundings) -> Classifier:
     # Every effect is drawn equally often, so the weight of a group is its number of effects.
     weight = 1.0 / each
     total = np.array([weight[owner == g].sum() for g in range(len(around.groups))])
-    nothing = series.mix.none + series.mix.shifted
+    nothing = sum(series.mix.of(k) for k in NOTHING_MISSING)
     known = series.mix.known or 1.0
     prior = np.concatenate([[nothing or 1.0], known * total / total.sum()])
     delta, share = size_grid(series.sizes.strata)

@@ -11,7 +11,7 @@ of the simulator itself (a remaining transient) do not count as part of the caus
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -167,9 +167,27 @@ def draw_nonlinear(series: Series, rng: np.random.Generator, name: str) -> Drawn
         return simulate
 
     start = sign * float(np.sqrt(first.published[0] * first.published[1]))
-    done = _draw(series, rng, make, effect.kind == "nonlinear", True, start, max(abs(first.lower), abs(first.upper)))
+    top = max(abs(first.lower), abs(first.upper))
+    return draw_rule(series, rng, make, effect.kind == "nonlinear", start, top, first.name, shapes)
+
+
+def draw_rule(
+    series: Series,
+    rng: np.random.Generator,
+    make: Callable[[np.ndarray], Simulate],
+    lasting: bool,
+    start: float,
+    top: float,
+    name: str,
+    shapes: Mapping[str, float],
+) -> Drawn | None:
+    """A body and a size, from ``start`` up to ``top``, for which what ``make`` simulates has about a drawn delta.
+
+    ``lasting``: whether it is the same in every cycle. ``name``: of the size; ``shapes``: further values for the key.
+    """
+    done = _draw(series, rng, make, lasting, True, start, top)
     if done is None:
         return None
     theta, geometry, found, simulate = done
-    sizes = {first.name: found.size, **shapes}
+    sizes = {name: found.size, **shapes}
     return Drawn(theta, geometry, found, sizes, lambda p, r: simulate(found.size, p, r))

@@ -28,6 +28,7 @@ VERBS = {
     "import": "read a recording from a laboratory's files (MATLAB, C3D, text), check it and write it for fit and gap",
     "fit": "estimate the parameters of the person in a recording, with confidence intervals",
     "study-from": "write a study of the experiment in which a person was recorded",
+    "design": "design the stimulus that identifies the parameters best, and verify it by Monte Carlo",
     "infer": "infer the paper's lost true values from its printed numbers",
     "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
     "warm": "compile the kernels ahead of the first run",

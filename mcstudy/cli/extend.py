@@ -14,7 +14,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
     parser.add_argument("--realizations", type=int, help="new total number of realizations")
-    parser.add_argument("--starts", type=int, help="new total number of starts per fit")
+    parser.add_argument(
+        "--starts",
+        type=int,
+        help="new total number of starts per fit; the new maximum where starts are drawn until certain",
+    )
     parser.add_argument("--fmax", type=float, nargs="+", default=[], metavar="HZ", help="Fmax values to add")
     parser.add_argument("--amplitude", type=float, nargs="+", default=[], help="stimulus amplitudes to add")
     parser.add_argument("--group", action="append", default=[], help="group to extend; may be repeated; default all")

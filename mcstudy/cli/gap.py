@@ -141,7 +141,7 @@ def _report(args: argparse.Namespace) -> Exit:
 
         diagnosis = _diagnosed(args)
         options = [*("--fast" for _ in range(args.fast)), *(w for code in args.accept for w in ("--accept", code))]
-        for name, default in (("bootstrap", None), ("seed", 0), ("fmax", 8.0), ("discard", 1), ("data", None)):
+        for name, default in (("bootstrap", None), ("seed", 0), ("fmax", 8.0), ("discard", None), ("data", None)):
             if getattr(args, name) != default:
                 options += [f"--{name}", str(getattr(args, name))]
         command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(output)]

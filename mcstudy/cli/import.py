@@ -42,8 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--upper-body", choices=("hip", "space"), help="what theta2 is in the files (default hip)")
     units = parser.add_argument_group("units and rates")
     units.add_argument("--unit", metavar="UNIT", help="of the angles: deg, rad, mrad")
-    units.add_argument("--stimulus-unit", metavar="UNIT", help="of the stimulus: N m, N mm, kgf m; m, cm, mm")
-    units.add_argument("--kind", help="ankle_torque (default), hip_torque or platform_translation")
+    units.add_argument("--stimulus-unit", metavar="UNIT", help="of the stimulus: N m, N mm, kgf m; m, cm, mm; deg, rad")
+    units.add_argument(
+        "--kind", help="ankle_torque (default), hip_torque, platform_translation, surface_tilt or visual_tilt"
+    )
     units.add_argument("--rate", type=float, metavar="HZ", help="samples per second, where the file does not state it")
     units.add_argument("--period", type=float, metavar="S", help="period of the stimulus")
     units.add_argument(

@@ -96,7 +96,8 @@ def tell(outcome: Outcome, out: Path) -> Exit:
         print(f"{out}: complete: nothing to run ({outcome.skipped} fits stored)")
         return Exit.DONE
     rate = f", {outcome.fits / outcome.seconds:.0f} fits/s" if outcome.seconds > 0 and outcome.fits else ""
-    print(f"{out}: {outcome.fits} fits in {outcome.seconds:.1f} s{rate}; {outcome.skipped} already done")
+    spared = f", {outcome.not_needed} not needed" if outcome.not_needed else ""
+    print(f"{out}: {outcome.fits} fits in {outcome.seconds:.1f} s{rate}{spared}; {outcome.skipped} already done")
     for line in outcome.failed_blocks:
         print(f"failed block: {line}")
     if not (outcome.failed_blocks or outcome.failed_fits):

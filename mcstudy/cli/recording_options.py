@@ -25,7 +25,10 @@ def add_recording_arguments(parser: argparse.ArgumentParser, nargs: str = "+") -
     parser.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
     parser.add_argument("--fmax", type=float, default=8.0, metavar="HZ", help="highest frequency used (default 8)")
     parser.add_argument(
-        "--discard", type=int, default=1, metavar="N", help="cycles left out at the start of each trial (default 1)"
+        "--discard",
+        type=int,
+        metavar="N",
+        help="cycles left out at the start of each trial (default 1, more if the slowest oscillation needs them)",
     )
     parser.add_argument(
         "--data", type=Path, metavar="DIR", help="folder of the data files named in a .toml (default: its own)"

@@ -31,14 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--stimulus",
         default="ankle_torque",
-        help="ankle_torque (default), hip_torque or platform_translation",
+        help="ankle_torque (default), hip_torque, platform_translation, surface_tilt or visual_tilt",
     )
     parser.add_argument(
         "--amplitude",
         type=float,
         nargs="+",
         default=[5.0, 5.0],
-        help="stimulus amplitude of each trial, N m or m (default: two trials of 5 N m)",
+        help="stimulus amplitude of each trial, N m, m or (tilt) rad (default: two trials of 5 N m)",
     )
     parser.add_argument("--convention", default="peak", help="amplitudes are peak (default) or peak_to_peak values")
     parser.add_argument("--cycles", type=int, default=6, help="stimulus periods per trial (default 6)")
@@ -90,7 +90,7 @@ def main(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-_OPTION = re.compile(r"^(amplitude|noise|cycles|seed|stimulus|parameter|effect|rate)(?:_hz)?(?=[: ])")
+_OPTION = re.compile(r"^(amplitude|noise|cycles|seed|stimulus|parameter|effect|rate)(?:s|_hz)?(?=[: ])")
 """The argument that a message starts with, which is an option here."""
 
 

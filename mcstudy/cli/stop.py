@@ -28,7 +28,13 @@ if TYPE_CHECKING:
 RESUMES = "run the same command again to resume"
 """End of a message about work that can be resumed; the command itself is printed after it."""
 
-RESUMABLE = (("run",), ("extend",), ("infer",), *(("gap", "challenge", verb) for verb in ("make", "answer", "run")))
+RESUMABLE = (
+    ("run",),
+    ("extend",),
+    ("infer",),
+    ("design",),
+    *(("gap", "challenge", verb) for verb in ("make", "answer", "run")),
+)
 """Verbs that continue from where they were stopped."""
 
 GRACE_S = 1.6

@@ -14,7 +14,7 @@ import numpy as np
 
 from mcstudy.errors import ModelError
 from mcstudy.stance import anthropometry
-from mcstudy.stance.body import Body
+from mcstudy.stance.body import Body, tilt_of, tilt_terms
 from mcstudy.stance.feedback import Filter, Model, Monomial, Term
 
 GRAVITY = 9.81
@@ -64,12 +64,17 @@ def loop_delay(model: Model, row: str) -> str | None:
     raise ModelError(f"model {model.name}: no active feedback in the {row} row for this effect to act on")
 
 
-def add_terms(model: Model, *terms: Term) -> Model:
-    """Add terms to the table; the delay `OWN` is replaced by that of the row's active feedback."""
+def add_terms(model: Model, *terms: Term, at_joint: bool = False) -> Model:
+    """Add terms to the table; the delay `OWN` is replaced by that of the row's active feedback.
+
+    With a tilt, feedback of theta1 senses it too (`mcstudy.stance.body.tilt_terms`, also for ``at_joint``).
+    """
     if any(t.row == "hip" for t in terms) and not any(t.row == "hip" for t in model.terms):
         raise ModelError(f"model {model.name}: no hip row for this effect to act on")
     resolved = [replace(t, delay=loop_delay(model, t.row)) if t.delay == OWN else t for t in terms]
-    return model.with_terms(terms=resolved)
+    tilt = tilt_of(model)
+    sensed = tilt_terms(tilt, resolved, at_joint=at_joint) if tilt else ()
+    return model.with_terms(terms=[*resolved, *sensed])
 
 
 def filter_terms(model: Model, which: Callable[[Term], bool], filt: Filter) -> Model:
@@ -84,12 +89,17 @@ def delay_stimulus(model: Model, delay: str) -> Model:
     """Add a delay to every term that senses the stimulus."""
     for term in model.terms:
         if term.sense == "stimulus" and term.delay is not None:
-            raise ModelError(f"model {model.name}: the stimulus already has the delay {term.delay}")
+            raise ModelError(f"model {model.name}: the stimulus is already sensed with the delay {term.delay}")
     return replace(model, terms=tuple(replace(t, delay=delay) if t.sense == "stimulus" else t for t in model.terms))
 
 
 def scale_stimulus(model: Model, error: str) -> Model:
-    """Stimulus times (1 + error): a copy of every stimulus term with the error as its gain."""
+    """Stimulus times (1 + error): a copy of every stimulus term with the error as its gain.
+
+    Terms of a tilt have two gains already, the most that a term may have: there the factor is a filter.
+    """
+    if tilt_of(model):
+        return filter_terms(model, is_stimulus, Filter(error, (ONE, Monomial(1.0, 0, ((error, 1),))), (ONE,)))
     copies = [replace(t, gain=(*t.gain, error)) for t in model.terms if t.sense == "stimulus"]
     return model.with_terms(terms=copies)
 
@@ -263,7 +273,9 @@ def exchanged_segments(model: Model, legs_gyration: float, trunk_gyration: float
             for t in terms
         ]
     parameters = tuple(
-        p if p.name in model.delays else replace(p, value=p.value * ratio, lower=p.lower * ratio, upper=p.upper * ratio)
+        p
+        if p.name in model.delays + model.weights
+        else replace(p, value=p.value * ratio, lower=p.lower * ratio, upper=p.upper * ratio)
         for p in model.parameters
     )
     return replace(model, terms=(*other.terms(), *terms), parameters=parameters)

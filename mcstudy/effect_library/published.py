@@ -18,13 +18,14 @@ import numpy as np
 
 from mcstudy.effect_library import edits as add
 from mcstudy.effect_library.declare import Effect, Size, TrialSetting
+from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Filter, Model, Monomial, Term
 from mcstudy.stance.rules import reweighted
 
 
-def terms(*rows: Term) -> Callable[[Model], Model]:
+def terms(*rows: Term, at_joint: bool = False) -> Callable[[Model], Model]:
     """Build step: more terms."""
-    return lambda model: add.add_terms(model, *rows)
+    return lambda model: add.add_terms(model, *rows, at_joint=at_joint)
 
 
 def terms_filter(which: Callable[[Term], bool], filt: Filter) -> Callable[[Model], Model]:
@@ -38,6 +39,10 @@ def output(angles: tuple[int, ...], time_constant: str) -> Callable[[Model], Mod
 
 
 def _stretch_frame(model: Model) -> Model:
+    if model.weights:
+        raise ModelError(
+            f"model {model.name}: no weights of the trunk's senses, which this effect would need in a tilt"
+        )
     return model.with_terms(
         terms=[
             replace(t, sense="theta1", gain=(*t.gain, "kappa"))
@@ -307,7 +312,7 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size("Bsl", "N m s/rad", 0.0, -60.0, 200.0, (20.0, 80.0), "gain of the short-latency stretch reflex"),
             Size("Tsl", "s", None, 0.030, 0.070, (0.040, 0.060), "latency of the short-latency stretch reflex"),
         ),
-        terms(Term("ankle", "theta1", ("Bsl",), 1, "Tsl", noisy=True)),
+        terms(Term("ankle", "theta1", ("Bsl",), 1, "Tsl", noisy=True), at_joint=True),
         "latency 40-60 ms; gain of the order of magnitude of the passive damping (collected range)",
     ),
     Effect(

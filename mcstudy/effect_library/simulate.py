@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy import fft
@@ -18,7 +19,7 @@ from mcstudy.effect_library.declare import TrialSetting
 from mcstudy.errors import FallsError, InputError
 from mcstudy.recordings.checks import LARGEST_SWAY
 from mcstudy.recordings.recording import AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size
-from mcstudy.stance.body import STIMULI, Body, two_segment
+from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.realize import realise
@@ -28,7 +29,7 @@ from mcstudy.stance.stability import growth_rate
 from mcstudy.stance.stimulus import Prts
 
 PLATFORM_HZ = 6.0
-"""Corner frequency, Hz, of the fourth-order zero-phase low-pass that smooths the motion of a platform."""
+"""Corner frequency, Hz, of the fourth-order zero-phase low-pass that smooths the motion of a platform or a scene."""
 
 LARGEST_SIZE = 1e6
 """Largest size of an effect; a larger one is an error in any unit."""
@@ -44,6 +45,9 @@ Torque = Callable[[Sway, float], np.ndarray]
 
 Distortion = Callable[[np.ndarray, float], np.ndarray]
 """(measured angles (n, 2), rate in Hz) -> what is recorded (n, 2)."""
+
+Rule = Callable[[TrialSetting], Mapping[str, Any]]
+"""(trial) -> fields of `mcstudy.stance.rules.Rules`."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,7 @@ def simulate_recording(
     body: Body | None = None,
     torque: Torque | None = None,
     measure: Distortion | None = None,
+    rule: Rule | None = None,
     name: str = "simulated",
     provenance: str = "mcstudy simulate",
 ) -> Recording:
@@ -104,7 +109,8 @@ def simulate_recording(
         middle of their range.
     model: `two_segment` of ``body`` when None. body: what the recording states as the body.
     torque: a torque that depends on the sway itself (solved by iteration); measure: a distortion of the recorded
-        angles. Both are for effects outside the library.
+        angles; rule: fields of `Rules` by trial, in place of those of ``effects``. All three are for effects outside
+        the library.
 
     Raises `InputError` for an effect without a size, `FallsError` for a body that is unstable
     or falls in the simulation (an angle exceeds `LARGEST_SWAY`).
@@ -118,7 +124,7 @@ def simulate_recording(
         stimulus = _stimulus(protocol, amplitude, stimulus_stream)
         n, rate = stimulus.shape[0], protocol.waveform.rate_hz
         setting = TrialSetting(model, amplitude, reference, n, rate, rule_stream)
-        rules = library.rules(effects, dict(sizes or {}), setting)
+        rules = library.rules(effects, dict(sizes or {}), setting) if rule is None else Rules(**rule(setting))
         noise = protocol.noise.sample(noise_stream, n, rate)
         sway = _with_torque(model, theta, stimulus, rate, noise, rules, torque)
         if not np.abs(sway.theta).max() < LARGEST_SWAY:
@@ -192,7 +198,7 @@ def draw_case(
 
 
 def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) -> np.ndarray:
-    """Whole record of one trial, (n,), or (n, 3) with derivatives for a platform."""
+    """Whole record of one trial, (n,), or (n, 3) with derivatives for a motion (of a platform or a visual scene)."""
     waveform = replace(protocol.waveform, amplitude=amplitude)
     period, rate = waveform.waveform(), waveform.rate_hz
     if not protocol.periodic:
@@ -203,7 +209,7 @@ def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) ->
         coefficients[0] = 0.0
         period = fft.irfft(coefficients, period.size * protocol.cycles)
         period *= waveform.peak / np.abs(period).max()
-    if protocol.stimulus == "platform_translation":
+    if protocol.stimulus not in TORQUES:
         coefficients = fft.rfft(period)
         f = np.arange(coefficients.size) * rate / period.size
         period = fft.irfft(coefficients / (1 + (f / PLATFORM_HZ) ** 4), period.size)

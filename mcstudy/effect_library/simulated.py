@@ -13,7 +13,7 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import STIMULI, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
-from mcstudy.stance.ranges import AMPLITUDE, DELAY, GAIN, MAX_SAMPLES, RATE, Range
+from mcstudy.stance.ranges import AMPLITUDE, DELAY, GAIN, MAX_SAMPLES, RATE, WEIGHT, Range
 from mcstudy.stance.stimulus import Prts
 
 SMALLER = 20
@@ -42,7 +42,8 @@ def simulate(
         Size of each effect by name (`mcstudy.effects`), in the effect's unit. None, or a name alone, draws the size
         from its usual range and reduces it until the body is stable.
     stimulus
-        ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m) or ``"platform_translation"`` (m).
+        ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m), ``"platform_translation"`` (m), ``"surface_tilt"`` or
+        ``"visual_tilt"`` (rad).
     amplitude
         Stimulus amplitude of each trial, in that unit; one number for one trial.
     convention
@@ -157,7 +158,8 @@ def _model(stimulus: str, values: Mapping[str, float]) -> Model:
     if unknown := set(values) - set(model.names):
         raise InputError(f"parameter: unknown {', '.join(sorted(unknown))}; the model has {', '.join(model.names)}")
     for parameter, value in values.items():
-        (DELAY if parameter in model.delays else GAIN).require(value, f"parameter {parameter}")
+        allowed = DELAY if parameter in model.delays else WEIGHT if parameter in model.weights else GAIN
+        allowed.require(value, f"parameter {parameter}")
     theta = {p.name: float(values.get(p.name, p.value)) for p in model.parameters}
     wide = {p.name: (min(theta[p.name], p.lower), max(theta[p.name], p.upper)) for p in model.parameters}
     return model.with_bounds(wide).with_values(theta)

@@ -15,6 +15,7 @@ class Status(IntEnum):
     NON_FINITE_MODEL = 4
     NON_FINITE_DATA = 5
     SOLVER_ERROR = 6
+    NOT_NEEDED = 7
 
     @property
     def text(self) -> str:
@@ -26,6 +27,16 @@ class Status(IntEnum):
         """Whether cost and estimate mean something (the fit ran on finite data and returned a finite cost)."""
         return self in (Status.CONVERGED, Status.STALLED, Status.ITERATION_LIMIT)
 
+    @property
+    def ran(self) -> bool:
+        """Whether the fit was attempted."""
+        return self not in (Status.PENDING, Status.NOT_NEEDED)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the fit was attempted and gave nothing usable."""
+        return self.ran and not self.usable
+
 
 _TEXTS = {
     Status.PENDING: "not run yet",
@@ -35,7 +46,11 @@ _TEXTS = {
     Status.NON_FINITE_MODEL: "the model is not finite at the start: nothing was fitted",
     Status.NON_FINITE_DATA: "the data or weights are not finite: nothing was fitted",
     Status.SOLVER_ERROR: "the solver raised an error: nothing was fitted",
+    Status.NOT_NEEDED: "not needed: the starts before it had found the lowest minimum with the wanted certainty",
 }
 
 USABLE = tuple(int(s) for s in Status if s.usable)
 """Statuses, as a cube holds them, of fits whose cost and estimate mean something."""
+
+NOT_RUN = tuple(int(s) for s in Status if not s.ran)
+"""Statuses, as a cube holds them, of fits that were not attempted: not yet, or never because others sufficed."""

@@ -23,6 +23,7 @@ from mcstudy.gap.questions.mislabelled import Labels, mislabelled
 from mcstudy.gap.questions.parameters import shifts
 from mcstudy.gap.questions.posterior import Cause, Explanation, explain
 from mcstudy.gap.questions.power import undetectable
+from mcstudy.gap.settling import cycles_to_discard, unsettled
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
@@ -45,7 +46,7 @@ def diagnose(
     seed: int = 0,
     model: Model | None = None,
     fmax: float = 8.0,
-    discard: int = 1,
+    discard: int | None = None,
     accept: Iterable[str] = (),
 ) -> Diagnosis:
     """Diagnosis with a parametric bootstrap: the base model is refitted to each of ``bootstrap`` null samples.
@@ -55,7 +56,8 @@ def diagnose(
     recording: one recording, or several of the same person, stimulus and sampling rate, which are pooled.
     bootstrap: number of null samples. seed: seed of all random numbers.
     model: base model; by default the two-segment model of the recording's body.
-    fmax: highest frequency, Hz. discard: transient cycles left out at the start of every trial.
+    fmax: highest frequency, Hz. discard: transient cycles left out at the start of every trial; None for one, or as
+        many as the slowest oscillation of the fitted body needs (`mcstudy.gap.settling`).
     accept: codes of suspicions about mislabelled channels. For these the labels are kept.
 
     Raises `RecordingError` for a recording that cannot be analysed or whose channels are mislabelled, `InputError` for
@@ -72,7 +74,7 @@ def diagnose_fast(
     seed: int = 0,
     model: Model | None = None,
     fmax: float = 8.0,
-    discard: int = 1,
+    discard: int | None = None,
     accept: Iterable[str] = (),
 ) -> Diagnosis:
     """Diagnosis with asymptotic null distributions: simulated noise through the linearised fit. See `diagnose`."""
@@ -85,12 +87,35 @@ def detect_fast(
     seed: int = 0,
     model: Model | None = None,
     fmax: float = 8.0,
-    discard: int = 1,
+    discard: int | None = None,
     accept: Iterable[str] = (),
 ) -> GapTest:
     """Only the test for a gap, identical to that of `diagnose_fast`, in half the time. See `diagnose`."""
-    one, lines = checked_lines(recording, fmax, discard, accept)
-    return gap_test(lines, model or one.base_model(), FAST_DRAWS, False, seed)
+    return _tested(recording, FAST_DRAWS, False, seed, model, fmax, discard, accept)[2]
+
+
+def _tested(
+    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
+    draws: int,
+    refits: bool,
+    seed: int,
+    model: Model | None,
+    fmax: float,
+    discard: int | None,
+    accept: Iterable[str],
+) -> tuple[Recording | FrfRecording, Lines, GapTest, int]:
+    """The recording, its lines, the test for a gap, and the number of discarded cycles."""
+    chosen = 1 if discard is None else discard
+    one, lines = checked_lines(recording, fmax, chosen, accept)
+    nominal = model or one.base_model()
+    test = gap_test(lines, nominal, draws, refits, seed)
+    needed = cycles_to_discard(one, test.base.model, test.base.theta) if discard is None else chosen
+    if needed > chosen:
+        chosen = needed
+        one, lines = checked_lines(recording, fmax, chosen, accept)
+        test = gap_test(lines, nominal, draws, refits, seed)
+    notes = (*lines.notes, *unsettled(one, test.base.model, test.base.theta, chosen))
+    return one, replace(lines, notes=notes), test, chosen
 
 
 def _diagnose(
@@ -100,17 +125,18 @@ def _diagnose(
     seed: int,
     model: Model | None,
     fmax: float,
-    discard: int,
+    discard: int | None,
     accept: Iterable[str],
 ) -> Diagnosis:
     known = frozenset((accept,) if isinstance(accept, str) else accept)
-    one, lines = checked_lines(recording, fmax, discard, known)
+    one, lines, test, discard = _tested(recording, draws, refits, seed, model, fmax, discard, known)
     outcome = diagnose_lines(
         lines,
         model or one.base_model(),
         draws=draws,
         refits=refits,
         seed=seed,
+        test=test,
         name=one.name,
         labels=_labels(one, lines, known) if isinstance(one, Recording) else None,
     )
@@ -141,12 +167,14 @@ def diagnose_lines(
     seed: int = 0,
     name: str = "lines",
     labels: Labels | None = None,
+    test: GapTest | None = None,
 ) -> Diagnosis:
     """Diagnosis of measured lines. ``nominal``: base model with values of the order of magnitude of a person's.
 
     ``labels``: what is known about the labels; with them, and a gap, mislabelling is among the possible causes.
+    ``test``: the test of these lines with these settings, if it was made before.
     """
-    t = gap_test(lines, nominal, draws, refits, seed)
+    t = test or gap_test(lines, nominal, draws, refits, seed)
     base, data, detection, compared = t.base, t.data, t.detection, t.contrasts
     detected = t.p_value < LEVEL
     explanation = explain(
@@ -186,7 +214,7 @@ def diagnose_lines(
         groups=tuple(t.groups),
         f=lines.f,
         torque=missing_torque(base, data),
-        warnings=tuple(_other_axes(lines)),
+        warnings=(*_other_axes(lines), *lines.notes),
         method={
             "null": "bootstrap with refits" if refits else "linearised",
             "draws": draws,

@@ -13,6 +13,7 @@ from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.gap.settling import cycles_to_discard, unsettled
 from mcstudy.identification.complete import complete
 from mcstudy.identification.correction import Draws, simulated
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
@@ -49,7 +50,7 @@ def fit(
     level: float = 0.95,
     model: Model | None = None,
     fmax: float = 8.0,
-    discard: int = 1,
+    discard: int | None = None,
     accept: Iterable[str] = (),
     seed: int = 0,
 ) -> FitResult:
@@ -57,16 +58,32 @@ def fit(
 
     Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong argument.
     """
-    one, lines = checked_lines(recording, fmax, discard, accept)
+    left_out = 1 if discard is None else discard
+    one, lines = checked_lines(recording, fmax, left_out, accept)
     if isinstance(one, Recording) and one.period_s is not None and fmax < NOISE_HZ:
-        lines = measure(one, max(fmax, min(NOISE_HZ, one.rate_hz / 2.5)), discard).below(fmax)
+        lines = measure(one, max(fmax, min(NOISE_HZ, one.rate_hz / 2.5)), left_out).below(fmax)
     nominal = model or one.base_model()
     result = fit_lines(
         lines, nominal, effects=effects, wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name
     )
+    needed = cycles_to_discard(one, result.model, result.theta) if discard is None else left_out
+    if needed > left_out:
+        return fit(
+            recording,
+            effects=effects,
+            wanted=wanted,
+            bounds=bounds,
+            level=level,
+            model=model,
+            fmax=fmax,
+            discard=needed,
+            accept=accept,
+            seed=seed,
+        )
     noted = tuple(s.message for s in one.suspicions) if isinstance(one, Recording) else ()
-    method = {**result.method, "fmax": fmax, "discard": discard}
-    result = replace(result, recording=one, warnings=(*noted, *result.warnings), method=method)
+    method = {**result.method, "fmax": fmax, "discard": left_out}
+    start = unsettled(one, result.model, result.theta, left_out)
+    result = replace(result, recording=one, warnings=(*noted, *result.warnings, *start), method=method)
     return complete(result, one, nominal, _base(nominal, bounds or {}), wanted)
 
 
@@ -118,7 +135,7 @@ def fit_lines(
         minima=minima,
         model=model,
         lines=lines,
-        warnings=_warnings(minima.missed),
+        warnings=(*_warnings(minima.missed), *lines.notes),
         method={"cost": "ml", "seed": seed, "effects": list(effects)},
         without=_without(lines, nominal, bounds or {}, seed) if effects else None,
     )
@@ -163,6 +180,8 @@ def _default_bounds(model: Model) -> dict[str, tuple[float, float]]:
     return {
         p.name: (min(low, p.value), max(high, p.value))
         if p.name in model.delays
+        else (p.lower, p.upper)
+        if p.name in model.weights
         else (min(0.0, GAIN_UPTO * p.value), max(0.0, GAIN_UPTO * p.value))
         for p in model.parameters
     }

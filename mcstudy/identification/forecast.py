@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtri
 
-from mcstudy.fitting.penalised import Data, whiten
 from mcstudy.identification.quantities import Quantity
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.response import frf_jacobian
+from mcstudy.stance.information import line_information, standard_errors
 
 if TYPE_CHECKING:
     from mcstudy.identification.result import Estimate
@@ -108,14 +107,4 @@ def forecasts(
 
 def fisher(model: Model, theta: np.ndarray, lines: Lines) -> np.ndarray:
     """Fisher information (P, P) on the parameters of ``model`` at ``theta``."""
-    J = whiten(Data.of(lines).weight, frf_jacobian(model, theta, lines.f)[1])
-    return np.asarray(J.T @ J)
-
-
-def standard_errors(information: np.ndarray, gradients: np.ndarray, known: int | None = None) -> np.ndarray:
-    """Standard errors (K,) of quantities with ``gradients`` (K, P), without bounds; one parameter may be ``known``."""
-    keep = np.arange(len(information)) != (-1 if known is None else known)
-    information, gradients = information[np.ix_(keep, keep)], gradients[:, keep]
-    scale = 1 / np.sqrt(np.diag(information))
-    covariance = np.linalg.pinv(information * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
-    return np.sqrt(np.einsum("kp,pq,kq->k", gradients, covariance, gradients))
+    return np.asarray(line_information(model, theta, lines.f, lines.noise.whitener).sum(axis=0))

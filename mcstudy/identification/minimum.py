@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.fitting.arguments import PenalisedFits, Prior
+from mcstudy.fitting.certainty import missed
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.fits.base_fit import drawn_starts, linearised_starts
 from mcstudy.gap.fits.priors import weak_prior
@@ -65,6 +66,11 @@ class Minima:
     def missed(self) -> float:
         """Expected share of starts that would end in a minimum not seen yet; see `unseen`."""
         return unseen(self.found, self.starts)
+
+    @property
+    def missed_lowest(self) -> float:
+        """Chance that as many new random starts miss the lowest minimum (`mcstudy.fitting.certainty`)."""
+        return float(missed(self.hits[0] / self.starts, self.starts))
 
 
 def without_prior(model: Model, base: Model) -> Prior:

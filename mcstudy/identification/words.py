@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mcstudy.fitting.certainty import MISSED
 from mcstudy.gap.diagnosis import LEVEL
 from mcstudy.gap.verdict import p_words
 from mcstudy.identification.tables import as_text, estimates, help_needed, interval, relative
@@ -217,7 +218,8 @@ def found(r: FitResult) -> str:
     others = int((m.chi2[1:] - m.chi2[0] < REACH).sum())
     out = (
         f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; the next start would find a new one "
-        f"with an expected chance of {100 * m.missed:.1f} %."
+        f"with an expected chance of {100 * m.missed:.1f} %. {MISSED[0].upper()}{MISSED[1:]}: "
+        f"{100 * m.missed_lowest:.2g} %."
     )
     if others:
         fit = "minimum fits" if others == 1 else "minima fit"

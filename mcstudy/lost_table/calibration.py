@@ -81,19 +81,18 @@ class Calibration:
 def calibrate(
     prior: Prior,
     bank: Bank,
-    papers: tuple[int, int],
+    papers: int,
     where: tuple[int, int, int],
     folder: Path,
     options: ClusterOptions,
 ) -> Calibration:
     """Infer the tables of some studies of ``bank``, each from all other studies.
 
-    ``bank``: studies at points of the prior. ``papers``: number of the first, and how many (fewer where the bank ends).
+    ``bank``: studies at points of the prior. ``papers``: how many of its first are inferred (fewer if it has fewer).
     ``where``: seed, realizations and particles. ``folder``: where finished papers are kept.
     Raises `Interrupted` when stopped; the same call resumes.
     """
-    first, count = papers
-    places = range(min(first, len(bank)), min(first + count, len(bank)))
+    places = range(min(papers, len(bank)))
     found = kept(
         Kind(folder, RESULTS_OF_A_PAPER),
         places,
@@ -104,7 +103,7 @@ def calibrate(
     )
     shape = (0, len(POWERS), len(prior))
     rank, width, error = (np.stack([x[n] for x in found]) if found else np.empty(shape) for n in RESULTS_OF_A_PAPER)
-    return Calibration(rank, width, error, np.abs(bank.u.mean(axis=0) - bank.u[places.start : places.stop]))
+    return Calibration(rank, width, error, np.abs(bank.u.mean(axis=0) - bank.u[: len(places)]))
 
 
 def _paper(prior: Prior, bank: Bank, place: int, where: tuple[int, int, int]) -> dict[str, np.ndarray]:

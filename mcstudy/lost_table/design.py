@@ -39,8 +39,7 @@ class Inference(Section):
     waves: studies simulated in each further wave, at points of the posterior found so far.
     search: studies simulated in each round of the directed search, which follows the waves.
     aimed: studies simulated for each printed number that the best configuration misses, where it is met first.
-    papers: simulated papers with known tables by which the inference is checked: studies at points of the prior.
-    first_paper: number of the first of them among the prior's studies.
+    papers: simulated papers with known tables by which the inference is checked: the first studies of the prior.
     particles: points that represent a posterior.
     """
 
@@ -53,7 +52,6 @@ class Inference(Section):
     search: list[Count] = Field(default_factory=list, max_length=20)
     aimed: int = Field(default=0, ge=0, le=10_000)
     papers: int = Field(default=0, ge=0, le=10_000)
-    first_paper: int = Field(default=0, ge=0)
     particles: int = Field(default=600, ge=50, le=100_000)
 
 

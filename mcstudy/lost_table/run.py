@@ -98,8 +98,7 @@ def infer(file: InferenceFile, out: Path, options: ClusterOptions) -> Inferred:
         points = promising(prior, bank, Emulator.of(prior, bank, n), stand_in.error, rng, studies)
         bank = bank.joined(simulated(prior, points, (seed, FIRST_WAVE_OF_SEARCH + turn, n), out / "bank", options))
     settings = (seed, n, inference.particles // 2)
-    papers = (inference.first_paper, inference.papers)
-    calibration = calibrate(prior, prior_bank, papers, settings, out / "papers", options)
+    calibration = calibrate(prior, prior_bank, inference.papers, settings, out / "papers", options)
     emulator, power = near(prior, bank, prior_bank, n, observed), POWERS[calibration.chosen]
     rng = stream(seed, "table_posterior")
     likelihood = Likelihood.of(emulator, observed)

@@ -21,17 +21,18 @@ from mcstudy.recordings.recording import (
     Suspicion,
     Trial,
 )
+from mcstudy.stance.ranges import LARGEST_TILT
 
 SMALLEST_SWAY = 1e-9
 """Smallest half range of an angle, rad; less means that it was not measured."""
 
-SMALLEST_STIMULUS = {"N m": 1e-6, "m": 1e-9}
+SMALLEST_STIMULUS = {"N m": 1e-6, "m": 1e-9, "rad": 1e-9}
 """Smallest half range of a stimulus, per unit; less means that there was no stimulus."""
 
 LARGEST_SWAY = 1.0
 """Largest half range of an angle, rad (57 deg)."""
 
-LARGEST_STIMULUS = {"N m": 300.0, "m": 1.0}
+LARGEST_STIMULUS = {"N m": 300.0, "m": 1.0, "rad": LARGEST_TILT}
 """Largest half range of a stimulus, per unit; more means that the stated unit is wrong."""
 
 PERIODIC = 0.05
@@ -54,6 +55,9 @@ CLOCK_ALIKE = 0.4
 
 CLOCK_GAIN = 0.015
 """Least increase of that correlation by removing the delays."""
+
+CLOCK_NARROW = 5
+"""Half-width, in harmonics, of the narrow band that must not be the only evidence of a wrong clock."""
 
 CLOCK_HARMONIC = 3
 """Lowest harmonic of the period that is compared; slow drift dominates those below."""
@@ -215,14 +219,19 @@ def _clock(recording: Recording) -> None:
     """Refuse angles that answer later, or earlier, in every further cycle: their clock is not that of the stimulus.
 
     One delay per cycle is common to all trials. It maximises the mean correlation between all pairs of cycles of both
-    angles, so a single disturbed cycle does not decide. Derived.
+    angles, so a single disturbed cycle does not decide. A wrong clock delays all frequencies, an almost undamped mode
+    only turns the phase of its own. So the delay must remain without the frequencies that differ most. Derived.
     """
     period = recording.period
     if period is None or max(recording.cycles) < 3:
         return
-    samples, alike, gain = _common_delay([trial.theta for trial in recording.trials], period)
+    angles = [trial.theta for trial in recording.trials]
+    samples, alike, gain = _common_delay(angles, period)
     each = samples / recording.rate_hz
     if abs(each) < CLOCK_S or alike < CLOCK_ALIKE or gain < CLOCK_GAIN:
+        return
+    left, _, gain = _common_delay(angles, period, _strongest(angles, period))
+    if abs(left - samples) > abs(samples) / 4 or gain < CLOCK_GAIN:
         return
     shift, clock = ("later", "faster") if each > 0 else ("earlier", "slower")
     raise RecordingError(
@@ -231,20 +240,35 @@ def _clock(recording: Recording) -> None:
     )
 
 
-def _common_delay(angles: Sequence[np.ndarray], period: int) -> tuple[int, float, float]:
+def _strongest(angles: Sequence[np.ndarray], period: int) -> slice:
+    """Harmonics of the narrow band around the one at which cycles differ most, as a share of all their differences."""
+    power = np.zeros((period // 2 + 1, 2))
+    for theta in angles:
+        cycles = theta[period : theta.shape[0] // period * period].reshape(-1, period, 2)
+        power += (np.abs(np.fft.rfft(np.diff(cycles, axis=0), axis=1)) ** 2).sum(axis=0)
+    power[:CLOCK_HARMONIC] = 0.0
+    centre = int((power / np.maximum(power.sum(axis=0), 1e-300)).max(axis=1).argmax())
+    return slice(max(centre - CLOCK_NARROW, 0), centre + CLOCK_NARROW + 1)
+
+
+def _common_delay(angles: Sequence[np.ndarray], period: int, without: slice | None = None) -> tuple[int, float, float]:
     """Delay per cycle, in samples, of angles (n, 2) per trial.
 
     Also the mean correlation of the cycles when it is removed, and how much that increases it. The first cycle of every
-    trial is left out.
+    trial and the harmonics ``without`` are left out. Then cycles are tapered, because what rings at one frequency leaks
+    from the ends of a cycle into all others.
     """
+    taper = 1.0 if without is None else np.hanning(period)[:, None]
     reach = max(1, round(CLOCK_SHARE * period))
     lags = np.arange(-reach, reach + 1)
     total, pairs = np.zeros(lags.size), 0
     for theta in angles:
         cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, 2)[1:]
         n = len(cycles)
-        spectra = np.fft.rfft(cycles, axis=1)
+        spectra = np.fft.rfft(cycles * taper, axis=1)
         spectra[:, :CLOCK_HARMONIC] = 0.0
+        if without is not None:
+            spectra[:, without] = 0.0
         power = 2 * (np.abs(spectra) ** 2).sum(axis=(0, 1)) / max(n, 1)
         spectra = spectra / np.sqrt(np.maximum(power, 1e-300))
         for apart in range(1, n):

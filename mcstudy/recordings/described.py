@@ -15,6 +15,7 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.recordings.sheet import Sheet, TrialSheet, document, parse
 from mcstudy.recordings.trials import Read, trials_of
 from mcstudy.recordings.units import factor
+from mcstudy.stance.body import STIMULI
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,11 @@ def _frf(sheet: Sheet, files: Files, where: str) -> FrfRecording:
         raise RecordingError(f"{where}: frf: expected either trials or an frf, got both")
     table = files.table(sheet.frf.file)
     columns = {n: table.column(n) for n in table.names}
-    scale = factor(sheet.units.angle or "rad", "rad", f"{where}: units.angle")
+    target = STIMULI[sheet.stimulus]
+    if target == "rad" and (sheet.units.angle is None) != (sheet.units.stimulus is None):
+        raise RecordingError(f"{where}: units: expected both angle and stimulus for the FRF of a {sheet.stimulus}")
+    per = factor(sheet.units.stimulus or target, target, f"{where}: units.stimulus")
+    scale = factor(sheet.units.angle or "rad", "rad", f"{where}: units.angle") / per
     f, y, C, single = frf_of_columns(columns, scale, str(table.path))
     try:
         provenance = "; ".join(filter(None, (sheet.provenance, source)))

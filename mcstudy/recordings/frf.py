@@ -9,7 +9,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.recording import LEAST_LINES
 from mcstudy.short_repr import Summary, shortened
-from mcstudy.stance.body import Body, one_segment, two_segment
+from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.ranges import Range
 
@@ -76,6 +76,11 @@ class FrfRecording(Summary):
                     raise RecordingError(f"{name}: {label}: {fault}")
         if (np.diff(f) <= 0).any():
             raise RecordingError(f"{name}: f: frequencies must be positive and increasing")
+        if self.single and self.stimulus not in SINGLE:
+            raise RecordingError(
+                f"{name}: stimulus: expected one of {', '.join(SINGLE)} where one angle was published, "
+                f"got {self.stimulus!r}"
+            )
         if (np.abs(C[:, 0, 1]) ** 2 >= (1 - 1e-9) * variance.prod(axis=1)).any():
             raise RecordingError(
                 f"{name}: C: the covariance must be positive definite; expected |c12| below the product of the sd"
@@ -95,7 +100,7 @@ class FrfRecording(Summary):
 
     def base_model(self) -> Model:
         """The model without effects for these data."""
-        return one_segment(self.body) if self.single else two_segment(self.body, self.stimulus)
+        return (one_segment if self.single else two_segment)(self.body, self.stimulus)
 
 
 def frf_of_columns(

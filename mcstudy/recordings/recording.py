@@ -18,7 +18,7 @@ from mcstudy.errors import RecordingError
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.stance.body import STIMULI, Body, two_segment
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.ranges import Range
+from mcstudy.stance.ranges import LARGEST_TILT, Range
 from mcstudy.stance.stimulus import CONVENTIONS
 
 EXPECTED = (
@@ -51,7 +51,11 @@ RATE_HZ = Range(1.0, 1e5, "Hz")
 PERIOD_S = Range(0.1, 1e5, "s")
 """Periods of a stimulus."""
 
-AMPLITUDE = {"N m": Range(1e-4, 600.0, "N m"), "m": Range(1e-6, 2.0, "m")}
+AMPLITUDE = {
+    "N m": Range(1e-4, 600.0, "N m"),
+    "m": Range(1e-6, 2.0, "m"),
+    "rad": Range(1e-6, 2 * LARGEST_TILT, "rad"),
+}
 """Range of the stated amplitude of a trial by unit of the stimulus; a peak-to-peak value may be twice a peak."""
 
 
@@ -84,7 +88,7 @@ class Trial(Summary):
     Attributes
     ----------
     stimulus
-        (n,), in the unit of its kind: N m, or m for a translation.
+        (n,), in the unit of its kind: N m, m for a translation, rad for a tilt.
     theta
         (n, 2), rad: theta1, the lower body in space, and theta2, the hip angle.
     amplitude
@@ -140,7 +144,8 @@ class Recording(Summary):
     period_s
         Period of the stimulus, s; None when it is not periodic.
     stimulus
-        Kind of stimulus: ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m) or ``"platform_translation"`` (m).
+        Kind of stimulus: ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m), ``"platform_translation"`` (m),
+        ``"surface_tilt"`` or ``"visual_tilt"`` (rad).
     body
         Inertia and gravity of the person.
     convention
@@ -245,7 +250,7 @@ class Recording(Summary):
         return np.array([t.peak for t in self.trials])
 
     def base_model(self) -> Model:
-        """The 12-parameter model on this body and stimulus, its gains scaled to the body's weight.
+        """The model on this body and stimulus, its gains scaled to the body's weight.
 
         Gains and their bounds are those of `two_segment` times the ratio of m g h to the paper's.
         """
@@ -253,7 +258,7 @@ class Recording(Summary):
         ratio = self.body.mgh / Body().mgh
         scaled = tuple(
             p
-            if p.name in model.delays
+            if p.name in model.delays + model.weights
             else replace(p, value=p.value * ratio, lower=p.lower * ratio, upper=p.upper * ratio)
             for p in model.parameters
         )

@@ -5,7 +5,7 @@
     condition = "eyes closed"
     rate_hz = 200              # or a time column, or the rate that a C3D file states
     period_s = 43.72           # leave out when the stimulus is not periodic
-    stimulus = "ankle_torque"  # or hip_torque, platform_translation
+    stimulus = "ankle_torque"  # or hip_torque, platform_translation, surface_tilt, visual_tilt
     convention = "peak"        # or peak_to_peak: how the amplitudes are stated
     upper_body = "hip"         # what theta2 is in the files: the hip angle, or "space", the upper body's angle in space
     units = {angle = "deg", stimulus = "N m", time = "s"}

@@ -131,7 +131,9 @@ def _trial(sheet: Sheet, trial: TrialSheet, parts: tuple[Series, ...], rate: flo
             raise RecordingError(f"{where}: {s.channel}: expected channels of one duration, got {lasts}")
     stimulus, theta1, theta2 = (v[:shortest] for v in done)
     hip = theta2 - theta1 if sheet.upper_body == "space" or sheet.markers is not None else theta2
-    return Trial(stimulus, np.column_stack([theta1, hip]), trial.amplitude)
+    target = STIMULI[sheet.stimulus]
+    per = factor(sheet.units.stimulus or target, target, f"{where}: amplitude")
+    return Trial(stimulus, np.column_stack([theta1, hip]), None if trial.amplitude is None else per * trial.amplitude)
 
 
 def _series(sheet: Sheet, trial: TrialSheet, files: Files, where: str) -> list[tuple[Series, ...]]:

@@ -13,7 +13,8 @@ import xarray as xr
 from mcstudy.analysis.paper.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ, STARTS
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.view import GroupView, StudyView
-from mcstudy.text_tables import number, with_error
+from mcstudy.report.numbers import finite
+from mcstudy.text_tables import with_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,14 +150,7 @@ def value_of(result: xr.Dataset) -> str:
     return with_error(finite(result["value"]), finite(result["mcse"]))
 
 
-def finite(x: Any) -> float | None:
-    """A float, or None where there is none or it is not finite."""
-    if x is None:
-        return None
-    value = float(x)
-    return value if value - value == 0 else None
-
-
-def short(x: Any, digits: int = 3) -> str:
-    """A number for people."""
-    return number(finite(x), digits)
+def with_ends(statistic: dict[str, Any]) -> str:
+    """A number of starts with its interval; a dash is an end that so few realizations cannot bound."""
+    value, low, high = ("–" if statistic[k] is None else f"{statistic[k]:.0f}" for k in ("value", "lower", "upper"))
+    return value if low == high == "–" else f"{value} [{low}, {high}]"

@@ -28,20 +28,28 @@ def _balance(model: Model, row: str) -> str:
         + _symbol(sense)
         for sense in dict.fromkeys(t.sense for t in body)
     ]
-    drive = _sum(_coefficient(t.coefficient) + _power(t.order) + _symbol("u") for t in terms if t.sense == "stimulus")
+    drive = _sum(
+        _coefficient(t.coefficient) + _power(t.order) + _symbol("u")
+        for t in terms
+        if t.sense == "stimulus" and not t.gain
+    )
     feedback = "".join(f"<mo>−</mo>{_path(p)}" for p in paths(model) if p.row == row)
     return f"{'<mo>+</mo>'.join(left)}<mo>=</mo>{drive}{feedback}"
 
 
 @dataclass(frozen=True)
 class Path:
-    """Feedback from one angle to one joint: the terms that share sense, delay and noise."""
+    """Feedback from one angle to one joint: the terms that share sense, delay and noise.
+
+    ``tilt``: the share of a tilt u that is taken from the angle, the name of a weight or "1"; empty without a tilt.
+    """
 
     row: str
     sense: str
     delay: str | None
     noisy: bool
     terms: tuple[Term, ...]
+    tilt: str = ""
 
     @property
     def controller(self) -> str:
@@ -53,17 +61,28 @@ def paths(model: Model) -> list[Path]:
     """The feedback paths of a model, passive ones first."""
     found: dict[tuple[str, str, str | None, bool], list[Term]] = {}
     for t in model.terms:
-        if t.gain:
+        if t.gain and t.sense != "stimulus":
             found.setdefault((t.row, t.sense, t.delay, t.noisy), []).append(t)
-    every = [Path(*key, tuple(terms)) for key, terms in found.items()]
+    every = [Path(*key, tuple(terms), _tilt(model, terms[0])) for key, terms in found.items()]
     return sorted(every, key=lambda p: (p.noisy, -model.rows.index(p.row), p.sense))
+
+
+def _tilt(model: Model, term: Term) -> str:
+    """The share of a tilt that the sense of a term holds."""
+    for t in model.terms:
+        if t.sense == "stimulus" and t.gain[: len(term.gain)] == term.gain and term.sense == "theta1":
+            return "".join(t.gain[len(term.gain) :]) or "1"
+    return ""
 
 
 def _path(path: Path) -> str:
     gains = _sum(_gain(t) for t in path.terms)
     gains = f"<mo>(</mo>{gains}<mo>)</mo>" if len(path.terms) > 1 else gains
     delay = f"<msup><mi>e</mi><mrow><mo>−</mo>{_symbol(path.delay)}<mi>s</mi></mrow></msup>" if path.delay else ""
-    return gains + delay + _symbol(path.sense)
+    if not path.tilt:
+        return gains + delay + _symbol(path.sense)
+    share = "" if path.tilt == "1" else _symbol(path.tilt)
+    return f"{gains}{delay}<mo>(</mo>{_symbol(path.sense)}<mo>−</mo>{share}{_symbol('u')}<mo>)</mo>"
 
 
 def _gain(term: Term) -> str:
@@ -129,7 +148,7 @@ def diagram(model: Model, title: str, described_by: str) -> str:
         lines.append(_arrow(f"M{x + 9} {y}H{_BODY[0]}"))
         boxes.append(_circle(x, y) + _words(x + 5, y + 22, "−", "start"))
         boxes.append(_words(sums[rows[0]][0] + 24, y - 6, f"{row} torque", "start"))
-        drives = [t for t in model.terms if t.row == row and t.sense == "stimulus"]
+        drives = [t for t in model.terms if t.row == row and t.sense == "stimulus" and not t.gain]
         if drives:
             drive = " + ".join(_drive(t) for t in drives)
             lines.append(_arrow(f"M{20 if drive == 'u' else 86} {y}H{x - 9}"))
@@ -157,6 +176,11 @@ def diagram(model: Model, title: str, described_by: str) -> str:
             boxes.append(_box(*_DELAY, y, 28, f"delay {_name(path.delay)}"))
         lines.append(_line(f"M{_DELAY[0] if path.delay else _FEEDBACK[0]} {y}H{left}"))
         boxes.append(_dot(left, y))
+        if path.tilt:
+            share = "" if path.tilt == "1" else f"{path.tilt} "
+            angle = "".join(_split(path.sense))  # without lowered indices, which would touch the box below
+            senses = f'<tspan font-size="80%">acts on {angle} − {share}u</tspan>'
+            boxes.append(_words(_FEEDBACK[0] + _FEEDBACK[1] / 2, y + 25, senses))
         if path.controller:
             boxes.append(_words(_DELAY[0] - 5, y - 6, _name(path.controller), "end"))
     height = max(heights, default=top) + 20

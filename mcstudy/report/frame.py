@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.ticker import FixedLocator
 
-from mcstudy.report.figures.common import fixed_ticks, log_axis
+from mcstudy.report.axes import fixed_ticks, log_axis
 from mcstudy.report.style import SETTINGS
 
 _TICK, _MINOR, _GAP = 3.5, 2.0, 3.0  # pt

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from mcstudy.analysis.view import GroupView
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mcstudy.analysis.view import GroupView
 
 CONTROLLERS = {
     ("ankle", "theta1"): "T11",

@@ -9,7 +9,8 @@ from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL
 from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.context import Context, largest_amplitude, stat, value_of
+from mcstudy.fitting.certainty import MISSED
+from mcstudy.report.context import Context, largest_amplitude, stat, value_of, with_ends
 from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.html import escape
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
@@ -32,14 +33,19 @@ def overview(context: Context) -> str:
 def _question(context: Context) -> str:
     view, groups = context.main, context.study.groups.values()
     g, segments = view.group, view.model.name.replace("_", "-")
-    fits = sum(v.group.fits for v in groups)
+    fits = sum(n for name in context.study.groups for n in _fits_run(context, name))
     return (
         f"Asked: how well do frequency responses to one stimulus ({g.stimulus.kind.replace('_', ' ')}) identify the "
         f"{len(view.model.names)} parameters of the {segments} model? {fits:,} fits in {len(groups)} "
         f"group{'s' * (len(groups) > 1)}; group {view.name}: {counted(g.realizations, 'realization')} × "
-        f"{counted(g.starts, 'start')}, Fmax {_listed(g.fmax)} Hz, "
+        f"{g.starts_in_words}, Fmax {_listed(g.fmax)} Hz, "
         f"stimulus {', '.join(amplitude_label(view, a) for a in g.amplitude)}."
     )
+
+
+def _fits_run(context: Context, group: str) -> list[int]:
+    """Fits of a group by status, of those that are to be run."""
+    return [n for status, n in context.data["groups"][group]["fits"].items() if status != "not_needed"]
 
 
 def _listed(values: Iterable[float]) -> str:
@@ -81,9 +87,11 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
         tiles.append((f"Correlation of {first} and {second}", value_of(r), remark, "pairs"))
     needed = next((c for c in cells if c["fmax"] == f and c.get("starts_needed_median", {}).get("value")), None)
     if needed and view.group.starts > 1:
-        median, many = (needed[f"starts_needed_{which}"]["value"] for which in ("median", "90th"))
-        remark = f"median; {many:.0f} or more in one of ten realizations; {at}, {f:g} Hz."
-        tiles.append(("Starts for 95 % certainty", f"{median:.0f}", remark, "fig3b"))
+        median, many = (needed[f"starts_needed_{which}"] for which in ("median", "90th"))
+        remark = f"median; {with_ends(many)} or more in one of ten realizations; {at}, {f:g} Hz."
+        if (missed := needed["missed_minimum"]["value"]) is not None:
+            remark += f" {MISSED[0].upper()}{MISSED[1:]}: {number(100 * missed, 2)} % (mean)."
+        tiles.append(("Starts for 95 % certainty", with_ends(median), remark, "fig3b"))
     return tiles
 
 

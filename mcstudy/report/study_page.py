@@ -11,7 +11,7 @@ from pathlib import Path
 
 from mcstudy.analysis.kept import Look, looking
 from mcstudy.analysis.paper.published import METHODS, VARIANTS
-from mcstudy.analysis.results import open_results
+from mcstudy.analysis.results import open_for_tables
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult, read_alternative
@@ -74,7 +74,7 @@ class _Beside:
 
 
 def _context(path: Path, look: Look) -> Context:
-    return Context(open_results(path, lazy=None), lambda study: look.kept(SCHEMA, [], lambda: show_data(study)))
+    return Context(open_for_tables(path), lambda study: look.kept(SCHEMA, [], lambda: show_data(study)))
 
 
 def _page(context: Context, beside: Sequence[_Beside]) -> str:

@@ -9,9 +9,11 @@ from typing import Any
 from mcstudy.analysis.paper.published import FMAX_HZ, MARGINS
 from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL, DIFFERS
 from mcstudy.analysis.show.text import READING, incomplete, ours, verdict
-from mcstudy.report.context import Context, short, stat
+from mcstudy.fitting.certainty import MISSED
+from mcstudy.report.context import Context, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
+from mcstudy.report.numbers import short
 from mcstudy.study.unstable import warning
 from mcstudy.text_tables import number
 
@@ -149,6 +151,7 @@ def group_overviews(context: Context) -> str:
             "mean SD (%)",
             "unstable (%)",
             "on no bound (%)",
+            f"{MISSED} (%)",
         ]
         rows = [
             [
@@ -159,11 +162,13 @@ def group_overviews(context: Context) -> str:
                 stat(c["mean_spread_percent"]),
                 stat(c["unstable"], 100.0),
                 stat(c["inside_bounds"], 100.0),
+                stat(c["missed_minimum"], 100.0),
             ]
             for c in data["cells"]
         ]
         parts.append(
-            f"<h3>{escape(name)}</h3><p>{g.realizations} {what} × {g.starts} starts; model {escape(g.model.kind)}, "
+            f"<h3>{escape(name)}</h3><p>{g.realizations} {what} × {escape(g.starts_in_words)}; "
+            f"model {escape(g.model.kind)}, "
             f"cost {escape(g.fit.cost)}, solver {escape(g.fit.solver)}. Fits: {escape(fits)}.</p>"
             + table(Table(f"Group {name}: best fits, ± MCSE", header, rows))
             + (

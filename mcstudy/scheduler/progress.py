@@ -36,11 +36,14 @@ def duration(seconds: float) -> str:
 
 
 def counts_line(done: int, total: int, failed: int, rate: float, unit: str = "fits") -> str:
-    """``done/total`` of a unit, percentage, speed (units/s; 0: not known yet), time left, failures."""
+    """``done/total`` of a unit, percentage, speed, time left, failures.
+
+    ``rate``: units per second, printed per minute where it is below one; 0 where it is not known yet.
+    """
     share = 100 * done / total if total else 100.0
     parts = [f"{done}/{total} {unit} ({share:.0f} %)"]
     if rate > 0:
-        parts.append(f"{rate:.0f} {unit}/s")
+        parts.append(f"{rate:.0f} {unit}/s" if rate >= 1 else f"{60 * rate:.2g} {unit}/min")
     if done < total:
         parts.append(f"{duration((total - done) / rate)} left" if rate > 0 else "time left: estimating")
     return "  ".join([*parts, f"{failed} failed"])

@@ -20,6 +20,7 @@ was rounded), 1.00 Hz (44 gives 1.006) and 8.00 Hz (350 gives 8.005). We keep th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -120,6 +121,14 @@ class Bands:
         keep = np.ones(len(self), dtype=bool)
         keep[int(np.argmin(np.abs(self.f - f)))] = False
         return self._keep(keep, f"bands without {f:g} Hz")
+
+    def among(self, harmonics: Sequence[int]) -> Bands:
+        """The points with only those members that are among the ``harmonics``; points without any are left out."""
+        members = tuple(m[np.isin(m, harmonics)] for m in self.members)
+        found = tuple(m for m in members if m.size)
+        if not found:
+            raise InputError("bands: expected at least one excited line in a frequency point, got none")
+        return Bands(found, self.period_s)
 
     def _keep(self, keep: np.ndarray, what: str) -> Bands:
         if not keep.any():

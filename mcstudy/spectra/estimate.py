@@ -18,10 +18,10 @@ from mcstudy.spectra.bands import Bands
 from mcstudy.spectra.even_lines import EvenLineCovariance
 from mcstudy.spectra.loop_covariance import LoopCovariance
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.line_stimulus import Stimulus
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, noise_response
 from mcstudy.stance.simulate_spectral import NoiseSway
-from mcstudy.stance.stimulus import Prts
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class SpectralExperiment:
     Parameters
     ----------
     model, theta: the subject and its true parameters, (P,).
-    prts: the stimulus; its amplitude is not used, because every call states one.
+    stimulus: periodic, odd lines only; its amplitude is not used, because every call states one.
     noise: sensor noise.
     bands: frequency points, on harmonics of the stimulus' period.
     cycles, discard: recorded cycles, and how many are dropped at the start.
@@ -93,25 +93,25 @@ class SpectralExperiment:
         self,
         model: Model,
         theta: np.ndarray,
-        prts: Prts,
+        stimulus: Stimulus,
         noise: SensorNoise,
         bands: Bands,
         cycles: int = 6,
         discard: int = 1,
         spectrum: periods.Spectrum = periods.raw,
     ) -> None:
-        check_period(bands, prts.period_s)
+        check_period(bands, stimulus.period_s)
         if not 0 <= discard < cycles:
             raise InputError(f"cycles: expected more than the {discard} discarded, got {cycles}")
         self.bands, self.discard, self.spectrum = bands, discard, spectrum
-        self.period = prts.samples
+        self.period = stimulus.samples
         self.true_frf = frf(model, theta, bands.f)
         """The closed form at the points' frequencies, (N, 2): what the paper's noise-free fits use as data."""
         self._response = frf(model, theta, bands.line_f)
-        self._unit_stimulus = replace(prts, amplitude=1.0).coefficients()[bands.lines]
-        self._sway = NoiseSway(model, theta, noise, cycles * prts.samples, prts.rate_hz)
-        self._covariance = EvenLineCovariance(bands.lines, prts.samples // 2)
-        self._loop_covariance = LoopCovariance(bands.lines, prts.samples // 2)
+        self._unit_stimulus = replace(stimulus, amplitude=1.0).coefficients()[bands.lines]
+        self._sway = NoiseSway(model, theta, noise, cycles * stimulus.samples, stimulus.rate_hz)
+        self._covariance = EvenLineCovariance(bands.lines, stimulus.samples // 2)
+        self._loop_covariance = LoopCovariance(bands.lines, stimulus.samples // 2)
         self._model = model
         self.dof = bands.average(self._covariance.dof[:, None])[:, 0]
         """Equivalent independent complex lines behind each point's covariance, (N,)."""

@@ -57,6 +57,13 @@ class LineNoise(Summary):
         """The noise of responses with ``factor`` (N,) times the variance."""
         return replace(self, C=self.C * factor[:, None, None])
 
+    def with_fewer(self, share: np.ndarray) -> LineNoise:
+        """The same covariance, estimated with a ``share`` (N,) of the degrees of freedom."""
+        pooling = self.pooling
+        if pooling is not None and pooling.records is not None:
+            pooling = replace(pooling, records=max(1, round(pooling.records * float(np.median(share)))))
+        return replace(self, dof=self.dof * share, pooling=pooling)
+
     def plus(self, other: LineNoise) -> LineNoise:
         """The noise of a difference of two responses whose covariances come from one estimate."""
         return replace(self, C=self.C + other.C)

@@ -69,6 +69,7 @@ class Lines(Summary):
         square 2 power |y|^2 per angle (for segments: the power of the band that belongs to the line).
     even: the lines that are not excited, or None.
     harmonic: (N,) harmonic number of each line, None when not periodic.
+    notes: sentences about noise that is not as assumed, without a full stop.
     """
 
     f: np.ndarray
@@ -82,6 +83,7 @@ class Lines(Summary):
     power: np.ndarray
     even: EvenLines | None = None
     harmonic: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return int(self.f.size)

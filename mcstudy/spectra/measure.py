@@ -12,7 +12,9 @@ from mcstudy.recordings.recording import LEAST_LINES, Recording
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.periodic import periodic_lines
+from mcstudy.spectra.scatter import with_scatter
 from mcstudy.spectra.segments import segment_lines
+from mcstudy.spectra.unequal_trials import with_unequal_trials
 
 LARGE_DOF = 1e6
 """Degrees of freedom of a published covariance, which was not estimated here."""
@@ -38,7 +40,7 @@ def measure(recording: Recording | FrfRecording, fmax: float = 8.0, discard: int
     elif recording.period_s is None:
         lines = segment_lines(recording, fmax)
     else:
-        lines = periodic_lines(recording, fmax, discard)
+        lines = with_scatter(with_unequal_trials(periodic_lines(recording, fmax, discard)))
     if len(lines) < LEAST_LINES:
         raise RecordingError(
             f"{recording.name}: expected at least {LEAST_LINES} lines up to fmax = {fmax:g} Hz, got {len(lines)}"

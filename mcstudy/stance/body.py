@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
 
 from mcstudy.errors import ModelError
 from mcstudy.stance import anthropometry
@@ -165,12 +166,34 @@ class Body:
         )
 
 
-STIMULI: dict[str, str] = {"ankle_torque": "N m", "hip_torque": "N m", "platform_translation": "m"}
+STIMULI: dict[str, str] = {
+    "ankle_torque": "N m",
+    "hip_torque": "N m",
+    "platform_translation": "m",
+    "surface_tilt": "rad",
+    "visual_tilt": "rad",
+}
 """Stimulus kinds and their units."""
 
+TORQUES = tuple(kind for kind, unit in STIMULI.items() if unit == "N m")
+"""Kinds that are torques; the others are motions."""
 
-def stimulus_terms(kind: str, body: Body) -> tuple[Term, ...]:
-    """b(s) of a stimulus kind: ankle torque (0, 1), hip torque (1, 0), platform translation -s^2 (A2, A1 + A2)."""
+WEIGHTS: dict[str, Parameter] = {
+    "surface_tilt": Parameter("Wprop", "", 0.7, 0.0, 1.0, "weight of proprioception (lower body to surface)"),
+    "visual_tilt": Parameter("Wvis", "", 0.2, 0.0, 1.0, "weight of vision (lower body to visual scene)"),
+}
+"""The sensory weight that a tilt makes visible, by kind of stimulus; the other senses have the rest of 1."""
+
+WEIGHT_PROVENANCE = "the sensory weight is a round stand-in as well"
+"""Peterka (2002) reports weights of 0.8 to 0.4 for tilts of 0.5 to 4 deg; they depend on amplitude and person."""
+
+
+def stimulus_terms(kind: str, body: Body, feedback: Iterable[Term] = ()) -> tuple[Term, ...]:
+    """b(s) of a stimulus kind.
+
+    Ankle torque (0, 1), hip torque (1, 0) and platform translation -s^2 (A2, A1 + A2) act on the body. A tilt acts on
+    what ``feedback``, the terms of the loop, senses: see `tilt_terms`.
+    """
     if kind == "ankle_torque":
         return (Term("ankle", "stimulus"),)
     if kind == "hip_torque":
@@ -180,7 +203,41 @@ def stimulus_terms(kind: str, body: Body) -> tuple[Term, ...]:
             Term("hip", "stimulus", order=2, coefficient=-body.A2),
             Term("ankle", "stimulus", order=2, coefficient=-(body.A1 + body.A2)),
         )
+    if kind in WEIGHTS:
+        return tilt_terms(kind, feedback)
     raise KeyError(kind)
+
+
+def tilt_terms(kind: str, feedback: Iterable[Term], *, at_joint: bool = False) -> tuple[Term, ...]:
+    """The stimulus terms of a tilt: what the feedback of theta1 senses of the surface or of the visual scene.
+
+    Active feedback acts on the weighted sum of the senses (Peterka 2002),
+
+        Wvest theta1 + Wprop (theta1 - surface) + Wvis (theta1 - scene),     Wvest + Wprop + Wvis = 1,
+
+    so that a tilt u is sensed as theta1 - W u. The ankle joint turns with the surface, so passive torque acts on
+    theta1 - surface with weight 1. The hip angle does not hold the tilt (Goodworth & Peterka 2018, Fig. 1). The axis of
+    rotation is that of the ankle joints, and the feet have no mass, so a tilt has no inertial torque.
+
+    Parameters
+    ----------
+    kind: key of `WEIGHTS`. feedback: terms of the loop; those that do not sense theta1 through a gain give nothing.
+    at_joint: whether active terms sense the ankle joint alone, as a stretch reflex does.
+    """
+    out = []
+    for term in feedback:
+        if term.sense != "theta1" or not term.gain:
+            continue
+        if term.noisy and not at_joint:
+            out.append(replace(term, sense="stimulus", gain=(*term.gain, WEIGHTS[kind].name)))
+        elif kind == "surface_tilt":
+            out.append(replace(term, sense="stimulus"))
+    return tuple(out)
+
+
+def tilt_of(model: Model) -> str | None:
+    """The kind of tilt that a model senses, None for a model with another stimulus."""
+    return next((kind for kind, weight in WEIGHTS.items() if weight.name in model.weights), None)
 
 
 def _gain(name: str, unit: str, value: float, meaning: str) -> Parameter:
@@ -199,7 +256,8 @@ def two_segment(body: Body | None = None, stimulus: str = "ankle_torque") -> Mod
     body
         Inertia and gravity; the paper's by default.
     stimulus
-        ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m) or ``"platform_translation"`` (m).
+        ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m), ``"platform_translation"`` (m), or ``"surface_tilt"`` and
+        ``"visual_tilt"`` (rad), which add a sensory weight to the parameters (`WEIGHTS`).
     """
     body = body or Body()
     K, B = "N m/rad", "N m s/rad"
@@ -224,46 +282,71 @@ def two_segment(body: Body | None = None, stimulus: str = "ankle_torque") -> Mod
             Term(row, sense, (b,), 1, delay, noisy=True),
         )
 
-    terms = (
-        *body.terms(),
+    feedback = (
         *active("hip", "theta1", "K12", "B12", "Td2"),
         *active("hip", "theta2", "K22", "B22", "Td2"),
         Term("hip", "theta2", ("Kpas2",)),
         *active("ankle", "theta1", "K11", "B11", "Td1"),
         *active("ankle", "theta2", "K21", "B21", "Td1"),
         Term("ankle", "theta1", ("Kpas1",)),
-        *stimulus_terms(stimulus, body),
     )
-    return Model(
-        "two_segment",
-        parameters,
-        terms,
-        stimulus_unit=STIMULI[stimulus],
-        provenance=TRUTH_PROVENANCE,
-    )
+    return _model("two_segment", parameters, body, body.terms(), feedback, stimulus)
 
 
-def one_segment(body: Body | None = None) -> Model:
+def one_segment(body: Body | None = None, stimulus: str = "ankle_torque") -> Model:
     """Single inverted pendulum with delayed PD control and passive stiffness (the form of Peterka 2002).
 
     Parameters
     ----------
     body
         Its hip is locked; the paper's by default. Gains are those of the ankle loop of `two_segment`.
+    stimulus
+        One of `SINGLE`: ``"ankle_torque"`` (N m), ``"surface_tilt"`` or ``"visual_tilt"`` (rad).
+
+    Raises
+    ------
+    ModelError
+        The stimulus moves the hip or the platform.
     """
     body = body or Body()
+    if stimulus not in SINGLE:
+        raise ModelError(f"stimulus: expected one of {', '.join(SINGLE)} for one_segment, got {stimulus!r}")
     parameters = (
         _gain("K", "N m/rad", 1057.0, "active stiffness"),
         _gain("B", "N m s/rad", 372.0, "active damping"),
         _gain("Kpas", "N m/rad", 146.0, "passive stiffness"),
         _delay("Td", 0.080, "time delay of active torque"),
     )
-    terms = (
+    whole = (
         Term("ankle", "theta1", order=2, coefficient=body.J1 + body.C2),
         Term("ankle", "theta1", coefficient=-body.mgh),
+    )
+    feedback = (
         Term("ankle", "theta1", ("K",), 0, "Td", noisy=True),
         Term("ankle", "theta1", ("B",), 1, "Td", noisy=True),
         Term("ankle", "theta1", ("Kpas",)),
-        Term("ankle", "stimulus"),
     )
-    return Model("one_segment", parameters, terms, provenance=TRUTH_PROVENANCE)
+    return _model("one_segment", parameters, body, whole, feedback, stimulus)
+
+
+SINGLE = ("ankle_torque", *WEIGHTS)
+"""Stimulus kinds of the single pendulum."""
+
+
+def _model(
+    name: str,
+    parameters: tuple[Parameter, ...],
+    body: Body,
+    inertia: tuple[Term, ...],
+    feedback: tuple[Term, ...],
+    stimulus: str,
+) -> Model:
+    """Inertia and gravity, feedback and stimulus as one table; a tilt adds its weight to the parameters."""
+    tilted = stimulus in WEIGHTS
+    return Model(
+        name,
+        (*parameters, WEIGHTS[stimulus]) if tilted else parameters,
+        (*inertia, *feedback, *stimulus_terms(stimulus, body, feedback)),
+        stimulus_unit=STIMULI[stimulus],
+        provenance=f"{TRUTH_PROVENANCE}; {WEIGHT_PROVENANCE}" if tilted else TRUTH_PROVENANCE,
+    )

@@ -155,7 +155,7 @@ class Model:
     angles
         Names of the two measured angles; ``("theta1", "theta2")`` by default.
     stimulus_unit
-        Unit of the stimulus, ``"N m"`` or ``"m"``.
+        Unit of the stimulus, ``"N m"``, ``"m"`` or ``"rad"``.
     provenance
         Origin of the true values, text for people.
 
@@ -245,6 +245,17 @@ class Model:
         """Names of the parameters that are delays."""
         used = {t.delay for t in self.terms}
         return tuple(n for n in self.names if n in used)
+
+    @property
+    def weights(self) -> tuple[str, ...]:
+        """Names of the parameters that are sensory weights: the second gain of active terms that sense the stimulus."""
+        used = {t.gain[1] for t in self.terms if t.noisy and t.sense == "stimulus" and len(t.gain) == 2}
+        return tuple(n for n in self.names if n in used)
+
+    @property
+    def senses_motion(self) -> bool:
+        """Whether a term senses the rate or the acceleration of the stimulus."""
+        return any(t.sense == "stimulus" and t.order > 0 for t in self.terms)
 
     def with_values(self, values: Mapping[str, float]) -> Model:
         """This model with other nominal values (bounds unchanged); raises `ModelError` on an unknown name."""

@@ -69,8 +69,14 @@ GAIN = Range(1e-9, 1e9, or_zero=True, signed=True)
 DELAY = Range(1e-9, 10.0, "s", or_zero=True)
 """Delays and their bounds; a person has some 0.1 s."""
 
+WEIGHT = Range(0.0, 1.0)
+"""Sensory weights."""
+
 AMPLITUDE = Range(1e-6, 1e6)
-"""N m or m."""
+"""N m, m or rad."""
+
+LARGEST_TILT = 0.2
+"""Largest peak of a tilt, rad (11.5 deg): experiments with standing people stay below; more is a value in deg."""
 
 RATE = Range(1e-3, 1e6, "Hz")
 """Sampling rates of what is simulated."""

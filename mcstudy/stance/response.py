@@ -53,11 +53,16 @@ def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, 
     groups = _group_values(table, theta, s, _filters(table, theta, s)[0])
     A = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
     b = np.zeros((*theta.shape[:-1], s.size, 2), dtype=complex)
+    power = {order: s**order for order in np.unique(table.entry[:, 1])}
     for e, (row, order, group, _, _) in enumerate(table.entry):
-        value = table.gain(theta, e)[..., None] * s**order * groups[..., group, :]
-        for column in (0, 1):
-            A[..., row, column] += table.weight[e, 1 + column] * value
-        b[..., row] -= table.weight[e, 3] * value
+        value = table.gain(theta, e)[..., None] * power[order] * groups[..., group, :]
+        first, second, stimulus = table.weight[e, 1:]
+        if first:
+            A[..., row, 0] += first * value
+        if second:
+            A[..., row, 1] += second * value
+        if stimulus:
+            b[..., row] -= stimulus * value
     return A, b
 
 

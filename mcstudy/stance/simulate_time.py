@@ -9,7 +9,7 @@ Between samples:
 * delayed angles are read from the stored angle, rate and acceleration by quintic Hermite interpolation (error h^6 in
   the angle, h^5 in the rate, h^4 in a delayed acceleration);
 * a stimulus given as samples (n,) is linear between them, which is exact for a PRTS torque; before time 0 it is
-  zero. A stimulus whose rate or acceleration the model senses (platform translation) must be given with its
+  zero. A stimulus whose rate or acceleration the model senses (platform translation, tilt) must be given with its
   derivatives, (n, 3), and is then quintic Hermite; `with_derivatives` makes them for a band-limited periodic record;
 * sensor noise is taken as one period of a band-limited record: its rate and acceleration, which order-1 and order-2
   terms sense, are its exact derivatives (the closed form's s * n), and its values before time 0 those of its end.
@@ -204,6 +204,11 @@ def _check(model: Model, loop: Realisation, rules: Rules, h: float, derivatives:
         raise ModelError(
             f"model {model.name}: it senses derivatives of the stimulus; give the stimulus as (n, 3) samples of value, "
             "first and second derivative"
+        )
+    if any((*rules.dead_angle, *rules.dead_rate)) and model.weights:
+        raise ModelError(
+            f"rules dead_angle: model {model.name} senses a tilt through its weight {model.weights[0]}; a threshold on "
+            "what the senses report together is not available"
         )
     for row in np.flatnonzero(np.isfinite(rules.torque_limit)):
         undelayed = (model.table.group_delay[model.table.entry[:, 2]] < 0) & (model.table.entry[:, 1] == 2)

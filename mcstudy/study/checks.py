@@ -7,10 +7,11 @@ import numpy as np
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.untrusted import LARGEST_CHUNK
 from mcstudy.spectra.bands import PERIOD_S
+from mcstudy.stance.body import WEIGHTS
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.ranges import DELAY, GAIN, MAX_SAMPLES
+from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES
 from mcstudy.stance.response import frf_jacobian
-from mcstudy.study.group import GAIN_BOUND, Group
+from mcstudy.study.group import GAIN_BOUND, UNTIL_CERTAIN, Group
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.measure import HIGHEST_HZ, frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model
@@ -37,6 +38,7 @@ def check_group(group: Group, model: Model | None = None) -> None:
     _check_parameters(model)
     _check_stimulus(group)
     _check_fit(group)
+    _check_linear(group, model)
     _check_frequencies(group, model)
     _check_response(group, model)
     _check_size(group, model)
@@ -76,6 +78,8 @@ def _check_response(group: Group, model: Model) -> None:
 
 def _check_stimulus(group: Group) -> None:
     s = group.stimulus
+    if s.kind in WEIGHTS and (peak := stimulus(group, group.amplitude[-1]).peak) > LARGEST_TILT:
+        raise DesignError(f"amplitude: expected a {s.kind} with a peak of at most {LARGEST_TILT} rad, got {peak:g} rad")
     if s.state_s * s.rate_hz > MAX_SAMPLES:
         raise DesignError(f"stimulus.state_s: expected at most {MAX_SAMPLES} samples per state, got {s.state_s} s")
     try:
@@ -111,6 +115,11 @@ def _check_stimulus(group: Group) -> None:
 
 
 def _check_fit(group: Group) -> None:
+    if group.until_certain and group.fit.starts == "latin_hypercube":
+        raise DesignError(
+            f"fit.starts: expected another kind for starts = {UNTIL_CERTAIN!r}, because Latin hypercube starts depend "
+            "on their number, got 'latin_hypercube'"
+        )
     if group.spectra.covariance == "through_loop" and (group.fit.cost != "ml" or group.simulator != "spectral"):
         raise DesignError(
             "spectra.covariance: expected 'even_lines' unless fit.cost = 'ml' and simulator = 'spectral', "
@@ -122,6 +131,19 @@ def _check_fit(group: Group) -> None:
         )
     if group.store.standard_errors and (group.simulator == "none" or min(group.noise.psd) == 0):
         raise DesignError("store.standard_errors: expected false for a group without noise on both angles, got true")
+
+
+def _check_linear(group: Group, model: Model) -> None:
+    """Refuse what needs gains that enter linearly where they are multiplied with a sensory weight."""
+    for field, value, why in (
+        ("fit.starts", group.fit.starts, "linearised"),
+        ("spectra.covariance", group.spectra.covariance, "through_loop"),
+    ):
+        if model.weights and value == why:
+            raise DesignError(
+                f"{field}: expected another than {why!r} for {group.stimulus.kind}, whose gains are multiplied with "
+                f"the weight {model.weights[0]}"
+            )
 
 
 def _check_frequencies(group: Group, model: Model) -> None:

@@ -93,9 +93,10 @@ class Study(Section):
         name
             Name of the group, and of its folder in the cube.
         **fields
-            Those of a ``[group.NAME]`` table of a study file: ``realizations``, ``starts``, ``fmax`` (list, Hz),
-            ``amplitude`` (list, N m or m), ``simulator``, and the sections ``model``, ``stimulus``, ``noise``,
-            ``spectra``, ``fit`` and ``store`` as dicts.
+            Those of a ``[group.NAME]`` table of a study file: ``realizations``, ``starts`` (a number, or
+            ``"until certain"`` with ``most_starts``), ``fmax`` (list, Hz), ``amplitude`` (list, N m or m),
+            ``simulator``, and the sections ``model``, ``stimulus``, ``noise``, ``spectra``, ``fit`` and ``store`` as
+            dicts.
 
         Raises
         ------
@@ -126,7 +127,7 @@ class Study(Section):
 
     def __repr__(self) -> str:
         rows = [
-            f"  {name}: {counted(g.realizations, 'realization')} x {counted(g.starts, 'start')}, "
+            f"  {name}: {counted(g.realizations, 'realization')} x {g.starts_in_words}, "
             f"fmax {_listed(g.fmax)} Hz, amplitude {_listed(g.amplitude)}, model {g.model.kind}, "
             f"cost {g.fit.cost}: {counted(g.fits, 'fit')}"
             for name, g in self.groups.items()
@@ -138,7 +139,8 @@ class Study(Section):
     def _repr_html_(self) -> str:
         """Notebook display: the groups and their numbers of fits."""
         rows = "".join(
-            f"<tr><th scope='row'>{html.escape(name)}</th><td>{g.realizations}</td><td>{g.starts}</td>"
+            f"<tr><th scope='row'>{html.escape(name)}</th><td>{g.realizations}</td>"
+            f"<td>{g.starts_in_words if g.until_certain else g.starts}</td>"
             f"<td>{_listed(g.fmax)}</td><td>{_listed(g.amplitude)}</td>"
             f"<td>{html.escape(g.model.kind)}</td><td>{g.fit.cost}, {g.fit.solver}</td><td>{g.fits}</td></tr>"
             for name, g in self.groups.items()

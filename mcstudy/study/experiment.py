@@ -64,13 +64,17 @@ class Experiment:
 
         return overlap_of(self.bands)
 
-    def starts(self, problems: Sequence[Problem], realizations: Sequence[int]) -> np.ndarray:
-        """Starts for one problem per realization, (R, starts, P); the same at every Fmax unless taken from the data."""
+    def starts(self, problems: Sequence[Problem], realizations: Sequence[int], first: int | None = None) -> np.ndarray:
+        """The ``first`` starts, or all, for one problem per realization, (R, starts, P).
+
+        They are the same at every Fmax unless taken from the data.
+        """
         from mcstudy.fitting.linearised import linearised_many
         from mcstudy.fitting.starts import STARTS
 
+        n = self.group.starts if first is None else first
         streams = [start_stream(self.seed, realization) for realization in realizations]
         if self.group.fit.starts == "linearised":
-            return linearised_many(problems, streams, self.group.starts)
+            return linearised_many(problems, streams, n)
         draw = STARTS[self.group.fit.starts]
-        return np.stack([draw(self.model, rng, self.group.starts) for rng in streams])
+        return np.stack([draw(self.model, rng, n) for rng in streams])

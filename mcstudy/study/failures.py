@@ -17,7 +17,7 @@ from mcstudy.study.store import Cube, GroupStore
 LISTED = 20
 """Number of failed fits that are listed; further ones are only counted."""
 
-FAILED = [s for s in Status if not s.usable and s is not Status.PENDING]
+FAILED = [s for s in Status if s.failed]
 
 
 def counts(store: GroupStore) -> Counter[Status]:

@@ -9,12 +9,22 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, field_validator, model_serializer
+from pydantic import (
+    AfterValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from mcstudy.files.sections import Name, Section
 from mcstudy.fitting.arguments import InteriorPoint, Options
 from mcstudy.stance.ranges import AMPLITUDE, GAIN, RATE, Range
 from mcstudy.stance.truths import TRUTHS
+from mcstudy.text_tables import starts_in_words
 
 GAIN_BOUND = Range(1e-12, 1e15, or_zero=True, signed=True)
 """Bounds of true values."""
@@ -30,6 +40,8 @@ NOISE_CORNER = Range(1e-6, 1e6, "Hz")
 NOISE_PSD = Range(1e-18, 1e6, "deg^2/Hz", or_zero=True)
 DELAY_MARGIN = Range(1e-9, 10.0, "s")
 STATE = Range(1e-6, 1e3, "s")
+LINE_WEIGHT = Range(1e-12, 1e12)
+PHASE = Range(1e-12, 360.0, "deg", or_zero=True, signed=True)
 
 
 def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -56,6 +68,7 @@ class StudySection(Section):
 class BoundsSection(Section):
     """Bounds: gains as multiples of the true value, delays as the true value +- a margin, or absolute per parameter.
 
+    Sensory weights lie between 0 and 1 unless absolute bounds are given.
     Defaults: Goodworth & Peterka 2018, Methods.
     """
 
@@ -84,16 +97,36 @@ class ModelSection(Section):
         return dict(TRUTHS[truth].values)
 
 
-class StimulusSection(Section):
-    """Pseudorandom ternary stimulus: 3**stages - 1 states of state_s seconds; ``cycles`` periods, some discarded."""
+class LinesSection(Section):
+    """Lines of a stimulus that replace the pseudorandom sequence; see `mcstudy.stance.line_stimulus.LineStimulus`."""
 
-    kind: Literal["ankle_torque", "hip_torque", "platform_translation"] = "ankle_torque"
+    harmonic: tuple[Annotated[int, Field(ge=1, le=1_000_000)], ...] = Field(default=(), max_length=10_000)
+    weight: tuple[Annotated[float, LINE_WEIGHT], ...] = Field(default=(), max_length=10_000)
+    phase_deg: tuple[Annotated[float, PHASE], ...] = Field(default=(), max_length=10_000)
+
+
+class StimulusSection(Section):
+    """Pseudorandom ternary stimulus: 3**stages - 1 states of state_s seconds; ``cycles`` periods, some discarded.
+
+    ``lines``: the cycle of the sequence, with these lines instead of those of the sequence.
+    """
+
+    kind: Literal["ankle_torque", "hip_torque", "platform_translation", "surface_tilt", "visual_tilt"] = "ankle_torque"
     stages: int = Field(default=7, ge=2, le=9)
     state_s: Annotated[float, STATE] = 0.020
     rate_hz: Annotated[float, RATE] = 200.0
     cycles: int = Field(default=6, ge=1, le=100_000)
     discard: int = Field(default=1, ge=0, le=100_000)
     convention: Literal["peak", "peak_to_peak"] = "peak"
+    lines: LinesSection = LinesSection()
+
+    @model_serializer(mode="wrap")
+    def _without_lines(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A study of the sequence has the design and the fingerprint that it had before there were lines."""
+        plain: dict[str, Any] = dump(self)
+        if self.lines == LinesSection():
+            plain.pop("lines", None)
+        return plain
 
 
 class NoiseSection(Section):
@@ -176,15 +209,30 @@ class StoreSection(Section):
     standard_errors: bool = False
 
 
+UNTIL_CERTAIN = "until certain"
+"""What a file says in place of a number of starts."""
+
+MOST_STARTS = 1_000_000
+DEFAULT_MOST_STARTS = 1000
+
+
+class _Largest(int):
+    """A number of starts that stands for `UNTIL_CERTAIN`, between two steps of validation."""
+
+
 class Group(Section):
     """One group of the cube: its axes, and the sections that apply to it.
 
     ``fmax`` in Hz, ``amplitude`` in units of the stimulus, ``starts`` per fit problem. With simulator "none" a
     realization is a pool of starts: all pools share the same data and differ in their starts.
+
+    A file may say ``starts = "until certain"``. Then ``starts`` is the largest number, ``most_starts`` of the file, and
+    each fit problem gets as many of them as `mcstudy.fitting.certainty` asks for.
     """
 
     realizations: int = Field(ge=1, le=10_000_000)
-    starts: int = Field(ge=1, le=1_000_000)
+    starts: int = Field(ge=1, le=MOST_STARTS)
+    most_starts: Annotated[int, Field(ge=1, le=MOST_STARTS)] | None = None
     fmax: Annotated[tuple[Annotated[float, FREQUENCY], ...], LENGTH, ASCENDING]
     amplitude: Annotated[tuple[Annotated[float, AMPLITUDE], ...], LENGTH, ASCENDING]
     simulator: Literal["none", "spectral", "time_domain"] = "spectral"
@@ -195,17 +243,54 @@ class Group(Section):
     fit: FitSection = FitSection()
     store: StoreSection = StoreSection()
 
+    @field_validator("starts", mode="wrap")
+    @classmethod
+    def _number_or_words(cls, given: Any, whole_number: ValidatorFunctionWrapHandler) -> int:
+        if given == UNTIL_CERTAIN:
+            return _Largest(DEFAULT_MOST_STARTS)
+        if isinstance(given, str):
+            raise ValueError(f"expected a whole number or {UNTIL_CERTAIN!r}")
+        return int(whole_number(given))
+
+    @field_validator("most_starts", mode="after")
+    @classmethod
+    def _only_beside_the_words(cls, most: int | None, info: ValidationInfo) -> int | None:
+        if most is not None and type(info.data.get("starts")) is int:
+            raise ValueError(f"expected starts = {UNTIL_CERTAIN!r} beside it")
+        return most
+
+    @model_validator(mode="after")
+    def _with_the_largest_number(self) -> Group:
+        if type(self.starts) is int:
+            return self
+        most = int(self.starts) if self.most_starts is None else self.most_starts
+        return self.model_copy(update={"starts": most, "most_starts": most})
+
     @model_serializer(mode="wrap")
-    def _without_default_store(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A cube that holds nothing further has the design and the fingerprint that it had without this section."""
+    def _as_in_a_file(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What is not used has no place in the design, so that its fingerprint is that of older studies without it."""
         plain: dict[str, Any] = dump(self)
         if self.store == StoreSection():
             plain.pop("store", None)
+        if self.until_certain:
+            plain |= {"starts": UNTIL_CERTAIN, "most_starts": self.starts}
+        else:
+            plain.pop("most_starts", None)
         return plain
 
     @property
+    def until_certain(self) -> bool:
+        """Whether ``starts`` is the largest number, and those that are not needed are left out."""
+        return self.most_starts is not None
+
+    @property
+    def starts_in_words(self) -> str:
+        """Number of starts, for a reader."""
+        return starts_in_words(self.starts, self.until_certain)
+
+    @property
     def fits(self) -> int:
-        """Number of fits of the group."""
+        """Number of fits of the group; the largest number where starts are drawn until certain."""
         return len(self.amplitude) * len(self.fmax) * self.realizations * self.starts
 
     @property

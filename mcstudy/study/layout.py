@@ -191,7 +191,8 @@ def layout(
     if group.store.standard_errors:
         error = "standard error of the best fit's estimate; NaN on a bound"
         add("standard_error", "amplitude fmax realization parameter", "<f8", NAN, per_parameter, error)
-    flags = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name.lower() for s in Status)}
+    states = [s for s in Status if s is not Status.NOT_NEEDED or group.until_certain]
+    flags = {"flag_values": [int(s) for s in states], "flag_meanings": " ".join(s.name.lower() for s in states)}
     add("status", cell, "|u1", 0, "1", "how the fit ended; pending is a fit that has not been run", **flags)
     results = tuple(name for name, spec in arrays.items() if spec.values is None)
     return Layout(group, depth, arrays, results)

@@ -11,10 +11,11 @@ import numpy as np
 
 from mcstudy.spectra.bands import Bands, averaged, narrower, odd_lines, published
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.line_stimulus import LineStimulus, Stimulus
 from mcstudy.stance.response import frf
 from mcstudy.stance.stimulus import Prts
 from mcstudy.streams import noise_stream
-from mcstudy.study.group import Group
+from mcstudy.study.group import Group, LinesSection
 
 if TYPE_CHECKING:
     from mcstudy.spectra.estimate import SpectralExperiment, SpectrumNoise
@@ -48,18 +49,24 @@ Measuring = Callable[[float, int], Measurement]
 """From amplitude (units of the stimulus) and realization to data; safe to call from several threads."""
 
 
-def stimulus(group: Group, amplitude: float) -> Prts:
+def stimulus(group: Group, amplitude: float) -> Stimulus:
     """The stimulus of a group at one amplitude."""
     s = group.stimulus
-    return Prts(s.stages, s.state_s, s.rate_hz, amplitude, s.convention)
+    sequence = Prts(s.stages, s.state_s, s.rate_hz, amplitude, s.convention)
+    if s.lines == LinesSection():
+        return sequence
+    x = s.lines
+    return LineStimulus(x.harmonic, x.weight, x.phase_deg, sequence.samples, s.rate_hz, amplitude, s.convention)
 
 
 def frequency_points(group: Group) -> Bands:
-    """All frequency points of a group, before any is left out."""
+    """All frequency points of a group, before any is left out; lines without stimulus are in none."""
     period = stimulus(group, group.amplitude[0]).period_s
     if group.spectra.points == "odd_lines":
-        return odd_lines(HIGHEST_HZ, period)
-    return narrower((published if group.spectra.points == "published" else averaged)(period), group.spectra.width)
+        points = odd_lines(HIGHEST_HZ, period)
+    else:
+        points = narrower((published if group.spectra.points == "published" else averaged)(period), group.spectra.width)
+    return points.among(group.stimulus.lines.harmonic) if group.stimulus.lines.harmonic else points
 
 
 def kept_points(group: Group) -> Bands:
@@ -112,7 +119,6 @@ def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
 def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
     """FRFs of a record simulated with stimulus and noise together, from rest and with true delays."""
     s = group.stimulus
-    senses_derivatives = s.kind == "platform_translation"
 
     def measure(amplitude: float, realization: int) -> Measurement:
         from mcstudy.spectra.estimate import frf_from_recording
@@ -122,7 +128,7 @@ def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measurin
         noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
         cycle = stimulus(group, amplitude).waveform()
         drive = np.tile(cycle, s.cycles)
-        samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if senses_derivatives else drive
+        samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if model.senses_motion else drive
         sensed = noise.sample(noise_stream(seed, realization), drive.size, s.rate_hz)
         sway = simulate(model, model.truth, samples, s.rate_hz, noise=sensed)
         data = frf_from_recording(sway.theta, drive, s.rate_hz, bands, s.discard, spectrum(group))

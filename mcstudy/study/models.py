@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, fields, replace
 
 from mcstudy.errors import DesignError, ModelError
-from mcstudy.stance.body import Body, one_segment, two_segment
+from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model, Parameter
 from mcstudy.stance.truths import provenance_of
 from mcstudy.study.group import BoundsSection, Group
@@ -28,9 +28,11 @@ def build_model(group: Group) -> Model:
     except ModelError as error:
         raise DesignError(f"model.{error}") from error
     if section.kind == "one_segment":
-        if group.stimulus.kind != "ankle_torque":
-            raise DesignError(f"stimulus.kind: expected 'ankle_torque' for one_segment, got {group.stimulus.kind!r}")
-        model = one_segment(body)
+        if group.stimulus.kind not in SINGLE:
+            raise DesignError(
+                f"stimulus.kind: expected one of {', '.join(SINGLE)} for one_segment, got {group.stimulus.kind!r}"
+            )
+        model = one_segment(body, group.stimulus.kind)
     else:
         model = two_segment(body, group.stimulus.kind)
     for field, names in (("truth", section.truth), ("bounds.absolute", section.bounds.absolute)):
@@ -38,8 +40,7 @@ def build_model(group: Group) -> Model:
             if name not in model.names:
                 raise DesignError(f"model.{field}.{name}: unknown parameter, expected one of {', '.join(model.names)}")
     parameters = tuple(
-        _parameter(p, section.truth.get(p.name, p.value), p.name in model.delays, section.bounds)
-        for p in model.parameters
+        _parameter(p, section.truth.get(p.name, p.value), model, section.bounds) for p in model.parameters
     )
     replaced = [p.name for p, own in zip(model.parameters, parameters, strict=True) if p.value != own.value]
     note = "; replaced by the study file: " + ", ".join(replaced) if replaced else ""
@@ -55,12 +56,15 @@ def with_model_values(group: Group) -> Group:
     return group.model_copy(update={"model": section})
 
 
-def _parameter(parameter: Parameter, value: float, is_delay: bool, bounds: BoundsSection) -> Parameter:
+def _parameter(parameter: Parameter, value: float, model: Model, bounds: BoundsSection) -> Parameter:
     name = parameter.name
     if name in bounds.absolute:
         lower, upper = bounds.absolute[name]
         where = f"model.bounds.absolute.{name}"
-    elif is_delay:
+    elif name in model.weights:
+        lower, upper = parameter.lower, parameter.upper
+        where = f"model.truth.{name}"
+    elif name in model.delays:
         lower, upper = value - bounds.delay_margin_s, value + bounds.delay_margin_s
         where = "model.bounds.delay_margin_s"
         if lower < 0:

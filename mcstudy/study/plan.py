@@ -23,6 +23,7 @@ import numpy as np
 from mcstudy.files.unfinished import scratch_folder
 from mcstudy.fitting.solvers import fit_many
 from mcstudy.fitting.starts import uniform
+from mcstudy.fitting.status import Status
 from mcstudy.scheduler.activity import doing
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.progress import duration
@@ -38,6 +39,9 @@ from mcstudy.study.unstable import refuse_unstable, warnings_of
 
 PILOT_FITS = {"lm": 1500, "interior_point": 96}
 """Fits timed per group; SciPy's solvers are timed on two starts per Fmax."""
+
+PILOT_UNTIL_CERTAIN = 4
+"""Realizations that tell how many starts it takes to be certain."""
 
 PILOT_REALIZATIONS = {"spectral": 48, "time_domain": 12}
 """Number of realizations for the expected precision, which determine the spread to 10 % (time domain: 20 %)."""
@@ -64,11 +68,13 @@ class Precision:
 class GroupPlan:
     """Prediction for one group: fits, chunks, bytes on disk, CPU seconds, seconds of disk waits, and precision.
 
-    ``precision`` is empty without noise.
+    ``precision`` is empty without noise. Where starts are drawn until certain, ``fits`` and ``starts``, the mean number
+    of starts of a fit problem, are estimates.
     """
 
     name: str
     fits: int
+    starts: float
     chunks: int
     bytes: int
     seconds: float
@@ -106,8 +112,13 @@ class StudyPlan:
             size, time = f"{g.bytes / 1e6:.1f}", duration(g.seconds)
             lines.append(f"{g.name:<{width}}  {g.fits:>10}  {g.chunks:>7}  {size:>8}  {time:>12}")
         busy = f" ({self.slowdown:.1f} times slower than idle)" if self.slowdown > 1.1 else ""
+        for g in self.groups:
+            if self.study.groups[g.name].until_certain:
+                most = self.study.groups[g.name].starts
+                source = "from a few realizations" if g.starts < most else "the largest number, which it may not need"
+                lines.append(f"{g.name}: about {g.starts:.0f} starts of at most {most}, {source}")
         lines.append(
-            f"total: {self.study.fits} fits, {self.bytes / 1e6:.1f} MB, {duration(self.cpu)} of CPU time; about "
+            f"total: {self.fits} fits, {self.bytes / 1e6:.1f} MB, {duration(self.cpu)} of CPU time; about "
             f"{duration(self.wall(self.threads))} on {self.threads} threads under the present load{busy}"
         )
         memory = f"{self.memory / 1e6:.0f} MB"
@@ -123,6 +134,11 @@ class StudyPlan:
                 for p in g.precision
             ]
         return "\n".join(lines)
+
+    @property
+    def fits(self) -> int:
+        """Fits of the whole run."""
+        return sum(g.fits for g in self.groups)
 
     @property
     def cpu(self) -> float:
@@ -197,7 +213,9 @@ class _Watch:
 def _pilot(group: Group) -> Group:
     """The group with few realizations and starts, all of them one chunk."""
     if group.fit.solver not in PILOT_FITS:
-        return group.model_copy(update={"realizations": 1, "starts": min(group.starts, 2)})
+        return group.model_copy(update={"realizations": 1, "starts": min(group.starts, 2), "most_starts": None})
+    if group.until_certain:  # whose number of starts is to be found out
+        return group.model_copy(update={"realizations": min(group.realizations, PILOT_UNTIL_CERTAIN)})
     most = PILOT_FITS[group.fit.solver] // len(group.fmax)
     starts = max(1, min(group.starts, most // min(2, group.realizations)))
     depth = min(max(1, most // starts), realizations_a_chunk(group))
@@ -207,7 +225,7 @@ def _pilot(group: Group) -> Group:
 def _load(store: GroupStore) -> float:
     """Load the compiled solvers by running one fit; returns CPU seconds."""
     watch, experiment = _Watch(), store.experiment
-    one = Experiment(experiment.group.model_copy(update={"starts": 1}), experiment.seed)
+    one = Experiment(experiment.group.model_copy(update={"starts": 1, "most_starts": None}), experiment.seed)
     problem = one.problem(one.measure(one.group.amplitude[0], 0), one.group.fmax[0])
     (fits,) = fit_many([problem], one.starts([problem], [0]), one.group.fit.solver)
     growth_rate(one.model, fits.estimate)
@@ -229,7 +247,9 @@ def _plan_group(name: str, study: Study, store: GroupStore) -> GroupPlan:
     write_cpu, write_wall = watch.cpu(), watch.wall()
     chunks = -(-group.realizations // realizations_a_chunk(group)) * len(group.amplitude)
     cells = group.realizations * len(group.amplitude)
-    share = cells / n * group.starts / pilot.starts
+    starts, share = float(group.starts), cells / n * group.starts / pilot.starts
+    if pilot.until_certain:
+        starts, share = float((data["status"] != Status.NOT_NEEDED).sum() / data["status"][..., 0].size), cells / n
     size = 0.0
     for array in store.layout.results:
         by_fit = "start" in store.layout.arrays[array].dims
@@ -238,7 +258,8 @@ def _plan_group(name: str, study: Study, store: GroupStore) -> GroupPlan:
     waiting = chunks * max(write_wall - write_cpu, 0.0)
     doing(f"predicting the precision of group {name}")
     full = Experiment(group, study.study.seed)
-    return GroupPlan(name, group.fits, chunks, round(size), seconds, waiting, _precision(full))
+    fits = round(group.fits * starts / group.starts)
+    return GroupPlan(name, fits, starts, chunks, round(size), seconds, waiting, _precision(full))
 
 
 def _time_data(experiment: Experiment, n: int) -> tuple[float, float]:

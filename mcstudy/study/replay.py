@@ -81,6 +81,8 @@ def replay(
     before = Status(int(stored["status"][cell]))
     if before is Status.PENDING:
         raise InputError(f"{out}: expected a finished fit, but this one has not been run yet")
+    if before is Status.NOT_NEEDED:
+        raise InputError(f"{out}: expected a finished fit, but this one was {before.text}")
     chosen = np.zeros(stored["status"].shape, dtype=bool)
     chosen[cell] = True
     repeated = again(store, chunk, stored, chosen)

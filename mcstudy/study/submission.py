@@ -60,14 +60,16 @@ class Outcome:
     ----------
     path: the cube.
     fits: number of fits in this run; seconds: time they took.
-    skipped: number of fits done by earlier runs.
-    counts: fits of this run by `Status` value.
+    skipped: number of fits done by earlier runs, or not needed.
+    not_needed: number of starts that this run left out, because those before them sufficed.
+    counts: starts of this run by `Status` value.
     failed_blocks: blocks given up, with the reason.
     """
 
     path: Path
     fits: int = 0
     skipped: int = 0
+    not_needed: int = 0
     seconds: float = 0.0
     counts: Counter[int] = field(default_factory=Counter)
     failed_blocks: list[str] = field(default_factory=list)
@@ -75,7 +77,7 @@ class Outcome:
     @property
     def failed_fits(self) -> int:
         """Fits of this run that ended without a usable result."""
-        return sum(n for status, n in self.counts.items() if not Status(status).usable)
+        return sum(n for status, n in self.counts.items() if Status(status).failed)
 
 
 @dataclass(frozen=True)
@@ -191,8 +193,9 @@ class Submission:
 
     def _done(self, block: Block, report: TaskReport, place: dict[str, Any]) -> None:
         counts = self._counts(block, report)
-        failed = sum(n for status, n in counts.items() if not Status(status).usable)
-        self.outcome.fits += counts.total()
+        failed = sum(n for status, n in counts.items() if Status(status).failed)
+        self.outcome.fits += counts.total() - counts[Status.NOT_NEEDED]
+        self.outcome.not_needed += counts[Status.NOT_NEEDED]
         self.outcome.counts.update(counts)
         self.progress.add(counts.total(), failed, len(block.chunks) if report.complete else 0)
         differ = environment.differences(self.cube.attributes["environment"], place)

@@ -16,11 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
+from mcstudy.fitting.certainty import certain, looks
 from mcstudy.fitting.problem import Fits, Problem
 from mcstudy.fitting.solvers import fit_queue
-from mcstudy.fitting.status import USABLE, Status
+from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.stance.stability import growth_rate
-from mcstudy.study.design import Study
+from mcstudy.study.design import Group, Study
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import Chunk
 from mcstudy.study.measure import Measurement
@@ -52,7 +53,7 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskReport:
-    """Result of a task: fits run by status, whether its chunks are complete, and the seconds it took."""
+    """Result of a task: fits run or left out by status, whether its chunks are complete, and the seconds it took."""
 
     counts: Counter[int] = field(default_factory=Counter)
     complete: bool = True
@@ -60,7 +61,7 @@ class TaskReport:
 
     @property
     def fits(self) -> int:
-        """Number of fits run."""
+        """Number of fits run or left out."""
         return sum(self.counts.values())
 
 
@@ -128,18 +129,41 @@ def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: 
         problems = [experiment.problem(measured[r], fmax) for r in rows]
         if stopped():
             return
-        if (data["status"][0, k, rows] == Status.PENDING).any():
-            data["initial"][0, k, rows] = experiment.starts(problems, [realizations[r] for r in rows])
-        row, start = np.nonzero(data["status"][0, k, rows] == Status.PENDING)
-        for first in range(0, row.size, step):
-            if stopped():
-                return
-            which, at = row[first : first + step], start[first : first + step]
-            place = (0, k, rows[which], at)
-            _put(data, place, fit_queue(problems, which, data["initial"][place], group.fit.solver, options), experiment)
+        for last in looks(group.starts) if group.until_certain else [group.starts]:
+            going = np.flatnonzero((data["status"][0, k, rows] == Status.PENDING).any(axis=1))
+            if going.size:
+                drawn = experiment.starts([problems[i] for i in going], [realizations[rows[i]] for i in going], last)
+                data["initial"][0, k, rows[going], :last] = drawn
+            row, start = np.nonzero(data["status"][0, k, rows, :last] == Status.PENDING)
+            for begin in range(0, row.size, step):
+                if stopped():
+                    return
+                which, at = row[begin : begin + step], start[begin : begin + step]
+                place = (0, k, rows[which], at)
+                fits = fit_queue(problems, which, data["initial"][place], group.fit.solver, options)
+                _put(data, place, fits, experiment)
+            if group.until_certain:
+                _leave_out(data["status"][0, k], data["cost"][0, k], last)
         if "standard_error" in data:
             for r, problem in zip(rows, problems, strict=True):
                 data["standard_error"][0, k, r] = _errors_of_best(data, k, int(r), problem, measured[r], experiment)
+
+
+def _leave_out(status: np.ndarray, cost: np.ndarray, first: int) -> None:
+    """Mark pending starts (R, starts) as not needed where the ``first`` starts of the realization suffice; in place."""
+    pending = status == Status.PENDING
+    rows = np.flatnonzero(pending.any(axis=1) & ~pending[:, :first].any(axis=1))
+    enough = rows[certain(np.where(np.isin(status[rows, :first], USABLE), cost[rows, :first], np.inf))]
+    status[enough] = np.where(pending[enough], Status.NOT_NEEDED, status[enough])
+
+
+def left_out(group: Group, status: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Status (1, fmax, realization, start) of finished fits with those starts marked as not needed that should be."""
+    out = np.where(status == Status.NOT_NEEDED, Status.PENDING, status)
+    for last in looks(group.starts) if group.until_certain else ():
+        for k in range(out.shape[1]):
+            _leave_out(out[0, k], cost[0, k], last)
+    return out
 
 
 def again(store: GroupStore, chunk: Chunk, stored: dict[str, np.ndarray], chosen: np.ndarray) -> dict[str, np.ndarray]:
@@ -148,7 +172,7 @@ def again(store: GroupStore, chunk: Chunk, stored: dict[str, np.ndarray], chosen
     ``chosen``: of the shape of ``stored["status"]``, bool.
     """
     data = {name: values.copy() for name, values in stored.items()}
-    waiting = stored["status"] == Status.PENDING
+    waiting = np.isin(stored["status"], NOT_RUN)
     data["status"][waiting] = Status.SOLVER_ERROR  # `fill` must skip them
     data["status"][chosen] = Status.PENDING
     fill(store, chunk, data, lambda: False)

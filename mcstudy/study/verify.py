@@ -17,7 +17,7 @@ import numpy as np
 from mcstudy.errors import StoreError
 from mcstudy.files.sections import leaves
 from mcstudy.files.untrusted import real_bytes
-from mcstudy.fitting.status import USABLE, Status
+from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.scheduler.activity import doing
 from mcstudy.streams import stream
 from mcstudy.study import environment, identity, runlog
@@ -26,7 +26,7 @@ from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import skeleton
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.strays import NOT_PART, parts, strays
-from mcstudy.study.tasks import again
+from mcstudy.study.tasks import again, left_out
 
 STARTS_A_CELL = 4
 """Number of starts recomputed in each sampled cell, at every Fmax."""
@@ -201,6 +201,9 @@ def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iter
     status, model = data["status"], store.experiment.model
     if not np.isin(status, [int(s) for s in Status]).all():
         yield f"{status_file}: a status that does not exist"
+    expected, whole_cells = left_out(store.layout.group, status, data["cost"]), (status != Status.PENDING).all(axis=-1)
+    if (expected != status)[whole_cells].any():
+        yield f"{status_file}: starts marked as not needed where they are needed, or the other way round"
     usable = np.isin(status, USABLE)
     estimate = data["estimate"][usable]
     if not ((estimate >= model.lower) & (estimate <= model.upper)).all():
@@ -215,8 +218,10 @@ def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, findin
     r = int(rng.integers(len(realizations)))
     stored = {name: store.read(name, chunk) for name in store.layout.results}
     chosen = np.zeros(stored["status"].shape, dtype=bool)
-    chosen[0, :, r, rng.choice(group.starts, min(STARTS_A_CELL, group.starts), replace=False)] = True
-    chosen &= stored["status"] != Status.PENDING
+    ran = ~np.isin(stored["status"], NOT_RUN)
+    some = np.flatnonzero(ran[0, :, r].any(axis=0))
+    chosen[0, :, r, rng.choice(some, min(STARTS_A_CELL, some.size), replace=False)] = True
+    chosen &= ran
     recomputed = again(store, chunk, stored, chosen)
     findings.recomputed += int(chosen.sum())
     differ = [n for n in store.layout.results if stored[n].tobytes() != recomputed[n].tobytes()]

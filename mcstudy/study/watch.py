@@ -85,11 +85,11 @@ class Watch:
     @property
     def failed(self) -> int:
         """Fits that ended without a usable result."""
-        return sum(n for status, n in self.counts.items() if status not in USABLE)
+        return sum(n for status, n in self.counts.items() if status not in (*USABLE, Status.NOT_NEEDED))
 
     @property
     def done(self) -> int:
-        """Fits that were run."""
+        """Fits that are not pending: run, or not needed."""
         return sum(self.counts.values())
 
     def look(self, seconds: float = math.inf) -> None:

@@ -8,6 +8,7 @@ import xarray as xr
 
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
 from mcstudy.analysis.by_starts import best_of_first, by_starts, mean_cv
+from mcstudy.analysis.convergence import hits
 from mcstudy.analysis.selection import best
 
 
@@ -38,3 +39,16 @@ def test_the_best_of_the_first_starts_is_the_best_of_a_study_with_only_those(
             few = best(cube.isel(start=slice(0, x)))
             for name in ("estimate", "cost", "status", "best_start", "usable_starts"):
                 xr.testing.assert_equal(cells[name].sel(drawn=x, drop=True).transpose(*few[name].dims), few[name])
+
+
+def test_beside_each_number_of_starts_stands_the_chance_that_they_miss_the_minimum(
+    make_cube: Callable[..., xr.Dataset],
+) -> None:
+    cube = make_cube(realizations=6, starts=12, hit_rate=0.3)
+    missed = by_starts(cube, mean_cv)["missed"]
+    pool = hits(cube)
+    for x in missed["drawn"].values.tolist():
+        expected = ((1 - pool["hits"] / pool["starts"]) ** x).mean("realization")
+        xr.testing.assert_allclose(missed.sel(drawn=x, drop=True), expected)
+    all_starts = cube.mc.best()["missed"].mean("realization")
+    xr.testing.assert_allclose(missed.isel(drawn=-1, drop=True), all_starts)

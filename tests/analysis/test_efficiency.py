@@ -17,10 +17,7 @@ from mcstudy.fitting.problem import paper_cost
 from mcstudy.fitting.standard_errors import joint_covariance, overlap_of
 from mcstudy.spectra.bands import odd_lines, published
 from mcstudy.stance.body import two_segment
-from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, frf_jacobian
-from mcstudy.stance.simulate_spectral import NoiseSway
-from mcstudy.stance.stimulus import Prts
 
 Cube = Callable[..., xr.Dataset]
 MODEL = two_segment()
@@ -102,21 +99,6 @@ def test_a_parameter_that_its_bounds_hold_has_no_bound_and_the_others_that_of_kn
     known = C[np.ix_(free, free)] - np.outer(C[free, k], C[k, free]) / C[k, k]
     found = efficiency.cramer_rao(narrow, MODEL.truth, f, joint)[np.ix_(free, free)]
     np.testing.assert_allclose(np.diag(found), np.diag(known), rtol=1e-5)
-
-
-def test_the_expected_covariance_is_that_of_simulated_lines() -> None:
-    prts, noise, cycles = Prts(stages=4), SensorNoise(), 3
-    lines = np.array([1, 3, 5])
-    f = lines / prts.period_s
-    drive = prts.coefficients()[lines]
-    n = prts.samples * cycles
-    expected = efficiency.expected_line_covariance(MODEL, MODEL.truth, noise, f, drive, n / prts.rate_hz)
-    sway = NoiseSway(MODEL, MODEL.truth, noise, n, prts.rate_hz)
-    rng = np.random.default_rng(4)
-    error = np.stack([sway.coefficients(rng)[lines * cycles] for _ in range(2000)]) / drive[:, None]
-    measured = np.einsum("rni,rnj->nij", error, error.conj()) / 2000
-    scale = np.sqrt(np.einsum("nii,njj->nij", expected, expected).real)
-    assert (np.abs(measured - expected) / scale).max() < 0.1
 
 
 def test_efficiency_is_one_for_estimates_that_scatter_like_the_bound(make_cube: Cube) -> None:

@@ -5,17 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mcstudy.challenge import near_unstable
 from mcstudy.challenge.cases import draw_body, draw_linear, pool, protocol_of, shared
 from mcstudy.challenge.design import Noise, Series
 from mcstudy.challenge.geometry import Geometry, cycle_responses, free
+from mcstudy.challenge.near_unstable import draw_near_unstable
 from mcstudy.challenge.withheld import draw_out_of_library
 from mcstudy.effect_library import library
 from mcstudy.effect_library.simulate import simulate_recording
+from mcstudy.errors import DesignError
 from mcstudy.gap.candidates.signatures import alike_groups, similarity
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SILENT, SensorNoise
 from mcstudy.stance.response import frf
+from mcstudy.stance.stability import roots_chebyshev
 
 SERIES = Series(cases=1)
 BASE = two_segment()
@@ -122,3 +126,19 @@ def test_an_effect_outside_the_library_is_drawn_at_a_visible_size() -> None:
     assert drawn is not None
     assert 0.5 < drawn.measured.delta < 17
     assert drawn.measured.total >= drawn.measured.delta - 1e-9
+
+
+def test_near_unstable_bodies_keep_within_their_decay() -> None:
+    for seed, near in enumerate([(0.1, 0.5), (0.01, 0.1)]):
+        series = Series(cases=1, body=SERIES.body.model_copy(update={"near_decay": near}))
+        theta = draw_near_unstable(series, np.random.default_rng(seed))
+        roots = roots_chebyshev(BASE, theta)  # by collocation, not by the search that drew the body
+        assert near[0] <= -roots[0].real <= near[1]
+        assert abs(roots[0].imag) > 0.1
+
+
+def test_a_body_that_cannot_be_near_unstable_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(near_unstable, "ATTEMPTS", 1)
+    still = Series(cases=1, body=SERIES.body.model_copy(update={"shifted_spread": 0.0}))
+    with pytest.raises(DesignError, match=r"near_decay: no body that decays with 0\.1 to 0\.5 1/s"):
+        draw_near_unstable(still, np.random.default_rng(0))

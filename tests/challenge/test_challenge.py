@@ -244,7 +244,8 @@ def test_answering_loads_nothing_that_makes_cases() -> None:
     script = (
         "import sys, mcstudy.challenge.answer\n"
         "made = {m for m in sys.modules if m.startswith('mcstudy.challenge') and m.split('.')[-1] in "
-        "('out_of_library', 'geometry', 'truth', 'cases', 'withheld', 'make', 'score')}\n"
+        "('out_of_library', 'forms', 'form_steps', 'misshapen', 'geometry', 'truth', 'cases', 'withheld', 'make', "
+        "'score')}\n"
         "assert not made, made\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True)

@@ -25,17 +25,19 @@ from mcstudy.files import schema
 EFFECTS = ("head_mode", "stimulus_gain", "leg_inertia_error", "force_feedback")
 GROUPS = [["stimulus_gain", "leg_inertia_error"]]
 SIZES = {"head_mode": "m_head", "stimulus_gain": "eps_stim", "leg_inertia_error": "eps_leg", "force_feedback": "Gforce"}
-CASES = 400
+CASES = 420
 
 
 def make_key(rng: np.random.Generator) -> dict[str, Any]:
     """A key of cases that were never simulated."""
-    kinds = ["none"] * 100 + ["known"] * 180 + ["outsider"] * 60 + ["pair"] * 40 + ["shifted"] * 20
+    kinds = ["none"] * 100 + ["known"] * 180 + ["outsider"] * 60 + ["pair"] * 40 + ["shifted"] * 20 + ["misshapen"] * 20
     cases = []
     for k, kind in enumerate(kinds):
         case: dict[str, Any] = {"name": f"case{k:03d}", "series": "main", "kind": kind, "parameters": {"K11": 1.0}}
         case |= {"delta": 0.0, "effects": [], "groups": GROUPS}
-        names = {"known": rng.choice(EFFECTS, 1), "pair": ("force_feedback", "head_mode")}.get(kind, ())
+        names: Any = {"known": rng.choice(EFFECTS, 1), "pair": ("force_feedback", "head_mode")}.get(kind, ())
+        if kind == "misshapen":
+            names, case["form"] = ("head_mode",), "head_damped"
         for name in map(str, names):
             group = next((g for g in GROUPS if name in g), [name])
             case["effects"].append(
@@ -122,6 +124,7 @@ def test_a_guesser_misses_them_beyond_doubt(key: dict[str, Any]) -> None:
         "95 % set contains the truth",
         "out-of-library effect recognized at delta ≥ 10",
         "confidently wrong name, out-of-library effect",
+        "misshapen: right mechanism most probable at delta ≥ 6",
     }
     assert exit_code(result) == Exit.MISSED
     assert result["proper"]["log_loss"]["all"]["value"] > 2.0
@@ -341,7 +344,7 @@ def test_answers_that_cannot_be_believed_are_refused(
 
 def test_an_identical_second_answer_is_refused_too(key: dict[str, Any]) -> None:
     given = answers(key, "oracle", oracle)
-    with pytest.raises(StoreError, match="case399: name: expected one answer per case, found 2"):
+    with pytest.raises(StoreError, match="case419: name: expected one answer per case, found 2"):
         score(key, given | {"answers": [*given["answers"], given["answers"][-1]]})
 
 
@@ -377,7 +380,7 @@ def test_leaving_out_hard_cases_gains_nothing(key: dict[str, Any], give: Any) ->
         return {"error": "too hard"} if k % 2 else give(case, k)
 
     tried, gave_up = score(key, answers(key, "tried", give)), score(key, answers(key, "gave up", gives_up))
-    assert len(gave_up["errors"]) == 200
+    assert len(gave_up["errors"]) == 210
     for target, a, b in zip(TARGETS, tried["targets"], gave_up["targets"], strict=True):
         assert b["n"] >= a["n"], target.name
         low_is_good = math.isinf(target.goal.low)

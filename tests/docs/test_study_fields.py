@@ -21,6 +21,8 @@ LIMITS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiv
 
 def allowed(schema: dict[str, Any]) -> str:
     """What a field may be, in words."""
+    if "anyOf" in schema:  # the other is null, which a file cannot hold
+        return allowed(schema["anyOf"][0])
     if "enum" in schema:
         return ", ".join(f"`{value}`" for value in schema["enum"])
     if "const" in schema:
@@ -55,6 +57,7 @@ def rows() -> list[str]:
                 continue
             value = field.default
             default = "required" if value is PydanticUndefined else f"`{json.dumps(value)}`"
+            default = "not set" if value is None else default
             out.append(f"| `{prefix}.{name}` | {default} | {allowed(properties[name])} |")
 
     add("study", StudySection)

@@ -1,5 +1,6 @@
 """The library of effects: null values change nothing, derivatives are exact, any pair can be added in any order."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -9,9 +10,9 @@ from mcstudy.effect_library import library
 from mcstudy.effect_library.declare import LOCATIONS
 from mcstudy.effect_library.edits import body_of, trunk_mass
 from mcstudy.errors import InputError, ModelError
-from mcstudy.stance.body import Body, one_segment, two_segment
+from mcstudy.stance.body import STIMULI, WEIGHTS, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.response import frf, frf_jacobian
+from mcstudy.stance.response import frf, frf_jacobian, system
 
 F = np.array([0.023, 0.1, 0.41, 1.2, 3.0, 8.0])
 BASE = two_segment()
@@ -25,10 +26,14 @@ def at_published(model: Model, *names: str) -> np.ndarray:
 
 @pytest.mark.parametrize("name", library.LIBRARY.linear)
 def test_null_value_reproduces_the_base_model(name: str) -> None:
-    for stimulus in ("ankle_torque", "hip_torque", "platform_translation"):
+    for stimulus in STIMULI:
         base = two_segment(stimulus=stimulus)
+        if (stimulus in WEIGHTS) and name in ("stimulus_delay", "joint_stretch_frame"):
+            with pytest.raises(ModelError, match=r"already sensed with the delay|weights of the trunk's senses"):
+                library.apply(base, name)
+            continue
         model = library.apply(base, name)
-        assert model.names[:12] == base.names
+        assert model.names[: len(base.names)] == base.names
         np.testing.assert_allclose(frf(model, model.truth, F), frf(base, base.truth, F), rtol=1e-13)
 
 
@@ -154,3 +159,37 @@ def test_the_list_of_effects_fits_the_terminal_and_states_where_every_size_comes
         for part in (e.equation, e.source, e.size.name, library.size_text(e.size)):
             assert " ".join(part.split()) in shown
         assert "published" not in shown.replace(e.source, "").replace(e.size.meaning, "")
+
+
+@pytest.mark.parametrize("stimulus", WEIGHTS)
+def test_an_effect_of_the_feedback_senses_the_tilt_as_the_feedback_does(stimulus: str) -> None:
+    """With Wprop = 1 all that senses theta1 senses the surface: b is then the column of theta1 without the body's."""
+    base = two_segment(stimulus=stimulus).with_values({WEIGHTS[stimulus].name: 1.0})
+    scene = stimulus == "visual_tilt"
+    for name, companions in (
+        ("passive_damping_ankle", 0 if scene else 1),
+        ("biarticular_coupling", 0 if scene else 1),
+        ("integral_ankle", 1),
+        ("acceleration_feedback", 1),
+        ("short_latency_reflex", 0 if scene else 1),
+        ("passive_damping_hip", 0),
+        ("integral_hip", 0),
+    ):
+        model = library.apply(base, name)
+        theta = at_published(model, name)
+        new = [t for t in model.terms[len(base.terms) :] if t.sense == "stimulus"]
+        assert len(new) == companions, name
+        if not scene:
+            b = system(model, theta, 2j * np.pi * F)[1]
+            A = system(model, theta, 2j * np.pi * F)[0]
+            inertia = system(replace(model, terms=base.terms[:7]), theta, 2j * np.pi * F)[0]
+            np.testing.assert_allclose(b, A[..., 0] - inertia[..., 0], rtol=1e-12)
+
+
+def test_stimulus_gain_scales_a_tilt() -> None:
+    base = two_segment(stimulus="surface_tilt")
+    model = library.apply(base, "stimulus_gain")
+    theta = model.truth
+    theta[-1] = 0.25
+    np.testing.assert_allclose(frf(model, theta, F), 1.25 * frf(base, base.truth, F), rtol=1e-12)
+    assert frf_jacobian(model, theta, F)[1][..., -1] == pytest.approx(frf(base, base.truth, F), rel=1e-12)

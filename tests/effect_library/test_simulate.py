@@ -64,10 +64,16 @@ def test_a_rule_vanishes_at_its_null_and_shows_at_its_published_size(name: str) 
 
 
 def test_a_made_recording_passes_every_check() -> None:
-    for kind, amplitude in (("ankle_torque", 5.0), ("hip_torque", 5.0), ("platform_translation", 0.05)):
+    for kind, amplitude in (
+        ("ankle_torque", 5.0),
+        ("hip_torque", 5.0),
+        ("platform_translation", 0.05),
+        ("surface_tilt", 0.01),
+        ("visual_tilt", 0.02),
+    ):
         for periodic in (True, False):
             protocol = Protocol(kind, SHORT, (amplitude, amplitude), 6, periodic)
-            recording = simulate_recording(protocol, MODEL.truth, np.random.default_rng(2))
+            recording = simulate_recording(protocol, two_segment(stimulus=kind).truth, np.random.default_rng(2))
             assert (recording.period_s is not None) == periodic
             assert checked_lines(recording)[0].suspicions == ()
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from fit_problems import F, example
+from fit_problems import F, example, measured
 
 from mcstudy.fitting.arguments import Options
 from mcstudy.fitting.problem import Problem, paper_cost
 from mcstudy.fitting.solvers import fit, fit_many
 from mcstudy.fitting.starts import uniform
 from mcstudy.fitting.status import Status
-from mcstudy.stance.body import two_segment
+from mcstudy.stance.body import WEIGHTS, two_segment
 from mcstudy.stance.feedback import Parameter, Term
 from mcstudy.stance.response import frf
 
@@ -21,6 +21,18 @@ def test_a_noise_free_single_stimulus_identifies_all_12_parameters() -> None:
     fits = fit(problem, uniform(model, np.random.default_rng(0), 50))
     best = fits.estimate[fits.best]
     assert np.abs(best / model.truth - 1).max() < 1e-8  # 1e-6 %; the paper reports 0.039 %
+
+
+@pytest.mark.parametrize("stimulus", WEIGHTS)
+def test_a_noise_free_tilt_identifies_the_12_parameters_and_its_weight(stimulus: str) -> None:
+    model = two_segment(stimulus=stimulus)
+    problem = paper_cost(model, F, frf(model, model.truth, F))
+    fits = fit(problem, uniform(model, np.random.default_rng(0), 30))
+    assert np.abs(fits.estimate[fits.best] / model.truth - 1).max() < 1e-7
+    start = model.truth[None] * 1.05
+    noisy = paper_cost(model, F, measured(model, np.random.default_rng(1), 0.003))
+    lm, trf = (fit(noisy, start, s, Options(1e-12, 1000)) for s in ("lm", "trf"))
+    assert lm.cost[0] == pytest.approx(trf.cost[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["paper", "ml"])

@@ -23,9 +23,10 @@ from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose_fast
 from mcstudy.gap.fits.base_fit import base_fit
 from mcstudy.gap.fits.priors import opened, weak_prior
+from mcstudy.gap.fits.relabelled import Search
 from mcstudy.gap.questions.any_gap import GapTest
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
-from mcstudy.gap.questions.mislabelled import Labels, Mislabelled, Search, mislabelled
+from mcstudy.gap.questions.mislabelled import Labels, Mislabelled, mislabelled
 from mcstudy.gap.questions.possible import possible
 from mcstudy.gap.tables import text
 from mcstudy.recordings.recording import Recording
@@ -120,6 +121,16 @@ def test_a_mislabelled_recording_says_what_to_check_and_its_json_conforms(person
     assert answer["credible_set"] == ["unknown"]
 
 
+def test_loose_fits_keep_the_right_reading_and_drop_those_far_from_any_body(person: Sound) -> None:
+    recording = BY_NAME["stimulus / 2"].change(person)
+    data = Data.of(lines := measure(recording, fmax=3.0))
+    model = opened(recording.base_model())
+    base, minima = base_fit(Fitter(model, weak_prior(model, model), data.f), data, 0)
+    search = Search(lines, base, minima, 0)
+    T = np.array([search.only(READINGS[code].at(lines.f), None) for code in ("double", "half", "swapped")])
+    assert search.promising(T).tolist() == [True, False, False]
+
+
 def test_a_reading_of_all_trials_corrects_the_responses_and_leaves_the_agreement_of_the_trials(
     person: Sound, tested: GapTest
 ) -> None:
@@ -127,13 +138,13 @@ def test_a_reading_of_all_trials_corrects_the_responses_and_leaves_the_agreement
     search = Search(lines, tested.base, tested.minima, 0)
     T = READINGS["space_angle"].at(lines.f)
     assert search.gain(search.only(T, None)) == pytest.approx(0.0, abs=1e-6)
-    data, _, mix = search._trials.corrected(lines.f, search.only(T, None))
-    np.testing.assert_allclose(np.einsum("nij,nj->ni", T, data.y), lines.y)
-    np.testing.assert_allclose(mix, T)
+    made = search._trials.corrected(search.only(T, None))
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", T, made.y), lines.y)
+    np.testing.assert_allclose(made.mix, T)
     whole = Data.of(lines)
     r = np.einsum("nij,nj->ni", T, np.ones_like(lines.y))
     given = np.einsum("nij,nj->ni", whole.weight, r)
-    corrected = np.einsum("nij,nj->ni", data.weight, np.ones_like(lines.y))
+    corrected = np.einsum("nij,nj->ni", made.weight, np.ones_like(lines.y))
     np.testing.assert_allclose((np.abs(given) ** 2).sum(axis=1), (np.abs(corrected) ** 2).sum(axis=1))
 
 

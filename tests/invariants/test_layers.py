@@ -25,7 +25,7 @@ LAYERS = (
     ("study", "gap"),
     ("identification",),
     ("analysis",),
-    ("challenge", "lost_table"),
+    ("challenge", "lost_table", "stimulus_design"),
     ("adaptive", "own_model"),
     ("report",),
     ("api",),

@@ -24,7 +24,7 @@ from mcstudy.recordings.guards import check_hdf5, check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import Recording, Trial
-from mcstudy.stance.body import Body, two_segment
+from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway
 from mcstudy.stance.stimulus import Prts
@@ -162,15 +162,15 @@ def test_what_cannot_be_analysed_is_refused_by_name(recording: Recording, messag
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", ["ankle_torque", "hip_torque", "platform_translation"])
+@pytest.mark.parametrize("kind", [k for k in STIMULI if k != "visual_tilt"])
 def test_every_mislabelled_channel_is_recognised(kind: str) -> None:
-    recording = sway(kind=kind, scale=0.01 if kind == "platform_translation" else 1.0)
+    recording = sway(kind=kind, scale={"rad": 0.003, "m": 0.01}.get(STIMULI[kind], 1.0))
     assert checked_lines(recording)[0].suspicions == ()
     for name, reading in READINGS.items():
         matrix = reading.matrix
         if name == "space_angle" or reading.check == "fit":
             continue  # the hip is half the trunk's angle: told apart only by the fit
-        if any(reading.orders) or (reading.torque and kind == "platform_translation"):
+        if any(reading.orders) or (reading.torque and kind not in TORQUES):
             continue
         if "degrees" in name or name in ("thousand", "thousand_theta1", "thousand_theta2"):
             with pytest.raises(RecordingError, match="deg"):
@@ -461,6 +461,40 @@ def test_a_published_frf_is_a_recording_too(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.C[:, 0, 0].real, np.deg2rad(0.01) ** 2)
     (tmp_path / "frf.csv").write_text("f,gain1,phase1\n0.1,1,2\n")
     with pytest.raises(RecordingError, match="column 'sd1' is missing"):
+        read_recording(path)
+
+
+def test_the_frf_of_a_tilt_is_read_in_the_units_of_both_angles(tmp_path: Path) -> None:
+    lines = "\n".join(f"{f},1.5,-10,0.1" for f in (0.1, 0.2, 0.5, 1.0))
+    (tmp_path / "frf.csv").write_text(f"f,gain1,phase1,sd1\n{lines}\n")
+    path, same = tmp_path / "frf.toml", 'body = {reference = "goodworth2018"}\nfrf = {file = "frf.csv"}\n'
+    for units, gain in (('{angle = "deg", stimulus = "deg"}', 1.5), ('{angle = "mrad", stimulus = "rad"}', 1.5e-3)):
+        path.write_text(f'stimulus = "surface_tilt"\nunits = {units}\n{same}')
+        recording = read_recording(path)
+        assert np.abs(recording.y[:, 0]) == pytest.approx(gain)
+        assert recording.base_model().names == ("K", "B", "Kpas", "Td", "Wprop")
+    path.write_text(f'stimulus = "surface_tilt"\nunits = {{angle = "deg"}}\n{same}')
+    with pytest.raises(RecordingError, match="units: expected both angle and stimulus"):
+        read_recording(path)
+    path.write_text(f'stimulus = "hip_torque"\n{same}')
+    with pytest.raises(RecordingError, match="stimulus: expected one of ankle_torque, surface_tilt, visual_tilt where"):
+        read_recording(path)
+
+
+def test_a_tilt_and_its_stated_amplitude_are_read_in_their_unit(tmp_path: Path) -> None:
+    t = np.arange(0, 30, 0.01)
+    table = np.column_stack([0.5 * np.sin(t), 0.5 * np.cos(t), 0.1 * np.sin(t)])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="stimulus,theta1,theta2", comments="")
+    text = 'stimulus = "surface_tilt"\nrate_hz = 100\nbody = {reference = "goodworth2018"}\n'
+    trials = '[[trials]]\nfile = "a.csv"\namplitude = 0.5\n'
+    path = tmp_path / "a.toml"
+    path.write_text(f'{text}units = {{angle = "deg", stimulus = "deg"}}\n{trials}')
+    recording = read_recording(path)
+    assert isinstance(recording, Recording)
+    assert recording.trials[0].amplitude == pytest.approx(np.deg2rad(0.5))
+    assert recording.amplitudes == pytest.approx(np.deg2rad(0.5), rel=1e-4)
+    path.write_text(f'{text}units = {{angle = "deg", stimulus = "rad"}}\n{trials}')
+    with pytest.raises(RecordingError, match=r"expected a number from 1e-06 to 0\.4 rad, got 0\.5"):
         read_recording(path)
 
 

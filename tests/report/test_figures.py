@@ -14,11 +14,14 @@ pytest.importorskip("matplotlib")
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mcstudy.analysis.by_starts import best_of_first
 from mcstudy.analysis.selection import best
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.report import figures
 from mcstudy.report.alternatives import read_alternative
+from mcstudy.report.figures import common
+from mcstudy.report.figures.optimiser import best_by_starts_of
 from mcstudy.report.figures.responses import phase_errors
 from mcstudy.report.figures.signals import Signals, envelope
 from mcstudy.report.sections.standard_errors import zipper_figures
@@ -225,7 +228,7 @@ def test_the_noise_of_figure_2_is_the_noise_that_was_fitted(paper_tree: xr.DataT
     """FRF of the cube less the closed form is the drawn noise over the stimulus, at an unaveraged line."""
     data = paper_tree["accuracy"]["frf"].sel(amplitude=3.0, realization=0).isel(frequency=0).values
     true = paper_tree["accuracy"]["true_frf"].isel(frequency=0).values
-    drive = signals.prts.coefficients()[1]
+    drive = signals.periodic.coefficients()[1]
     assert np.allclose(data - true, signals.noise_spectrum[1] / drive, rtol=1e-9)
 
 
@@ -234,3 +237,16 @@ def test_sampling_explains_the_error_of_a_time_simulation_once_the_transient_is_
     assert np.allclose(error, signals.sampling_error(f)[:, None], rtol=0.02, atol=1e-8)
     _, with_transient = signals.frf_error(discard=0)
     assert (with_transient > 20 * error).all()
+
+
+def test_curves_over_starts_of_a_large_group_show_its_first_realizations_and_say_so(
+    paper_tree: xr.DataTree, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = GroupView("accuracy", paper_tree["accuracy"].to_dataset())
+    assert common.sampled(whole) == 5
+    assert common.of_all(whole, 5) == ""
+    monkeypatch.setattr(common, "MOST_STARTS", 60)  # of 150
+    assert common.sampled(whole) == 2
+    assert "the first 2 of 5 realizations" in common.of_all(whole, common.sampled(whole))
+    few = best_of_first(whole.cube.isel(realization=slice(0, 2)))
+    xr.testing.assert_equal(best_by_starts_of(whole), few.compute())

@@ -261,6 +261,12 @@ def test_a_page_that_cannot_be_written_is_one_line(
     assert "expected a writable file" in capsys.readouterr().err
 
 
+def test_the_page_of_a_diagnosis_waits_for_no_library_of_studies() -> None:
+    script = "import sys, mcstudy.report.diagnosis.page; print({'xarray', 'pandas', 'zarr', 'dask'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
 def test_without_matplotlib_the_cure_is_told(tmp_path: Path) -> None:
     script = "import sys; sys.modules['matplotlib'] = None; from mcstudy.cli import main; "
     script += "sys.exit(main(['report', 'x.zarr', '-o', 'y.html']))"

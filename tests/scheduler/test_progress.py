@@ -132,6 +132,15 @@ def test_the_line_counts_in_the_unit_of_the_work(monkeypatch: pytest.MonkeyPatch
     assert progress.line() == "1/8 cases (12 %)  2 cases/s  4 s left  0 failed"
 
 
+def test_slow_work_is_counted_per_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    progress = Progress(8, io.StringIO(), unit="cases")
+    progress.add(1, 0)
+    clock[0] += 4.0
+    assert progress.line() == "1/8 cases (12 %)  15 cases/min  28 s left  0 failed"
+
+
 def test_a_terminal_shows_the_latest_lines_below_all_messages() -> None:
     stream = Terminal()
     display = Display(stream)

@@ -171,6 +171,22 @@ def test_every_choice_of_the_study_file_runs(tmp_path: Path, tiny: str, section:
     assert all(Status(s).usable for s in report.counts)
 
 
+@pytest.mark.parametrize("model", ["two_segment", "one_segment"])
+def test_a_study_of_a_tilt_estimates_its_weight(tmp_path: Path, tiny: str, model: str) -> None:
+    text = tiny.replace("amplitude = [3.0, 5.0]", "amplitude = [0.01, 0.02]").replace(
+        "amplitude = [5.0]", "amplitude = [0.02]"
+    )
+    text += f"[stimulus]\nkind = 'visual_tilt'\n[model]\nkind = '{model}'\n[model.truth]\nWvis = 0.4\n"
+    cube = cube_of(tmp_path / "a.zarr", text.replace("[1.2]", "[8.0]"))
+    ideal = cube.groups["ideal"]
+    names = ideal.experiment.model.names
+    assert names[-1] == "Wvis"
+    assert (ideal.experiment.model.lower[-1], ideal.experiment.model.upper[-1]) == (0.0, 1.0)
+    data = filled(ideal, ideal.layout.chunks[0])
+    best = np.nanargmin(data["cost"])
+    assert data["estimate"].reshape(-1, len(names))[best, -1] == pytest.approx(0.4, abs=1e-6)
+
+
 def test_the_time_domain_measures_what_the_spectral_simulator_does(tmp_path: Path, tiny: str) -> None:
     quiet = tiny + "[noise]\npsd = [0.0, 0.0]\n[spectra]\npoints = 'odd_lines'\n"
     frfs = {}

@@ -232,6 +232,7 @@ COMMANDS = {
     "import": ("import", "nothing", "-o", "nothing.nc"),
     "study-from": ("study-from", "nothing", "-o", "nothing.toml"),
     "infer": ("infer", "nothing", "-o", "d"),
+    "design": ("design", "nothing", "-o", "d"),
     "gap": ("gap", "diagnose", "nothing"),
     "gap challenge score": ("gap", "challenge", "score", "nothing", "--key", "k", "--answers", "a"),
     "run": ("run", "nothing"),
@@ -247,7 +248,7 @@ from mcstudy.cli import main
 importlib.import_module("mcstudy.cli." + sys.argv[1].replace("-", "_")).main = lambda args: time.sleep(1000)
 sys.exit(main())
 """
-RESUMABLE = {"run", "extend", "infer", "gap challenge make", "gap challenge answer", "gap challenge run"}
+RESUMABLE = {"run", "extend", "infer", "design", "gap challenge make", "gap challenge answer", "gap challenge run"}
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.convergence import HIT_TOLERANCE
 from mcstudy.analysis.minimum_curve import asymptote
 from mcstudy.analysis.neural import j_nc, j_nc_within
 from mcstudy.analysis.paper import published
 from mcstudy.analysis.paper.sampling import Value, correlation, means, pooled
 from mcstudy.analysis.selection import best, usable
+from mcstudy.fitting.certainty import HIT_TOLERANCE
 from mcstudy.stance.feedback import Model
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)

@@ -122,6 +122,7 @@ def _group(view: GroupView) -> dict[str, Any]:
             "simulator": g.simulator,
             "realizations": g.realizations,
             "starts": g.starts,
+            "until_certain": g.until_certain,
             "fmax": list(g.fmax),
             "amplitude": list(g.amplitude),
             "amplitude_unit": view.model.stimulus_unit,

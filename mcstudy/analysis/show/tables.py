@@ -41,12 +41,12 @@ def show(path: str | Path, reference: str | Path | None = None) -> Report:
     """
 
     def compute() -> dict[str, Any]:
-        from mcstudy.analysis.results import open_results  # slow to import, and not needed for kept statistics
+        from mcstudy.analysis.results import open_for_tables  # slow to import, and not needed for kept statistics
 
-        tree = open_results(path, lazy=None)
+        tree = open_for_tables(path)
         if reference is None:
             return report_of(tree).data
-        return report_of(tree, open_results(reference, lazy=None), str(reference)).data
+        return report_of(tree, open_for_tables(reference), str(reference)).data
 
     others = [] if reference is None else [str(reference)]
     return Report(kept(SCHEMA, [Path(path), *map(Path, others)], others, compute))

@@ -7,7 +7,7 @@ from typing import Any
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.paper.published import MARGINS
 from mcstudy.analysis.paper.verdict_names import AGREES, LIMIT
-from mcstudy.text_tables import counted, fill, folded, number, table, with_error
+from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
 
 _HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}
 
@@ -152,8 +152,9 @@ def _group(name: str, group: dict[str, Any]) -> str:
     d = group["design"]
     what = counted(d["realizations"], "realization" if d["noise"] else "pool")
     fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in group["fits"].items() if n)
+    starts = starts_in_words(d["starts"], d.get("until_certain", False))
     head = (
-        f"Group {name}: {what} x {counted(d['starts'], 'start')}; model {d['model']}, cost {d['cost']}, "
+        f"Group {name}: {what} x {starts}; model {d['model']}, cost {d['cost']}, "
         f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
     )
     if group["differences"]:

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.declare import Effect
@@ -105,10 +104,10 @@ def _walk(e: Effect, fitted: Fitted, rest: Fitted, clean: Data) -> list[Signatur
     limit = np.array([b for _, b in cases])
     slope = np.empty((len(cases), P))
     first = np.empty(len(cases))
-    at_rest = rest.response(clean.f)
-    for k, theta in enumerate(start):
-        J = whiten(clean.weight, frf_jacobian(fitter.model, theta, clean.f)[1])
-        slope[k] = -rest.covariance @ (J[:, :P].T @ J[:, P])
+    at_rest, covariance = rest.response(clean.f), rest.covariance
+    for k, derivative in enumerate(frf_jacobian(fitter.model, start, clean.f)[1]):
+        J = whiten(clean.weight, derivative)
+        slope[k] = -covariance @ (J[:, :P].T @ J[:, P])
         left = float(np.linalg.norm(J[:, P] + J[:, :P] @ slope[k]))
         first[k] = np.sign(limit[k]) * min(abs(limit[k]), WANTED / max(left, 1e-300)) / 8
     previous_size, previous = np.zeros(len(cases)), start[:, :P].copy()
@@ -121,8 +120,9 @@ def _walk(e: Effect, fitted: Fitted, rest: Fitted, clean: Data) -> list[Signatur
         lower[:, P:] = upper[:, P:] = x[:, P:]
         fits = fitter.fits(clean.packed, x, lower=lower, upper=upper)
         grow = np.empty(len(cases))
+        changes = frf(fitter.model, fits.estimate, clean.f) - at_rest
         for k, theta in enumerate(fits.estimate):
-            vector = whiten(clean.weight, frf(fitter.model, theta, clean.f) - at_rest)
+            vector = whiten(clean.weight, changes[k])
             sizes = {**cases[k][0], e.size.name: float(size[k])}
             found = Signature(e.name, sizes, vector, rest.theta - theta[:P])
             before = best[k]
@@ -164,8 +164,10 @@ def alike_groups(names: Sequence[str], cosine: np.ndarray, threshold: float = AL
     """Connected sets of effects with |cosine| above the threshold, including sets of one."""
     if not names:
         return []
-    count, label = connected_components(cosine > threshold, directed=False)
-    return [tuple(n for n, own in zip(names, label, strict=True) if own == k) for k in range(count)]
+    linked = (cosine > threshold) | np.eye(len(names), dtype=bool)
+    while not np.array_equal(further := linked @ linked, linked):  # boolean: whatever is linked by way of another
+        linked = further
+    return [tuple(names[int(i)] for i in np.flatnonzero(row)) for k, row in enumerate(linked) if row.argmax() == k]
 
 
 def ambiguity_groups(found: Sequence[Signature]) -> list[tuple[str, ...]]:

@@ -7,15 +7,19 @@ velocity for an angle) multiplies the responses by a known 2 x 2 matrix T. Each 
 scored by the likelihood of the band means of the measured FRFs around T H0. H0 is the nominal model; the spread is its
 error (`MODEL_ERROR`) plus the measured covariance. The result is the log odds of the reading against the labels as
 given. Derived.
+
+A tilt acts on the senses and not on inertia, so its responses differ between people at all frequencies. H0 is then each
+of `PEOPLE` random bodies in turn, and the likelihood is the mean over them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import fdtrc, logsumexp
 
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.candidates.readings import READINGS
@@ -23,6 +27,8 @@ from mcstudy.recordings.recording import Recording, Suspicion
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
+from mcstudy.stance.stability import growth_rate
+from mcstudy.streams import stream
 
 EDGES_HZ = (0.05, 0.15, 0.3, 0.5, 0.8, 1.3, 2.0, 3.0, 4.5, 6.5, 9.0)
 """Edges of the bands that are compared; the model error counts as independent between bands."""
@@ -44,11 +50,37 @@ NOTED = ("stuck", "amplitude")
 """Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording."""
 
 
+PEOPLE = 60
+"""Bodies whose responses to a tilt are compared, the nominal one first."""
+
+GAINS, DELAYS = (0.5, 1.7), (0.75, 1.25)
+"""Their gains and delays relative to the nominal ones, uniform; their sensory weights are uniform over the bounds."""
+
+PERSON_ERROR = 0.35
+"""Relative distance of a person's responses to a tilt from the nearest of these bodies."""
+
+
+@lru_cache(maxsize=8)
+def bodies(model: Model) -> np.ndarray:
+    """Parameters (K, P) of the bodies that a person is compared with: the nominal one, or for a tilt `PEOPLE`."""
+    if not model.weights:
+        return model.truth[None]
+    rng, drawn = stream(0, "label people"), [model.truth[None]]
+    free = np.isin(model.names, model.weights)
+    low, high = np.where(np.isin(model.names, model.delays), np.array(DELAYS)[:, None], np.array(GAINS)[:, None])
+    while sum(map(len, drawn)) < PEOPLE:
+        theta = model.truth * rng.uniform(low, high, (PEOPLE, low.size))
+        theta[:, free] = rng.uniform(model.lower[free], model.upper[free], (PEOPLE, int(free.sum())))
+        drawn.append(theta[growth_rate(model, theta) < 0])
+    return np.concatenate(drawn)[:PEOPLE]
+
+
 def band_means(lines: Lines, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Frequencies (B,), measured and nominal FRFs (B, 2) and covariance (B, 2, 2), by band.
+    """Frequencies (B,), measured FRFs (B, 2), those of K `bodies` (K, B, 2) and covariance (B, 2, 2), by band.
 
     Each line is divided by the nominal magnitude and averaged with inverse-variance weights."""
-    H = frf(model, model.truth, lines.f)
+    every = frf(model, bodies(model), lines.f)
+    H = every[0]
     f, y, h, C = [], [], [], []
     for low, high in pairwise(EDGES_HZ):
         inside = (lines.f >= low) & (lines.f < high)
@@ -62,27 +94,28 @@ def band_means(lines: Lines, model: Model) -> tuple[np.ndarray, np.ndarray, np.n
         turn = np.exp(-1j * np.angle(H[inside, :1]))
         f.append(float(w @ lines.f[inside]))
         y.append(w @ (lines.y[inside] * turn / scale.mean(axis=1, keepdims=True)))
-        h.append(w @ (H[inside] * turn / scale.mean(axis=1, keepdims=True)))
+        h.append(w @ (every[:, inside] * turn / scale.mean(axis=1, keepdims=True)))
         C.append(np.einsum("n,nij->ij", w**2 / scale.mean(axis=1) ** 2, lines.noise.C[inside]))
-    return np.array(f), np.array(y), np.array(h), np.array(C)
+    return np.array(f), np.array(y), np.moveaxis(np.array(h), 0, 1), np.array(C)
 
 
 def readings(recording: Recording, lines: Lines) -> dict[str, float]:
     """Log likelihood of every reading, "as_labelled" included."""
     f, y, h, C = band_means(lines, recording.base_model())
     at, size = np.array(MODEL_ERROR).T
-    error = np.interp(np.log(f), np.log(at), size)
+    error = np.interp(np.log(f), np.log(at), size) if len(h) == 1 else np.full(f.size, PERSON_ERROR)
     out, unit = {}, recording.stimulus_unit
     judged = {n: r.at(f) for n, r in READINGS.items() if r.check != "fit" and not (r.torque and unit != "N m")}
     same = np.broadcast_to(np.eye(2, dtype=complex), (f.size, 2, 2))
     for name, T in {"as_labelled": same, **judged}.items():
-        expected = np.einsum("nij,nj->ni", T, h)
-        spread = np.einsum("nij,nj,nkj->nik", T, (error[:, None] * np.abs(h)) ** 2, T.conj())
+        expected = np.einsum("nij,pnj->pni", T, h)
+        spread = np.einsum("nij,pnj,nkj->pnik", T, (error[:, None] * np.abs(h)) ** 2, T.conj())
         S = C + spread
         r = y - expected
-        misfit = np.einsum("ni,nij,nj->n", r.conj(), np.linalg.inv(S), r).real
+        misfit = np.einsum("pni,pnij,pnj->pn", r.conj(), np.linalg.inv(S), r).real
         # Heavy tails, so that one band with a wrong nominal model does not decide.
-        out[name] = float(-(np.log(np.linalg.det(S).real) + 4 * np.log1p(misfit / 4)).sum())
+        score = -(np.log(np.linalg.det(S).real) + 4 * np.log1p(misfit / 4)).sum(axis=1)
+        out[name] = float(logsumexp(score) - np.log(len(score)))
     return out
 
 

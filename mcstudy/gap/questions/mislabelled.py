@@ -12,13 +12,13 @@ changes the model instead of the responses.
 
 Prior: `MISLABELLED`, divided equally among the readings. A share `BESIDE` of each goes to the reading together with an
 effect or an unknown cause. Readings far from the nominal model (`FAR`) are not fitted, because `labels` has told them
-apart already. Derived.
+apart already; those far from any body are fitted loosely only (`mcstudy.gap.fits.relabelled`). Derived.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -28,8 +28,8 @@ from mcstudy.errors import ModelError
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.readings import ANGLES, READINGS
 from mcstudy.gap.candidates.scores import Scores
-from mcstudy.gap.fits.base_fit import base_fit, drawn_starts, linearised_starts
 from mcstudy.gap.fits.priors import weak_prior
+from mcstudy.gap.fits.relabelled import Relabelled, Search
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
 from mcstudy.spectra.lines import Lines
 
@@ -46,9 +46,6 @@ FAR = 6.0
 
 NEAR = 30.0
 """Readings within this log evidence of the best one are searched from all starts."""
-
-FEW = 8
-"""Random starts of the first search."""
 
 LATE_S = 0.05
 """Standard deviation of the prior on a delay, s: about two frames of slow video."""
@@ -68,32 +65,6 @@ costs more than this: twice the log of its odds against no mislabelling."""
 
 MOST_LEFT = 0.1
 """Largest share of the misfit that a reading may leave to another gap. With more, the other gap would be the cause."""
-
-ROUNDS = 6
-"""Most refinements of a delay or corner, each by a factor of 4."""
-
-
-@dataclass(frozen=True)
-class Relabelled(Fitted):
-    """A fit under a reading: its responses and derivatives are those of the recorded channels.
-
-    ``mix``: (N, 2, 2), what multiplies the responses of the body, mean over the trials.
-    """
-
-    mix: np.ndarray = field(repr=False)
-
-    @property
-    def body(self) -> Fitted:
-        """The fit of the body alone, to corrected responses."""
-        return Fitted(self.model, self.prior, self.theta, self.chi2, self.penalty, self.information)
-
-    def response(self, f: np.ndarray) -> np.ndarray:
-        """FRFs (N, 2) of the recorded channels."""
-        return np.einsum("nij,nj->ni", self.mix, super().response(f))
-
-    def jacobian(self, data: Data) -> np.ndarray:
-        """Whitened derivative (4 N, P) of the recorded channels."""
-        return super().jacobian(replace(data, weight=data.weight @ self.mix))
 
 
 @dataclass(frozen=True)
@@ -129,137 +100,6 @@ class Mislabelled:
 
 
 @dataclass(frozen=True)
-class _Trials:
-    """The mean responses of every trial: y (K, N, 2), their whiteners (K, N, 2, 2), and the shares (K, N)."""
-
-    names: tuple[int, ...]
-    y: np.ndarray
-    weight: np.ndarray
-    share: np.ndarray
-
-    @classmethod
-    def of(cls, lines: Lines) -> _Trials:
-        names = tuple(int(k) for k in np.unique(lines.trial))
-        parts = [lines.subset(lines.trial == k) for k in names]
-        share = np.array([lines.weight[lines.trial == k].sum(axis=0) for k in names])
-        return cls(
-            names,
-            np.array([p.y for p in parts]),
-            np.sqrt(share)[..., None, None] * lines.noise.whitener,
-            share,
-        )
-
-    def corrected(self, f: np.ndarray, T: np.ndarray) -> tuple[Data, float, np.ndarray]:
-        """Responses of the body when trial k recorded T_k (K, N, 2, 2) times them.
-
-        Also the squared difference that is left between the trials, and the mean of T_k (N, 2, 2).
-        """
-        A = self.weight @ T
-        z = np.einsum("knij,knj->kni", self.weight, self.y)
-        precision = np.einsum("knji,knjl->nil", A.conj(), A)
-        y = np.linalg.solve(precision, np.einsum("knji,knj->ni", A.conj(), z)[..., None])[..., 0]
-        left = z - np.einsum("knij,nj->kni", A, y)
-        weight = np.linalg.inv(np.linalg.cholesky(np.linalg.inv(precision)))  # lower triangular, as fits read it
-        return Data(f, y, weight), float((np.abs(left) ** 2).sum()), np.einsum("kn,knij->nij", self.share, T)
-
-
-class Search:
-    """Fits of the base model under readings of one recording.
-
-    Parameters
-    ----------
-    lines: the measured lines. base, minima: best fit of the base model and its lowest minima (K, P). seed: of starts.
-    """
-
-    def __init__(self, lines: Lines, base: Fitted, minima: np.ndarray, seed: int) -> None:
-        self._trials, self.f, self._seed = _Trials.of(lines), lines.f, seed
-        self._base, self._minima = base, minima
-        self._fitter = Fitter(base.model, base.prior, lines.f)
-        _, self._apart, _ = self._trials.corrected(lines.f, self.same)
-
-    @property
-    def trials(self) -> tuple[int, ...]:
-        """Indices of the trials."""
-        return self._trials.names
-
-    @property
-    def same(self) -> np.ndarray:
-        """T of correct labels, (K, N, 2, 2)."""
-        return np.broadcast_to(np.eye(2, dtype=complex), (len(self.trials), self.f.size, 2, 2))
-
-    def only(self, T: np.ndarray, trial: int | None) -> np.ndarray:
-        """T (N, 2, 2) of every trial, or of one of them, (K, N, 2, 2)."""
-        out = np.array(self.same)
-        out[slice(None) if trial is None else self.trials.index(trial)] = T
-        return out
-
-    def gain(self, T: np.ndarray) -> float:
-        """Decrease of the squared difference between trials under T (K, N, 2, 2)."""
-        return self._apart - self._trials.corrected(self.f, T)[1]
-
-    def fit(self, T: np.ndarray, fitter: Fitter | None = None) -> tuple[float, Relabelled, Data]:
-        """Log evidence under T (K, N, 2, 2), from few starts; the fit, and the corrected data."""
-        fitter = fitter or self._fitter
-        data, apart, mix = self._trials.corrected(self.f, T)
-        rows = [fitter.prior.mean[None], drawn_starts(fitter.model, self._seed, FEW)]
-        rows.append(linearised_starts(fitter.model, data, self._seed, 1))
-        return self._as_read(fitter.best(data, np.concatenate(rows)), data, apart, mix)
-
-    def thoroughly(self, T: np.ndarray, fitter: Fitter | None = None) -> tuple[float, Relabelled, Data]:
-        """The same from all starts of the base fit."""
-        data, apart, mix = self._trials.corrected(self.f, T)
-        return self._as_read(base_fit(fitter or self._fitter, data, self._seed)[0], data, apart, mix)
-
-    def _as_read(self, best: Fitted, data: Data, apart: float, mix: np.ndarray) -> tuple[float, Relabelled, Data]:
-        fitted = Relabelled(best.model, best.prior, best.theta, best.chi2, best.penalty, best.information, mix)
-        return fitted.log_evidence - 0.5 * (apart - self._apart), fitted, data
-
-    def along(
-        self, T: Callable[[float], np.ndarray], grid: np.ndarray
-    ) -> tuple[float, float, float, Relabelled, Data] | None:
-        """Log evidence integrated over x with a flat density, best x, its standard error, fit and data.
-
-        ``T``: x -> (K, N, 2, 2). ``grid``: where the search begins, uniform. None when the best x is at its end.
-        """
-        starts = np.vstack([self._minima[:2], self._base.prior.mean])
-        step = float(grid[1] - grid[0])
-        for _ in range(ROUNDS):
-            made = [self._trials.corrected(self.f, T(float(x))) for x in grid]
-            S = len(starts)
-            fits = self._fitter.fits(
-                np.array([d.packed for d, _, _ in made]),
-                np.tile(starts, (grid.size, 1)),
-                np.repeat(range(grid.size), S),
-            )
-            found = []
-            for i, (data, apart, mix) in enumerate(made):
-                k = i * S + int(np.argmin(fits.objective[i * S : (i + 1) * S]))
-                own = Fitted(
-                    self._base.model,
-                    self._base.prior,
-                    fits.estimate[k],
-                    float(fits.chi2[k]),
-                    float(fits.penalty[k]),
-                    fits.information[k],
-                )
-                found.append(self._as_read(own, data, apart, mix))
-            evidence = np.array([e for e, _, _ in found])
-            best = int(np.argmax(evidence))
-            if best in (0, grid.size - 1):
-                return None
-            x, starts = float(grid[best]), found[best][1].theta[None]
-            curvature = (2 * evidence[best] - evidence[best - 1] - evidence[best + 1]) / step**2
-            se = float(1 / np.sqrt(curvature)) if curvature > 0 else np.inf
-            if se > step:
-                break
-            step /= 4
-            grid = x + step * np.arange(-5, 6)
-        if not np.isfinite(se):
-            return None
-        return float(evidence[best] + np.log(se * np.sqrt(2 * np.pi))), x, se, found[best][1], found[best][2]
-
-
-@dataclass(frozen=True)
 class _Found:
     """One reading after its search; ``again`` repeats it from all starts."""
 
@@ -277,15 +117,17 @@ def mislabelled(lines: Lines, base: Fitted, minima: np.ndarray, labels: Labels, 
     search, odds = Search(lines, base, minima, seed), labels.odds
     codes = [c for c, r in READINGS.items() if c not in labels.accept and (labels.torque or not r.torque)]
     several = search.trials if len(search.trials) > 1 else ()
+    discrete = [
+        *((c, None) for c in codes if odds.get(c, 0.0) > -FAR),
+        *((c, k) for k in several for c in codes if c in SMALL_TRIALS),
+    ]
     searched: list[Callable[[], _Found | None]] = [
-        *(partial(_discrete, search, c, None) for c in codes if odds.get(c, 0.0) > -FAR),
-        *(partial(_discrete, search, c, k) for k in several for c in codes if c in SMALL_TRIALS),
         *(partial(_late, search, w, k) for k in (None, *several) for w in ("", *ANGLES) if w or k is not None),
         *(partial(_low_passed, search, w, zero) for w in ("", *ANGLES) for zero in (True, False)),
         partial(_exchanged, search, base),
     ]
-    number = len(searched) + sum(odds.get(c, 0.0) <= -FAR for c in codes)
-    found = [f for f in (each() for each in searched) if f is not None]
+    number = len(discrete) + len(searched) + sum(odds.get(c, 0.0) <= -FAR for c in codes)
+    found = [*_discrete(search, discrete), *(f for f in (each() for each in searched) if f is not None)]
     if not found:
         return []
     near = max(f.log_evidence for f in found) - NEAR
@@ -319,12 +161,19 @@ def _trial(trial: int | None) -> tuple[str, str]:
     return ("", "") if trial is None else (f"_trial_{trial + 1}", f"Trial {trial + 1}: ")
 
 
-def _discrete(search: Search, code: str, trial: int | None) -> _Found | None:
-    reading = READINGS[code]
-    T = search.only(reading.at(search.f), trial)
-    if trial is not None and search.gain(T) < LEAST_GAIN:
-        return None
-    ending, begin = _trial(trial)
+def _discrete(search: Search, readings: Sequence[tuple[str, int | None]]) -> list[_Found]:
+    """Readings without a parameter that may compete with the labels. Each: a code, and a trial or None for all."""
+    T = np.array([search.only(READINGS[code].at(search.f), trial) for code, trial in readings])
+    of_one = np.array([trial is not None for _, trial in readings])
+    kept = np.flatnonzero(~of_one | (search.gain(T) >= LEAST_GAIN))
+    if not kept.size:
+        return []
+    return [_without_size(search, readings[k], T[k]) for k in kept[search.promising(T[kept])]]
+
+
+def _without_size(search: Search, which: tuple[str, int | None], T: np.ndarray) -> _Found:
+    code, trial = which
+    reading, (ending, begin) = READINGS[code], _trial(trial)
     advice = f"{begin}{reading.channel}: seems to be {reading.words}. {reading.remedy}"
     evidence, fitted, data = search.fit(T)
     return _Found(code + ending, evidence, fitted, data, advice, again=lambda: search.thoroughly(T))
@@ -335,19 +184,19 @@ def _channels(which: str) -> np.ndarray:
 
 
 def _diagonal(search: Search, which: str, factor: np.ndarray, trial: int | None) -> np.ndarray:
-    """T (K, N, 2, 2) with a factor (N,) on both angles ("") or one, in all trials or one."""
-    values = np.where(_channels(which), factor[:, None], 1.0)
-    return search.only(values[:, :, None] * np.eye(2), trial)
+    """T (G, K, N, 2, 2) with factors (G, N) on both angles ("") or one, in all trials or one."""
+    values = np.where(_channels(which), factor[..., None], 1.0)
+    return search.only(values[..., None] * np.eye(2), trial)
 
 
 def _late(search: Search, which: str, trial: int | None) -> _Found | None:
     f = search.f
-    grid = np.arange(-LATEST_S, LATEST_S + 0.005, 0.01)
+    grid = np.linspace(-LATEST_S, LATEST_S, 21)
 
-    def T(x: float) -> np.ndarray:
-        return _diagonal(search, which, np.exp(-2j * np.pi * f * x), trial)
+    def T(x: np.ndarray) -> np.ndarray:
+        return _diagonal(search, which, np.exp(-2j * np.pi * f * x[:, None]), trial)
 
-    if trial is not None and max(search.gain(T(float(x))) for x in grid[::2]) < LEAST_GAIN:
+    if trial is not None and search.gain(T(grid)).max() < LEAST_GAIN:
         return None
     found = search.along(T, grid)
     if found is None:
@@ -369,8 +218,8 @@ def _low_passed(search: Search, which: str, zero_phase: bool) -> _Found | None:
     f = search.f
     low, high = np.log(CORNERS_HZ)
 
-    def T(x: float) -> np.ndarray:
-        s = 1j * f / np.exp(x)
+    def T(x: np.ndarray) -> np.ndarray:
+        s = 1j * f / np.exp(x[:, None])
         once = 1 / (s**2 + np.sqrt(2) * s + 1)  # Butterworth, second order
         return _diagonal(search, which, np.abs(once) ** 2 if zero_phase else once, None)
 
@@ -392,15 +241,21 @@ def _low_passed(search: Search, which: str, zero_phase: bool) -> _Found | None:
 
 def _exchanged(search: Search, base: Fitted) -> _Found | None:
     """The body with exchanged segments; the best of the published proportions, which share the prior."""
-    found = []
+    fitters = []
     for legs, trunk in gyrations():
         try:
             model = exchanged_segments(base.model, legs, trunk)
         except ModelError:
             continue
-        found.append(search.thoroughly(search.same, Fitter(model, weak_prior(model, model), search.f)))
-    if not found:
+        fitter = Fitter(model, weak_prior(model, model), search.f)
+        if search.promising(search.same[None], fitter)[0]:
+            fitters.append(fitter)
+    if not fitters:
         return None
-    evidence, fitted, data = max(found, key=lambda f: f[0])
+
+    def best(fit: Callable[[np.ndarray, Fitter], tuple[float, Relabelled, Data]]) -> tuple[float, Relabelled, Data]:
+        evidence, fitted, data = max((fit(search.same, fitter) for fitter in fitters), key=lambda f: f[0])
+        return evidence - float(np.log(len(gyrations()))), fitted, data
+
     advice = "body: the segments seem to be exchanged. Segment 1 must be the legs, segment 2 the upper body."
-    return _Found("segments", evidence - float(np.log(len(gyrations()))), fitted, data, advice)
+    return _Found("segments", *best(search.fit), advice, again=lambda: best(search.thoroughly))

@@ -193,20 +193,18 @@ def pairs(
     """The most promising pairs, refitted. The score of each other effect at a leading one ranks them."""
     candidates: dict[frozenset[str], tuple[float, tuple[str, str], np.ndarray]] = {}
     for h in leaders:
-        P = h.fitted.theta.size
-        r, J = h.fitted.residual(data), h.fitted.jacobian(data)
+        P, at = h.fitted.theta.size, h.fitted.response(data.f)
+        r, J, covariance = h.fitted.residual(data), h.fitted.jacobian(data), h.fitted.covariance
         for e in effects:
             first = h.effects[0]
-            if group_of.get(first) == group_of.get(e.name):
+            if group_of.get(first) == group_of.get(e.name) or not of[e.name]:
                 continue
             model = library.apply(base.model, first, e.name)
-            for s in of[e.name]:
-                own = np.array([s.sizes[k.name] for k in e.sizes])
-                step = whiten(
-                    data.weight,
-                    frf(model, np.concatenate([h.fitted.theta, own]), data.f) - h.fitted.response(data.f),
-                )
-                slope = -h.fitted.covariance @ (J.T @ step)
+            sizes = np.array([[s.sizes[k.name] for k in e.sizes] for s in of[e.name]])
+            both = np.concatenate([np.tile(h.fitted.theta, (len(sizes), 1)), sizes], axis=1)
+            for own, response in zip(sizes, frf(model, both, data.f), strict=True):
+                step = whiten(data.weight, response - at)
+                slope = -covariance @ (J.T @ step)
                 left = step + J @ slope
                 length = float(left @ left)
                 if not length > 1e-6 or not np.isfinite(length):

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from mcstudy.report.axes import axes, frequency_axis, legend_below, log_axis
 from mcstudy.report.diagnosis.data import GapData
-from mcstudy.report.figures.common import axes, frequency_axis, legend_below, log_axis
 from mcstudy.report.style import COLOURS, DASHES
 
 BEFORE, AFTER, MEASURED = COLOURS["orange"], COLOURS["blue"], COLOURS["ink"]
@@ -96,21 +96,25 @@ def z_map(data: GapData, ax: Axes | None = None) -> Axes:
         rows += [] if z is None else [(f"{n} {label}", z[:, k]) for k, n in enumerate(data.angles)]
     edges = np.geomspace(f[0] * 0.97, f[-1] * 1.03, 3 * 12 + 1)
     cell = np.digitize(f, edges) - 1
-    for y, (_, z) in enumerate(rows):
-        for c in np.unique(cell):
-            own = z[cell == c]
-            step = int(np.searchsorted(Z_STEPS, np.sqrt(np.mean(own**2)), side="right"))
-            width = edges[c + 1] - edges[c]
-            ax.barh(y, width, 0.86, left=edges[c], color=BEFORE, alpha=SHADES[step], linewidth=0)
-            ax.barh(y, width, 0.86, left=edges[c], fill=False, edgecolor=COLOURS["grid"], linewidth=0.5)
-            if own.max() > data.diagnosis.detection.z_limit:
-                ax.plot(np.sqrt(edges[c] * edges[c + 1]), y, "x", color=MEASURED, markersize=5)
+    drawn = np.unique(cell)
+    width, left = np.diff(edges)[drawn], edges[drawn]
+    texts = [f"< {Z_STEPS[0]:g}", *(f"> {s:g}" for s in Z_STEPS)]
+    rms = np.array([[np.sqrt(np.mean(z[cell == c] ** 2)) for c in drawn] for _, z in rows])
+    largest = np.array([[z[cell == c].max() for c in drawn] for _, z in rows])
+    shade = np.searchsorted(Z_STEPS, rms, side="right")
+    for step in np.unique(shade):
+        y, c = np.nonzero(shade == step)
+        ax.barh(y, width[c], 0.86, left=left[c], color=BEFORE, alpha=SHADES[step], linewidth=0, label=texts[step])
+    y, c = np.indices(shade.shape).reshape(2, -1)
+    ax.barh(y, width[c], 0.86, left=left[c], fill=False, edgecolor=COLOURS["grid"], linewidth=0.5)
+    y, c = np.nonzero(largest > data.diagnosis.detection.z_limit)
+    if y.size:
+        ax.plot(np.sqrt(left[c] * (left + width)[c]), y, "x", color=MEASURED, markersize=5)
     frequency_axis(ax, f)
     ax.set_xlim(edges[0], edges[-1])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_yticks(range(len(rows)), [label for label, _ in rows])
     ax.grid(visible=False)
-    texts = [f"< {Z_STEPS[0]:g}", *(f"> {s:g}" for s in Z_STEPS)]
     keys = [
         Patch(facecolor=BEFORE, alpha=a, edgecolor=COLOURS["muted"], label=t)
         for a, t in zip(SHADES, texts, strict=True)

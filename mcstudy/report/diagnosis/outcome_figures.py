@@ -9,9 +9,9 @@ from mcstudy.effect_library.library import shape_parameters
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.verdict import added_name, effects_of, p_words, shown_causes
+from mcstudy.report.axes import axes, legend_below
 from mcstudy.report.diagnosis.figures import AFTER, BEFORE, MEASURED
 from mcstudy.report.diagnosis.traces import SwayTraces
-from mcstudy.report.figures.common import axes, legend_below
 from mcstudy.report.style import COLOURS, DASHES
 from mcstudy.text_tables import number
 

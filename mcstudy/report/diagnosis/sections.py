@@ -7,13 +7,13 @@ from functools import partial
 from mcstudy.gap import tables
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.verdict import not_a_body, share_closed, shown_causes, sway
-from mcstudy.report.context import short
 from mcstudy.report.diagnosis import figures, outcome_figures
 from mcstudy.report.diagnosis.data import BANDS_PER_DECADE, GapData
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.html import Table
 from mcstudy.report.labels import with_units
+from mcstudy.report.numbers import short
 
 NARROW = 3
 """Most columns of a table that a telephone shows as one."""

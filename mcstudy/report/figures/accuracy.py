@@ -14,7 +14,8 @@ from mcstudy.analysis.montecarlo import Moments
 from mcstudy.analysis.sensitivity import RANGES, sensitivity
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import GroupLike, axes, chosen_fmax, fixed_ticks, legend_below, view_of
+from mcstudy.report.axes import axes, fixed_ticks, legend_below
+from mcstudy.report.figures.common import GroupLike, chosen_fmax, view_of
 from mcstudy.report.labels import fmax_label
 from mcstudy.report.style import COLOURS
 

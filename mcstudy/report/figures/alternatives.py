@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult
-from mcstudy.report.figures.common import axes, frequency_axis, legend_below, log_axis
+from mcstudy.report.axes import axes, frequency_axis, legend_below, log_axis
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 
 SHOWN_PERCENT = 100.0

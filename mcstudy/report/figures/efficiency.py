@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import GroupLike, axes, chosen_amplitude, legend_below, plain_log_axis, view_of
+from mcstudy.report.axes import axes, legend_below, plain_log_axis
+from mcstudy.report.figures.common import GroupLike, chosen_amplitude, view_of
 from mcstudy.report.labels import amplitude_label, fmax_label
 from mcstudy.report.style import COLOURS, MARKERS, SERIES
 

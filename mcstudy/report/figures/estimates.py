@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.montecarlo import Moments, moments
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import GroupLike, axes, colour_of, fixed_ticks, view_of
+from mcstudy.report.axes import axes, colour_of, fixed_ticks
+from mcstudy.report.figures.common import GroupLike, view_of
 from mcstudy.report.labels import amplitude_label, with_units
 from mcstudy.report.style import COLOURS, HATCHES
 from mcstudy.stance.feedback import Model

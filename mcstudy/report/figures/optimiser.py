@@ -14,16 +14,8 @@ from mcstudy.analysis.accuracy import mean_absolute_bias_percent
 from mcstudy.analysis.atlas import atlas_of_starts
 from mcstudy.analysis.by_starts import best_of_first, mean_cv
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import (
-    GroupLike,
-    axes,
-    chosen_amplitude,
-    chosen_fmax,
-    fixed_ticks,
-    legend_below,
-    plain_log_axis,
-    view_of,
-)
+from mcstudy.report.axes import axes, fixed_ticks, legend_below, plain_log_axis
+from mcstudy.report.figures.common import GroupLike, chosen_amplitude, chosen_fmax, sample, view_of
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 
@@ -39,8 +31,8 @@ AT_ONCE = 300_000
 
 @lru_cache(maxsize=8)
 def best_by_starts_of(view: GroupView) -> xr.Dataset:
-    """`mcstudy.analysis.by_starts.best_of_first` of a group; kept, because every statistic needs it."""
-    return best_of_first(view.cube).compute()
+    """`mcstudy.analysis.by_starts.best_of_first` of a `sample` of a group; kept, because every statistic needs it."""
+    return best_of_first(sample(view)).compute()
 
 
 @lru_cache(maxsize=8)

@@ -9,15 +9,8 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import (
-    MOST_POINTS,
-    GroupLike,
-    axes,
-    chosen_amplitude,
-    chosen_fmax,
-    fixed_ticks,
-    view_of,
-)
+from mcstudy.report.axes import axes, fixed_ticks
+from mcstudy.report.figures.common import MOST_POINTS, GroupLike, chosen_amplitude, chosen_fmax, view_of
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label, with_units
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 

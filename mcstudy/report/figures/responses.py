@@ -9,15 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import (
-    GroupLike,
-    axes,
-    chosen_amplitude,
-    chosen_fmax,
-    frequency_axis,
-    log_axis,
-    view_of,
-)
+from mcstudy.report.axes import axes, frequency_axis, log_axis
+from mcstudy.report.figures.common import GroupLike, chosen_amplitude, chosen_fmax, view_of
 from mcstudy.report.labels import CONTROLLERS, cell_label
 from mcstudy.report.style import DASHES, MARKERS, SERIES
 from mcstudy.stance.response import frf, neural_controllers

@@ -8,27 +8,23 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from mcstudy.analysis.convergence import COST_FLOOR
 from mcstudy.analysis.minimum_curve import average_curve, minimum_curve
 from mcstudy.analysis.neural import j_nc
-from mcstudy.analysis.selection import usable
+from mcstudy.analysis.selection import attempted, usable
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import (
-    MOST_POINTS,
-    GroupLike,
-    axes,
-    chosen_amplitude,
-    chosen_fmax,
-    colour_of,
-    log_axis,
-    plain_log_axis,
-    view_of,
-)
+from mcstudy.fitting.certainty import COST_FLOOR
+from mcstudy.report.axes import axes, colour_of, log_axis, plain_log_axis
+from mcstudy.report.figures.common import MOST_POINTS, GroupLike, chosen_amplitude, chosen_fmax, sample, view_of
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 
 MOST_CURVES = 60
 """Largest number of realizations in a waterfall plot."""
+
+
+def pools_of_points(view: GroupView) -> int:
+    """Realizations whose starts are the points of `controller_error`."""
+    return max(1, MOST_POINTS // view.cube.sizes["start"])
 
 
 def controller_error(
@@ -38,7 +34,7 @@ def controller_error(
     view, ax = view_of(data), axes(ax)
     a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
     cube = view.cube.sel(amplitude=[a], fmax=[f])
-    cube = cube.isel(realization=slice(0, max(1, MOST_POINTS // cube.sizes["start"])))
+    cube = cube.isel(realization=slice(0, pools_of_points(view)))
     ok = usable(cube).values.ravel()
     cost, error = cube["cost"].values.ravel()[ok], j_nc(cube, view.model).values.ravel()[ok]
     stable = cube["growth_rate"].values.ravel()[ok] < 0
@@ -97,9 +93,9 @@ def _rounded(*columns: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def curve_of(view: GroupView) -> xr.Dataset:
-    """`average_curve` of a group at all numbers of starts that the page draws or prints; one pass over its costs."""
+    """`average_curve` of a `sample` of a group at all numbers of starts that the page draws or prints; one pass."""
     drawn = np.union1d(_points(view.cube.sizes["start"]), printed_starts(view))
-    return average_curve(minimum_curve(view.cube, drawn)).compute()
+    return average_curve(minimum_curve(sample(view), drawn)).compute()
 
 
 def printed_starts(view: GroupView) -> list[int]:
@@ -150,11 +146,11 @@ def waterfall(
     a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
     cube = view.cube.sel(amplitude=a, fmax=f).isel(realization=slice(0, MOST_CURVES))
     cost = cube["cost"].where(usable(cube)).transpose("realization", "start").values
-    for row in cost:
+    for row, starts in zip(cost, attempted(cube).sum("start").values, strict=True):
         row = np.sort(row[np.isfinite(row)])
         if row.size:
             ratio = (row + COST_FLOOR) / (row[0] + COST_FLOOR)
-            share = 100 * np.arange(1, row.size + 1) / cube.sizes["start"]
+            share = 100 * np.arange(1, row.size + 1) / starts
             keep = _corners(np.log10(ratio))
             ax.step(share[keep], ratio[keep], where="pre", color=COLOURS["blue"], linewidth=0.8, alpha=0.45)
     log_axis(ax.yaxis)

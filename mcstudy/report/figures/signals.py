@@ -9,24 +9,17 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mcstudy.analysis.view import GroupView
-from mcstudy.report.figures.common import (
-    GroupLike,
-    axes,
-    chosen_amplitude,
-    frequency_axis,
-    legend_below,
-    log_axis,
-    view_of,
-)
+from mcstudy.report.axes import axes, frequency_axis, legend_below, log_axis
+from mcstudy.report.figures.common import GroupLike, chosen_amplitude, view_of
 from mcstudy.report.labels import unit
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 from mcstudy.spectra import periods
 from mcstudy.spectra.intersample import straight_lines
+from mcstudy.stance.line_stimulus import Stimulus
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway, sway_psd
 from mcstudy.stance.simulate_time import simulate, with_derivatives
-from mcstudy.stance.stimulus import Prts
 from mcstudy.streams import noise_stream
 from mcstudy.study.measure import spectrum, stimulus
 
@@ -62,7 +55,7 @@ class Signals:
         return cls(view, seed, chosen_amplitude(view, amplitude), realization)
 
     @cached_property
-    def prts(self) -> Prts:
+    def periodic(self) -> Stimulus:
         """The stimulus."""
         return stimulus(self.view.group, self.amplitude)
 
@@ -79,12 +72,12 @@ class Signals:
     @cached_property
     def t(self) -> np.ndarray:
         """Time, s, (samples,)."""
-        return np.arange(self.cycles * self.prts.samples) / self.prts.rate_hz
+        return np.arange(self.cycles * self.periodic.samples) / self.periodic.rate_hz
 
     @cached_property
     def torque(self) -> np.ndarray:
         """The stimulus over the whole record, (samples,)."""
-        return np.tile(self.prts.waveform(), self.cycles)
+        return np.tile(self.periodic.waveform(), self.cycles)
 
     @cached_property
     def _noise(self) -> SensorNoise:
@@ -93,42 +86,42 @@ class Signals:
     @cached_property
     def sensor_noise(self) -> np.ndarray:
         """Noise on the two sensed angles."""
-        return self._noise.sample(noise_stream(self.seed, self.realization), self.t.size, self.prts.rate_hz)
+        return self._noise.sample(noise_stream(self.seed, self.realization), self.t.size, self.periodic.rate_hz)
 
     @cached_property
     def noise_sway(self) -> np.ndarray:
         """Sway that the same noise evokes, without a stimulus."""
         model = self.view.model
-        sway = NoiseSway(model, model.truth, self._noise, self.t.size, self.prts.rate_hz)
+        sway = NoiseSway(model, model.truth, self._noise, self.t.size, self.periodic.rate_hz)
         return sway.sample(noise_stream(self.seed, self.realization))
 
     @cached_property
     def ideal_sway(self) -> np.ndarray:
         """Steady-state sway that the stimulus evokes, without noise."""
         model = self.view.model
-        once = stimulus_sway(model, model.truth, self.prts.waveform(), self.prts.rate_hz)
+        once = stimulus_sway(model, model.truth, self.periodic.waveform(), self.periodic.rate_hz)
         return np.tile(once, (self.cycles, 1))
 
     @cached_property
     def simulated_sway(self) -> np.ndarray:
         """The same by integration in time from rest."""
-        model, rate = self.view.model, self.prts.rate_hz
+        model, rate = self.view.model, self.periodic.rate_hz
         drive = self.torque
-        if self.view.group.stimulus.kind == "platform_translation":  # the model senses its acceleration
-            drive = np.tile(with_derivatives(self.prts.waveform(), rate), (self.cycles, 1))
+        if model.senses_motion:
+            drive = np.tile(with_derivatives(self.periodic.waveform(), rate), (self.cycles, 1))
         return simulate(model, model.truth, drive, rate).theta
 
     @cached_property
     def noise_spectrum(self) -> np.ndarray:
         """Spectrum of the noise-evoked sway as the FRFs get it, coefficients (period // 2 + 1, 2)."""
         group = self.view.group
-        return spectrum(group)(self.noise_sway, self.prts.samples, group.stimulus.discard)
+        return spectrum(group)(self.noise_sway, self.periodic.samples, group.stimulus.discard)
 
     def expected_noise_power(self, f: np.ndarray) -> np.ndarray:
         """E|coefficient|^2 of the mean cycle's noise without leakage, rad^2, (N, 2)."""
         model, group = self.view.model, self.view.group
         density = sway_psd(model, model.truth, self._noise, f)
-        duration = (group.stimulus.cycles - group.stimulus.discard) * self.prts.period_s
+        duration = (group.stimulus.cycles - group.stimulus.discard) * self.periodic.period_s
         return np.einsum("nii->ni", density).real / (2 * duration)
 
     def frf_error(self, discard: int) -> tuple[np.ndarray, np.ndarray]:
@@ -137,16 +130,17 @@ class Signals:
         Returns the odd lines (N,), Hz, and |simulated - exact| / |exact|, (N, angles).
         """
         model = self.view.model
-        lines = np.arange(1, int(8.0 * self.prts.period_s) + 1, 2)
-        f = lines / self.prts.period_s
-        found = periods.raw(self.simulated_sway, self.prts.samples, discard)[lines]
-        exact = frf(model, model.truth, f) * self.prts.coefficients()[lines, None]
+        lines = np.arange(1, int(8.0 * self.periodic.period_s) + 1, 2)
+        lines = lines[self.periodic.coefficients()[lines] != 0]
+        f = lines / self.periodic.period_s
+        found = periods.raw(self.simulated_sway, self.periodic.samples, discard)[lines]
+        exact = frf(model, model.truth, f) * self.periodic.coefficients()[lines, None]
         n = model.n_angles
         return f, np.abs(found[:, :n] - exact[:, :n]) / np.abs(exact[:, :n])
 
     def sampling_error(self, f: np.ndarray) -> np.ndarray:
         """The part of `frf_error` that sampling explains, (N,): the simulated stimulus is linear between samples."""
-        return 1.0 - straight_lines(f, self.prts.rate_hz)
+        return 1.0 - straight_lines(f, self.periodic.rate_hz)
 
 
 def envelope(t: np.ndarray, x: np.ndarray, columns: int = PIXELS) -> tuple[np.ndarray, np.ndarray]:
@@ -227,9 +221,10 @@ def simulation_error_frf(signals: Signals, ax: Axes | None = None) -> Axes:
 def stimulus_spectrum(signals: Signals, ax: Axes | None = None) -> Axes:
     """Fig. 2B: power of the stimulus at its lines; even lines hold none."""
     ax = axes(ax, (4.3, 2.8))
-    lines = np.arange(1, int(20.0 * signals.prts.period_s), 2)
-    lines = lines[lines <= signals.prts.samples // 2]
-    f, power = lines / signals.prts.period_s, np.abs(signals.prts.coefficients()[lines]) ** 2
+    lines = np.arange(1, int(20.0 * signals.periodic.period_s), 2)
+    lines = lines[lines <= signals.periodic.samples // 2]
+    lines = lines[signals.periodic.coefficients()[lines] != 0]
+    f, power = lines / signals.periodic.period_s, np.abs(signals.periodic.coefficients()[lines]) ** 2
     keep = _log_spaced(f, power)
     ax.plot(f[keep], power[keep], ".", color=COLOURS["ink"], markersize=3.5, label="stimulus")
     log_axis(ax.yaxis)
@@ -241,8 +236,8 @@ def stimulus_spectrum(signals: Signals, ax: Axes | None = None) -> Axes:
 def noise_spectrum(signals: Signals, ax: Axes | None = None) -> Axes:
     """Fig. 2B: power of the noise-evoked sway in the mean cycle (dots), and without leakage (lines)."""
     ax = axes(ax, (4.3, 2.8))
-    lines = np.arange(1, int(8.5 * signals.prts.period_s))
-    f = lines / signals.prts.period_s
+    lines = np.arange(1, int(8.5 * signals.periodic.period_s))
+    f = lines / signals.periodic.period_s
     expected = signals.expected_noise_power(f)
     for i, name in enumerate(signals.angles):
         power = np.degrees(np.abs(signals.noise_spectrum[lines, i])) ** 2

@@ -10,7 +10,8 @@ from mcstudy.analysis.performance import LEVEL, intervals, performance
 from mcstudy.analysis.selection import ERROR
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.figures.common import MOST_POINTS, GroupLike, axes, chosen_amplitude, chosen_fmax, view_of
+from mcstudy.report.axes import axes
+from mcstudy.report.figures.common import MOST_POINTS, GroupLike, chosen_amplitude, chosen_fmax, view_of
 from mcstudy.report.labels import cell_label, with_units
 from mcstudy.report.style import COLOURS, DASHES
 

@@ -9,7 +9,7 @@ from scipy.special import ndtri
 from mcstudy.errors import InputError
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.tables import band_names
-from mcstudy.report.figures.common import axes, legend_below, log_axis
+from mcstudy.report.axes import axes, legend_below, log_axis
 from mcstudy.report.figures.pairs import draw_correlations
 from mcstudy.report.labels import with_units
 from mcstudy.report.style import COLOURS, DASHES, HATCHES, SERIES

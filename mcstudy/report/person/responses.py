@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 
 from mcstudy.identification.result import FitResult
 from mcstudy.identification.trades import bodies
+from mcstudy.report.axes import axes, frequency_axis, legend_below, log_axis
 from mcstudy.report.diagnosis.data import band_means
 from mcstudy.report.diagnosis.figures import CURVE_POINTS, REAL
-from mcstudy.report.figures.common import axes, frequency_axis, legend_below, log_axis
 from mcstudy.report.style import COLOURS
 from mcstudy.stance.response import frf
 

@@ -10,11 +10,12 @@ import xarray as xr
 from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.stable_starts import hit_rate_by_start
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult
-from mcstudy.report.context import Context, finite, largest_amplitude, short
+from mcstudy.report.context import Context, largest_amplitude
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures import alternatives as drawn
 from mcstudy.report.html import Table
 from mcstudy.report.labels import amplitude_label, fmax_label
+from mcstudy.report.numbers import finite, short
 from mcstudy.text_tables import with_error
 
 MOST_STARTS = 40_000

@@ -11,13 +11,15 @@ from mcstudy.analysis.paper.published import FMAX_HZ
 from mcstudy.analysis.sensitivity import RANGES
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
-from mcstudy.report.context import Context, conditions, finite, largest_amplitude, short, stat, value_of
+from mcstudy.report.context import Context, conditions, largest_amplitude, stat, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.accuracy import bias_at, cv_at
-from mcstudy.report.figures.common import chosen_fmax
+from mcstudy.report.figures.common import chosen_fmax, of_all
 from mcstudy.report.figures.efficiency import efficiency_of
+from mcstudy.report.figures.responses import MOST_FITS
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label, unit, with_units
+from mcstudy.report.numbers import finite, short
 from mcstudy.report.sections.search import relative_errors
 from mcstudy.report.style import HATCHES
 from mcstudy.text_tables import with_error
@@ -86,7 +88,8 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
         [
             "Lines: truth. Bands: 10th to 90th percentile of the best fits over realizations, at each frequency. "
             "Dashed: Fmax. Beyond Fmax a fit extrapolates: a low Fmax does not determine the dynamics above it, as in "
-            "the paper. The phase is that of stable fits only: an unstable loop has no response to be measured.",
+            "the paper. The phase is that of stable fits only: an unstable loop has no response to be measured."
+            + of_all(view, MOST_FITS),
         ],
         panels,
         (),

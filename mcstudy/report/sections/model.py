@@ -14,6 +14,8 @@ STIMULI = {
     "ankle_torque": "a torque about the ankle, in N·m",
     "hip_torque": "a torque about the hip, in N·m",
     "platform_translation": "the translation of the platform, in m",
+    "surface_tilt": "the tilt of the support surface, in rad",
+    "visual_tilt": "the tilt of the visual scene, in rad",
 }
 
 

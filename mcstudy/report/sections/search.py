@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
-from mcstudy.analysis.by_starts import mean_cv
+from mcstudy.analysis.by_starts import mean_cv, missed_by
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.view import GroupView
+from mcstudy.fitting.certainty import MISSED
 from mcstudy.report import figures
-from mcstudy.report.context import Context, conditions, finite, largest_amplitude, short, stat, value_of
+from mcstudy.report.context import Context, conditions, largest_amplitude, stat, value_of, with_ends
 from mcstudy.report.figure import Figure, Missing, Panel
+from mcstudy.report.figures.common import MOST_POINTS, of_all, sampled
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
-from mcstudy.report.figures.search import curve_of, printed_starts
+from mcstudy.report.figures.search import MOST_CURVES, curve_of, pools_of_points, printed_starts
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
+from mcstudy.report.numbers import finite, short
 
 CURVE_TITLE = "Starts needed"
 
@@ -49,7 +51,7 @@ def _fig_3a(context: Context) -> Figure | Missing:
             f"Every start of group {view.name} without noise: cost J of its fit to the two FRFs against the error J_NC "
             "of the four neural controllers. Bottom left: the true parameters were found. The paper's points form a "
             "line because its solver stopped early; ours converges, so points gather at the truth (to rounding) and "
-            "at the local minima.",
+            f"at the local minima.{of_all(view, pools_of_points(view))}",
         ],
         [Panel("cost and controller error", lambda ax: figures.controller_error(view, fmax=f, ax=ax))],
         [
@@ -82,7 +84,7 @@ def _fig_3b(context: Context) -> Figure | Missing:
             "Expected lowest cost after x random starts: mean over realizations ± standard error (the paper shows SD), "
             "one curve per condition. Where a curve is flat, more starts do not help. Computed from exact order "
             "statistics of the whole pool, not by resampling. The mean hides the realizations that need more starts: "
-            "see the median and the 90th percentile in the table.",
+            f"see the median and the 90th percentile in the table.{of_all(views[0], sampled(views[0]))}",
         ],
         [
             Panel(f"group {v.name}, solver {v.group.fit.solver}, Fmax {f:g} Hz", partial(figures.starts_curve, v, f))
@@ -100,24 +102,18 @@ def _starts_table(context: Context, view: GroupView) -> Table:
             cell_label(view, c["amplitude"], c["fmax"]),
             short(100 * (c["hit_rate"] or 0.0)),
             stat(c["missed_minimum"], 100.0),
-            *(_with_interval(c[f"starts_needed_{q}"]) for q in ("median", "90th")),
+            *(with_ends(c[f"starts_needed_{q}"]) for q in ("median", "90th")),
         ]
         for c in context.cells(view)
     ]
     header = [
         "condition",
         "starts that reach the minimum (%)",
-        "chance that the pool missed it (%)",
+        f"{MISSED} (%)",
         "needed, median [95 % interval]",
         "needed, 90th percentile [95 % interval]",
     ]
     return Table(f"Group {view.name}: new starts for 95 % certainty of the lowest minimum", header, rows)
-
-
-def _with_interval(statistic: dict[str, Any]) -> str:
-    """A number of starts with its interval; a dash is an end that so few realizations cannot bound."""
-    value, low, high = ("–" if statistic[k] is None else f"{statistic[k]:.0f}" for k in ("value", "lower", "upper"))
-    return value if low == high == "–" else f"{value} [{low}, {high}]"
 
 
 def _curve_table(view: GroupView) -> Table:
@@ -154,7 +150,7 @@ def _fig_3c(context: Context) -> Figure | Missing:
         [
             "Best fit of every realization: cost against error of the neural controllers (over all frequencies, also "
             "those not fitted). Hollow: the fitted loop is unstable. Small dots: the local minima of the first "
-            "realizations.",
+            f"realizations.{of_all(view, MOST_POINTS)}",
         ],
         [
             Panel(f"Fmax {f:g} Hz", partial(figures.controller_error_by_noise, view, f), share="xy")
@@ -179,7 +175,7 @@ def _waterfall(context: Context) -> Figure | Missing:
         [
             "Costs of all starts of a realization, sorted, divided by the realization's lowest; one line per "
             "realization. The flat beginning is the fraction of starts that found the lowest minimum; every step is "
-            "another minimum.",
+            f"another minimum.{of_all(views[0], MOST_CURVES)}",
         ],
         [
             Panel(
@@ -202,15 +198,16 @@ def _named_waterfall(view: GroupView, amplitude: float, fmax: float, ax: Axes) -
 
 
 def _hits_table(view: GroupView) -> Table:
-    rate = 100 * view.needed["hit_rate"]
+    rate, missed = 100 * view.needed["hit_rate"], 100 * view.needed["missed"].mean(REALIZATION)
     rows = [
         [
             cell_label(view, a, f),
             *(short(rate.sel(amplitude=a, fmax=f).dropna(REALIZATION).quantile(q), 2) for q in (0.0, 0.1, 0.5, 0.9)),
+            short(missed.sel(amplitude=a, fmax=f), 2),
         ]
         for a, f in conditions(view)
     ]
-    header = ["condition", "worst realization", "10th percentile", "median", "90th percentile"]
+    header = ["condition", "worst realization", "10th percentile", "median", "90th percentile", f"{MISSED} (%, mean)"]
     return Table(f"Group {view.name}: starts that reach the lowest minimum (%)", header, rows)
 
 
@@ -271,7 +268,7 @@ def _by_starts(context: Context) -> Figure | Missing:
         [
             "Mean |bias| and coefficient of variation over parameters when only the first x starts of every "
             "realization are used. What still decreases with x is due to the optimiser; the remainder is due to the "
-            "estimator.",
+            f"estimator.{of_all(view, sampled(view))}",
         ],
         [
             Panel("mean |bias|", partial(figures.bias_by_starts, view), (4.3, 4.0)),
@@ -280,6 +277,7 @@ def _by_starts(context: Context) -> Figure | Missing:
         [
             _by_starts_table("Mean |bias| (% ± MCSE)", view, by_starts_of(view, mean_absolute_bias_percent)),
             _by_starts_table("Mean coefficient of variation (± MCSE)", view, by_starts_of(view, mean_cv)),
+            _missed_table(view),
         ],
         (),
         f'figures.bias_by_starts(tree["{view.name}"])',
@@ -297,6 +295,18 @@ def _by_starts_table(caption: str, view: GroupView, result: xr.Dataset) -> Table
         for a in result["amplitude"].values
     ]
     return Table(caption, ["condition", *(f"{x}" for x in drawn)], rows)
+
+
+def _missed_table(view: GroupView) -> Table:
+    """Chance that the best of x starts is not the lowest minimum."""
+    drawn = by_starts_of(view, mean_cv)["drawn"]
+    missed = 100 * missed_by(view.needed["hit_rate"], drawn)
+    rows = [
+        [cell_label(view, a, f), *(short(x, 2) for x in missed.sel(amplitude=a, fmax=f).values)]
+        for f in view.cube["fmax"].values.tolist()
+        for a in view.cube["amplitude"].values.tolist()
+    ]
+    return Table(f"{MISSED[0].upper()}{MISSED[1:]} (%, mean)", ["condition", *(f"{x}" for x in drawn.values)], rows)
 
 
 def relative_errors(view: GroupView) -> list[list[str]]:

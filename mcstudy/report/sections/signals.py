@@ -8,11 +8,12 @@ import numpy as np
 
 from mcstudy.analysis.paper.published import METHODS
 from mcstudy.report import figures
-from mcstudy.report.context import Context, short
+from mcstudy.report.context import Context
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.signals import Signals, cycles
 from mcstudy.report.html import Table
 from mcstudy.report.labels import unit
+from mcstudy.report.numbers import short
 
 RECORD = (11.0, 1.9)
 """Size of a record of minutes, inches: the width of the page."""
@@ -24,6 +25,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
     s = Signals.of(view, context.seed, float(view.cube["amplitude"].values[0]))
     python = f'figures.NAME(figures.Signals.of(tree["{view.name}"], {context.seed}, {s.amplitude:g}))'
     peak = f"{s.amplitude:g} {unit(view)} ({view.group.stimulus.convention.replace('_', ' ')})"
+    what = "Sum of cosines" if view.group.stimulus.lines.harmonic else "Pseudorandom ternary stimulus"
     rms = np.degrees(s.noise_sway).std(axis=0)
     paper = METHODS["noise-evoked sway RMS"][0]
     f, error = s.frf_error(view.group.stimulus.discard)
@@ -37,7 +39,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "Fig. 2A",
             "Stimulus and sensor noise",
             [
-                f"Pseudorandom ternary stimulus of {peak}, {s.cycles} cycles of {s.prts.period_s:g} s; sensor noise "
+                f"{what} of {peak}, {s.cycles} cycles of {s.periodic.period_s:g} s; sensor noise "
                 "that is added to the sensed angles (low-pass filtered pink noise); and the sway that this noise alone "
                 "evokes.",
                 "RMS of that sway in this realization: "

@@ -7,12 +7,13 @@ from functools import partial
 from mcstudy.analysis.selection import ERROR
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
-from mcstudy.report.context import finite, largest_amplitude
+from mcstudy.report.context import largest_amplitude
 from mcstudy.report.figure import Figure, Panel
 from mcstudy.report.figures.common import MOST_POINTS, chosen_fmax
 from mcstudy.report.figures.zipper import performance_of
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
+from mcstudy.report.numbers import finite
 from mcstudy.text_tables import with_error
 
 COLUMNS = (("relative_error", 1.0), ("coverage", 100.0), ("bias_eliminated_coverage", 100.0))

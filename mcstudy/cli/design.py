@@ -1,0 +1,44 @@
+"""``mcstudy design``: the stimulus that identifies the controllers best, verified by Monte Carlo."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.exits import Exit
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("file", type=Path, help="design file (.toml), or the name of a shipped one (design)")
+    parser.add_argument(
+        "-o", "--out", "--output", dest="out", type=Path, required=True, metavar="DIR", help="folder for all results"
+    )
+    parser.add_argument(
+        "--no-verify", action="store_true", help="only predict: leave out the Monte Carlo study of design and sequence"
+    )
+    parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw spectra and errors before and after")
+    add_scheduler_arguments(parser)
+
+
+def main(args: argparse.Namespace) -> Exit:
+    """Design, verify and print the tables; returns the exit code."""
+    from mcstudy.errors import DesignError
+    from mcstudy.stimulus_design.design_file import read_design
+
+    file, options = read_design(args.file), cluster_options(args)
+    from mcstudy.stimulus_design.run import design_stimulus  # Dask is slow to import; report a bad file first
+    from mcstudy.text_tables import folded
+
+    try:
+        found = design_stimulus(file, args.out, options, verify=not args.no_verify)
+    except DesignError as error:
+        raise DesignError(f"{args.file}: {error}") from None
+    print(folded(found.text()))
+    if args.figure is not None:
+        from mcstudy.files.json_files import write_text
+        from mcstudy.report.stimulus_design import stimulus_design_svg
+
+        write_text(args.figure, stimulus_design_svg(found))
+    return Exit.DONE

@@ -1,0 +1,57 @@
+"""How many cycles to leave out at the start of a recording: until the slowest oscillation of the fitted body decays.
+
+A recording starts from rest or from any other state, and what is left of it after the discarded cycles is a systematic
+error of the response, equal in all trials. One cycle is enough for a body whose oscillations decay within it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.recording import Recording
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.stability import rightmost_root
+
+OVER = 0.05
+"""Share of its first amplitude below which the start is over."""
+
+REAL = 1e-6
+"""Imaginary part (rad/s) below which a root does not oscillate. What creeps is smooth over the lines and is removed
+with the leakage (`mcstudy.spectra.transient`)."""
+
+
+def cycles_to_discard(recording: Recording | FrfRecording, model: Model, theta: np.ndarray) -> int:
+    """Cycles after which the slowest oscillation of ``model`` at ``theta`` (P,) is over, at most half of a trial."""
+    period_s, root = _oscillation(recording, model, theta)
+    if root is None:
+        return 1
+    most = max(1, min(recording.cycles) // 2) if isinstance(recording, Recording) else 1
+    if root.real >= 0:
+        return most
+    return int(np.clip(math.ceil(math.log(OVER) / (root.real * period_s)), 1, most))
+
+
+def unsettled(recording: Recording | FrfRecording, model: Model, theta: np.ndarray, discard: int) -> tuple[str, ...]:
+    """A note when that oscillation outlasts the ``discard`` cycles left out, else nothing."""
+    period_s, root = _oscillation(recording, model, theta)
+    if root is None or math.exp(root.real * period_s * discard) <= OVER:
+        return ()
+    where = f"the slowest oscillation of the fitted model ({root.imag / (2 * math.pi):.2f} Hz)"
+    if root.real >= 0:
+        return (f"{where} does not decay, so the start of the recording is part of what is fitted",)
+    left = 100 * math.exp(root.real * period_s * discard)
+    return (
+        f"{where} keeps {left:.2g} % of its first amplitude after the {discard} discarded "
+        f"cycle{'s' if discard > 1 else ''}, so the start of the recording is part of what is fitted",
+    )
+
+
+def _oscillation(recording: Recording | FrfRecording, model: Model, theta: np.ndarray) -> tuple[float, complex | None]:
+    """Period, s, and rightmost root if it oscillates; None for a recording without cycles."""
+    if not isinstance(recording, Recording) or recording.period_s is None:
+        return math.nan, None
+    root = complex(rightmost_root(model, theta).root)
+    return recording.period_s, root if abs(root.imag) > REAL else None

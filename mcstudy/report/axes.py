@@ -1,0 +1,82 @@
+"""What all figures share: making axes, colours, labelling logarithmic axes. Nothing here reads a study."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
+
+from mcstudy.report.style import SERIES, SETTINGS
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """The report's settings while axes are made."""
+    with matplotlib.rc_context(SETTINGS):
+        yield
+
+
+def axes(ax: Axes | None, size: tuple[float, float] = (4.3, 3.2)) -> Axes:
+    """``ax``, or new axes that a notebook shows."""
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt  # only here: it chooses a window system
+
+    with styled():
+        figure = plt.figure(figsize=size, layout="constrained")
+        new: Axes = figure.add_subplot()
+        return new
+
+
+def colour_of(values: np.ndarray, value: float) -> str:
+    """Colour of one coordinate value of an axis."""
+    return SERIES[int(np.argmin(np.abs(values - value))) % len(SERIES)]
+
+
+def power_of_ten(value: float) -> str:
+    """``10⁻³`` for 0.001; plain text, so that no font is needed for it."""
+    return "10" + str(round(np.log10(value))).translate(_SUPERSCRIPT) if value > 0 else "0"
+
+
+def log_axis(axis: Any, most: int = 7) -> None:
+    """A logarithmic axis for what is drawn already: labelled at powers of ten, or at 1, 2, 5 where it spans few."""
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    low, high = axis.get_view_interval()
+    if high / low < 150 and low >= 1e-4 and high < 1e5:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    else:
+        axis.set_major_locator(LogLocator(numticks=most))
+        axis.set_major_formatter(FuncFormatter(lambda v, _: power_of_ten(v)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def plain_log_axis(axis: Any, ticks: Sequence[float]) -> None:
+    """A logarithmic axis with these ticks, written out."""
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    fixed_ticks(axis, ticks, [f"{t:g}" for t in ticks])
+    axis.set_minor_formatter(NullFormatter())
+
+
+def fixed_ticks(axis: Any, ticks: Iterable[float], labels: Sequence[str]) -> None:
+    """Ticks with these labels; `Axis.set_ticks` would make five artists of each before anything is drawn."""
+    axis.set_major_locator(FixedLocator(list(ticks)))
+    axis.set_major_formatter(FixedFormatter(list(labels)))
+
+
+def frequency_axis(ax: Axes, f: np.ndarray) -> None:
+    """Frequencies on a logarithmic x axis."""
+    plain_log_axis(ax.xaxis, [t for t in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0) if f.min() * 0.8 <= t <= f.max() * 1.2])
+    ax.set_xlabel("frequency (Hz)")
+
+
+def legend_below(ax: Axes, columns: int = 3, lift: float = -0.16) -> None:
+    """A legend under the axis label, where it covers nothing."""
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, lift), ncols=columns)

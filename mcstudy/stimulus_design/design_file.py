@@ -1,0 +1,182 @@
+"""Reading design files: what a stimulus is designed for, under which limits, and how the design is verified.
+
+A design file is TOML: ``[design]``, and optionally ``[limits]``, ``[prior]``, ``[verify]`` and the sections
+``[model]``, ``[stimulus]`` and ``[noise]`` of a study file. Every mistake gives one line: ``file: field: what was
+expected``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from mcstudy.errors import DesignError
+from mcstudy.files.plain_errors import validated
+from mcstudy.files.sections import Name, Positive, Section
+from mcstudy.files.toml_files import parse_toml, read_text
+from mcstudy.stance.ranges import AMPLITUDE, RATE
+from mcstudy.study.catalogue import located
+from mcstudy.study.checks import check_group
+from mcstudy.study.group import FREQUENCY, Group, ModelSection, NoiseSection, StimulusSection
+from mcstudy.study.measure import HIGHEST_HZ
+from mcstudy.study.study_file import check_tables
+
+KIND = "design"
+
+
+class DesignSection(Section):
+    """What is optimal, and what is kept of the sequence.
+
+    Attributes
+    ----------
+    name, seed, description: as in a study file.
+    amplitude: of the sequence that the design is compared with and that its limits refer to.
+    criterion: D (volume of the confidence ellipsoid), A (mean squared relative error), c (that of ``parameter``).
+    keep: share of the sequence's power that every line keeps at least, so that the stimulus stays unpredictable.
+    detection: share of the odd lines that stay empty, to detect odd nonlinearities; the first line never does.
+    fmax: highest line, Hz.
+    phase_starts: starts of the search for phases.
+    waveform_rate_hz: sampling rate of the waveform that is written; the stimulus' own when 0.
+    """
+
+    name: Name
+    seed: int = Field(ge=0, lt=2**63)
+    description: str = ""
+    amplitude: Annotated[float, AMPLITUDE] = 5.0
+    criterion: Literal["D", "A", "c"] = "D"
+    parameter: str = ""
+    keep: float = Field(default=0.5, ge=0, lt=1)
+    detection: float = Field(default=0.0, ge=0, le=0.5)
+    fmax: Annotated[float, FREQUENCY] = 8.0
+    phase_starts: int = Field(default=8, ge=1, le=1000)
+    waveform_rate_hz: float = Field(default=0.0, ge=0, le=1e6)
+
+
+class LimitsSection(Section):
+    """Limits of the stimulus; ratios are to the sequence, for every body of the prior; 0 is no limit.
+
+    Attributes
+    ----------
+    rms: root mean square of the stimulus. sway: that of the sway of either angle that it evokes. rate: that of the
+    stimulus' rate of change. crest_factor: largest absolute value over root mean square. peak: largest absolute value,
+    in units of the stimulus. duration_s: of all recorded cycles, s.
+    """
+
+    rms: float = Field(default=1.1, gt=0, le=1000)
+    sway: float = Field(default=1.1, gt=0, le=1000)
+    rate: float = Field(default=5.0, ge=0, le=100_000)
+    crest_factor: float = Field(default=0.0, ge=0, le=1000)
+    peak: float = Field(default=0.0, ge=0, le=1e6)
+    duration_s: float = Field(default=0.0, ge=0, le=1e9)
+
+
+class PriorSection(Section):
+    """Bodies over which the criterion is averaged, besides the one of ``[model]``.
+
+    Attributes
+    ----------
+    bodies: their number. spread: half-width of the uniform distributions of every parameter, and of one factor of all
+    inertias and moments of the body (its mass), relative to the values of ``[model]``.
+    """
+
+    bodies: int = Field(default=12, ge=0, le=1000)
+    spread: float = Field(default=0.2, ge=0, lt=0.9)
+
+
+class VerifySection(Section):
+    """Monte Carlo studies of design and sequence with the same noise and bounded fits.
+
+    Attributes
+    ----------
+    realizations: of the body of ``[model]``; 0 for no verification. bodies: further bodies drawn from the prior, none
+    of them used by the design. body_realizations: of each. starts: per fit. fmax: of the fits of the body of
+    ``[model]``, Hz; the others are fitted up to ``design.fmax``.
+    """
+
+    realizations: int = Field(default=200, ge=0, le=1_000_000)
+    bodies: int = Field(default=20, ge=0, le=99)
+    body_realizations: int = Field(default=50, ge=3, le=1_000_000)
+    starts: int = Field(default=5, ge=1, le=1_000_000)
+    fmax: tuple[Positive, ...] = Field(default=(1.2, 8.0), min_length=1, max_length=20)
+
+
+class DesignFile(Section):
+    """A design file with every setting explicit."""
+
+    design: DesignSection
+    limits: LimitsSection = LimitsSection()
+    prior: PriorSection = PriorSection()
+    verify: VerifySection = VerifySection()
+    model: ModelSection = ModelSection()
+    stimulus: StimulusSection = StimulusSection()
+    noise: NoiseSection = NoiseSection()
+
+    def group(self, **fields: Any) -> Group:
+        """A group of a study with this model, stimulus and noise, and other ``fields``; checked by nobody yet."""
+        axes = {"realizations": 1, "starts": 1, "fmax": [self.design.fmax], "amplitude": [self.design.amplitude]}
+        points = {"points": "odd_lines"}
+        own = {"spectra": points, "model": self.model, "stimulus": self.stimulus, "noise": self.noise}
+        return Group(**{**axes, **own, **fields})
+
+    @property
+    def cycles(self) -> int:
+        """Recorded cycles: those of the stimulus, or fewer where ``limits.duration_s`` is shorter."""
+        s, longest = self.stimulus, self.limits.duration_s
+        period = (3**s.stages - 1) * s.state_s
+        return s.cycles if longest == 0 else min(s.cycles, int(longest / period * (1 + 1e-9)))
+
+
+def read_design(path: str | Path) -> DesignFile:
+    """The design of a file, or of a shipped one by name; raises `DesignError` with one line."""
+    path = located(path, KIND)
+    text = read_text(path, "design file")
+    try:
+        return parse_design(parse_toml(text, "design file"))
+    except DesignError as error:
+        raise DesignError(f"{path}: {error}") from None
+
+
+def parse_design(raw: dict[str, Any]) -> DesignFile:
+    """The design of a parsed file; the one-line `DesignError` starts with the field."""
+    check_tables(raw, tuple(DesignFile.model_fields))
+    if KIND not in raw:
+        raise DesignError(f"{KIND}: missing, expected a table [{KIND}] with name and seed")
+    file: DesignFile = validated(DesignFile, raw)
+    _check(file)
+    return file
+
+
+def _check(file: DesignFile) -> None:
+    design, s = file.design, file.stimulus
+    if s.lines.harmonic:
+        raise DesignError("stimulus.lines: expected none: a design is compared with the sequence")
+    check_group(file.group())
+    if s.discard == 0:
+        raise DesignError(
+            "stimulus.discard: expected at least 1 (the ramp of a record needs the preceding sample), got 0"
+        )
+    if min(file.noise.psd) == 0:
+        raise DesignError("noise.psd: expected noise on both angles; without noise every stimulus is as good")
+    if file.cycles <= s.discard:
+        raise DesignError(
+            f"limits.duration_s: expected room for {s.discard + 1} cycles ({s.discard} of them discarded) of "
+            f"{(3**s.stages - 1) * s.state_s:g} s, got {file.limits.duration_s:g} s"
+        )
+    if design.fmax > HIGHEST_HZ:
+        raise DesignError(f"design.fmax: expected at most {HIGHEST_HZ:g} Hz, got {design.fmax}")
+    if (design.criterion == "c") != bool(design.parameter):
+        raise DesignError("design.parameter: expected a parameter for criterion 'c', and none for the others")
+    if max(file.verify.fmax) > design.fmax:
+        raise DesignError(
+            f"verify.fmax: expected at most design.fmax = {design.fmax:g} Hz, got {max(file.verify.fmax)}"
+        )
+    if len(set(file.verify.fmax)) < len(file.verify.fmax):
+        raise DesignError("verify.fmax: expected every value once")
+    rate, period = design.waveform_rate_hz, (3**s.stages - 1) * s.state_s
+    if rate and (rate not in RATE or rate <= 2 * design.fmax or abs(rate * period - round(rate * period)) > 1e-6):
+        raise DesignError(
+            f"design.waveform_rate_hz: expected more than twice design.fmax, with a whole number of samples in a cycle "
+            f"of {period:g} s, got {rate:g} Hz"
+        )

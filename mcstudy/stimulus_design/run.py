@@ -1,0 +1,49 @@
+"""Designing a stimulus, verifying it by Monte Carlo and writing what was found.
+
+    OUT/design.json        the design, its predictions and its verification
+    OUT/waveform.csv       one cycle at the laboratory's rate
+    OUT/study.toml         a study of design and sequence
+    OUT/verification.zarr  the fits of the verification
+
+The design follows from its file alone, so a stopped verification resumes with the same call.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mcstudy.analysis.results import open_results
+from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.stimulus_design.design_file import DesignFile
+from mcstudy.stimulus_design.result import StimulusDesign
+from mcstudy.stimulus_design.spectrum import designed
+from mcstudy.stimulus_design.verify import verification_of
+from mcstudy.study.run import run_study
+
+CUBE = "verification.zarr"
+
+
+def design_stimulus(
+    file: DesignFile, out: Path | None, options: ClusterOptions | None = None, verify: bool = True
+) -> StimulusDesign:
+    """The optimal stimulus of a design file, verified and written into the folder ``out`` where there is one.
+
+    Without ``out`` or with ``verify`` false, or with ``verify.realizations = 0``, nothing is simulated.
+
+    Raises
+    ------
+    DesignError: the limits allow no stimulus.
+    Interrupted: the verification was stopped; the same call resumes.
+    """
+    found = designed(file)
+    if out is None:
+        return StimulusDesign.of(found)
+    if not verify or file.verify.realizations == 0:
+        design = StimulusDesign.of(found)
+        design.write(out)
+        return design
+    StimulusDesign.of(found).write(out)  # there while the study runs, and if it is stopped
+    run_study(verification_of(found), out / CUBE, options)
+    design = StimulusDesign.of(found, open_results(out / CUBE, lazy=None))
+    design.write(out)
+    return design

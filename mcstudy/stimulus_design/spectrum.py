@@ -1,0 +1,234 @@
+"""The optimal spectrum of a design file: lines, what the sequence has there, limits, phases, and predicted errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mcstudy.errors import DesignError, InputError
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.information import expected_line_covariance, line_information, standard_errors, unit_variance
+from mcstudy.stance.line_stimulus import LineStimulus, Stimulus
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf
+from mcstudy.stance.simulate_spectral import sway_psd
+from mcstudy.stimulus_design.bodies import drawn, model_of, relative
+from mcstudy.stimulus_design.criteria import Criterion
+from mcstudy.stimulus_design.design_file import DesignFile
+from mcstudy.stimulus_design.optimum import Allowed, Optimum, grouped, maximum
+from mcstudy.stimulus_design.phases import crest_factor, low_crest
+from mcstudy.streams import stream
+from mcstudy.study.group import LinesSection
+from mcstudy.study.measure import stimulus
+
+ROUNDS = 6
+"""Most times that a spectrum is sought with a lower RMS because its peak was above the limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Size:
+    """How large a stimulus is: what the limits are about.
+
+    Attributes
+    ----------
+    rms, peak: of the stimulus, in its unit. rate: RMS of its rate of change, unit/s. crest_factor: peak over RMS.
+    sway: RMS of the evoked sway of each angle, rad, (A,).
+    """
+
+    rms: float
+    peak: float
+    rate: float
+    crest_factor: float
+    sway: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Designed:
+    """An optimal stimulus.
+
+    Attributes
+    ----------
+    file: what was asked. model: the body of the file. sequence, stimulus: the sequence, and the design.
+    f: odd lines up to fmax, Hz, (K,). before, after: powers of both there (squared moduli of Fourier coefficients).
+    empty: detection lines, (K,) bool. optimum: of the powers of the lines that are not empty.
+    limits: share of each limit that the design uses, by name (ratios of powers).
+    """
+
+    file: DesignFile
+    model: Model
+    sequence: Stimulus
+    stimulus: LineStimulus
+    f: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    empty: np.ndarray
+    optimum: Optimum
+    limits: dict[str, float]
+
+    @property
+    def lines(self) -> LinesSection:
+        """The design as ``[stimulus.lines]`` of a study file."""
+        s = self.stimulus
+        return LinesSection(harmonic=s.harmonic, weight=s.weight, phase_deg=s.phase_deg)
+
+
+def designed(file: DesignFile) -> Designed:
+    """The optimal stimulus of a design file.
+
+    Raises
+    ------
+    DesignError
+        The limits allow no stimulus (the line names the limit), or the lines do not determine the parameters.
+    """
+    base, seed, limits = file.group(), file.design.seed, file.limits
+    model = model_of(file, file.model)
+    models = [model, *(model_of(file, b) for b in drawn(file, file.prior.bodies, stream(seed, "design_prior")))]
+    sequence = stimulus(base, file.design.amplitude)
+    c = sequence.coefficients()
+    harmonic = np.arange(1, int(file.design.fmax * sequence.period_s + 0.5) + 1, 2)
+    harmonic = harmonic[2 * harmonic < sequence.samples]
+    f, before = harmonic / sequence.period_s, np.abs(c[harmonic]) ** 2
+    empty = grouped(harmonic, file.design.detection, stream(seed, "design_detection"))
+    used = ~empty
+    criterion = Criterion(
+        np.array([information(file, m, f[used]) * np.outer(relative(m), relative(m)) for m in models]),
+        _columns(file, model),
+    )
+    rms, name = limits.rms, "limits.rms"
+    for _ in range(ROUNDS):
+        allowed = _allowed(file, models, sequence, f, used, rms, name)
+        try:
+            optimum = maximum(criterion, allowed)
+        except InputError as error:
+            raise DesignError(str(error)) from None
+        found = _with_phases(file, sequence, harmonic[used], optimum.x)
+        size = size_of(model, found)
+        if limits.crest_factor and size.crest_factor > limits.crest_factor:
+            raise DesignError(
+                f"limits.crest_factor: the lowest found in {file.design.phase_starts} starts is "
+                f"{size.crest_factor:.3g}, got a limit of {limits.crest_factor:g}"
+            )
+        if not limits.peak or size.peak <= limits.peak:
+            break
+        rms, name = 0.995 * limits.peak / size.crest_factor / _rms(sequence), "limits.peak"
+    else:
+        raise DesignError(f"limits.peak: the lowest peak found is {size.peak:.4g}, got a limit of {limits.peak:g}")
+    after = np.zeros(f.size)
+    after[used] = optimum.x
+    shares: dict[str, float] = {}
+    for limit, share in zip(allowed.names, allowed.used(optimum.x).tolist(), strict=True):
+        shares[limit] = max(share, shares.get(limit, 0.0))  # the body whose limit is nearest
+    if limits.crest_factor:
+        shares["limits.crest_factor"] = (size.crest_factor / limits.crest_factor) ** 2
+    if limits.peak:
+        shares["limits.peak"] = (size.peak / limits.peak) ** 2
+    return Designed(file, model, sequence, found, f, before, after, empty, optimum, shares)
+
+
+def information(file: DesignFile, model: Model, f: np.ndarray) -> np.ndarray:
+    """Fisher information (K, P, P) of lines with a unit Fourier coefficient, in all cycles that are not discarded."""
+    duration = (file.cycles - file.stimulus.discard) * (3**file.stimulus.stages - 1) * file.stimulus.state_s
+    noise = SensorNoise(file.noise.psd, file.noise.corner_hz)
+    C = expected_line_covariance(model, model.truth, noise, f, np.ones(f.size), duration)
+    return line_information(model, model.truth, f, unit_variance(C, model.n_angles))
+
+
+def predicted(file: DesignFile, model: Model, f: np.ndarray, power: np.ndarray, bounded: bool = False) -> np.ndarray:
+    """Coefficients of variation (P,) at the Cramer-Rao bound for lines ``f`` with ``power``.
+
+    ``bounded``: with what the bounds of the fit add, to first order: the information of a normal distribution with the
+    variance of the uniform one between them. A parameter that the data do not determine then scatters by 29 % of the
+    distance between its bounds, and the others as if it were known that well.
+    """
+    whole = np.tensordot(power, information(file, model, f), axes=1)
+    if bounded:
+        whole = whole + np.diag(12 / (model.upper - model.lower) ** 2)
+    return standard_errors(whole, np.eye(len(whole))) / relative(model)
+
+
+def size_of(model: Model, periodic: Stimulus) -> Size:
+    """How large a stimulus is, for one body; all its lines count, also those above the highest fitted."""
+    c = periodic.coefficients()
+    k = np.flatnonzero(c)
+    f, power = k / periodic.period_s, np.abs(c[k]) ** 2
+    response = np.abs(frf(model, model.truth, f)[:, : model.n_angles]) ** 2
+    wave = periodic.waveform()
+    return Size(
+        rms=float(np.sqrt(2 * power.sum())),
+        peak=float(np.abs(wave).max()),
+        rate=float(np.sqrt(2 * (power * (2 * np.pi * f) ** 2).sum())),
+        crest_factor=crest_factor(wave),
+        sway=np.sqrt(2 * power @ response),
+    )
+
+
+def noise_sway(file: DesignFile, model: Model, top_hz: float = 20.0) -> np.ndarray:
+    """RMS of the sway that sensor noise alone evokes within one cycle's lines up to ``top_hz``, rad, (A,)."""
+    period = (3**file.stimulus.stages - 1) * file.stimulus.state_s
+    f = np.arange(1, int(top_hz * period) + 1) / period
+    noise = SensorNoise(file.noise.psd, file.noise.corner_hz)
+    density = np.einsum("nii->ni", sway_psd(model, model.truth, noise, f)).real[:, : model.n_angles]
+    return np.asarray(np.sqrt(density.sum(axis=0) / period))
+
+
+def _columns(file: DesignFile, model: Model) -> np.ndarray | None:
+    """W of the criterion, for relative errors."""
+    unit = np.eye(len(model.names))
+    if file.design.criterion == "D":
+        return None
+    if file.design.criterion == "A":
+        return unit
+    if file.design.parameter not in model.names:
+        raise DesignError(f"design.parameter: expected one of {', '.join(model.names)}, got {file.design.parameter!r}")
+    return unit[:, [model.names.index(file.design.parameter)]]
+
+
+def _allowed(
+    file: DesignFile, models: list[Model], sequence: Stimulus, f: np.ndarray, used: np.ndarray, rms: float, name: str
+) -> Allowed:
+    """The limits as shares of power; ``rms`` is the limit of the stimulus, set by the field ``name``."""
+    c = sequence.coefficients()
+    k = np.flatnonzero(c)
+    every, power = k / sequence.period_s, np.abs(c[k]) ** 2
+    rows, names = [np.ones(f.size) / power.sum() / rms**2], [name]
+    if file.limits.rate:
+        rows.append(f**2 / (power @ every**2) / file.limits.rate**2)
+        names.append("limits.rate")
+    for model in models:
+        response = np.abs(frf(model, model.truth, every)[:, : model.n_angles]) ** 2
+        at_lines = np.abs(frf(model, model.truth, f)[:, : model.n_angles]) ** 2
+        rows += list((at_lines / (power @ response) / file.limits.sway**2).T)
+        names += ["limits.sway"] * model.n_angles
+    kept = file.design.keep * np.abs(c[np.round(f * sequence.period_s).astype(int)]) ** 2
+    return Allowed(np.array(rows)[:, used], kept[used], tuple(names))
+
+
+def _with_phases(file: DesignFile, sequence: Stimulus, harmonic: np.ndarray, power: np.ndarray) -> LineStimulus:
+    """The stimulus with these powers and phases of a low crest factor, in the convention of the sequence."""
+    rng = stream(file.design.seed, "design_phases")
+    phase = low_crest(harmonic, power, sequence.samples, rng, file.design.phase_starts)
+    weight = np.sqrt(power / power.max())
+    unit = LineStimulus(
+        tuple(harmonic.tolist()),
+        tuple(float(f"{w:.9g}") for w in weight),
+        tuple(float(f"{d:.6f}") for d in np.degrees(phase) % 360),
+        sequence.samples,
+        sequence.rate_hz,
+        1.0,
+        file.stimulus.convention,
+    )
+    largest = float(np.sqrt(power.max() / (np.abs(unit.coefficients()) ** 2).max()))
+    return LineStimulus(
+        unit.harmonic,
+        unit.weight,
+        unit.phase_deg,
+        unit.samples,
+        unit.rate_hz,
+        float(f"{largest:.9g}"),
+        unit.convention,
+    )
+
+
+def _rms(periodic: Stimulus) -> float:
+    return float(np.sqrt(2 * (np.abs(periodic.coefficients()) ** 2).sum()))

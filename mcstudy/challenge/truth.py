@@ -204,10 +204,21 @@ def _misshapen(series: Series, rng: np.random.Generator) -> tuple[Recording, dic
             recording, more = done
             around = Surroundings.of(drawn.geometry, shared(series)[1])
             delta = drawn.measured.delta
-            described = [{"effect": mechanism, "sizes": drawn.sizes, "delta": delta}]
+            described: list[dict[str, Any]] = [{"effect": mechanism, "sizes": drawn.sizes, "delta": delta}]
             more |= _similarity(around, described)
+            described[0]["group"] = [*described[0]["group"], *same_change(mechanism)]
             return recording, _entry(drawn.theta, delta, described, form=form.name, **more)
     raise DesignError(f"sizes.forms: in {REDRAWS} draws, none of the required size was found with a stable body")
+
+
+def same_change(name: str) -> list[str]:
+    """Other effects that change the gains in the same direction, with amplitude or over time: two amplitudes, or first
+    and last cycles, tell nothing else about them."""
+    own = library.effect(name)
+    if own.contrast is None:
+        return []
+    alike = (e for e in library.LIBRARY.values() if (e.contrast, e.gain_sign) == (own.contrast, own.gain_sign))
+    return [e.name for e in alike if e.name != name]
 
 
 def _shows(series: Series, form: Form) -> bool:

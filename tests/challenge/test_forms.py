@@ -11,7 +11,7 @@ from mcstudy.challenge.design import Mix, Series, Sizes, Stratum, Trials
 from mcstudy.challenge.design_checks import check_series
 from mcstudy.challenge.forms import FORMS
 from mcstudy.challenge.misshapen import draw_form, shaped
-from mcstudy.challenge.truth import make_case
+from mcstudy.challenge.truth import make_case, same_change
 from mcstudy.effect_library import library
 from mcstudy.effect_library.published import ACTIVATION_DAMPING, FORCE_TIME_CONSTANT, RESONANCE_DAMPING
 from mcstudy.errors import DesignError
@@ -99,6 +99,12 @@ def test_the_key_of_a_misshapen_case_names_the_mechanism_and_the_form() -> None:
     assert set(cause["sizes"]) == {"Ka1", "r"}
     assert 0 < entry["closable"]["acceleration_feedback"] <= 1
     assert "acceleration" not in recording.name + recording.provenance
+
+
+def test_changes_of_the_gains_in_one_direction_are_one_group() -> None:
+    assert same_change("amplitude_reweighting") == ["torque_saturation"]
+    assert same_change("dead_zone") == []
+    assert same_change("head_mode") == []
 
 
 def test_an_unknown_form_is_refused() -> None:

@@ -29,6 +29,10 @@ FIRST, HOPELESS = 40, 300.0
 APART = 1e-3
 """Fits whose deviances differ by less are of one minimum."""
 
+PASS, ROUGH, ROUNDS = 50.0, 1e-3, 3
+"""Rise of the deviance up to which a minimum's valley is followed to find others, how exactly (of the rise), and how
+often from a new lowest one."""
+
 PATIENCE = 160
 """Random starts after which a search ends that found no stable minimum within `REACH` of the lowest."""
 
@@ -77,31 +81,59 @@ def without_prior(model: Model, base: Model) -> Prior:
 def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
     """Starts from the linear structure and at random, until `Minima.missed` is below `MISSED` or `MOST` are drawn.
 
-    ``least``: random starts that are drawn in any case.
+    Then starts around the lowest minimum, see `_across`. ``least``: random starts that are drawn in any case.
     """
     model, drawn = fitter.model, drawn_starts(fitter.model, seed, MOST)
     aimed = linearised_starts(model, data, seed, 1)
     fits = [_converged(fitter, data, aimed)] if len(aimed) else []
+    begun = len(aimed)  # starts that are not random; their fits come first
     for first in range(0, MOST, BATCH):
         fits.append(
             _hopeful(fitter, data, drawn[first : first + BATCH], min((f.chi2.min() for f in fits), default=np.inf))
         )
-        chi2 = np.concatenate([f.chi2 for f in fits])
-        chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
-        best, hits = distinct(chi2, len(aimed))
+        chi2, best, hits = _minima(fits, begun)
         near = chi2[best] - chi2[best[0]] < REACH
         found = int((hits[near] > 0).sum() + (hits[~near] > 0).any())
-        waterfall = np.sort(chi2[len(aimed) :])
+        waterfall = np.sort(chi2[begun:])
         enough = waterfall.size >= least and unseen(found, waterfall.size) < MISSED
         if enough or first + BATCH >= MOST:
             theta = np.concatenate([f.estimate for f in fits])
             stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], len(data.f))
             if stood.any() or waterfall.size >= PATIENCE:
                 break
+    for _ in range(ROUNDS):
+        lowest = best[stood][0] if stood.any() else best[0]
+        below = chi2[lowest]
+        fits.insert(0, _across(fitter, data, theta[lowest], below))
+        begun += len(fits[0].chi2)
+        chi2, best, hits = _minima(fits, begun)
+        theta = np.concatenate([f.estimate for f in fits])
+        stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], len(data.f))
+        if chi2[best[stood][0] if stood.any() else best[0]] > below - APART:
+            break
     information = np.concatenate([f.information for f in fits])
     if stood.any():
         best, hits = best[stood], hits[stood]
     return Minima(theta[best], chi2[best], information[best], hits, waterfall.size, found, waterfall)
+
+
+def _minima(fits: list[PenalisedFits], begun: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Deviances of all fits, and `distinct` of them; the first ``begun`` are not from random starts."""
+    chi2 = np.concatenate([f.chi2 for f in fits])
+    chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
+    return chi2, *distinct(chi2, begun)
+
+
+def _across(fitter: Fitter, data: Data, theta: np.ndarray, chi2: float) -> PenalisedFits:
+    """Fits from the ends of every parameter's range in which the deviance rises less than `PASS` above a minimum.
+
+    Minima that fit about as well often lie in one long valley with low passes, and few random starts end in each.
+    """
+    P = theta.size
+    height = np.full(2 * P, PASS * max(1.0, chi2 / (4 * len(data.f))))
+    outwards = np.concatenate([np.eye(P), -np.eye(P)])
+    ends = fitter.ends(data.packed, np.tile(theta, (2 * P, 1)), outwards, chi2 + height, height, tolerance=ROUGH)
+    return _converged(fitter, data, ends.estimate)
 
 
 def standing(stable: np.ndarray, chi2: np.ndarray, lines: int) -> np.ndarray:

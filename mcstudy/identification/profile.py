@@ -4,9 +4,10 @@ An end of an interval is the largest (or smallest) value of the quantity among a
 deviance stays below a ceiling. `mcstudy.fitting.outermost_kernel` solves this from every minimum below the ceiling;
 the interval is the union. The same at lower ceilings gives the curve of the profile.
 
-Two things guard against an end that is only local. The parameters at the end of one quantity lie below the ceiling of
-every other, so none of them may lie outside that one's interval; where one does, the search goes on from it. And a
-search that did not converge is repeated over ceilings that rise in steps.
+Three things guard against an end that is only local. The parameters at the end of one quantity lie below the ceiling of
+every other, so each end is searched again from those of them that reach farthest towards it. None of them may lie
+outside that one's interval; where one does, the search goes on from it. And a search that did not converge is repeated
+over ceilings that rise in steps.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ STEPS = (0.25, 0.5, 0.75, 1.0)
 
 ROUNDS = 3
 """Times that a search goes on from the ends of other quantities."""
+
+AROUND = 5
+"""Ends of other quantities from which each end is searched again."""
 
 OUTSIDE = 1e-6
 """How far outside an interval, in its widths, another quantity's end must lie for the search to go on from it."""
@@ -124,9 +128,9 @@ def profiles(
     search = _Search(fitter, data, minima, wanted, threshold)
     quantity, side = np.repeat(np.arange(len(wanted)), 2), np.tile([-1, 1], len(wanted))
     last = search.from_minima(quantity, side, 1.0)
-    for _ in range(ROUNDS):
-        if not search.go_on(quantity, side, last):
-            break
+    search.go_on(quantity, side, last)
+    search.from_others(quantity, side, last)
+    search.go_on(quantity, side, last)
     inner = [search.from_minima(quantity, side, share**2) for share in curve]
     for lower in inner:  # on a bound the lowest deviance is the profile's
         same = (last.status == "bound") & (lower.value == last.value) & (lower.rise < last.rise)
@@ -151,25 +155,39 @@ class _Search:
         found = self._ends(quantity[which], side[which], share, self._minima.theta[begun])
         return _outermost(found, side[which], which)
 
-    def go_on(self, quantity: np.ndarray, side: np.ndarray, last: _Points) -> bool:
+    def from_others(self, quantity: np.ndarray, side: np.ndarray, last: _Points) -> None:
+        """Search linear quantities from the `AROUND` ends that reach farthest, and move their ends in ``last``.
+
+        Some of these lie a little above the ceiling, because that of their own quantity is higher.
+        """
+        linear = np.flatnonzero(self._linear[quantity])
+        values = np.array([[q.value(theta) for q in self._wanted] for theta in last.theta]).T[quantity[linear]]
+        begun = np.argsort(-side[linear, None] * values, axis=1)[:, :AROUND]
+        at = np.repeat(linear, begun.shape[1])
+        found = self._ends(quantity[at], side[at], 1.0, last.theta[begun.ravel()])
+        found.value[found.rise > self._threshold[quantity[at]] * (1 + OUTSIDE)] = np.nan
+        _move(last, side, linear, _outermost(found, side[at], at))
+
+    def go_on(self, quantity: np.ndarray, side: np.ndarray, last: _Points) -> None:
         """Search from ends of other quantities that lie outside an interval, and move its end in ``last``."""
-        begun, which = [], []
+        for _ in range(ROUNDS):
+            begun, which = [], []
+            for n, out in enumerate(self._reached(quantity, side, last)):
+                width = abs(last.value[n] - self._wanted[quantity[n]].value(self._minima.theta[0]))
+                if last.status[n] != "not finite" and out.max() - side[n] * last.value[n] > OUTSIDE * width:
+                    begun.append(int(out.argmax()))
+                    which.append(n)
+            if not which:
+                return
+            at = np.array(which, dtype=int)
+            _move(last, side, at, self._ends(quantity[at], side[at], 1.0, last.theta[begun]))
+
+    def _reached(self, quantity: np.ndarray, side: np.ndarray, last: _Points) -> np.ndarray:
+        """How far outwards all ends lie for the quantity of each, (M, M); -inf for those above its ceiling."""
         below = last.rise[:, None] <= self._threshold * (1 + OUTSIDE)
         values = np.array([[q.value(theta) for q in self._wanted] for theta in last.theta])
-        for n, (k, s) in enumerate(zip(quantity, side, strict=True)):
-            width = abs(last.value[n] - self._wanted[k].value(self._minima.theta[0]))
-            beyond = np.where(below[:, k] & np.isfinite(values[:, k]), s * (values[:, k] - last.value[n]), -np.inf)
-            if last.status[n] != "not finite" and beyond.max() > OUTSIDE * width:
-                begun.append(int(beyond.argmax()))
-                which.append(n)
-        if not which:
-            return False
-        found = self._ends(quantity[which], side[which], 1.0, last.theta[begun])
-        for m, n in enumerate(which):
-            if side[n] * (found.value[m] - last.value[n]) > 0:
-                for mine, new in zip(last, found, strict=True):
-                    mine[n] = new[m]
-        return True
+        outwards = side[:, None] * values.T[quantity]
+        return np.where((below & np.isfinite(values)).T[quantity], outwards, -np.inf)
 
     def _ends(self, quantity: np.ndarray, side: np.ndarray, share: float, starts: np.ndarray) -> _Points:
         """Ends from ``starts`` (M, P) below ``share`` of the thresholds."""
@@ -248,6 +266,14 @@ class _Search:
                 status = str(found.status[0])
                 break
         return before, rise, status, theta
+
+
+def _move(last: _Points, side: np.ndarray, at: np.ndarray, found: _Points) -> None:
+    """Put the ends ``found`` into places ``at`` of ``last`` where they lie farther out."""
+    for m, n in enumerate(at):
+        if side[n] * (found.value[m] - last.value[n]) > 0:
+            for mine, new in zip(last, found, strict=True):
+                mine[n] = new[m]
 
 
 def _outermost(points: _Points, side: np.ndarray, which: np.ndarray) -> _Points:

@@ -110,10 +110,13 @@ def valleys(
     count, group = connected_components(joined, directed=False)
     same = [(i, j) for (i, j), _ in pairs if model.units[i] == model.units[j]][:MOST]
     wanted = [q for i, j in same for q in _combinations(model, theta, i, j)]
-    found = iter(further_profiles(model, base, lines, minima, wanted, level, seed))
+    profile = {e.name: e.profile for e in estimates}
+    further = [q for q in wanted if q.name not in profile]
+    found = further_profiles(model, base, lines, minima, further, level, seed)
+    profile |= {q.name: p for q, p in zip(further, found, strict=True)}
     known: list[tuple[int, Combination]] = []
     for (i, _), q, opposite in zip(same, wanted[::2], wanted[1::2], strict=True):
-        p, o = next(found), next(found)
+        p, o = profile[q.name], profile[opposite.name]
         if SHARPER * (p.high - p.low) < o.high - o.low:
             ends = p.low, p.high, p.low_from, p.high_from
             known.append(

@@ -24,7 +24,8 @@ from mcstudy.identification.coverage import Condition, Source
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.stance.body import two_segment
-from mcstudy.stance.response import frf, frf_jacobian
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import frf
 from mcstudy.streams import stream
 
 BRACKET = 1e-4
@@ -64,12 +65,46 @@ DEVIANCE = 1e-6
 """Error of a deviance that two implementations may differ by."""
 
 
+class ClosedForm:
+    """Frequency responses of the two-segment model and their derivatives: A(s) H = b(s), all terms at once."""
+
+    def __init__(self, model: Model, f: np.ndarray) -> None:
+        table, s = model.table, 2j * np.pi * f
+        if table.n_filters or (table.entry[:, 4] >= 0).any():
+            raise ValueError("expected a model without filters and products of gains")
+        row, order, group, self._gain = table.entry[:, :4].T
+        terms, delay = np.arange(len(row)), table.group_delay[group]
+        self._known, self._late = self._gain < 0, np.flatnonzero(delay >= 0)
+        self._gain, self._delay = np.where(self._known, 0, self._gain), delay[self._late]
+        self._s, self._shape = s[:, None], (f.size, 2, len(model.names))
+        self._fixed = table.weight[:, 0] * s[:, None] ** order  # (N, terms)
+        self._into = np.zeros((len(row), 2, 3))  # coefficients of both angles and the stimulus
+        self._into[terms, row] = table.weight[:, 1:]
+
+    def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """H (N, 2) and its derivatives (N, 2, P) at parameters (P,)."""
+        slope = self._fixed.copy()  # by the gain of each term
+        slope[:, self._late] *= np.exp(-self._s * theta[self._delay])
+        value = slope * np.where(self._known, 1.0, theta[self._gain])
+        whole = np.tensordot(value, self._into, 1)  # (N, 2, 3)
+        inverse = np.linalg.inv(whole[..., :2])
+        H = -(inverse @ whole[..., 2:])[..., 0]
+        felt = np.einsum("trc,nc->ntr", self._into, np.column_stack([H, np.ones(len(H))]))
+        J = np.zeros(self._shape, dtype=complex)
+        for t in np.flatnonzero(~self._known):
+            J[..., self._gain[t]] += slope[:, t, None] * felt[:, t]
+        for t, k in zip(self._late, self._delay, strict=True):
+            J[..., k] -= self._s * value[:, t, None] * felt[:, t]
+        return H, -(inverse @ J)
+
+
 class Constrained:
     """Least deviance of a fit with one quantity, a parameter or a sum of two, at a fixed value."""
 
     def __init__(self, fitted: FitResult, name: str) -> None:
         model = fitted.model
         self._model, self._data = model, Data.of(fitted.lines)
+        self._closed = ClosedForm(model, self._data.f)
         self._which = [model.names.index(part) for part in name.split(" + ")]
         self._free = np.delete(np.arange(len(model.names)), self._which[0])
         self._scale = np.abs(model.truth)[self._free]
@@ -116,7 +151,7 @@ class Constrained:
     def _both(self, x: np.ndarray, value: float) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and their derivatives; those of the last call are kept, since scipy asks for them one by one."""
         if self._last is None or value != self._last[1] or not np.array_equal(x, self._last[0]):
-            H, slope = frf_jacobian(self._model, self._theta(x, value), self._data.f)
+            H, slope = self._closed(self._theta(x, value))
             r, J = whiten(self._data.weight, self._data.y - H), -whiten(self._data.weight, slope)
             own = J[:, self._free]
             for other in self._which[1:]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mcstudy.errors import DesignError
+from mcstudy.study.catalogue import shipped
 from mcstudy.study.study_file import changes, parse_study, read_study
 from mcstudy.study.unstable import refuse_unstable
 
@@ -157,9 +158,7 @@ def test_the_model_of_the_study_is_written_out_in_full(tiny: str) -> None:
     assert study.groups["noisy"].model.body["J1"] == 51.26
 
 
-PIPELINES = Path(__file__).parents[2] / "pipelines"
-
-STUDIES = [p for p in sorted(PIPELINES.glob("*.toml")) if not p.name.startswith(("gap_", "table_one"))]
+STUDIES = list(shipped().values())
 
 
 @pytest.mark.parametrize("file", STUDIES, ids=lambda p: p.name)

@@ -14,6 +14,7 @@ from mcstudy.report.context import Context, largest_amplitude, stat, value_of, w
 from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.html import escape
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
+from mcstudy.report.numbers import chance
 from mcstudy.text_tables import counted, number, with_error
 
 Tile = tuple[str, str, str, str]
@@ -90,7 +91,7 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
         median, many = (needed[f"starts_needed_{which}"] for which in ("median", "90th"))
         remark = f"median; {with_ends(many)} or more in one of ten realizations; {at}, {f:g} Hz."
         if (missed := needed["missed_minimum"]["value"]) is not None:
-            remark += f" {MISSED[0].upper()}{MISSED[1:]}: {number(100 * missed, 2)} % (mean)."
+            remark += f" {MISSED[0].upper()}{MISSED[1:]}: {chance(missed)} % (mean)."
         tiles.append(("Starts for 95 % certainty", with_ends(median), remark, "fig3b"))
     return tiles
 
@@ -101,8 +102,8 @@ def _bias(context: Context, cell: dict[str, Any], at: str) -> Tile:
     value = row or cell["mean_absolute_bias_percent"]
     paper = f"paper {row['paper_text']} %, " if row else f"{at}, "
     what = f"Mean |bias|, Fmax {fmax_label(cell['fmax'])}"
-    chance = number(value["floor"], 2)
-    return what, f"{with_error(value['value'], value['mcse'])} %", f"{paper}{chance} % expected from chance.", "fig7a"
+    floor = number(value["floor"], 2)
+    return what, f"{with_error(value['value'], value['mcse'])} %", f"{paper}{floor} % expected from chance.", "fig7a"
 
 
 def _ends_and_middle(cells: list[dict[str, Any]], fmax: float) -> list[dict[str, Any]]:

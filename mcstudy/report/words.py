@@ -13,7 +13,7 @@ from mcstudy.fitting.certainty import MISSED
 from mcstudy.report.context import Context, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
-from mcstudy.report.numbers import short
+from mcstudy.report.numbers import chance, short
 from mcstudy.study.unstable import warning
 from mcstudy.text_tables import number
 
@@ -162,7 +162,7 @@ def group_overviews(context: Context) -> str:
                 stat(c["mean_spread_percent"]),
                 stat(c["unstable"], 100.0),
                 stat(c["inside_bounds"], 100.0),
-                stat(c["missed_minimum"], 100.0),
+                chance(c["missed_minimum"]["value"], c["missed_minimum"]["mcse"]),
             ]
             for c in data["cells"]
         ]

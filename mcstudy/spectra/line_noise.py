@@ -53,6 +53,12 @@ class LineNoise(Summary):
         """Errors and estimates of their precision together; see `NullDraws.joint`."""
         return NullDraws(self.dof, self.pooling).joint(rng, n)
 
+    @property
+    def definite(self) -> bool:
+        """Whether every covariance is positive definite; those of a simulation without noise are not."""
+        determinant, power = np.linalg.det(self.C).real, (self.C[:, 0, 0] * self.C[:, 1, 1]).real
+        return bool(np.all(determinant > 1e-9 * power) and np.all(power > 0))
+
     def times(self, factor: np.ndarray) -> LineNoise:
         """The noise of responses with ``factor`` (N,) times the variance."""
         return replace(self, C=self.C * factor[:, None, None])

@@ -65,9 +65,9 @@ def deviations(lines: Lines) -> np.ndarray:
 
 
 def scatter(lines: Lines) -> Scatter:
-    """Scatter of the repeats at every line; nothing is judged where no trial has two repeats or lines are few."""
+    """Scatter of the repeats at every line; nothing is judged where no trial has two repeats or there is no noise."""
     free = lines.trial.size - np.unique(lines.trial).size
-    if free == 0 or lines.harmonic is None:
+    if free == 0 or lines.harmonic is None or not lines.noise.definite:
         return Scatter(np.ones(len(lines)), np.ones(len(lines)))
     judged = lines.harmonic >= LOWEST
     power = (np.abs(deviations(lines)) ** 2).sum(axis=(0, 2))[judged] / (4 * free)

@@ -25,9 +25,12 @@ AROUND = 51
 
 
 def trial_power(lines: Lines) -> np.ndarray | None:
-    """Power (T, N) of the noise of every trial relative to the pooled covariance; None if a trial has one repeat."""
+    """Power (T, N) of the noise of every trial relative to the pooled covariance.
+
+    None where a trial has one repeat, and where there is no noise.
+    """
     trials, count = np.unique(lines.trial, return_counts=True)
-    if trials.size < 2 or count.min() < 2:
+    if trials.size < 2 or count.min() < 2 or not lines.noise.definite:
         return None
     square = (np.abs(deviations(lines)) ** 2).sum(axis=2)
     power = [square[lines.trial == t].sum(axis=0) / (4 * (n - 1)) for t, n in zip(trials, count, strict=True)]

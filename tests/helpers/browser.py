@@ -174,5 +174,5 @@ class Browser:
         file.write_bytes(base64.b64decode(shot["data"]))
 
     def printed(self) -> bytes:
-        """The page as PDF."""
-        return base64.b64decode(self.send("Page.printToPDF", printBackground=True)["data"])
+        """The page as PDF, on the paper that its style asks for."""
+        return base64.b64decode(self.send("Page.printToPDF", printBackground=True, preferCSSPageSize=True)["data"])

@@ -7,10 +7,12 @@ import os
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
+from types import UnionType
 from typing import Annotated, Any, get_args, get_origin
 
 import pytest
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from mcstudy.analysis.show.tables import show
 from mcstudy.errors import InputError
@@ -53,13 +55,15 @@ def leaves(annotation: Any) -> Iterator[tuple[float, ...]]:
             yield tuple(ends(metadata))
         else:
             yield from leaves(inner)
-    elif get_origin(annotation) in (tuple, dict):
+    elif get_origin(annotation) in (tuple, dict, UnionType):
         for part in dict.fromkeys(get_args(annotation)):
             yield from leaves(part)
 
 
 def ends(metadata: list[Any]) -> Iterator[float]:
     for one in metadata:
+        if isinstance(one, FieldInfo):
+            yield from ends(one.metadata)
         if isinstance(one, Range):
             yield from (one.low, one.high, *((-one.low, -one.high) if one.signed else ()))
         for bound in ("ge", "le"):
@@ -123,7 +127,7 @@ def name(case: tuple[Place, tuple[float, ...]]) -> str:
 
 
 def test_every_number_declares_what_it_may_be() -> None:
-    assert len(FIELDS) == 54
+    assert len(FIELDS) == 57
     open_ended = [place for place, kind in FIELDS if len(kind) < 2]
     # their ends are not among what they may be: seed < 2**63, 0 < width, 0 < tolerance, step_tolerance < 1
     assert {place[-1] for place in open_ended} == {"seed", "width", "tolerance", "step_tolerance"}

@@ -21,7 +21,7 @@ from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_
 from mcstudy.report.figures.search import MOST_CURVES, curve_of, pools_of_points, printed_starts
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
-from mcstudy.report.numbers import finite, short
+from mcstudy.report.numbers import chance, finite, short
 
 CURVE_TITLE = "Starts needed"
 
@@ -101,7 +101,7 @@ def _starts_table(context: Context, view: GroupView) -> Table:
         [
             cell_label(view, c["amplitude"], c["fmax"]),
             short(100 * (c["hit_rate"] or 0.0)),
-            stat(c["missed_minimum"], 100.0),
+            chance(c["missed_minimum"]["value"], c["missed_minimum"]["mcse"]),
             *(with_ends(c[f"starts_needed_{q}"]) for q in ("median", "90th")),
         ]
         for c in context.cells(view)
@@ -198,12 +198,12 @@ def _named_waterfall(view: GroupView, amplitude: float, fmax: float, ax: Axes) -
 
 
 def _hits_table(view: GroupView) -> Table:
-    rate, missed = 100 * view.needed["hit_rate"], 100 * view.needed["missed"].mean(REALIZATION)
+    rate, missed = 100 * view.needed["hit_rate"], view.needed["missed"].mean(REALIZATION)
     rows = [
         [
             cell_label(view, a, f),
             *(short(rate.sel(amplitude=a, fmax=f).dropna(REALIZATION).quantile(q), 2) for q in (0.0, 0.1, 0.5, 0.9)),
-            short(missed.sel(amplitude=a, fmax=f), 2),
+            chance(missed.sel(amplitude=a, fmax=f)),
         ]
         for a, f in conditions(view)
     ]
@@ -300,9 +300,9 @@ def _by_starts_table(caption: str, view: GroupView, result: xr.Dataset) -> Table
 def _missed_table(view: GroupView) -> Table:
     """Chance that the best of x starts is not the lowest minimum."""
     drawn = by_starts_of(view, mean_cv)["drawn"]
-    missed = 100 * missed_by(view.needed["hit_rate"], drawn)
+    missed = missed_by(view.needed["hit_rate"], drawn)
     rows = [
-        [cell_label(view, a, f), *(short(x, 2) for x in missed.sel(amplitude=a, fmax=f).values)]
+        [cell_label(view, a, f), *(chance(x) for x in missed.sel(amplitude=a, fmax=f).values)]
         for f in view.cube["fmax"].values.tolist()
         for a in view.cube["amplitude"].values.tolist()
     ]

@@ -1,7 +1,8 @@
 """Run the code blocks of pages while the site is built, and show below each what it prints and draws.
 
-Pages stay plain Markdown: a `python` block, one namespace per page; a `bash` block, a shell; both in a scratch folder
-that has `pipelines/` as in a clone. The tests run the same blocks (`tests/docs/test_code_blocks.py`).
+Pages stay plain Markdown: a `python` block, one namespace per page; a `bash` block, a shell; a `toml` block that begins
+with `# NAME.toml`, a file of that name; all in a scratch folder that has `pipelines/` as in a clone. The tests run the
+same blocks (`tests/docs/test_code_blocks.py`).
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -44,7 +46,7 @@ class Executed(SphinxTransform):
             for number, block in enumerate(blocks):
                 where = f"{page}.md, line {block.line}"
                 try:
-                    printed = _bash(block) if block["language"] == "bash" else _python(block, where, namespace)
+                    printed = _run(block, where, namespace)
                 except Exception as error:
                     raise SphinxError(f"{where}: {type(error).__name__}: {error}") from error
                 shown: list[nodes.Node] = []
@@ -59,7 +61,18 @@ class Executed(SphinxTransform):
 def _is_run(block: nodes.Element) -> bool:
     """Whether it is code, without the comment above it that the tests know too."""
     above = block.parent[max(block.parent.index(block) - 1, 0)]
-    return block.get("language") in ("python", "bash") and "<!-- Not run" not in above.astext()
+    return block.get("language") in ("python", "bash", "toml") and "<!-- Not run" not in above.astext()
+
+
+def _run(block: nodes.Element, where: str, namespace: dict[str, Any]) -> str:
+    """Run or write one block; returns what it prints."""
+    if block["language"] == "bash":
+        return _bash(block)
+    if block["language"] == "python":
+        return _python(block, where, namespace)
+    if name := re.match(r"# (\w+\.toml)\n", block.astext()):
+        Path(name[1]).write_text(block.astext(), encoding="utf-8")
+    return ""
 
 
 def _python(block: nodes.Element, where: str, namespace: dict[str, Any]) -> str:

@@ -191,9 +191,9 @@ class Fitter:
         """The best of several starts on one data set."""
         return self.pick(self.fits(data.packed, starts))
 
-    def pick(self, fits: PenalisedFits) -> Fitted:
-        """The best of several fits of one problem."""
-        k = int(np.argmin(fits.objective))
+    def pick(self, fits: PenalisedFits, among: slice = slice(None)) -> Fitted:
+        """The best of several fits of one problem, which are ``among`` all."""
+        k = int(np.arange(len(fits.objective))[among][np.argmin(fits.objective[among])])
         return Fitted(
             self.model,
             self.prior,

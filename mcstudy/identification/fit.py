@@ -58,28 +58,22 @@ def fit(
 
     Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong argument.
     """
-    left_out = 1 if discard is None else discard
-    one, lines = checked_lines(recording, fmax, left_out, accept)
-    if isinstance(one, Recording) and one.period_s is not None and fmax < NOISE_HZ:
-        lines = measure(one, max(fmax, min(NOISE_HZ, one.rate_hz / 2.5)), left_out).below(fmax)
-    nominal = model or one.base_model()
-    result = fit_lines(
-        lines, nominal, effects=effects, wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name
-    )
-    needed = cycles_to_discard(one, result.model, result.theta) if discard is None else left_out
-    if needed > left_out:
-        return fit(
-            recording,
-            effects=effects,
-            wanted=wanted,
-            bounds=bounds,
-            level=level,
-            model=model,
-            fmax=fmax,
-            discard=needed,
-            accept=accept,
-            seed=seed,
+
+    def fitted(left_out: int) -> tuple[Recording | FrfRecording, Model, FitResult]:
+        one, lines = checked_lines(recording, fmax, left_out, accept)
+        if isinstance(one, Recording) and one.period_s is not None and fmax < NOISE_HZ:
+            lines = measure(one, max(fmax, min(NOISE_HZ, one.rate_hz / 2.5)), left_out).below(fmax)
+        nominal = model or one.base_model()
+        result = fit_lines(
+            lines, nominal, effects=effects, wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name
         )
+        return one, nominal, result
+
+    left_out = 1 if discard is None else discard
+    one, nominal, result = fitted(left_out)
+    if discard is None and (needed := cycles_to_discard(one, result.model, result.theta)) > left_out:
+        left_out = needed
+        one, nominal, result = fitted(left_out)
     noted = tuple(s.message for s in one.suspicions) if isinstance(one, Recording) else ()
     method = {**result.method, "fmax": fmax, "discard": left_out}
     start = unsettled(one, result.model, result.theta, left_out)

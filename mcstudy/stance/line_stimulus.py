@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.stance.stimulus import CONVENTIONS, Prts
+from mcstudy.stance.stimulus import Prts, check_convention, peak_of
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,7 @@ class LineStimulus:
                 raise InputError(f"stimulus lines.{name}: expected {n} numbers, one per harmonic")
         if not all(math.isfinite(w) and w > 0 for w in self.weight):
             raise InputError("stimulus lines.weight: expected positive numbers")
-        if self.convention not in CONVENTIONS:
-            raise InputError(f"stimulus convention: expected one of {', '.join(CONVENTIONS)}, got {self.convention!r}")
+        check_convention(self.convention)
 
     @property
     def period_s(self) -> float:
@@ -66,7 +65,7 @@ class LineStimulus:
     @property
     def peak(self) -> float:
         """Largest absolute value of the waveform; the two extremes are equal because the cycle is half-wave odd."""
-        return self.amplitude if self.convention == "peak" else self.amplitude / 2
+        return peak_of(self.amplitude, self.convention)
 
     @cached_property
     def _unit_coefficients(self) -> np.ndarray:

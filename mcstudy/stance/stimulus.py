@@ -38,6 +38,17 @@ CONVENTIONS = ("peak", "peak_to_peak")
 """How an amplitude is read: the largest absolute value, or the distance between the extremes."""
 
 
+def check_convention(convention: str) -> None:
+    """Raise `InputError` for none of `CONVENTIONS`."""
+    if convention not in CONVENTIONS:
+        raise InputError(f"stimulus convention: expected one of {', '.join(CONVENTIONS)}, got {convention!r}")
+
+
+def peak_of(amplitude: float, convention: str) -> float:
+    """Largest absolute value of a waveform whose two extremes are equal, from its amplitude in a convention."""
+    return amplitude if convention == "peak" else amplitude / 2
+
+
 def ternary_m_sequence(stages: int) -> np.ndarray:
     """One period of the ternary m-sequence, (3**stages - 1,) int8 in {-1, 0, 1}.
 
@@ -94,8 +105,7 @@ class Prts:
                 f"stimulus state_s: expected a whole number of samples per state, got {self.state_s} s "
                 f"x {self.rate_hz} Hz = {held:g}"
             )
-        if self.convention not in CONVENTIONS:
-            raise InputError(f"stimulus convention: expected one of {', '.join(CONVENTIONS)}, got {self.convention!r}")
+        check_convention(self.convention)
 
     @property
     def states(self) -> int:
@@ -120,7 +130,7 @@ class Prts:
     @property
     def peak(self) -> float:
         """Largest absolute value of the waveform; the two extremes are equal because the cycle is half-wave odd."""
-        return self.amplitude if self.convention == "peak" else self.amplitude / 2
+        return peak_of(self.amplitude, self.convention)
 
     @cached_property
     def _unit_waveform(self) -> np.ndarray:

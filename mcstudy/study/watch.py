@@ -85,7 +85,7 @@ class Watch:
     @property
     def failed(self) -> int:
         """Fits that ended without a usable result."""
-        return sum(n for status, n in self.counts.items() if status not in (*USABLE, Status.NOT_NEEDED))
+        return sum(n for status, n in self.counts.items() if Status(status).failed)
 
     @property
     def done(self) -> int:

@@ -211,7 +211,7 @@ class Search:
 
     def _at(self, T: np.ndarray, starts: np.ndarray, tolerance: float) -> list[tuple[float, Relabelled, Data]]:
         """Log evidence, the best fit from ``starts`` (S, P) and the data, for each of T (G, K, N, 2, 2)."""
-        made, S, base = self._trials.corrected(T), len(starts), self._base
+        made, S = self._trials.corrected(T), len(starts)
         data = [Data(self.f, y, weight) for y, weight in zip(made.y, made.weight, strict=True)]
         fits = self._fitter.fits(
             np.array([d.packed for d in data]),
@@ -222,14 +222,6 @@ class Search:
         )
         found = []
         for i, own in enumerate(data):
-            k = i * S + int(np.argmin(fits.objective[i * S : (i + 1) * S]))
-            best = Fitted(
-                base.model,
-                base.prior,
-                fits.estimate[k],
-                float(fits.chi2[k]),
-                float(fits.penalty[k]),
-                fits.information[k],
-            )
+            best = self._fitter.pick(fits, slice(i * S, (i + 1) * S))
             found.append(self._as_read(best, own, made.apart[i], made.mix[i]))
         return found

@@ -25,7 +25,7 @@ LAYERS = (
     ("study", "gap"),
     ("identification",),
     ("analysis",),
-    ("challenge", "lost_table", "stimulus_design"),
+    ("challenge", "lost_table", "stimulus_design", "group_comparison"),
     ("adaptive", "own_model"),
     ("report",),
     ("api",),

@@ -68,20 +68,21 @@ class GroupModel:
         return np.array([of_unit.get(p.unit, GAIN_SD) for p in self.model.parameters])
 
     def theta(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters (P,) and their derivatives in standard normal numbers ``z`` (P,)."""
+        """Parameters (..., P) and their derivatives in standard normal numbers ``z`` (..., P)."""
         positive = self.median * np.exp(np.clip(self.sd * z, -6.0, 6.0))
         share = 1 / (1 + np.exp(-self.sd * z))
         value = np.where(self.is_weight, share, positive)
         return value, self.sd * np.where(self.is_weight, share * (1 - share), positive)
 
     def response(self, z: np.ndarray) -> np.ndarray:
-        """Points as real numbers, (D,)."""
+        """Points as real numbers, (..., D), of ``z`` (..., P)."""
         return as_real(model_points(self.model, self.theta(z)[0], self.group))
 
     def slope(self, z: np.ndarray) -> np.ndarray:
-        """Their derivatives in ``z``, (D, P)."""
+        """Their derivatives in ``z``, (..., D, P)."""
         value, steps = self.theta(z)
-        return np.asarray((as_real(model_points_jacobian(self.model, value, self.group)[1]) * steps[:, None]).T)
+        J = as_real(model_points_jacobian(self.model, value, self.group)[1])
+        return np.asarray(np.moveaxis(J, 0, -1) * steps[..., None, :])
 
     def instability(self, z: np.ndarray) -> float:
         """How far the rightmost root lies right of ``-MARGIN``, in 1 / (10 s); zero left of it.

@@ -182,14 +182,14 @@ class Problem:
         P, whiten = self.model.median.size, self._whitener(relative)
 
         def residual(x: np.ndarray) -> np.ndarray:
-            low, high = (self.model.response(end) for end in self._ends(x, at, scale))
+            low, high = self.model.response(np.stack(self._ends(x, at, scale)))
             mean = self.of_mean @ ((low + high) / 2 - self.mean)
             apart = whiten @ (high - low - self.difference)
             unstable = [self.model.instability(end) for end in self._ends(x, at, scale)] if barrier else []
             return np.concatenate([mean, apart, x, unstable])
 
         def slope(x: np.ndarray) -> np.ndarray:
-            low, high = (self.model.slope(end) for end in self._ends(x, at, scale))
+            low, high = self.model.slope(np.stack(self._ends(x, at, scale)))
             mean, apart = (low + high) / 2, high - low
             if len(at):
                 step = 0.5 * scale * low[:, list(at)], 0.5 * scale * high[:, list(at)]

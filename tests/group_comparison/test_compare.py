@@ -88,9 +88,11 @@ def test_recordings_become_a_group_whose_points_are_those_of_the_model() -> None
     assert np.median(np.abs(found / expected - 1)) < 0.03
 
 
-def test_the_command_prints_the_comparison_of_two_conditions(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_command_compares_two_conditions_of_a_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: mc.Comparison, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    given = []
+    monkeypatch.setattr("mcstudy.api.compare.compare_groups", lambda *words: given.append(words) or changed)
     rows = ["person,eyes,segment,re_a,re_b,re_c,im_a,im_b,im_c"]
     for eyes, change, again in (("open", None, 0), ("closed", {"Wprop": 1.2}, 1)):
         group = people(5, 1, change, again=again)["frf"].isel(condition=0, point=slice(0, 3))
@@ -119,8 +121,14 @@ prts_state_s = 0.25
     assert main([*command, "--json"]) == Exit.DONE
     document = json.loads(capsys.readouterr().out)
     assert document["schema"] == "mcstudy:comparison:1.0.0"
-    assert document["paired"]
-    assert document["people"] == [5, 5]
+    assert document["people"] == [12, 12]
+    a, b, paired, permutations, seed, names = given.pop()
+    assert [str(g["condition"].values) for g in (a, b)] == ["open", "closed"]
+    assert (paired, permutations, seed, names) == (None, 99, 0, ("open", "closed"))
+    assert main([*command, "--unpaired", "--figure", str(tmp_path / "groups.svg")]) == Exit.DONE
+    assert given.pop()[2] is False
+    assert capsys.readouterr().out.startswith("patients differs from controls")
+    assert (tmp_path / "groups.svg").read_text().count("<svg") == 1
     for words, line in (
         (command[:-4], "--with-condition: expected a condition of"),
         ([*command[:-4], "--with-condition", "shut"], "open; closed; got 'shut'"),

@@ -7,7 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 import xarray as xr
-from many_people import ROOT, comtest, needs_comtest
+from examples import module
+from many_people import comtest, needs_comtest
 from scipy.stats import binomtest
 from simulated_groups import people
 
@@ -95,16 +96,6 @@ def test_groups_that_cannot_be_compared_are_refused_in_one_line() -> None:
 @needs_comtest
 def test_published_people_are_named_as_the_experimenter_changed_them() -> None:
     """Few draws of what `pipelines/examples/relabel_people.py` does a thousand times."""
-    import importlib.util
-
-    file = ROOT / "pipelines" / "examples" / "relabel_people.py"
-    spec = importlib.util.spec_from_file_location("relabel_people", file)
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    import sys
-
-    sys.modules[spec.name] = script
-    spec.loader.exec_module(script)
+    script = module("relabel_people")
     found = script.answers(script.people_of(comtest(), "eyes", "tilt_pp_deg"), True, 100, 10, 7)
     assert sum(n for (truth, given), n in found.items() if truth == given) >= 85

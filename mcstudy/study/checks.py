@@ -39,7 +39,6 @@ def check_group(group: Group, model: Model | None = None) -> None:
     _check_stimulus(group)
     _check_noise(group)
     _check_fit(group)
-    _check_linear(group, model)
     _check_frequencies(group, model)
     _check_response(group, model)
     _check_size(group, model)
@@ -139,19 +138,6 @@ def _check_fit(group: Group) -> None:
         )
     if group.store.standard_errors and (group.simulator == "none" or not group.noise.on_both):
         raise DesignError("store.standard_errors: expected false for a group without noise on both angles, got true")
-
-
-def _check_linear(group: Group, model: Model) -> None:
-    """Refuse what needs gains that enter linearly where they are multiplied with a sensory weight."""
-    for field, value, why in (
-        ("fit.starts", group.fit.starts, "linearised"),
-        ("spectra.covariance", group.spectra.covariance, "through_loop"),
-    ):
-        if model.weights and value == why:
-            raise DesignError(
-                f"{field}: expected another than {why!r} for {group.stimulus.kind}, whose gains are multiplied with "
-                f"the weight {model.weights[0]}"
-            )
 
 
 def _check_frequencies(group: Group, model: Model) -> None:

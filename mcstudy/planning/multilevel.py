@@ -1,16 +1,16 @@
 """Multilevel estimates of bias, spread and error: many cheap fits, corrected by few complete ones.
 
 The estimate x of a realization is that of the best of many starts. A control c is the estimate of a cheap fit of the
-same data. A moment of x is the mean of the control over N realizations plus the mean of the difference over the first
-n of them:
+same data. A moment of x is the mean of the control over N other draws of the data, plus the mean of the difference over
+n realizations:
 
     M_k = mean_N(c^k) + mean_n(x^k - c^k)
 
-Its expectation is that of x^k, whatever the control is; with n = N the control cancels. Where control and estimate
-agree in most realizations, the difference varies little and a small n is enough (Giles 2015). Bias, standard deviation,
-coefficient of variation, root mean squared error and the Monte Carlo standard error of each are functions of the first
-four moments about the truth. Their own errors follow from the contributions of the realizations (delta method). Kept
-apart, the contributions also give the covariance of the estimates at two designs that share realizations.
+Its expectation is that of x^k, whatever the control is. Where control and estimate agree in most realizations, the
+difference varies little and a small n is enough. Bias, standard deviation, coefficient of variation, root mean squared
+error and the Monte Carlo standard error of each are functions of the first four moments about the truth. Their own
+errors follow from the contributions of the draws (delta method). Kept apart, the contributions also give the covariance
+of the estimates at two designs that share draws.
 
 Source: Giles 2015, Multilevel Monte Carlo methods, Acta Numerica 24:259-328.
 """
@@ -52,17 +52,19 @@ class Measure:
 
 @dataclass(frozen=True)
 class Draws:
-    """Estimates of one quantity at one design.
+    """Estimates of one quantity at one design; draws with NaN are left out.
 
     Attributes
     ----------
-    control: those of the cheap fit, (N,). full: those of the complete fit of the first n realizations, (n,), n <= N;
-    NaN where no start gave a usable fit. truth: the true value.
+    full: those of the complete fits of n realizations, (n,). truth: the true value.
+    control: those of the cheap fits of the same realizations, (n,); None without a control.
+    sample: those of cheap fits of other draws of the data, (N,).
     """
 
-    control: np.ndarray
     full: np.ndarray
     truth: float
+    control: np.ndarray | None = None
+    sample: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -71,16 +73,22 @@ class Estimate:
 
     Attributes
     ----------
-    value: of the measure. contributions: of every realization to its deviation from the expectation, (N,).
+    value: of the measure. own: contributions of the realizations to its deviation from the expectation, (n,).
+    sampled: those of the other draws, (N,), empty without a control.
     """
 
     value: float
-    contributions: np.ndarray
+    own: np.ndarray
+    sampled: np.ndarray
 
     @property
     def error(self) -> float:
         """Monte Carlo standard error."""
-        return float(np.sqrt(np.sum(self.contributions**2)))
+        return float(np.sqrt(np.sum(self.own**2) + np.sum(self.sampled**2)))
+
+    def times(self, factor: float) -> Estimate:
+        """The same in another unit."""
+        return Estimate(self.value * factor, self.own * factor, self.sampled * factor)
 
 
 def _bias(moments: np.ndarray, truth: float) -> np.ndarray:
@@ -132,27 +140,32 @@ def estimated(draws: Draws, measure: Measure) -> Estimate:
 
     NaN, with an infinite error, for fewer than `FEWEST` usable complete fits.
     """
-    n, N = draws.full.size, draws.control.size
-    usable = np.isfinite(draws.full)
+    x, c = draws.full, draws.control
+    usable = np.isfinite(x) if c is None else np.isfinite(x) & np.isfinite(c)
     if usable.sum() < FEWEST:
-        return Estimate(np.nan, np.full(N, np.inf))
-    scale = float(np.sqrt(np.mean((draws.full[usable] - draws.truth) ** 2))) or max(abs(draws.truth), 1.0)
-    powers = np.arange(1, ORDERS + 1)[:, None]
-    c = ((draws.control - draws.truth) / scale) ** powers
-    d = ((draws.full[usable] - draws.truth) / scale) ** powers - c[:, :n][:, usable]
-    m = d.shape[1]
-    parts = (c - c.mean(axis=1, keepdims=True)) / N
-    parts[:, np.flatnonzero(usable)] += (d - d.mean(axis=1, keepdims=True)) / m
-    parts *= np.sqrt(m / (m - 1))
-    moments = c.mean(axis=1) + d.mean(axis=1)
+        return Estimate(np.nan, np.full(x.size, np.inf), np.empty(0))
+    scale = float(np.sqrt(np.mean((x[usable] - draws.truth) ** 2))) or max(abs(draws.truth), 1.0)
+
+    def powers(values: np.ndarray) -> np.ndarray:
+        return np.asarray(((values - draws.truth) / scale) ** np.arange(1, ORDERS + 1)[:, None])
+
+    levels = [(usable, powers(x[usable]) if c is None else powers(x[usable]) - powers(c[usable]))]
+    if c is not None and draws.sample is not None:
+        known = np.isfinite(draws.sample)
+        levels.append((known, powers(draws.sample[known])))
+    moments, parts = np.zeros(ORDERS), [np.zeros((ORDERS, 0))] * 2
+    for level, (kept, values) in enumerate(levels):
+        n, mean = values.shape[1], values.mean(axis=1)
+        moments += mean
+        parts[level] = np.zeros((ORDERS, kept.size))
+        parts[level][:, kept] = (values - mean[:, None]) / np.sqrt(n * (n - 1))
     truth = draws.truth / scale
     slope = _slope(measure.of, moments, truth)
-    # the square of the mean is too large by the variance of the mean, and the variance too small
-    spread = moments.copy()
-    if measure is not MEASURES["rmse"]:
-        spread[1] += np.sum(parts[0] ** 2)
+    if measure is not MEASURES["rmse"]:  # the square of the mean is too large by the variance of the mean
+        moments[1] += sum(np.sum(p[0] ** 2) for p in parts)
     unit = 1.0 if measure.relative else scale
-    return Estimate(float(measure.of(spread, truth)) * unit, slope @ parts * unit)
+    own, sampled = (slope @ p * unit for p in parts)
+    return Estimate(float(measure.of(moments, truth)) * unit, own, sampled)
 
 
 def _slope(function: Function, moments: np.ndarray, truth: float) -> np.ndarray:
@@ -167,36 +180,34 @@ def _slope(function: Function, moments: np.ndarray, truth: float) -> np.ndarray:
 
 
 def best_share(difference: float, control_cost: float, full_cost: float) -> float:
-    """Share n / N of realizations with complete fits that gives the smallest error for a given number of fits.
+    """Realizations with complete fits for every draw of the control, n / N, that cost least for the same error.
 
     Parameters
     ----------
-    difference: variance of what a realization contributes through x - c, relative to that of what c contributes.
-    control_cost, full_cost: fits of one control, and of one complete fit.
+    difference: variance of what x - c contributes, relative to that of what c contributes.
+    control_cost, full_cost: of one draw of the control, and of one realization with both fits.
 
-    Source: Giles 2015, eq. 1.4 for two levels; the levels share realizations here, so it is nearly the best.
+    Source: Giles 2015, section 1.3, for two levels.
     """
-    if difference <= 0:
-        return 0.0
-    return float(min(1.0, np.sqrt(difference * control_cost / (full_cost + control_cost))))
+    return float(np.sqrt(max(difference, 0.0) * control_cost / full_cost))
 
 
 def relative_cost(difference: float, control_cost: float, full_cost: float) -> float:
-    """Fits of the multilevel estimate at its best share, relative to complete fits alone, for the same error."""
-    root = np.sqrt(control_cost) + np.sqrt(max(difference, 0.0) * (full_cost + control_cost))
-    return float(root**2 / full_cost)
+    """Cost of the multilevel estimate at its best share, relative to complete fits alone, for the same error."""
+    root = np.sqrt(control_cost / full_cost) + np.sqrt(max(difference, 0.0) * (1 + control_cost / full_cost))
+    return float(root**2)
 
 
 def difference_of(draws: Draws, measure: Measure) -> float:
     """Variance of the contributions of x - c to a measure, relative to those of x, from realizations with both."""
-    usable = np.isfinite(draws.full)
-    x, c = draws.full[usable], draws.control[: draws.full.size][usable]
-    both = estimated(Draws(x, x, draws.truth), measure)
-    if not np.isfinite(both.value) or both.error == 0:
+    assert draws.control is not None
+    usable = np.isfinite(draws.full) & np.isfinite(draws.control)
+    x, c = draws.full[usable], draws.control[usable]
+    if x.size < FEWEST or not np.any(x != draws.truth):
         return 1.0
-    scale = float(np.sqrt(np.mean((x - draws.truth) ** 2))) or 1.0
-    powers = np.arange(1, ORDERS + 1)[:, None]
-    u, v = ((y - draws.truth) / scale for y in (x, c))
-    slope = _slope(measure.of, (u**powers).mean(axis=1), draws.truth / scale)
-    full, apart = slope @ u**powers, slope @ (u**powers - v**powers)
-    return float(apart.var() / full.var()) if full.var() > 0 else 1.0
+    scale = float(np.sqrt(np.mean((x - draws.truth) ** 2)))
+    power = np.arange(1, ORDERS + 1)[:, None]
+    u, v = (((y - draws.truth) / scale) ** power for y in (x, c))
+    slope = _slope(measure.of, u.mean(axis=1), draws.truth / scale)
+    full = slope @ u
+    return float((slope @ (u - v)).var() / full.var()) if full.var() > 0 else 1.0

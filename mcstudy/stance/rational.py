@@ -114,13 +114,14 @@ def rational_rows(
 
 def _delays(model: Model, theta: np.ndarray, chosen: list[int]) -> tuple[np.ndarray, dict[int, int]]:
     """Distinct delays (..., G), zero first, and the delay group of each chosen entry."""
-    parameter = {e: int(model.table.group_delay[model.table.entry[e, 2]]) for e in chosen}
-    used = [-1, *dict.fromkeys(p for p in parameter.values() if p >= 0)]
-    delay = np.stack([theta[..., p] if p >= 0 else np.zeros(theta.shape[:-1]) for p in used], axis=-1)
+    table = model.table
+    parameters = {e: tuple(int(p) for p in table.group_delay[table.entry[e, 2]] if p >= 0) for e in chosen}
+    used = [(), *dict.fromkeys(own for own in parameters.values() if own)]
+    delay = np.stack([theta[..., list(own)].sum(axis=-1) for own in used], axis=-1)
     if (delay < 0).any():
         at = used[int(np.argmax((delay < 0).reshape(-1, len(used)).any(axis=0)))]
-        raise ModelError(f"model {model.name}: delay {model.names[at]} is negative")
-    return delay, {e: used.index(p) for e, p in parameter.items()}
+        raise ModelError(f"model {model.name}: delay {' + '.join(model.names[p] for p in at)} is negative")
+    return delay, {e: used.index(own) for e, own in parameters.items()}
 
 
 def filter_polynomials(model: Model, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:

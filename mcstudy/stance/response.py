@@ -38,8 +38,8 @@ def _filters(table: Table, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray
 def _group_values(table: Table, theta: np.ndarray, s: np.ndarray, filters: np.ndarray) -> np.ndarray:
     """exp(-delay s) * filters(s) per group, (..., G, N)."""
     out = np.ones((*theta.shape[:-1], table.group_delay.size, s.size), dtype=complex)
-    for g, delay in enumerate(table.group_delay):
-        if delay >= 0:
+    for g, delays in enumerate(table.group_delay):
+        for delay in delays[delays >= 0]:
             out[..., g, :] *= np.exp(-theta[..., delay, None] * s)
         for k in table.group_filters[g]:
             if k >= 0:
@@ -130,8 +130,7 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
         if g2 >= 0:
             force[..., row, g2] += unit * first
         total = unit * first * second
-        delay = table.group_delay[group]
-        if delay >= 0:
+        for delay in table.group_delay[group][table.group_delay[group] >= 0]:
             force[..., row, delay] += -s * total
         for k in table.group_filters[group]:
             if k >= 0:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mcstudy.identification.group_result import GroupResult
     from mcstudy.own_model import run_model
     from mcstudy.recordings.frf import FrfRecording
+    from mcstudy.recordings.frf_group import read_frf_group
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
@@ -55,6 +56,7 @@ _FROM = {
     "import_recording": "api.recordings",
     "open_results": "analysis.results",
     "performance": "api.performance",
+    "read_frf_group": "recordings.frf_group",
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
     "run": "api.studies",
@@ -88,6 +90,7 @@ __all__ = [
     "import_recording",
     "open_results",
     "performance",
+    "read_frf_group",
     "read_recording",
     "read_study",
     "run",

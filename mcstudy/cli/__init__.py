@@ -23,6 +23,7 @@ VERBS = {
     "replay": "repeat one stored fit, print every iteration, and compare the result with the stored one",
     "verify": "check every chunk of a results cube and recompute a sample of fits",
     "show": "print the tables of a results cube",
+    "performance": "print bias, errors and coverage of estimates that any program made",
     "report": "write one HTML page with tables and figures of a results cube",
     "simulate": "simulate a recording of a standing body, optionally with effects that the model lacks",
     "import": "read a recording from a laboratory's files (MATLAB, C3D, text), check it and write it for fit and gap",

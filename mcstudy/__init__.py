@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.performance import performance
     from mcstudy.api.recordings import diagnose, fit, import_recording
+    from mcstudy.api.solve import solve
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
@@ -66,6 +67,7 @@ _FROM = {
     "run": "api.studies",
     "run_model": "own_model",
     "simulate": "effect_library.simulated",
+    "solve": "api.solve",
     "study_from": "api.groups",
     "summary": "api.studies",
     "write_recording": "recordings.io",
@@ -101,6 +103,7 @@ __all__ = [
     "run",
     "run_model",
     "simulate",
+    "solve",
     "study_from",
     "summary",
     "write_recording",

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -307,7 +308,7 @@ def _quantiles(x: np.ndarray, q: tuple[float, ...], confidence: float) -> np.nda
         return out
     for j, level in enumerate(q):
         rank = max(int(np.ceil(level * n - 1e-9)), 1)
-        weights = np.diff(betainc(rank, n - rank + 1, np.arange(n + 1) / n))
+        weights = _rank_weights(n, rank)
         first = weights @ x
         lower, upper = order_statistic_ranks(n, level, confidence)
         out[0, j] = x[rank - 1]
@@ -317,6 +318,14 @@ def _quantiles(x: np.ndarray, q: tuple[float, ...], confidence: float) -> np.nda
     return out
 
 
+@lru_cache(maxsize=16)
+def _rank_weights(n: int, rank: int) -> np.ndarray:
+    """Chance of each of ``n`` ordered values to be the one of this ``rank`` in a bootstrap sample; kept, because many
+    cells have as many values, and to compute it takes longer than all else about a quantile."""
+    return np.diff(betainc(rank, n - rank + 1, np.arange(n + 1) / n))
+
+
+@lru_cache(maxsize=256)
 def order_statistic_ranks(n: int, q: float, confidence: float = 0.95) -> tuple[int, int]:
     """Ranks (l, u), 1-based, whose order statistics cover the q-quantile with each tail at most (1 - confidence) / 2.
 

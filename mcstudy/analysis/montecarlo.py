@@ -307,10 +307,8 @@ def _quantiles(x: np.ndarray, q: tuple[float, ...], confidence: float) -> np.nda
     if n == 0:
         return out
     for j, level in enumerate(q):
-        rank = max(int(np.ceil(level * n - 1e-9)), 1)
-        weights = _rank_weights(n, rank)
+        rank, weights, lower, upper = _of_order_statistics(n, level, confidence)
         first = weights @ x
-        lower, upper = order_statistic_ranks(n, level, confidence)
         out[0, j] = x[rank - 1]
         out[1, j] = np.sqrt(weights @ (x - first) ** 2)
         out[2, j] = x[lower - 1] if lower >= 1 else np.nan
@@ -318,14 +316,16 @@ def _quantiles(x: np.ndarray, q: tuple[float, ...], confidence: float) -> np.nda
     return out
 
 
-@lru_cache(maxsize=16)
-def _rank_weights(n: int, rank: int) -> np.ndarray:
-    """Chance of each of ``n`` ordered values to be the one of this ``rank`` in a bootstrap sample; kept, because many
-    cells have as many values, and to compute it takes longer than all else about a quantile."""
-    return np.diff(betainc(rank, n - rank + 1, np.arange(n + 1) / n))
+@lru_cache(maxsize=32)
+def _of_order_statistics(n: int, q: float, confidence: float) -> tuple[int, np.ndarray, int, int]:
+    """Rank of the q-quantile of n values, Maritz & Jarrett's weights (n,), and the ranks of its interval.
+
+    Kept: they take longer than the rest, and most cells have the same n.
+    """
+    rank = max(int(np.ceil(q * n - 1e-9)), 1)
+    return rank, np.diff(betainc(rank, n - rank + 1, np.arange(n + 1) / n)), *order_statistic_ranks(n, q, confidence)
 
 
-@lru_cache(maxsize=256)
 def order_statistic_ranks(n: int, q: float, confidence: float = 0.95) -> tuple[int, int]:
     """Ranks (l, u), 1-based, whose order statistics cover the q-quantile with each tail at most (1 - confidence) / 2.
 

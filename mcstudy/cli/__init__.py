@@ -30,6 +30,7 @@ VERBS = {
     "fit": "estimate the parameters of the person in a recording, with confidence intervals",
     "study-from": "write a study of the experiment in which a person was recorded",
     "design": "design the stimulus that identifies the parameters best, and verify it by Monte Carlo",
+    "solve": "find the cheapest design (cycles, amplitude, Fmax, realizations) that reaches a target",
     "infer": "infer the paper's lost true values from its printed numbers",
     "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
     "warm": "compile the kernels ahead of the first run",

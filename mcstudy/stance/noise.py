@@ -18,7 +18,6 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
 
 from mcstudy.errors import InputError
 
@@ -149,6 +148,8 @@ def record(coefficients: np.ndarray, n_samples: int) -> np.ndarray:
     Both channels share one complex transform (channel 1 as its real part, channel 2 as its imaginary part): record
     lengths such as 6 x 8744 hold the prime 1093, for which a transform is the costliest step of a realization.
     """
+    from scipy import fft  # checking the noise of a study needs no SciPy
+
     n_lines = n_samples // 2 + 1
     spectrum = np.empty(n_samples, dtype=np.complex128)
     first, second = coefficients[:, 0], coefficients[:, 1]

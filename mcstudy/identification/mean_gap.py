@@ -28,7 +28,8 @@ class MeanGap:
     theta: (P,), the stable fit. misfit: its squared residual in standard errors of the mean, with 4 N numbers.
     share: (2, bands), misfit by segment (lower, upper) and band. held_out: (2 splits,), cross-validated misfit per
         number, where 1 is the scatter between halves (`Pair.halves`). closes: (effects, 2 splits), share of the excess
-        over 1 that an effect closes for the other half; nan without an excess. sizes: per effect its parameters at the fit of all people.
+        over 1 that an effect closes for the other half; nan without an excess. sizes: per effect its parameters at the
+        fit of all people.
     """
 
     theta: np.ndarray

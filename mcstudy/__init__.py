@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.performance import performance
     from mcstudy.api.recordings import diagnose, fit, import_recording
+    from mcstudy.api.solve import solve
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
@@ -61,6 +62,7 @@ _FROM = {
     "run": "api.studies",
     "run_model": "own_model",
     "simulate": "effect_library.simulated",
+    "solve": "api.solve",
     "study_from": "api.groups",
     "summary": "api.studies",
     "write_recording": "recordings.io",
@@ -94,6 +96,7 @@ __all__ = [
     "run",
     "run_model",
     "simulate",
+    "solve",
     "study_from",
     "summary",
     "write_recording",

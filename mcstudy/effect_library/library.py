@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
 from typing import Any
 
 from mcstudy.effect_library.declare import Effect, Size, TrialSetting
@@ -100,7 +101,7 @@ def apply(model: Model, *names: str) -> Model:
             raise InputError(
                 f"effect {name!r} is {effect(name).kind}: it has no closed form, only the approximation of `trace`"
             )
-    return _apply(model, [effect(n) for n in names], [s for n in names for s in effect(n).sizes])
+    return _applied(model, model.provenance, tuple(effect(n) for n in names), tuple(LIBRARY))
 
 
 def trace(model: Model, name: str) -> Model:
@@ -130,12 +131,21 @@ def _apply(model: Model, effects: list[Effect], sizes: Iterable[Size]) -> Model:
     names = [e.name for e in effects]
     if len(set(names)) != len(names):
         raise InputError(f"effects {', '.join(names)}: each may be named once")
-    named = "+".join((model.name, *sorted(names)))
+    named, listed = "+".join((model.name, *sorted(names))), list(LIBRARY)
     model = model.with_terms(parameters=[s.parameter for s in sizes], name=named)
-    listed = list(LIBRARY)
     for declared in sorted(effects, key=lambda e: (e.order, listed.index(e.name))):
         model = declared.build(model)
     return model
+
+
+@lru_cache(maxsize=128)
+def _applied(model: Model, provenance: str, effects: tuple[Effect, ...], listed: tuple[str, ...]) -> Model:
+    """`_apply`, kept: a diagnosis asks for each of some eighty models several times.
+
+    ``provenance``: of ``model``, in which equal models may differ. ``listed``: the library, whose order counts.
+    """
+    del provenance, listed
+    return _apply(model, list(effects), [s for e in effects for s in e.sizes])
 
 
 def usual_size(parameter: str) -> tuple[float, float] | None:

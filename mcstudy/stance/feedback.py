@@ -213,13 +213,13 @@ class Model:
                     if parameter not in known:
                         raise ModelError(f"model {self.name}: filter {filt.name}: unknown parameter {parameter!r}")
 
-    @property
+    @cached_property
     def senses(self) -> dict[str, tuple[float, float, float]]:
         """Weights on (first angle, second angle, stimulus) by name; the model's own angle names included."""
         own = {self.angles[0]: (1.0, 0.0, 0.0), self.angles[1]: (0.0, 1.0, 0.0)}
         return {**SENSES, **own}
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Parameter names, in the order of every parameter axis."""
         return tuple(p.name for p in self.parameters)
@@ -249,13 +249,13 @@ class Model:
         """2, or 1 for a one-segment model (no term in the first row), whose second angle is identically zero."""
         return 2 if any(t.row == self.rows[0] for t in self.terms) else 1
 
-    @property
+    @cached_property
     def delays(self) -> tuple[str, ...]:
         """Names of the parameters that are delays."""
         used = {name for t in self.terms for name in t.all_delays}
         return tuple(n for n in self.names if n in used)
 
-    @property
+    @cached_property
     def weights(self) -> tuple[str, ...]:
         """Names of the parameters that are sensory weights: the second gain of active terms that sense the stimulus."""
         used = {t.gain[1] for t in self.terms if t.noisy and t.sense == "stimulus" and len(t.gain) == 2}
@@ -392,10 +392,7 @@ class Table:
             n_filters=len(model.filters),
         )
 
-    def gain(self, theta: np.ndarray, e: int) -> np.ndarray:
-        """Coefficient of term ``e`` times its gains at parameters ``theta`` (..., P), (...)."""
-        gain = np.full(theta.shape[:-1], self.weight[e, 0])
-        for p in self.entry[e, 3:]:
-            if p >= 0:
-                gain = gain * theta[..., p]
-        return gain
+    def gains(self, theta: np.ndarray) -> np.ndarray:
+        """Coefficient of every term times its gains at parameters ``theta`` (..., P), (..., E)."""
+        one = np.concatenate([theta, np.ones((*theta.shape[:-1], 1))], axis=-1)  # where -1, no gain, points to
+        return np.asarray(self.weight[:, 0] * one[..., self.entry[:, 3]] * one[..., self.entry[:, 4]])

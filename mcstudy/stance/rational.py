@@ -71,7 +71,7 @@ def rational_rows(
     chosen = [int(e) for e in np.flatnonzero(np.ones(len(table.entry), dtype=bool) if entries is None else entries)]
     filters = _filter_polynomials(model, theta)
     delay, group = _delays(model, theta, chosen)
-    gains = {e: table.gain(theta, e) for e in chosen}
+    gains = table.gains(theta)
     chain = {e: Counter(int(k) for k in table.group_filters[table.entry[e, 2]] if k >= 0) for e in chosen}
     common: list[Counter[int]] = [Counter(), Counter()]
     integrates = [False, False]
@@ -82,7 +82,7 @@ def rational_rows(
     pieces: list[tuple[int, np.ndarray]] = []
     for e in chosen:
         row, order = int(table.entry[e, 0]), int(table.entry[e, 1])
-        polynomial = gains[e][..., None] * (1.0 if scale is None else scale[e])
+        polynomial = gains[..., e, None] * (1.0 if scale is None else scale[e])
         for k in chain[e].elements():
             polynomial = _multiply(polynomial, filters[k][0])
         for k in (common[row] - chain[e]).elements():
@@ -106,7 +106,7 @@ def rational_rows(
         denominator[..., row, : bottoms[row].shape[-1]] = bottoms[row]
         if integrates[row]:
             mine = [e for e in chosen if table.entry[e, 0] == row and table.entry[e, 1] == -1]
-            absent = np.all([gains[e] == 0.0 for e in mine], axis=0)
+            absent = np.all(gains[..., mine] == 0.0, axis=-1)
             for array in (numerator[..., row, :, :, :], denominator[..., row, :]):
                 array[absent] = _divided_by_s(array[absent])
     return RationalRows(delay, denominator, numerator)

@@ -159,7 +159,7 @@ def _check(file: DesignFile) -> None:
         raise DesignError(
             "stimulus.discard: expected at least 1 (the ramp of a record needs the preceding sample), got 0"
         )
-    if min(file.noise.psd) == 0:
+    if not file.noise.on_both:
         raise DesignError("noise.psd: expected noise on both angles; without noise every stimulus is as good")
     if file.cycles <= s.discard:
         raise DesignError(

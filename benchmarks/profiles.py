@@ -2,7 +2,8 @@
 
 Ours are `mcstudy.identification.profile.profiles`; pyPESTO follows each profile in steps with fides (exact gradient and
 Gauss-Newton Hessian), and interpolates where it crosses the threshold. Parameters whose interval data end on both
-sides.
+sides. Where ends differ SciPy's least squares judges: an end is right if a body with the parameter at that value has
+a deviance below the threshold, and none was found with it farther out.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ import time
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from benchmarks.model import Compiled
 from benchmarks.report import Result, Sizes
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.fitting.problem import Problem
 from mcstudy.identification.coverage import Condition, Source
 from mcstudy.identification.fit import fit_lines
@@ -24,9 +26,14 @@ from mcstudy.identification.profile import profiles
 from mcstudy.identification.quantities import parameter
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.stance.body import two_segment
+from mcstudy.stance.response import frf, frf_jacobian
 from mcstudy.streams import stream
 
 CYCLES, FMAX = 6, 3.1
+
+FAR, STARTS, ERROR = 0.01, 5, 1e-6
+"""Distance of two ends, in widths, from which it is judged who is right; starts of least squares beside our end; and
+the error of a deviance."""
 
 BEYOND = 0.8
 """Likelihood ratio down to which pyPESTO follows a profile, relative to that at the threshold: it interpolates."""
@@ -81,10 +88,49 @@ def pypesto(fit: FitResult, names: list[str]) -> np.ndarray:
     return out
 
 
+def ours_is_right(fit: FitResult, name: str, side: int, theirs: float) -> bool:
+    """Whether our end (``side`` 0 or 1) of a parameter is right and ``theirs`` is not.
+
+    Where theirs is shorter or missing, the body at our end shows it. Where it is longer, least squares with the
+    parameter at that value, from the body at our end and `STARTS` around it, must find none below the threshold.
+    """
+    profile, data, model = fit[name].profile, Data.of(fit.lines), fit.model
+    mine, theta = ((profile.low, profile.low_theta), (profile.high, profile.high_theta))[side]
+    ceiling = fit.chi2 + profile.rise[-side] + ERROR
+    residual = whiten(data.weight, data.y - frf(model, theta, data.f))
+    if residual @ residual > ceiling:
+        return False
+    if not (theirs - mine) * (-1, 1)[side] > 0:
+        return True
+    free = np.arange(theta.size) != model.names.index(name)
+    low, high, scale = model.lower[free], model.upper[free], np.abs(model.truth[free])
+
+    def whole(x: np.ndarray) -> np.ndarray:
+        out = np.full(theta.size, theirs)
+        out[free] = x * scale
+        return out
+
+    def least(start: np.ndarray) -> float:
+        found = least_squares(
+            lambda x: whiten(data.weight, data.y - frf(model, whole(x), data.f)),
+            np.clip(start[free], low + 1e-9 * (high - low), high - 1e-9 * (high - low)) / scale,
+            jac=lambda x: -whiten(data.weight, frf_jacobian(model, whole(x), data.f)[1])[:, free] * scale,
+            bounds=(low / scale, high / scale),
+            xtol=1e-12,
+            ftol=1e-12,
+        )
+        return 2 * float(found.cost)
+
+    rng = np.random.default_rng(0)
+    starts = [theta, *(theta * (1 + 0.3 * rng.standard_normal((STARTS, theta.size))))]
+    return all(least(start) > ceiling for start in starts)
+
+
 def run(sizes: Sizes) -> Result:
     """CPU time per interval, and how far apart the ends are in widths of the interval."""
     result = Result("profiles")
     spent, apart = {"mcstudy": 0.0, "pypesto": 0.0}, []
+    right, differ = list[bool](), list[str]()
     own(first := fitted(0), [e.name for e in ended(first)[:1]])  # compiles
     try:
         pypesto(first, [ended(first)[0].name])
@@ -101,12 +147,20 @@ def run(sizes: Sizes) -> Result:
             spent[label] += time.process_time() - began
         width = np.diff(ends["mcstudy"], axis=1)
         apart.append((ends["pypesto"] - ends["mcstudy"]) * [-1, 1] / width)
+        for k, side in np.argwhere(~(np.abs(apart[-1]) < FAR)):
+            right.append(ours_is_right(fit, names[k], int(side), ends["pypesto"][k, side]))
+            differ.append(f"recording {r}, {names[k]}, {('low', 'high')[side]}: {apart[-1][k, side]:.2f}")
     off = np.concatenate(apart)
     result.table = [{"program": k, "CPU ms per interval": 1e3 * v / len(off)} for k, v in spent.items()]
     result.keys["profiles.pypesto"] = spent["pypesto"] / spent["mcstudy"]
     result.keys["profiles.apart_median"] = float(np.median(np.abs(off)))
     result.keys["profiles.apart_most"] = float(np.abs(off).max())
     result.keys["profiles.shorter"] = float((off < -0.01).mean())
+    result.keys["profiles.ours_right"] = float(np.mean(right)) if right else float("nan")
+    result.notes.append(
+        f"{len(right)} ends differ by more than {FAR:g} widths; ours is right at {sum(right)} of them: "
+        + "; ".join(f"{text}{'' if ok else ' (ours is not)'}" for text, ok in zip(differ, right, strict=True))
+    )
     result.notes.append(
         f"{len(off)} intervals, {sizes.realizations} recordings. apart: pyPESTO's ends from ours, in widths. shorter: "
         "share of ends at which pyPESTO's interval is shorter by more than 1 % of the width"

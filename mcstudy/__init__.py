@@ -3,6 +3,7 @@
 Studies: `Study` (or `read_study`), `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
 Recordings: `read_recording`, `import_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with
 intervals, `fit_group` those of many people; `diagnose` says what a model lacks; `effects` are what it may lack.
+`compare` says what differs between two groups of recordings or of frequency responses (`read_frf_group`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from mcstudy.analysis.results import open_results
+    from mcstudy.api.compare import compare
     from mcstudy.api.design import design
     from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.performance import performance
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from mcstudy.recordings.frf_group import read_frf_group
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
+    from mcstudy.report.comparison import ComparisonWithFigure as Comparison
     from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
     from mcstudy.report.person.plots import FitWithFigures as FitResult
     from mcstudy.stance.body import Body
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
 
 _FROM = {
     "Body": "stance.body",
+    "Comparison": "report.comparison:ComparisonWithFigure",
     "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
     "Effect": "effect_library.declare",
     "FitResult": "report.person.plots:FitWithFigures",
@@ -48,6 +52,7 @@ _FROM = {
     "Recording": "recordings.recording",
     "Study": "study.design",
     "Trial": "recordings.recording",
+    "compare": "api.compare",
     "design": "api.design",
     "diagnose": "api.recordings",
     "effects": "effect_library.library:LIBRARY",
@@ -71,6 +76,7 @@ _FROM = {
 
 __all__ = [
     "Body",
+    "Comparison",
     "Diagnosis",
     "Effect",
     "FitResult",
@@ -82,6 +88,7 @@ __all__ = [
     "Study",
     "Trial",
     "__version__",
+    "compare",
     "design",
     "diagnose",
     "effects",

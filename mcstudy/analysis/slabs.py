@@ -17,15 +17,19 @@ FITS_A_SLAB = 500_000
 
 
 def in_slabs(cube: xr.Dataset, of: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
-    """``of(cube)`` in memory, for a function of each realization alone; a cube in memory is one slab."""
+    """``of(cube)`` in memory, for a function of each realization alone; a cube in memory is one slab.
+
+    Every variable of ``cube`` is read, so it should have no others than ``of`` needs. They are read before ``of`` is
+    called: a lazy one takes many small steps for each of Dask's chunks.
+    """
     parts = list(_slabs(cube))
-    first = of(cube.isel({REALIZATION: parts[0]})).compute()
+    first = of(cube.isel({REALIZATION: parts[0]}).compute())
     if len(parts) == 1:
         return first
     total = cube.sizes[REALIZATION]
     whole = {name: _room(v, total) for name, v in first.variables.items() if REALIZATION in v.dims}
     for part in parts:
-        found = first if part == parts[0] else of(cube.isel({REALIZATION: part})).compute()
+        found = first if part == parts[0] else of(cube.isel({REALIZATION: part}).compute())
         for name, (dims, values, _) in whole.items():
             values[(*(slice(None),) * dims.index(REALIZATION), part)] = found.variables[name].values
     every = {name: whole.get(name, v) for name, v in first.variables.items()}

@@ -53,7 +53,8 @@ class GroupView:
             cells = best(cube)
             return cells[[n for n in _NEEDED if n in cells]]
 
-        return in_slabs(self.cube, of).assign_coords(frequency=self.cube["frequency"])
+        read = self.cube[[n for n in _NEEDED if n in self.cube]]
+        return in_slabs(read, of).assign_coords(frequency=self.cube["frequency"])
 
     @cached_property
     def combined(self) -> xr.Dataset | None:

@@ -43,8 +43,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         verb.add_argument("--fast", action="store_true", help="asymptotic statistics instead of the bootstrap")
         verb.add_argument("--bootstrap", type=int, metavar="N", help="number of bootstrap samples (default 1000)")
 
+    compare = verbs.add_parser(
+        "compare", help="compare two groups of people: what differs, where, and which parameter changed"
+    )
+    _compare_arguments(compare)
+
     challenge = verbs.add_parser("challenge", help="benchmark the diagnosis on recordings with hidden causes")
     _challenge_arguments(challenge)
+
+
+def _compare_arguments(compare: argparse.ArgumentParser) -> None:
+    compare.add_argument(
+        "group",
+        nargs="+",
+        type=Path,
+        metavar="A",
+        help="first group: a description of FRFs (.toml with frf_group), or recordings, one for each person",
+    )
+    compare.add_argument(
+        "--with",
+        dest="other",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="B",
+        help="second group, in the same form; left out for two conditions of one description",
+    )
+    compare.add_argument(
+        "--condition", metavar="NAME", help="condition of the first group, of several in its description"
+    )
+    compare.add_argument("--with-condition", metavar="NAME", help="condition of the second group")
+    pairing = compare.add_mutually_exclusive_group()
+    pairing.add_argument(
+        "--paired", action="store_true", default=None, help="compare people of the same name with themselves"
+    )
+    pairing.add_argument("--unpaired", dest="paired", action="store_false", help="take all for different people")
+    compare.add_argument("--permutations", type=int, default=999, metavar="N", help="relabellings of the tests (999)")
+    compare.add_argument("--figure", type=Path, metavar="FILE", help="also draw both groups (.svg, .png or .pdf)")
+    compare.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
+    compare.add_argument(
+        "--fmax", type=float, default=8.0, metavar="HZ", help="highest frequency of recordings (default 8)"
+    )
+    compare.add_argument(
+        "--data", type=Path, metavar="DIR", help="folder of the data files named in a .toml (default: its own)"
+    )
+    add_output_arguments(compare, "comparison")
+    compare.set_defaults(run=_compare)
 
 
 def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
@@ -149,6 +193,31 @@ def _report(args: argparse.Namespace) -> Exit:
         return gap_page(diagnosis, shlex.join(command))
 
     return write_and_tell(output, text)
+
+
+def _compare(args: argparse.Namespace) -> Exit:
+    from mcstudy.api.compare import compare
+    from mcstudy.cli.figure_file import check_figure, write_figure
+    from mcstudy.cli.groups import groups_of
+    from mcstudy.scheduler.activity import activity
+
+    if args.figure:
+        check_figure(args.figure)
+    with activity(f"{args.group[0]}: comparing"):
+        (a, name_a), (b, name_b) = groups_of(args)
+        found = compare(
+            a,
+            b,
+            paired=args.paired,
+            names=(name_a, name_b),
+            permutations=args.permutations,
+            fmax=args.fmax,
+            seed=args.seed,
+        )
+    tell(args, "comparison", found.to_dict, found.text)
+    if args.figure:
+        write_figure(found.plot(), args.figure)
+    return Exit.DONE
 
 
 def _made(args: argparse.Namespace, data: Path, key: Path) -> tuple[ChallengeFile, str]:

@@ -24,7 +24,6 @@ from mcstudy.fitting.solvers import fit_queue
 from mcstudy.fitting.status import USABLE
 from mcstudy.spectra.frf_law import FrfLaw, frf_law
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.noise import SensorNoise
 from mcstudy.streams import stream
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.group import Group
@@ -119,8 +118,7 @@ class Fitter:
         if cycles not in self._laws:
             g = self.group
             bands = self.experiment(cycles).bands.below(g.fmax[-1])
-            noise, unit = SensorNoise(g.noise.psd, g.noise.corner_hz), stimulus(g, 1.0)
-            removed = g.spectra.ramp == "remove"
+            noise, unit, removed = g.noise.source, stimulus(g, 1.0), g.spectra.ramp == "remove"
             self._laws[cycles] = frf_law(self.model, unit, noise, bands, cycles, g.stimulus.discard, removed)
         return self._laws[cycles]
 

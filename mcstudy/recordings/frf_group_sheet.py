@@ -145,3 +145,13 @@ def parse_group_sheet(text: Mapping[str, Any], where: str) -> GroupSheet:
     if sheet.stimulus not in STIMULI:
         raise RecordingError(f"{where}: stimulus: expected one of {', '.join(STIMULI)}, got {sheet.stimulus!r}")
     return sheet
+
+
+def is_group(path: Path) -> bool:
+    """Whether a file is a description of a group of FRFs; False for one that cannot be read."""
+    if path.suffix != ".toml" or not path.is_file():
+        return False
+    try:
+        return SECTION in toml(content(path, LARGEST_SHEET).decode("utf-8"))
+    except (ValueError, RecordingError):
+        return False

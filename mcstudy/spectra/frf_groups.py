@@ -51,7 +51,7 @@ def model_points(model: Model, theta: np.ndarray, group: xr.Dataset) -> np.ndarr
 
 
 def model_points_jacobian(model: Model, theta: np.ndarray, group: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """`model_points` (2, N) at ``theta`` (P,), and its exact derivatives (P, 2, N)."""
+    """`model_points` (..., 2, N) at ``theta`` (..., P), and its exact derivatives (P, ..., 2, N)."""
     H, J = frf_jacobian(model, theta, group["f_line"].values)
     return points_of(group, H), points_of(group, np.moveaxis(J, -1, 0))
 

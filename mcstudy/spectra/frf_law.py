@@ -16,12 +16,9 @@ from scipy import fft
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.line_stimulus import Stimulus
-from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.noise import Noise
 from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import sway_psd
-
-HIGHEST_HZ = 40.0
-"""Frequencies of sway above this are left out; the sway that they hold is below 1e-9 of what counts."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +54,18 @@ class FrfLaw:
 def frf_law(
     model: Model,
     stimulus: Stimulus,
-    noise: SensorNoise,
+    noise: Noise,
     bands: Bands,
     cycles: int,
     discard: int,
     ramp_removed: bool,
 ) -> FrfLaw:
-    """The law at the true parameters, for the same arguments as `SpectralExperiment`; ``discard`` >= 1 with ramps."""
+    """The law at the true parameters, for the same arguments as `SpectralExperiment`; ``discard`` >= 1 with ramps.
+
+    The coefficient at half the sampling rate is left out, one of many thousands.
+    """
     period, n = stimulus.samples, cycles * stimulus.samples
-    f = np.arange(1, min(n // 2, int(HIGHEST_HZ * n / stimulus.rate_hz)) + 1) * (stimulus.rate_hz / n)
+    f = np.arange(1, (n + 1) // 2) * (stimulus.rate_hz / n)
     power = sway_psd(model, model.truth, noise, f) / (2 * n / stimulus.rate_hz)
     drive = stimulus.coefficients()[bands.lines] / stimulus.amplitude
     N = len(bands)

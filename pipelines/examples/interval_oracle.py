@@ -70,10 +70,10 @@ class ClosedForm:
 
     def __init__(self, model: Model, f: np.ndarray) -> None:
         table, s = model.table, 2j * np.pi * f
-        if table.n_filters or (table.entry[:, 4] >= 0).any():
-            raise ValueError("expected a model without filters and products of gains")
+        if table.n_filters or (table.entry[:, 4] >= 0).any() or (table.group_delay[:, 1] >= 0).any():
+            raise ValueError("expected a model without filters, products of gains and sums of delays")
         row, order, group, self._gain = table.entry[:, :4].T
-        terms, delay = np.arange(len(row)), table.group_delay[group]
+        terms, delay = np.arange(len(row)), table.group_delay[group, 0]
         self._known, self._late = self._gain < 0, np.flatnonzero(delay >= 0)
         self._gain, self._delay = np.where(self._known, 0, self._gain), delay[self._late]
         self._s, self._shape = s[:, None], (f.size, 2, len(model.names))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mcstudy.errors import InputError
-from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.identification import coverage
 from mcstudy.identification.at_truth import judged, starts
 from mcstudy.identification.coverage import JUDGED, Condition, Source, body, truths
@@ -97,17 +97,24 @@ def test_intervals_contain_the_truth_where_the_test_at_the_truth_says_so(
 def test_the_deviance_at_the_truth_is_that_of_another_optimiser() -> None:
     """The rise of the deviance with a quantity held, and the lowest minimum, by scipy's bounded least squares."""
     oracle = runpy.run_path(str(EXAMPLES / "interval_oracle.py"))["Constrained"]
+    held = runpy.run_path(str(EXAMPLES / "interval_threshold.py"))["held"]
     model, theta = bounded(two_segment(), two_segment(), {}), np.array(list(body(0).values()))
     source = Source(Condition(0, 6, 3.1))
     lines, wanted = source(stream(0, "a test")), quantities(model)
     fitter = Fitter(model, without_prior(model, two_segment()), lines.f)
-    found = judged(fitter, [lines], wanted, theta, source.draws(), 0.95, starts(fitter, [0], 4))
+    further = starts(fitter, [0], 4)
+    found, exact = (judged(fitter, [lines], wanted, theta, source.draws(), 0.95, further, x) for x in (False, True))
     minimum = found.minima[0].chi2[0]
     for k, name in ((1, "K12"), (12, "K11 + Kpas1")):
         other = oracle(SimpleNamespace(model=model, lines=lines), name)
         least, _ = other.least(wanted[k].value(theta), np.array([theta, found.minima[0].theta[0]]))
         tolerance = 1e-4 if found.rise[0, k] > 3.84 else 0.02  # below the ceiling the fit stops early
         assert found.rise[0, k] == pytest.approx(least - minimum, abs=tolerance)
+        assert exact.rise[0, k] == pytest.approx(least - minimum, abs=1e-4)
+        there = held(fitter, Data.of(lines), wanted[k], wanted[k].value(theta), theta[None])
+        assert wanted[k].value(there) == pytest.approx(wanted[k].value(theta), rel=1e-6)
+        residual = whiten(Data.of(lines).weight, lines.y - frf(model, there, lines.f))
+        assert residual @ residual == pytest.approx(least, abs=1e-4)
 
 
 def test_the_study_with_wide_bounds_lets_estimates_leave_those_of_a_fit() -> None:

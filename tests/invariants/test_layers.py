@@ -25,7 +25,7 @@ LAYERS = (
     ("study", "gap"),
     ("identification",),
     ("analysis",),
-    ("challenge", "lost_table", "planning", "stimulus_design"),
+    ("challenge", "group_comparison", "lost_table", "planning", "stimulus_design"),
     ("adaptive", "own_model"),
     ("report",),
     ("api",),

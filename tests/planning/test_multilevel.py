@@ -174,3 +174,15 @@ def test_a_control_that_agrees_saves_most_fits() -> None:
     x = rng.normal(1.0, 0.2, 300)
     assert difference_of(Draws(x, 1.0, x), MEASURES["cv"]) == 0
     assert difference_of(Draws(x, 1.0, rng.normal(1.0, 0.2, 300)), MEASURES["cv"]) > 1
+
+
+def test_draws_have_the_noise_of_the_study_table_or_not() -> None:
+    plain = study_of(4).groups["a"]
+    joint = [Fitter(plain, 4, (1.2,)).law(8).joint]
+    for level in (1e-3, 4e-3):
+        table = {"f_hz": [0.1, 1.0], "theta1": [level, level / 2], "theta2": [level, level / 3]}
+        fields = plain.model_dump(mode="json") | {"noise": {"table": table}}
+        group = Study("table", seed=4).group("a", **fields).groups["a"]
+        joint.append(Fitter(group, 4, (1.2,)).law(8).joint)
+    np.testing.assert_allclose(joint[2], 4 * joint[1], rtol=1e-9)
+    assert not np.allclose(np.diag(joint[0]), np.diag(joint[1]), rtol=0.1, atol=0)

@@ -145,13 +145,13 @@ def _draw(
     ax.legend(ncols=2)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _responses(
     view: GroupView, amplitude: float, fmax: float, response: Response
 ) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
     """Frequencies (N,), responses of the truth (N,) and of the best fits (R, N), and which fits are stable (R,).
 
-    Kept, because gain and phase are drawn from the same.
+    Kept, because gain and phase are drawn from the same: two responses at three Fmax, some 30 MB at most.
     """
     own = view.cube["frequency"].values
     f = np.union1d(own, np.geomspace(own[0], own[-1], FINE))  # resonances lie between a study's frequencies

@@ -114,13 +114,13 @@ class Account:
 
     Attributes
     ----------
-    change: what may differ. unknowns: (Q,). factor: (K,) by which its parameters are multiplied in the second
-        condition. misfit: squared residual in standard errors of the mean.
+    change: what may differ. unknowns: (Q,). sizes: (K,) factors, or shifts of weights. misfit: squared
+        residual in standard errors of the mean.
     """
 
     change: Change
     unknowns: np.ndarray
-    factor: np.ndarray
+    sizes: np.ndarray
     misfit: float
 
 
@@ -158,7 +158,7 @@ class Pair:
             starts = np.concatenate([starts, lower])
         found = best_of(self.problem(change, self.mean[None], n), starts)
         q = found.unknowns[0]
-        return Account(change, q, np.exp(q[self.model.lower.size :]), float(found.misfit[0]))
+        return Account(change, q, change.sizes(self.model, q), float(found.misfit[0]))
 
     def refitted(self, accounts: Sequence[Account], means: np.ndarray, people: int) -> list[np.ndarray]:
         """Unknowns (B, Q) of every account, fitted again to means (B, 2, D) of ``people`` people each."""
@@ -185,21 +185,21 @@ class Pair:
         return np.array(scores)
 
     def resampled(self, accounts: Sequence[Account], draws: int, seed: int = 0) -> list[np.ndarray]:
-        """Factors (draws, K) of every account, from people drawn with replacement."""
+        """Sizes (draws, K) of every account, from people drawn with replacement."""
         rng, n = np.random.default_rng(seed), len(self.data)
         means = np.stack([self.data[rng.integers(n, size=n)].mean(axis=0) for _ in range(draws)])
-        P = self.model.lower.size
-        return [np.exp(q[:, P:]) for q in self.refitted(accounts, means, n)]
+        refitted = self.refitted(accounts, means, n)
+        return [a.change.sizes(self.model, q) for a, q in zip(accounts, refitted, strict=True)]
 
     def held_out(self, accounts: Sequence[Account], *, reverse: bool = False) -> dict[str, np.ndarray]:
         """Misfit (people,) of every person's second condition, predicted from the first (or ``reverse``).
 
         A person's parameters come from one condition alone, with a weak prior around those of the mean of that
-        condition; the factors of an account come from the other people. Three predictions without a model are beside
+        condition; the sizes of an account come from the other people. Three predictions without a model are beside
         them: the person's own response unchanged, times the ratio of the others' means, and the others' mean. The unit
         is the variance between people: the others' mean scores 1 + 1/n.
         """
-        n, P = len(self.data), self.model.lower.size
+        n = len(self.data)
         known, wanted = (1, 0) if reverse else (0, 1)
         D = self.mean.shape[1]
         one = self.one[known * D : known * D + D, known * D : known * D + D]
@@ -217,8 +217,8 @@ class Pair:
 
         out = {}
         for a, q in zip(accounts, self.refitted(accounts, others, n - 1), strict=True):
-            factor = np.exp(q[:, P:] @ a.change.design(self.model).T)
-            there = np.clip(theta / factor if reverse else theta * factor, self.model.lower, self.model.upper)
+            change = a.change.undone if reverse else a.change.applied
+            there = np.clip(change(self.model, theta, q), self.model.lower, self.model.upper)
             lines = frf(self.model, there, self.group["f_line"].values)
             out[a.change.name] = score(as_real(points_of(self.group, lines)))
         ratio = as_complex(others[:, wanted]) / as_complex(others[:, known])

@@ -19,8 +19,8 @@ from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
 from mcstudy.stance.stability import growth_rate
 
-LARGEST_CHANGE = 2.5
-"""Largest logarithm of the factor by which a parameter may differ between conditions (a factor of 12)."""
+LARGEST_CHANGE = 1.0
+"""Largest logarithm of the factor by which a parameter may differ between conditions, and largest shift of a weight."""
 
 TOLERANCE = 1e-9
 """Relative decrease of the cost below which a fit has converged."""
@@ -39,7 +39,8 @@ class Change:
 
     Attributes
     ----------
-    name: in words. factors: sets of parameters; those of a set are multiplied by the same factor.
+    name: in words. factors: sets of parameters; those of a set are multiplied by the same factor, but a sensory weight,
+        which may be near zero, is shifted.
     """
 
     name: str
@@ -50,6 +51,27 @@ class Change:
         return np.array([[name in own for own in self.factors] for name in model.names], dtype=float).reshape(
             len(model.names), len(self.factors)
         )
+
+    def sizes(self, model: Model, unknowns: np.ndarray) -> np.ndarray:
+        """Factors, or shifts of weights, (..., K), of the unknowns of a fit of two conditions, (..., Q)."""
+        own = unknowns[..., len(model.names) :]
+        shifts = np.array([set(names) <= set(model.weights) for names in self.factors], dtype=bool)
+        return np.where(shifts, own, np.exp(own))
+
+    def applied(self, model: Model, theta: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
+        """Parameters (..., P) of the second condition for ``theta`` of the first, with the change of ``unknowns``."""
+        step = unknowns[..., len(model.names) :] @ self.design(model).T
+        return np.asarray(np.where(shifted(model), theta + step, theta * np.exp(step)))
+
+    def undone(self, model: Model, theta: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
+        """The inverse of `applied`: parameters of the first condition for ``theta`` of the second."""
+        step = unknowns[..., len(model.names) :] @ self.design(model).T
+        return np.asarray(np.where(shifted(model), theta - step, theta / np.exp(step)))
+
+
+def shifted(model: Model) -> np.ndarray:
+    """Which parameters (P,) a change shifts; the others it multiplies."""
+    return np.array([name in model.weights for name in model.names])
 
 
 def changes(model: Model) -> tuple[Change, ...]:
@@ -73,7 +95,8 @@ def changes(model: Model) -> tuple[Change, ...]:
 
 @dataclass(frozen=True)
 class Conditions:
-    """B fits of C conditions each. Q = P + (C - 1) K unknowns: parameters in the first condition, then log factors.
+    """B fits of C conditions each. Q = P + (C - 1) K unknowns: parameters in the first condition, then log factors
+    (shifts of weights).
 
     Attributes
     ----------
@@ -108,9 +131,10 @@ class Conditions:
     def parameters(self, q: np.ndarray) -> np.ndarray:
         """Parameters of every condition, (B, C, P), of unknowns (B, Q)."""
         P, C, A = len(self.model.names), self.data.shape[1], self.change.design(self.model)
-        factor = np.zeros((len(q), C, P))
-        factor[:, 1:] = q[:, P:].reshape(len(q), C - 1, A.shape[1]) @ A.T
-        return np.asarray(q[:, None, :P] * np.exp(factor))
+        step = np.zeros((len(q), C, P))
+        step[:, 1:] = q[:, P:].reshape(len(q), C - 1, A.shape[1]) @ A.T
+        first = q[:, None, :P]
+        return np.asarray(np.where(shifted(self.model), first + step, first * np.exp(step)))
 
     def predicted(self, q: np.ndarray) -> np.ndarray:
         """What the fits say of the data, (B, C, D)."""
@@ -130,10 +154,11 @@ class Conditions:
         r = (as_real(points_of(self.group, H)) - self.data).reshape(B, -1)
         slope = np.moveaxis(as_real(points_of(self.group, np.moveaxis(J, -1, 2))), 2, -1)  # (B, C, D, P)
         whole = np.zeros((B, C, D, P + (C - 1) * K))
+        adds = shifted(self.model)
         with np.errstate(invalid="ignore", divide="ignore"):
-            whole[..., :P] = slope * np.where(q[:, None, :P] > 0, theta / q[:, None, :P], 1.0)[:, :, None]
+            whole[..., :P] = slope * np.where(adds | (q[:, None, :P] <= 0), 1.0, theta / q[:, None, :P])[:, :, None]
         for c in range(1, C):
-            whole[:, c, :, P + (c - 1) * K : P + c * K] = (slope[:, c] * theta[:, c, None]) @ A
+            whole[:, c, :, P + (c - 1) * K : P + c * K] = (slope[:, c] * np.where(adds, 1.0, theta[:, c])[:, None]) @ A
         prior = np.zeros((P, whole.shape[-1]))
         prior[:, :P] = np.diag(1 / np.broadcast_to(self.spread, (P,)))
         J = np.concatenate(

@@ -28,7 +28,8 @@ class MeanGap:
     theta: (P,), the stable fit. misfit: its squared residual in standard errors of the mean, with 4 N numbers.
     share: (2, bands), misfit by segment (lower, upper) and band. held_out: (2 splits,), cross-validated misfit per
         number, where 1 is the scatter between halves (`Pair.halves`). closes: (effects, 2 splits), share of the excess
-        over 1 that an effect closes for the other half. sizes: per effect its parameters at the fit of all people.
+        over 1 that an effect closes for the other half; nan without an excess. sizes: per effect its parameters at the
+        fit of all people.
     """
 
     theta: np.ndarray
@@ -80,7 +81,8 @@ def mean_gap(
         near = np.concatenate([theta[None], starts[:LEADERS]])
         begin = np.concatenate([np.hstack([near, np.tile(x, (len(near), 1))]) for x in (own, usual)])
         q, _, score = fitted(larger, begin)
-        closes.append((held_out.mean() - score) / (held_out.mean() - 1.0))
+        excess = held_out.mean() - 1.0
+        closes.append((held_out.mean() - score) / excess if excess > 0 else np.full(score.size, np.nan))
         sizes.append(q[P:])
     residual = problem_of(model, group, NOTHING, mean[None], variance / n).residual(theta[None])[0, :-P]
     parts = (residual**2).reshape(2, 2, -1).sum(axis=0)  # real and imaginary parts

@@ -70,18 +70,18 @@ def accounts_of(pair: Pair, wanted: list[Change]) -> list[Account]:
 
 
 def accounts_table(pair: Pair, accounts: list[Account], splits: int, draws: int) -> str:
-    """Misfit, cross-validated misfit and factors of every account."""
+    """Misfit, cross-validated misfit and sizes of every account."""
     scores = pair.halves(accounts, splits)
     factors = pair.resampled(accounts, draws)
     rows = []
     for a, score, own in zip(accounts, scores, factors, strict=True):
         low, high = np.quantile(own, [0.025, 0.975], axis=0)
-        words = [f"{f:.2f} [{x:.2f}, {y:.2f}]" for f, x, y in zip(a.factor, low, high, strict=True)]
+        words = [f"{f:.2f} [{x:.2f}, {y:.2f}]" for f, x, y in zip(a.sizes, low, high, strict=True)]
         better = (score < scores[0]).mean()
         rows.append(
             [a.change.name, f"{a.misfit:.0f}", f"{score.mean():.2f}", f"{100 * better:.0f} %", "; ".join(words[:3])]
         )
-    header = ["what differs", "misfit", "left-out half", "better than nothing", "factor [95 %]"]
+    header = ["what differs", "misfit", "left-out half", "better than nothing", "factor, or shift of the weight [95 %]"]
     return table(header, rows)
 
 
@@ -109,6 +109,8 @@ def gap_text(group: xr.Dataset, condition: int, model: Model, starts: np.ndarray
         f"left-out half {gap.held_out.mean():.2f} (1: scatter between halves)",
         table(["share of the misfit", *edges], rows),
     ]
+    if gap.held_out.mean() <= 1:
+        return "\n".join([*out, "no gap beyond the scatter between halves"])
     best = []
     for k in np.argsort(-gap.closes.mean(axis=1))[:6]:
         low, high = np.quantile(gap.closes[k], [0.1, 0.9])
@@ -217,10 +219,8 @@ def main(arguments: list[str] | None = None) -> None:
             for name, (first, second) in pairs(group).items():
                 pair = Pair(own, group, first, second, near)
                 accounts = accounts_of(pair, few)
-                rows.append(
-                    [f"{label}; {name}", *(f"{a.misfit:.0f}" for a in accounts), f"{accounts[1].factor[0]:.2f}"]
-                )
-        print("\n" + table(["misfit", *(c.name for c in few), "factor of the weight"], rows), flush=True)
+                rows.append([f"{label}; {name}", *(f"{a.misfit:.0f}" for a in accounts), f"{accounts[1].sizes[0]:.2f}"])
+        print("\n" + table(["misfit", *(c.name for c in few), "shift of the weight"], rows), flush=True)
     if "figure" in args.only:
         figure(group, fitted_points(group, body)[0], args.out / "people_tilt.svg")
         print(f"\n{args.out / 'people_tilt.svg'}")

@@ -136,4 +136,4 @@ def _graded(p: np.ndarray, right: Sequence[bool]) -> tuple[float, float, float]:
     true = p[:, np.array(right)].sum(axis=1)
     wrong = p[:, ~np.array(right)]
     before = np.where(wrong > true[:, None], wrong, 0.0).sum(axis=1)
-    return float((true > wrong.max(axis=1)).mean()), float(true.mean()), float((before < 0.95).mean())
+    return float((true > wrong.max(axis=1, initial=0.0)).mean()), float(true.mean()), float((before < 0.95).mean())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
 from typing import Any
 
 from mcstudy.effect_library.constants import with_constants
@@ -104,11 +105,10 @@ def apply(model: Model, *names: str, opened: Iterable[str] = ()) -> Model:
             raise InputError(
                 f"effect {name!r} is {effect(name).kind}: it has no closed form, only the approximation of `trace`"
             )
-    shaped, added = set(opened), []
-    for n in names:
-        added += [s.parameter for s in effect(n).sizes]
-        added += [f.parameter for f in effect(n).forms if n in shaped]
-    return _apply(model, [effect(n) for n in names], added)
+    shaped = set(opened)
+    return _applied(
+        model, model.provenance, tuple(effect(n) for n in names), tuple(n for n in names if n in shaped), tuple(LIBRARY)
+    )
 
 
 def trace(model: Model, name: str) -> Model:
@@ -141,12 +141,27 @@ def _apply(model: Model, effects: list[Effect], added: Iterable[Parameter]) -> M
     names = [e.name for e in effects]
     if len(set(names)) != len(names):
         raise InputError(f"effects {', '.join(names)}: each may be named once")
-    named = "+".join((model.name, *sorted(names)))
+    named, listed = "+".join((model.name, *sorted(names))), list(LIBRARY)
     model = model.with_terms(parameters=[*added, *(f.parameter for f in fixed)], name=named)
-    listed = list(LIBRARY)
     for declared in sorted(effects, key=lambda e: (e.order, listed.index(e.name))):
         model = declared.build(model)
     return with_constants(model, {f.name: f.nominal for f in fixed})
+
+
+@lru_cache(maxsize=128)
+def _applied(
+    model: Model, provenance: str, effects: tuple[Effect, ...], opened: tuple[str, ...], listed: tuple[str, ...]
+) -> Model:
+    """`_apply`, kept: a diagnosis asks for each of some eighty models several times.
+
+    ``provenance``: of ``model``, in which equal models may differ. ``listed``: the library, whose order counts.
+    """
+    del provenance, listed
+    added = []
+    for e in effects:
+        added += [s.parameter for s in e.sizes]
+        added += [f.parameter for f in e.forms if e.name in opened]
+    return _apply(model, list(effects), added)
 
 
 def usual_size(parameter: str) -> tuple[float, float] | None:

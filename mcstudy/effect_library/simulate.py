@@ -21,6 +21,7 @@ from mcstudy.recordings.checks import LARGEST_SWAY
 from mcstudy.recordings.recording import AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size
 from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.line_stimulus import Stimulus
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.realize import realise
 from mcstudy.stance.rules import Rules
@@ -56,7 +57,7 @@ class Protocol:
 
     Attributes
     ----------
-    stimulus: kind of stimulus. waveform: one PRTS period; its rate is the recording's, its convention is recorded.
+    stimulus: kind of stimulus. waveform: one period; its rate is the recording's, its convention is recorded.
     amplitudes: per trial, in the stimulus' unit and the waveform's convention.
     cycles: periods per trial. periodic: when False every trial has its own random waveform of the same length,
         spectrum and amplitude that never repeats.
@@ -64,7 +65,7 @@ class Protocol:
     """
 
     stimulus: str = "ankle_torque"
-    waveform: Prts = field(default_factory=Prts)
+    waveform: Stimulus = field(default_factory=Prts)
     amplitudes: tuple[float, ...] = (5.0, 5.0)
     cycles: int = 6
     periodic: bool = True

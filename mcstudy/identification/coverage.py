@@ -50,8 +50,10 @@ def body(number: int, spread: float = 0.2) -> dict[str, float]:
     """True parameters of a body that stands: nominal for 0, otherwise drawn evenly within ``spread`` of these."""
     nominal, rng = two_segment(), stream(number, "coverage")
     theta = nominal.truth
-    while number and (theta is nominal.truth or growth_rate(nominal, theta) >= SLOWEST):
+    drawn = number == 0
+    while not drawn:
         theta = nominal.truth * (1 + rng.uniform(-spread, spread, nominal.truth.size))
+        drawn = float(growth_rate(nominal, theta)) < SLOWEST
     return dict(zip(nominal.names, map(float, theta), strict=True))
 
 
@@ -67,9 +69,10 @@ class Condition:
 class Source:
     """Draws lines of recordings of one condition, with all that does not depend on the draw done once."""
 
-    def __init__(self, condition: Condition) -> None:
+    def __init__(self, condition: Condition, theta: np.ndarray | None = None) -> None:
+        """``theta``: true parameters (P,) instead of those of the condition's body."""
         model = two_segment()
-        theta = np.array(list(body(condition.truth).values()))
+        theta = np.array(list(body(condition.truth).values())) if theta is None else theta
         stimulus, self._period_s = _stimulus()
         excited = excited_lines(stimulus[None])
         self._wanted = excited[excited <= max(condition.fmax, NOISE_HZ) * self._period_s + 0.5]

@@ -66,7 +66,8 @@ def test_the_example_prints_both_limits(
     zero = "".join(f"{name} = 0.0\n" for name in Mix.model_fields if name != "misshapen")
     file.write_text(
         f'[challenge]\nname = "tiny"\nseed = 5\ncases = 1\n[mix]\n{zero}misshapen = 1.0\n[sizes]\n'
-        'effects = ["acceleration_feedback", "integral_ankle"]\nforms = ["acceleration_smoothed", "integral_of_both_joints"]\n'
+        'effects = ["acceleration_feedback", "integral_ankle"]\n'
+        'forms = ["acceleration_smoothed", "integral_of_both_joints"]\n'
         "strata = [{share = 1.0, low = 6.0, high = 9.0}]\n"
     )
     example = module("misshapen_ceiling")

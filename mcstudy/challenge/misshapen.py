@@ -52,24 +52,42 @@ def draw_form(series: Series, rng: np.random.Generator, form: Form) -> Drawn | N
     for attempt in range(BODIES):
         theta = draw_body(series, rng, False, 1.0 - (1.0 - NIMBLE) * min(1.0, 2 * attempt / BODIES))
         geometry = Geometry(free(two_segment()), theta, shared(series)[0], series.noise.sensor)
-
-        def response(size: float, geometry: Geometry = geometry) -> np.ndarray | None:
-            model = shaped(form, geometry.base, geometry.theta, size, shapes)
-            if model is None or not stands(model, model.truth, series.body.decay):
-                return None
-            return frf(model, model.truth, geometry.setting.f)
-
-        wanted = draw_delta(series, rng)
-        size, delta = searched_size(geometry, response, sign * form.limit, wanted)
-        y = response(size) if abs(delta / wanted - 1) < EXACT else None
-        model = shaped(form, two_segment(), theta, size, shapes)
-        if y is not None and model is not None:
+        measured = linear_form(series, rng, form, geometry, shapes, sign)
+        model = None if measured is None else shaped(form, two_segment(), theta, measured.size, shapes)
+        if measured is not None and model is not None:
 
             def simulate(protocol: Protocol, stream: np.random.Generator, model: Model = model) -> Recording:
                 return simulate_recording(protocol, model.truth, stream, model=model)
 
-            return Drawn(theta, geometry, Measured(size, y, delta, delta), {name: size, **shapes}, simulate)
+            return Drawn(theta, geometry, measured, {name: measured.size, **shapes}, simulate)
     return None
+
+
+def linear_form(
+    series: Series,
+    rng: np.random.Generator,
+    form: Form,
+    geometry: Geometry,
+    shapes: Mapping[str, float],
+    sign: float | None = None,
+) -> Measured | None:
+    """A linear form on one body at a drawn delta; None where the body does not stand with it.
+
+    ``sign`` of the size; drawn if None.
+    """
+    if sign is None:
+        sign = -1.0 if form.both and rng.random() < 0.5 else 1.0
+
+    def response(size: float) -> np.ndarray | None:
+        model = shaped(form, geometry.base, geometry.theta, size, shapes)
+        if model is None or not stands(model, model.truth, series.body.decay):
+            return None
+        return frf(model, model.truth, geometry.setting.f)
+
+    wanted = draw_delta(series, rng)
+    size, delta = searched_size(geometry, response, sign * form.limit, wanted)
+    y = response(size) if abs(delta / wanted - 1) < EXACT else None
+    return None if y is None else Measured(size, y, delta, delta)
 
 
 def _ruled(

@@ -95,6 +95,51 @@ class Size:
         return float(np.clip(self.null + sign * scale * value, self.lower, self.upper))
 
 
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A shape constant of an effect that physiology leaves open: a damping ratio, an order, a split over the joints.
+
+    Simulations and the first fits of a diagnosis use ``nominal``. The fits of the causes that lead then estimate it,
+    with a normal prior: the middle of the range as mean and half the range as standard deviation.
+
+    Attributes
+    ----------
+    name, unit, meaning
+        Name and unit of the constant, and a description in one line. It is no delay.
+    nominal
+        The value of the declared form.
+    low, high
+        Its usual range in people. Fits stay between half of ``low`` and twice ``high``, where ``nominal`` must lie.
+    source
+        Origin of the range.
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    meaning: str
+    source: str
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.low < self.high or not self.low / 2 <= self.nominal <= 2 * self.high:
+            raise InputError(
+                f"form {self.name!r}: expected 0 <= low < high and nominal between low / 2 and 2 high, got low "
+                f"{self.low:g}, high {self.high:g}, nominal {self.nominal:g}"
+            )
+
+    @property
+    def prior(self) -> tuple[float, float]:
+        """(mean, standard deviation) of the normal prior, truncated at the bounds."""
+        return (self.low + self.high) / 2, (self.high - self.low) / 2
+
+    @property
+    def parameter(self) -> Parameter:
+        """As a model parameter."""
+        return Parameter(self.name, self.unit, self.nominal, self.low / 2, 2 * self.high, self.meaning)
+
+
 @dataclass(frozen=True)
 class TrialSetting:
     """What the time-domain rule of an effect may depend on.
@@ -155,6 +200,9 @@ class Effect:
         for a linear effect.
     family
         Effects of one family are variants of one cause.
+    forms
+        Shape constants (`Form`) that ``build`` uses as parameters; they are numbers wherever the form is the declared
+        one.
 
     Raises
     ------
@@ -175,6 +223,7 @@ class Effect:
     size_from_gain: Callable[[float, tuple[float, float]], float | None] | None = None
     rule: Callable[[Mapping[str, float], TrialSetting], dict[str, Any]] | None = None
     family: str = ""
+    forms: tuple[Form, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.sizes or self.size.is_shape:
@@ -185,6 +234,8 @@ class Effect:
             raise InputError(
                 f"effect {self.name!r}: contrast: expected an effect that is not linear, with gain_sign of 1 or -1"
             )
+        if self.forms and self.kind != "linear":
+            raise InputError(f"effect {self.name!r}: forms: expected none for an effect that is not linear")
 
     @property
     def size(self) -> Size:
@@ -195,6 +246,11 @@ class Effect:
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters it adds to a model."""
         return tuple(s.name for s in self.sizes)
+
+    @property
+    def nominal_form(self) -> dict[str, float]:
+        """The shape constants of the declared form by name."""
+        return {f.name: f.nominal for f in self.forms}
 
     @property
     def cause(self) -> str:

@@ -77,6 +77,13 @@ def add_terms(model: Model, *terms: Term, at_joint: bool = False) -> Model:
     return model.with_terms(terms=[*resolved, *sensed])
 
 
+def add_hip_share(model: Model, first: Term, ratio: str) -> Model:
+    """The term ``first`` of the ankle again at the hip, of the hip angle, times ``ratio``; nothing without a hip."""
+    if not any(t.row == "hip" for t in model.terms):
+        return model
+    return add_terms(model, replace(first, row="hip", sense="theta2", gain=(*first.gain, ratio)))
+
+
 def sense_tilt(model: Model, terms: Sequence[Term], share: str) -> Model:
     """Add what feedback of ``share`` times theta1 by the gains of ``terms`` senses of a tilt; none for other stimuli.
 
@@ -117,15 +124,19 @@ def delay_stimulus(model: Model, delay: str) -> Model:
     return replace(model, terms=tuple(delayed(t) if is_stimulus(t) else t for t in model.terms))
 
 
-def scale_stimulus(model: Model, error: str) -> Model:
-    """Stimulus times (1 + error): a copy of every stimulus term with the error as its gain.
+def scale_stimulus(model: Model, error: str, corner: str) -> Model:
+    """Stimulus times (1 + error / (corner s + 1)): a copy of every stimulus term with the error as its gain.
 
     Terms of a tilt have two gains already, the most that a term may have: there the factor is a filter.
     """
+    below = (ONE, Monomial(1.0, 1, ((corner, 1),)))
     if tilt_of(model):
-        return filter_terms(model, is_stimulus, Filter(error, (ONE, Monomial(1.0, 0, ((error, 1),))), (ONE,)))
-    copies = [replace(t, gain=(*t.gain, error)) for t in model.terms if t.sense == "stimulus"]
-    return model.with_terms(terms=copies)
+        return filter_terms(model, is_stimulus, Filter(error, (*below, Monomial(1.0, 0, ((error, 1),))), below))
+    fading = Filter(f"fading_{error}", (ONE,), below)
+    copies = [
+        replace(t, gain=(*t.gain, error), filters=(*t.filters, fading.name)) for t in model.terms if is_stimulus(t)
+    ]
+    return model.with_terms(terms=copies, filters=(fading,))
 
 
 def filter_output(model: Model, angles: Sequence[int], filt: Filter) -> Model:
@@ -195,8 +206,11 @@ def leg_length(body: Body) -> float:
     return body.C1 / body.A2
 
 
-def scale_trunk(model: Model, error: str) -> Model:
-    """Trunk mass times (1 + error): in A2, J2, C1, C2 and, through the leg length, in A1 and J1."""
+def scale_trunk(model: Model, error: str, height: str) -> Model:
+    """Trunk mass times (1 + error): in A2, J2, C1, C2 and, through the leg length, in A1 and J1.
+
+    To first order in the error, the height of the trunk's centre of mass is also times (1 + ``height`` error).
+    """
     body = body_of(model)
     m2, length, g = trunk_mass(body), leg_length(body), GRAVITY
     terms = [
@@ -208,17 +222,29 @@ def scale_trunk(model: Model, error: str) -> Model:
         Term("ankle", "theta2s", (error,), 2, coefficient=body.C2),
         Term("ankle", "theta2s", (error,), coefficient=-body.A2 * g),
     ]
+    both = (error, height)
+    terms += [
+        Term("hip", "theta2s", both, 2, coefficient=2 * body.J2),
+        Term("hip", "theta2s", both, coefficient=-body.A2 * g),
+        Term("hip", "theta1", both, 2, coefficient=body.C1),
+        Term("ankle", "theta1", both, 2, coefficient=body.C1),
+        Term("ankle", "theta2s", both, 2, coefficient=body.C1 + 2 * body.J2),
+        Term("ankle", "theta2s", both, coefficient=-body.A2 * g),
+    ]
     return model.with_terms(terms=[*terms, *_platform(model, error, body.A2, m2 * length + body.A2)])
 
 
-def scale_legs(model: Model, error: str) -> Model:
-    """Leg mass times (1 + error), in J1 and A1 minus the contribution of the trunk's mass at the hip."""
+def scale_legs(model: Model, error: str, moment_share: str) -> Model:
+    """Leg mass times (1 + error), in J1 and A1 minus the contribution of the trunk's mass at the hip.
+
+    Their first moment is times (1 + ``moment_share`` error).
+    """
     body = body_of(model)
     m2, length = trunk_mass(body), leg_length(body)
     moment = body.A1 - m2 * length
     terms = [
         Term("ankle", "theta1", (error,), 2, coefficient=body.J1 - m2 * length**2 - body.C1),
-        Term("ankle", "theta1", (error,), coefficient=-moment * GRAVITY),
+        Term("ankle", "theta1", (error, moment_share), coefficient=-moment * GRAVITY),
     ]
     return model.with_terms(terms=[*terms, *_platform(model, error, 0.0, moment)])
 

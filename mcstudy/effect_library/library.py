@@ -12,10 +12,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from typing import Any
 
+from mcstudy.effect_library.constants import with_constants
 from mcstudy.effect_library.declare import Effect, Size, TrialSetting
 from mcstudy.effect_library.published import DECLARATIONS
 from mcstudy.errors import InputError
-from mcstudy.stance.feedback import Model
+from mcstudy.stance.feedback import Model, Parameter
 from mcstudy.stance.rules import Rules
 from mcstudy.text_tables import fill
 
@@ -60,8 +61,8 @@ class Library(Mapping[str, Effect]):
         """
         if effect.name in self._effects:
             raise InputError(f"effect {effect.name!r}: the library already has one of this name")
-        taken = {name: e.name for e in self.values() for name in e.parameters}
-        for name in effect.parameters:
+        taken = {name: e.name for e in self.values() for name in (*e.parameters, *e.nominal_form)}
+        for name in (*effect.parameters, *effect.nominal_form):
             if name in taken:
                 raise InputError(f"effect {effect.name!r}: parameter {name!r} is already that of {taken[name]}")
         self._effects[effect.name] = effect
@@ -90,8 +91,11 @@ def effect(name: str) -> Effect:
         raise InputError(f"unknown effect {name!r}; the library has {', '.join(LIBRARY)}") from None
 
 
-def apply(model: Model, *names: str) -> Model:
-    """The model with the named linear effects; the order of the names does not matter.
+def apply(model: Model, *names: str, opened: Iterable[str] = ()) -> Model:
+    """The model with the named linear effects; the order of the names matters only for that of the parameters.
+
+    The shape constants (`mcstudy.effect_library.declare.Form`) of the effects in ``opened`` are parameters too, after
+    the sizes of their effect; those of all others have the value of the declared form.
 
     Raises `InputError` for an unknown, repeated or nonlinear effect (see `trace`), `ModelError` when the model lacks
     the row an effect acts on.
@@ -101,7 +105,10 @@ def apply(model: Model, *names: str) -> Model:
             raise InputError(
                 f"effect {name!r} is {effect(name).kind}: it has no closed form, only the approximation of `trace`"
             )
-    return _applied(model, model.provenance, tuple(effect(n) for n in names), tuple(LIBRARY))
+    shaped = set(opened)
+    return _applied(
+        model, model.provenance, tuple(effect(n) for n in names), tuple(n for n in names if n in shaped), tuple(LIBRARY)
+    )
 
 
 def trace(model: Model, name: str) -> Model:
@@ -114,7 +121,7 @@ def trace(model: Model, name: str) -> Model:
     if declared.rule is None:
         raise InputError(f"effect {name!r} is linear: use `apply` instead")
     change = Size(f"gain_{name}", "", 0.0, -0.9, 2.0, (0.05, 0.4), f"change of active gains by {name}")
-    return _apply(model, [declared], [change])
+    return _apply(model, [declared], [change.parameter])
 
 
 def rules(names: Iterable[str], sizes: Mapping[str, float], trial: TrialSetting) -> Rules:
@@ -127,41 +134,54 @@ def rules(names: Iterable[str], sizes: Mapping[str, float], trial: TrialSetting)
     return Rules(**fields)
 
 
-def _apply(model: Model, effects: list[Effect], sizes: Iterable[Size]) -> Model:
+def _apply(model: Model, effects: list[Effect], added: Iterable[Parameter]) -> Model:
+    added = list(added)
+    given = {p.name for p in added}
+    fixed = [f for e in effects for f in e.forms if f.name not in given]
     names = [e.name for e in effects]
     if len(set(names)) != len(names):
         raise InputError(f"effects {', '.join(names)}: each may be named once")
     named, listed = "+".join((model.name, *sorted(names))), list(LIBRARY)
-    model = model.with_terms(parameters=[s.parameter for s in sizes], name=named)
+    model = model.with_terms(parameters=[*added, *(f.parameter for f in fixed)], name=named)
     for declared in sorted(effects, key=lambda e: (e.order, listed.index(e.name))):
         model = declared.build(model)
-    return model
+    return with_constants(model, {f.name: f.nominal for f in fixed})
 
 
 @lru_cache(maxsize=128)
-def _applied(model: Model, provenance: str, effects: tuple[Effect, ...], listed: tuple[str, ...]) -> Model:
+def _applied(
+    model: Model, provenance: str, effects: tuple[Effect, ...], opened: tuple[str, ...], listed: tuple[str, ...]
+) -> Model:
     """`_apply`, kept: a diagnosis asks for each of some eighty models several times.
 
     ``provenance``: of ``model``, in which equal models may differ. ``listed``: the library, whose order counts.
     """
     del provenance, listed
-    return _apply(model, list(effects), [s for e in effects for s in e.sizes])
+    added = []
+    for e in effects:
+        added += [s.parameter for s in e.sizes]
+        added += [f.parameter for f in e.forms if e.name in opened]
+    return _apply(model, list(effects), added)
 
 
 def usual_size(parameter: str) -> tuple[float, float] | None:
-    """The usual magnitude of a parameter that an effect adds; None for a name that no effect has."""
-    return next((s.published for e in LIBRARY.values() for s in e.sizes if s.name == parameter), None)
+    """The usual magnitude of a parameter that an effect adds, or of a shape constant; None for any other name."""
+    ranges = {s.name: s.published for e in LIBRARY.values() for s in e.sizes}
+    ranges |= {f.name: (f.low, f.high) for e in LIBRARY.values() for f in e.forms}
+    return ranges.get(parameter)
 
 
 def shape_parameters() -> set[str]:
     """Names of the parameters that shape an effect without being its size."""
-    return {s.name for e in LIBRARY.values() for s in e.sizes if s.is_shape}
+    sizes = {s.name for e in LIBRARY.values() for s in e.sizes if s.is_shape}
+    return sizes | {f.name for e in LIBRARY.values() for f in e.forms}
 
 
 def table_text() -> str:
     """The library as text for `mcstudy gap effects`.
 
-    One block per effect: name, location, size with its usual range, equation, and where that range comes from.
+    One block per effect: name, location, size with its usual range, equation, where that range comes from, and the
+    shape constants that are open.
     """
 
     def lines(label: str, content: str) -> str:
@@ -174,6 +194,14 @@ def table_text() -> str:
                 lines("size    ", f"{e.size.name}, {size_text(e.size)}: {e.size.meaning}"),
                 lines("equation", e.equation),
                 lines("source  ", e.source),
+                *(
+                    lines(
+                        "form    ",
+                        f"{f.name}, {f.nominal:g}, open from {f.low:g} to {f.high:g} {f.unit}".rstrip()
+                        + f": {f.meaning} ({f.source})",
+                    )
+                    for f in e.forms
+                ),
             ]
         )
         for e in LIBRARY.values()

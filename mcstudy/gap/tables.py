@@ -104,7 +104,7 @@ def _sizes(d: Diagnosis) -> Table:
     rows = []
     for cause in shown_causes(d):
         known = [library.effect(e) for e in cause.effects if not cause.advice]
-        owner = {s.name: e.name for e in known for s in e.sizes}
+        owner = {n: e.name for e in known for n in (*e.parameters, *e.nominal_form)}
         for s in cause.sizes:
             usual = usual_size(s.name)
             rows.append(

@@ -190,7 +190,7 @@ def test_a_band_of_one_line_is_a_frequency(found: dict[str, Diagnosis]) -> None:
 
 
 def test_every_effect_has_the_name_under_which_it_can_be_simulated(variants: Variants) -> None:
-    sizes = {s.name for e in LIBRARY.values() for s in e.sizes}
+    sizes = {n for e in LIBRARY.values() for n in (*e.parameters, *e.nominal_form)}
     for case, d in variants:
         names = set(re.findall(r"[a-z]\w*_\w+", verdict(d) + text(d)))
         assert names <= set(LIBRARY) | sizes, case

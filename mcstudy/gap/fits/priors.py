@@ -45,6 +45,7 @@ def weak_prior(model: Model, base: Model) -> Prior:
     pulled.
     """
     sizes = {s.name: s for e in library.LIBRARY.values() for s in e.sizes}
+    forms = {f.name: f for e in library.LIBRARY.values() for f in e.forms}
     mean, scale = [], []
     for p in model.parameters:
         if p.name in base.names:
@@ -56,6 +57,9 @@ def weak_prior(model: Model, base: Model) -> Prior:
                 if p.name in base.weights
                 else GAIN_SPREAD * abs(p.value)
             )
+        elif p.name in forms:
+            mean.append(forms[p.name].prior[0])
+            scale.append(forms[p.name].prior[1])
         else:
             size = sizes[p.name]
             mean.append(size.prior[0])

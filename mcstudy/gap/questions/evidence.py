@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.declare import Size
+from mcstudy.effect_library.declare import Effect, Size
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.scores import TYPICAL_DELTA, WRONG_SIGN
 from mcstudy.gap.candidates.signatures import Signature
@@ -116,8 +116,11 @@ def single(
     model = library.apply(base.model, name)
     fitter = Fitter(model, weak_prior(model, base.model), data.f)
     starts = np.clip(starts_for(base, minima, found, residual, name), fitter.model.lower, fitter.model.upper)
-    mode = fitter.pick(fitter.fits(data.packed, starts))
-    P = base.theta.size
+    return profiled(fitter, data, e, fitter.pick(fitter.fits(data.packed, starts)), base.theta.size)
+
+
+def profiled(fitter: Fitter, data: Data, e: Effect, mode: Fitted, P: int) -> Hypothesis:
+    """The hypothesis that one effect acts, from its best fit, whose parameter ``P`` is the size of the effect."""
     covariance = mode.covariance
     se = float(np.sqrt(covariance[P, P]))
     grid = mode.theta[P] + se * np.linspace(-SPAN, SPAN, POINTS)
@@ -142,14 +145,14 @@ def single(
     log_evidence = float(np.logaddexp.reduce(log_p))
     weight = np.exp(log_p - log_evidence)
     sizes = [_summary(e.size, grid, weight)]
-    for k, s in enumerate(e.sizes[1:], start=P + 1):
+    for k, p in enumerate(mode.model.parameters[P + 1 :], start=P + 1):  # shape parameters and open constants
         sd = float(np.sqrt(covariance[k, k]))
         at = float(mode.theta[k])
-        sizes.append(SizeEstimate(s.name, at, sd, at - 1.96 * sd, at + 1.96 * sd, s.unit))
+        sizes.append(SizeEstimate(p.name, at, sd, at - 1.96 * sd, at + 1.96 * sd, p.unit))
     best = int(np.argmin(np.where(np.isfinite(fits.chi2), fits.chi2 + penalty, np.inf)))
     if fits.chi2[best] + penalty[best] < mode.chi2 + mode.penalty - 1.0:
         mode = fitter.best(data, fits.estimate[best])
-    return Hypothesis((name,), log_evidence, mode, tuple(sizes))
+    return Hypothesis((e.name,), log_evidence, mode, tuple(sizes))
 
 
 def _summary(size: Size, grid: np.ndarray, weight: np.ndarray) -> SizeEstimate:

@@ -23,6 +23,7 @@ from mcstudy.gap.candidates.unstructured import Unstructured
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, single, together
 from mcstudy.gap.questions.mislabelled import Mislabelled
+from mcstudy.gap.questions.other_forms import in_other_forms
 from mcstudy.gap.questions.possible import possible
 from mcstudy.short_repr import Summary
 from mcstudy.stance.response import frf
@@ -108,7 +109,8 @@ def explain(
     residual = base.residual(data)
     none = Hypothesis((), base.log_evidence, base)
     of = {e.name: [s for s in found if s.effect == e.name] for e in effects}
-    singles = [single(base, minima, data, e.name, of[e.name], residual) for e in effects]
+    declared = [single(base, minima, data, e.name, of[e.name], residual) for e in effects]
+    singles = in_other_forms(base, data, none, declared)
     families: dict[str, int] = {}
     for e in effects:
         families[e.cause] = families.get(e.cause, 0) + 1
@@ -122,7 +124,8 @@ def explain(
     group_of = {n: k for k, g in enumerate(groups) for n in g}
     n_pairs = n_causes * (n_causes - 1) / 2
     if leaders and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + np.log(NONE) - 3:
-        for h in pairs(data, base, leaders, effects, of, group_of):
+        as_declared = {h.effects: h for h in declared}
+        for h in pairs(data, base, [as_declared[h.effects] for h in leaders], effects, of, group_of):
             weighted.append((h, np.log(PAIR / n_pairs)))
     for c, k in changes:
         size = library.effect(k.effect).size

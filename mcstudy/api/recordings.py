@@ -38,7 +38,8 @@ def diagnose(
     Parameters
     ----------
     recording
-        What `read_recording` or `simulate` returned, or a path. Several recordings of one person are pooled.
+        What `read_recording` or `simulate` returned, or a path; or several of one person. Those with the same stimulus,
+        period and sampling rate are pooled, others analysed together: one body, and a noise for each.
     fast
         Asymptotic null distributions instead of a bootstrap that refits the model, which takes longer.
     bootstrap
@@ -46,7 +47,7 @@ def diagnose(
     seed
         Random seed; the same seed gives the same numbers.
     model
-        Base model; the two-segment model of the recording's body when None.
+        Base model; the two-segment model of the recording's body when None. None under several stimuli.
     fmax
         Highest frequency used, Hz.
     discard
@@ -104,7 +105,8 @@ def fit(
     Parameters
     ----------
     recording
-        What `read_recording` or `simulate` returned, or a path. Several recordings of one person are pooled.
+        What `read_recording` or `simulate` returned, or a path; or several of one person. Those with the same stimulus,
+        period and sampling rate are pooled, others analysed together: one body, and a noise for each.
     effects
         Names of linear `effects` that are added to the model; their sizes are estimated too.
     quantities
@@ -116,7 +118,7 @@ def fit(
     level
         Level of the intervals.
     model
-        The two-segment model of the recording's body when None.
+        The two-segment model of the recording's body when None. None under several stimuli.
     fmax
         Highest frequency used, Hz.
     discard

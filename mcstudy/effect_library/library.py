@@ -15,6 +15,7 @@ from mcstudy.effect_library.declare import Effect, Size, TrialSetting
 from mcstudy.effect_library.published import DECLARATIONS
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import changed
 from mcstudy.stance.rules import Rules
 from mcstudy.text_tables import fill
 
@@ -134,7 +135,7 @@ def _apply(model: Model, effects: list[Effect], sizes: Iterable[Size]) -> Model:
     model = model.with_terms(parameters=[s.parameter for s in sizes], name=named)
     listed = list(LIBRARY)
     for declared in sorted(effects, key=lambda e: (e.order, listed.index(e.name))):
-        model = declared.build(model)
+        model = changed(model, declared.build)
     return model
 
 

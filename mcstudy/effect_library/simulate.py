@@ -21,6 +21,7 @@ from mcstudy.recordings.checks import LARGEST_SWAY
 from mcstudy.recordings.recording import AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size
 from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.line_stimulus import Stimulus
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.realize import realise
 from mcstudy.stance.rules import Rules
@@ -56,7 +57,7 @@ class Protocol:
 
     Attributes
     ----------
-    stimulus: kind of stimulus. waveform: one PRTS period; its rate is the recording's, its convention is recorded.
+    stimulus: kind of stimulus. waveform: one period; its rate is the recording's, its convention is recorded.
     amplitudes: per trial, in the stimulus' unit and the waveform's convention.
     cycles: periods per trial. periodic: when False every trial has its own random waveform of the same length,
         spectrum and amplitude that never repeats.
@@ -64,7 +65,7 @@ class Protocol:
     """
 
     stimulus: str = "ankle_torque"
-    waveform: Prts = field(default_factory=Prts)
+    waveform: Stimulus = field(default_factory=Prts)
     amplitudes: tuple[float, ...] = (5.0, 5.0)
     cycles: int = 6
     periodic: bool = True
@@ -210,11 +211,7 @@ def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) ->
         period = fft.irfft(coefficients, period.size * protocol.cycles)
         period *= waveform.peak / np.abs(period).max()
     if protocol.stimulus not in TORQUES:
-        coefficients = fft.rfft(period)
-        f = np.arange(coefficients.size) * rate / period.size
-        period = fft.irfft(coefficients / (1 + (f / PLATFORM_HZ) ** 4), period.size)
-        period *= waveform.peak / (np.ptp(period) / 2)
-        record = with_derivatives(period, rate)
+        record = with_derivatives(smoothed(period, rate, waveform.peak), rate)
     else:
         record = period
     return (
@@ -222,6 +219,14 @@ def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) ->
         if protocol.periodic
         else record
     )
+
+
+def smoothed(period: np.ndarray, rate: float, peak: float) -> np.ndarray:
+    """A cycle (n,) of a motion as an apparatus can follow it: without what is far above `PLATFORM_HZ`, same peak."""
+    coefficients = fft.rfft(period)
+    f = np.arange(coefficients.size) * rate / period.size
+    period = fft.irfft(coefficients / (1 + (f / PLATFORM_HZ) ** 4), period.size)
+    return np.asarray(period * peak / (np.ptp(period) / 2))
 
 
 def _length(protocol: Protocol) -> int:

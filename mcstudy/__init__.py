@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mcstudy.api.design import design
     from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.performance import performance
-    from mcstudy.api.recordings import diagnose, fit, import_recording
+    from mcstudy.api.recordings import diagnose, fit, import_recording, next_trial
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
@@ -52,6 +52,7 @@ _FROM = {
     "fit": "api.recordings",
     "fit_group": "api.groups",
     "import_recording": "api.recordings",
+    "next_trial": "api.recordings",
     "open_results": "analysis.results",
     "performance": "api.performance",
     "read_recording": "recordings.io",
@@ -84,6 +85,7 @@ __all__ = [
     "fit",
     "fit_group",
     "import_recording",
+    "next_trial",
     "open_results",
     "performance",
     "read_recording",

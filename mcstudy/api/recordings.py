@@ -9,6 +9,8 @@ from typing import Any
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
+from mcstudy.gap.planned.next_trial import NextTrial
+from mcstudy.gap.planned.next_trial import next_trial as planned_next
 from mcstudy.identification.fit import fit as fit_recording
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.importing import import_files
@@ -85,6 +87,52 @@ def diagnose(
             accept=accept,
         )
     return DiagnosisWithFigures.of(found)
+
+
+def next_trial(
+    recording: AnyRecording | Sequence[AnyRecording],
+    *,
+    kinds: Sequence[str] = (),
+    amplitudes: Mapping[str, Sequence[float]] | None = None,
+    trials: Sequence[int] = (1, 2),
+    cycles: int = 6,
+    fmax: float = 8.0,
+    discard: int | None = None,
+    accept: Iterable[str] = (),
+    seed: int = 0,
+) -> NextTrial:
+    """Which trial to record next: possible ones, ranked by their expected information about the cause.
+
+    Parameters
+    ----------
+    recording
+        What was recorded so far, as for `diagnose`.
+    kinds
+        Kinds of stimulus to consider; ankle and hip torque, platform translation and the recorded ones when empty.
+    amplitudes
+        Peaks to consider by kind, N m, m or rad. Where none is given, the recorded one, or the one that evokes no more
+        sway than was recorded.
+    trials, cycles
+        Numbers of trials to consider, and periods of each.
+    fmax, discard, accept, seed
+        As for `diagnose`.
+
+    Returns
+    -------
+    NextTrial
+        With ``best``, ``options``, ``text()`` and ``to_dict()``.
+
+    Raises
+    ------
+    RecordingError
+        A recording cannot be analysed, or none has a period.
+    InputError
+        A kind, an amplitude or a number of trials is not possible.
+    """
+    read = _read(recording)
+    compile_kernels(DIAGNOSIS)
+    found = diagnose_fast(read, seed=seed, fmax=fmax, discard=discard, accept=accept)
+    return planned_next(found, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
 
 
 def fit(

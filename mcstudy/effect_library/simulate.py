@@ -21,7 +21,7 @@ from mcstudy.recordings.checks import LARGEST_SWAY
 from mcstudy.recordings.recording import AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size
 from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.line_stimulus import Stimulus
+from mcstudy.stance.line_stimulus import LineStimulus, Stimulus
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.realize import realise
 from mcstudy.stance.rules import Rules
@@ -212,8 +212,8 @@ def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) ->
         period *= waveform.peak / np.abs(period).max()
     if protocol.stimulus not in TORQUES:
         record = with_derivatives(smoothed(period, rate, waveform.peak), rate)
-    else:
-        record = period
+    else:  # a PRTS is linear between samples, cosines are not
+        record = with_derivatives(period, rate) if isinstance(waveform, LineStimulus) else period
     return (
         np.tile(record, (protocol.cycles, *[1] * (record.ndim - 1)))[: _length(protocol)]
         if protocol.periodic

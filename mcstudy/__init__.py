@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.performance import performance
     from mcstudy.api.recordings import diagnose, fit, import_recording, next_trial
+    from mcstudy.api.solve import solve
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from mcstudy.identification.group_result import GroupResult
     from mcstudy.own_model import run_model
     from mcstudy.recordings.frf import FrfRecording
+    from mcstudy.recordings.frf_group import read_frf_group
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
@@ -55,11 +57,13 @@ _FROM = {
     "next_trial": "api.recordings",
     "open_results": "analysis.results",
     "performance": "api.performance",
+    "read_frf_group": "recordings.frf_group",
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
     "run": "api.studies",
     "run_model": "own_model",
     "simulate": "effect_library.simulated",
+    "solve": "api.solve",
     "study_from": "api.groups",
     "summary": "api.studies",
     "write_recording": "recordings.io",
@@ -88,11 +92,13 @@ __all__ = [
     "next_trial",
     "open_results",
     "performance",
+    "read_frf_group",
     "read_recording",
     "read_study",
     "run",
     "run_model",
     "simulate",
+    "solve",
     "study_from",
     "summary",
     "write_recording",

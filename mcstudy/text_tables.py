@@ -83,7 +83,7 @@ def with_error(value: float | None, mcse: float | None) -> str:
     decimals = max(1 - math.floor(math.log10(mcse)), 0)
     if decimals > 5:
         return f"{number(value)} ± {number(mcse, 2)}"
-    return f"{value:.{decimals}f} ± {mcse:.{decimals}f}"
+    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {mcse:.{decimals}f}"  # + 0.0: not -0
 
 
 def starts_in_words(starts: int, until_certain: bool) -> str:

@@ -119,7 +119,7 @@ class MonteCarlo:
             the cell, and so that these missed a lower one (right in the mean over realizations).
         """
         cells = selection.best(self._cube, allowed)
-        return self._result(cells.assign(missed=convergence.starts_needed(self._cube)["missed"]))
+        return self._result(cells.assign(missed=convergence.missed_minimum(self._cube)))
 
     def compare(self, other: xr.Dataset | xr.DataTree) -> xr.Dataset:
         """Another group, of any cube, minus this one: bias, spread and more by Fmax. Needs all starts of both.

@@ -13,7 +13,6 @@ from mcstudy.errors import ModelError, StoreError
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import expected_line_covariance
-from mcstudy.stance.noise import SensorNoise
 from mcstudy.study.design import Group
 from mcstudy.study.measure import kept_points, stimulus
 from mcstudy.study.models import build_model
@@ -81,12 +80,11 @@ def covariance_of(data: xr.Dataset) -> xr.DataArray:
     if group.simulator == "none" or group.spectra.points != "odd_lines" or group.spectra.ramp != "remove":
         return measured_covariance(data).assign_attrs(source="mean of the stored noise covariances")
     model, points, s = fitted_model(data), points_of(data), group.stimulus
-    noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
     duration_s = (s.cycles - s.discard) * points.period_s
     covariance = np.zeros((len(group.amplitude), len(points), 2, 2), dtype=complex)
     for a, amplitude in enumerate(group.amplitude):
         drive = stimulus(group, amplitude).coefficients()[points.lines]
-        covariance[a] = expected_line_covariance(model, model.truth, noise, points.f, drive, duration_s)
+        covariance[a] = expected_line_covariance(model, model.truth, group.noise.source, points.f, drive, duration_s)
     coords = {d: data[d] for d in ("amplitude", "frequency")}
     dims = ("amplitude", "frequency", "angle", "angle_2")
     return xr.DataArray(covariance, coords, dims, attrs={"source": "sensor noise through the true loop"})

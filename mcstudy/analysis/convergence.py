@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import gammaln
 
-from mcstudy.analysis.labels import ONE, labelled
+from mcstudy.analysis.labels import ONE, label, labelled
 from mcstudy.analysis.montecarlo import quantiles, wilson
 from mcstudy.analysis.selection import attempted, usable
 from mcstudy.fitting.certainty import COST_FLOOR, HIT_TOLERANCE, MISSED, missed
@@ -37,6 +37,16 @@ def hits(cube: xr.Dataset, tolerance: float = HIT_TOLERANCE, floor: float = COST
         }
     )
     return labelled(out, cube, hits=HITS, starts=STARTS, minimum=("lowest cost of the pool", ONE))
+
+
+def missed_minimum(cube: xr.Dataset, tolerance: float = HIT_TOLERANCE, floor: float = COST_FLOOR) -> xr.DataArray:
+    """``missed`` of `starts_needed` alone, dims (amplitude, fmax, realization)."""
+    pool = hits(cube, tolerance, floor)
+    return label(_missed(pool, pool["hits"] / pool["starts"].where(pool["starts"] > 0)), MISSED)
+
+
+def _missed(pool: xr.Dataset, rate: xr.DataArray) -> xr.DataArray:
+    return missed(rate, pool["starts"]).where(pool["hits"] > 0)
 
 
 def miss_probability(hits: np.ndarray, starts: np.ndarray, drawn: np.ndarray) -> np.ndarray:
@@ -116,7 +126,7 @@ def starts_needed(
             "independent": independent(rate["value"]),
             "lower": independent(rate["upper"]),
             "upper": independent(rate["lower"]),
-            "missed": missed(rate["value"], pool["starts"]).where(pool["hits"] > 0),
+            "missed": _missed(pool, rate["value"]),
             "missed_upper": missed(rate["lower"], pool["starts"]).where(pool["hits"] > 0),
             "hit_rate": rate["value"],
             "hits": pool["hits"],

@@ -6,8 +6,10 @@ box. The median and the quantiles say where the estimates are, the median absolu
 Errors. The delete-one jackknife is inconsistent for quantiles (Efron 1982), so it is not used here. The error of a
 quantile is Maritz & Jarrett's, the exact standard deviation of the quantile of a bootstrap sample; its interval lies
 between order statistics and holds for every distribution (`mcstudy.analysis.montecarlo.quantiles`). The MAD has no such
-closed form: its error is that of a bootstrap over realizations from a fixed stream. All of these errors are themselves
-uncertain where a distribution has two peaks: trust the interval.
+closed form: its error is that of a bootstrap over realizations from a fixed stream; of more than `LARGEST_RESAMPLE`
+realizations as many are drawn, and the error is scaled to all (m out of n bootstrap: Bickel, Götze & van Zwet 1997,
+Statistica Sinica 7:1-31). All of these errors are themselves uncertain where a distribution has two peaks: trust the
+interval.
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ from mcstudy.analysis.montecarlo import REALIZATION, quantiles
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 RESAMPLES = 400
+LARGEST_RESAMPLE = 2000
+"""Realizations in a resample at most: 13 MB, whatever the size of the study."""
+
 FEWEST = 3
 """Fewest realizations with an error of the MAD."""
 
@@ -65,8 +70,9 @@ def _mad_with_error(x: np.ndarray) -> tuple[float, float]:
     if x.size < FEWEST:
         return value, np.nan
     rng = np.random.Generator(np.random.Philox(key=20190318))
-    again = _mad(x[rng.integers(x.size, size=(RESAMPLES, x.size))])
-    return value, float(again.std(ddof=1))
+    drawn = min(x.size, LARGEST_RESAMPLE)
+    again = _mad(x[rng.integers(x.size, size=(RESAMPLES, drawn))])
+    return value, float(again.std(ddof=1)) * (drawn / x.size) ** 0.5
 
 
 def _mad(x: np.ndarray) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,14 +14,18 @@ import xarray as xr
 from mcstudy.analysis import performance as measures
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import ERROR
-from mcstudy.errors import InputError
+from mcstudy.errors import InputError, StoreError
+from mcstudy.files.untrusted import real_bytes
 
 KEYS = (REALIZATION, "parameter")
 VALUES = ("estimate", "truth")
 
+LARGEST_TABLE = 1 << 30
+"""Bytes of a CSV file."""
+
 
 def performance(
-    data: pd.DataFrame | xr.Dataset | Mapping[str, Sequence[Any]],
+    data: pd.DataFrame | xr.Dataset | Mapping[str, Sequence[Any]] | str | Path,
     *,
     reference: str | None = None,
     level: float = 0.95,
@@ -30,9 +36,9 @@ def performance(
     ----------
     data
         A table with the columns ``parameter``, ``realization``, ``estimate``, ``truth``, and where they exist
-        ``standard_error`` and ``method``: one row per realization, parameter and method. Or a Dataset with variables
-        ``estimate``, ``truth`` and ``standard_error`` and a dim ``realization``. A missing estimate or standard error
-        is NaN.
+        ``standard_error`` and ``method``: one row per realization, parameter and method. Or a CSV file with these
+        columns. Or a Dataset with variables ``estimate``, ``truth`` and ``standard_error`` and a dim ``realization``.
+        A missing estimate or standard error is NaN, in a file an empty field, NA or NaN.
     reference
         Method to which ``relative_precision`` refers; the first in the table by default.
     level
@@ -53,16 +59,21 @@ def performance(
     """
     if not 0 < level < 1:
         raise InputError(f"level: expected a number between 0 and 1, got {level!r}")
+    if isinstance(data, (str, Path)):
+        try:
+            return performance(_read(Path(data)), reference=reference, level=level)
+        except InputError as error:
+            raise InputError(f"{data}: {error}") from None
     cells = data if isinstance(data, xr.Dataset) else _cells(_table(data))
     for name in VALUES:
         if name not in cells:
             raise InputError(f"{name}: expected a variable of this name, got {', '.join(map(str, cells.data_vars))}")
     if REALIZATION not in cells["estimate"].dims:
         raise InputError(f"estimate: expected a dim 'realization', got {', '.join(map(str, cells['estimate'].dims))}")
-    error = cells.get(ERROR)
-    if error is not None and bool((error < 0).any()):
-        raise InputError(f"{ERROR}: expected no negative value, got {float(error.min()):g}")
-    found = measures.performance(cells["estimate"], cells["truth"], error, level)
+    standard = cells.get(ERROR)
+    if standard is not None and bool((standard < 0).any()):
+        raise InputError(f"{ERROR}: expected no negative value, got {float(standard.min()):g}")
+    found = measures.performance(cells["estimate"], cells["truth"], standard, level)
     if "method" not in cells["estimate"].dims:
         if reference is not None:
             raise InputError(f"reference: expected a column 'method' to hold {reference!r}, got none")
@@ -75,6 +86,22 @@ def performance(
     gain[["value", "mcse"]] = gain[["value", "mcse"]].where(cells["method"] != reference)
     plain = found.drop_vars(["meaning", "measure_unit"])
     return measures.described(xr.concat([plain, gain], dim="measure", coords="minimal", compat="override"))
+
+
+def _read(path: Path) -> pd.DataFrame:
+    """The table of a CSV file; the message of an error does not repeat the file's name."""
+    try:
+        text = real_bytes(path, LARGEST_TABLE, follow=True).decode("utf-8-sig")
+        first = text.partition("\n")[0]
+        separator = next((s for s in ("\t", ";") if s in first), ",")
+        return pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True)
+    except (OSError, StoreError) as error:
+        why = getattr(error, "strerror", None) or str(error).removeprefix(f"{path}: ")
+        raise InputError(f"cannot be read: {why}") from None
+    except UnicodeDecodeError:
+        raise InputError("expected UTF-8 text") from None
+    except ValueError as error:  # pandas raises subclasses of it for text that is no table
+        raise InputError(f"expected a CSV file with a header ({' '.join(str(error).split())})") from None
 
 
 def _table(data: pd.DataFrame | Mapping[str, Sequence[Any]]) -> pd.DataFrame:

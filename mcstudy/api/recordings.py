@@ -18,7 +18,7 @@ from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
 from mcstudy.report.person.plots import FitWithFigures
-from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
+from mcstudy.scheduler.compiling import DIAGNOSIS, PERSON, compile_kernels
 from mcstudy.stance.feedback import Model
 
 AnyRecording = Recording | FrfRecording | str | Path
@@ -191,7 +191,7 @@ def fit(
         An argument is wrong.
     """
     read = _read(recording)
-    compile_kernels(DIAGNOSIS)
+    compile_kernels(PERSON)
     found = fit_recording(
         read,
         effects=effects,

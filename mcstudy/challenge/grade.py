@@ -40,6 +40,9 @@ LARGEST_SET = float(len(LIBRARY) + 2)
 SET_SIZES: Bounds = (0.0, len(LIBRARY) * (len(LIBRARY) + 1) / 2 + 2)
 """Bounds of the size of a set, which may also contain pairs."""
 
+ANSWERED = ("nothing missing", "a cause outside the library", "one effect of the library", "two effects")
+"""Kinds of hypotheses that an answer may find most probable."""
+
 WRONG = ("nothing missing", "a cause outside the library", "pairs", "other single causes")
 """Kinds of answers that are wrong for a known cause."""
 
@@ -57,7 +60,9 @@ class Judged:
     probability of the most probable named cause. log_loss, brier: proper scores (probabilities below `FLOOR` count as
     `FLOOR` in the logarithm; the remainder to 1 counts as one more, wrong hypothesis). size_inside, closed_inside:
     whether the 95 % intervals contain the truth; None if there is no true value; a missing interval counts as not
-    containing it. ceiling: expected figures of the ideal method on this case.
+    containing it. ceiling: expected figures of the ideal method on this case. stated: probability of the most probable
+    hypothesis; answered: its kind (of `ANSWERED`), or "" for a tie and an error. none, outside: probabilities that
+    nothing is missing and that the cause is outside the library. An error counts as certain of what is not true.
     """
 
     case: Mapping[str, Any]
@@ -77,6 +82,10 @@ class Judged:
     seconds: float = 0.0
     ceiling: Mapping[str, float] = field(default_factory=dict)
     wrong: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(WRONG, 0.0))
+    stated: float = 1.0
+    answered: str = ""
+    none: float = 0.0
+    outside: float = 0.0
 
     @property
     def kind(self) -> str:
@@ -111,6 +120,7 @@ def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
             size_inside=False if case["kind"] == "known" else None,
             closed_inside=False if case.get("closable") else None,
             seconds=float(answer["seconds"]), ceiling=ceiling, wrong={**dict.fromkeys(WRONG, 0.0), WRONG[-1]: 1.0},
+            none=float(not nothing), outside=float(case["kind"] != "outsider"),
         )  # fmt: skip
     p = _hypotheses(case, answer)
     rest = max(0.0, 1.0 - sum(p.values()))
@@ -139,6 +149,10 @@ def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
         float(answer["seconds"]),
         ceiling,
         _wrong(p, rest),
+        min(max(p.values()), 1.0),
+        _answered(case, best),
+        float(answer["none_probability"]),
+        float(answer["unknown_probability"]),
     )
 
 
@@ -146,6 +160,15 @@ def _most_probable(p: Mapping[str, float]) -> str:
     """The most probable hypothesis; `UNDECIDED` when several tie, which counts as naming none."""
     first, *others = sorted(p, key=lambda k: -p[k])
     return UNDECIDED if not p[first] or any(p[k] == p[first] for k in others) else first
+
+
+def _answered(case: Mapping[str, Any], best: str) -> str:
+    """Kind of the most probable hypothesis ``best``."""
+    if best == UNDECIDED:
+        return ""
+    if best == TRUTH:
+        best = {"outsider": "unknown"}.get(case["kind"], "+".join(e["effect"] for e in case["effects"]) or "none")
+    return {"none": ANSWERED[0], "unknown": ANSWERED[1]}.get(best, ANSWERED[3] if "+" in best else ANSWERED[2])
 
 
 def _hypotheses(case: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, float]:

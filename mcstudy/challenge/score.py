@@ -11,9 +11,10 @@ from typing import Any
 
 from mcstudy.challenge import files
 from mcstudy.challenge.answer_checks import check_answers, check_key
+from mcstudy.challenge.calibration import calibration
 from mcstudy.challenge.challenge_file import resolved
 from mcstudy.challenge.design import KINDS, MAIN
-from mcstudy.challenge.grade import SCORES, SET_SIZES, WRONG, Judged, judge, true_name
+from mcstudy.challenge.grade import ANSWERED, SCORES, SET_SIZES, WRONG, Judged, judge, true_name
 from mcstudy.challenge.rates import Estimate, mean, rate
 from mcstudy.challenge.targets import (
     AT_MOST_5,
@@ -88,6 +89,7 @@ def score(key: Mapping[str, Any], answers: Mapping[str, Any], where: str = "answ
         "errors": [{"name": a["name"], "error": a["error"]} for a in answers["answers"] if "error" in a],
         "seconds_per_case": round(sum(j.seconds for j in judged) / len(judged), 3),
         "proper": _proper(main),
+        "calibration": _calibration(main),
         "targets": [_target(t.name, t.goal, t.figure(main), t.percent) for t in TARGETS],
         "false_alarms": [
             _target(s, AT_MOST_5, false_alarms([j for j in judged if j.case["series"] == s])) for s in (MAIN, *series)
@@ -98,6 +100,9 @@ def score(key: Mapping[str, Any], answers: Mapping[str, Any], where: str = "answ
         "confusion": _confusion(main),
     }
 
+
+LEADING = "the most probable hypothesis"
+"""Statement of every answer whose calibration comes first."""
 
 BEYOND_DOUBT = 3.29 / 1.96
 """Width of a 99.9 % interval relative to a 95 % one; ten targets at 95 % would fail every second run by chance."""
@@ -184,6 +189,21 @@ def _proper(main: Sequence[Judged]) -> dict[str, Any]:
             ideal = (j.ceiling.get(name, math.nan) for j in own)
             out[name][kind] = mean((pick(j) for j in own), ideal, SCORES[name]).to_dict()
     return out
+
+
+def _calibration(main: Sequence[Judged]) -> list[dict[str, Any]]:
+    """Calibration of what the answers state. Cases are chosen by the answer, never by the truth: calibrated answers
+    are right as often as they state among those, but not among the cases of one true cause."""
+    statements = [
+        (LEADING, calibration((j.stated for j in main), (j.top for j in main))),
+        ("nothing is missing", calibration((j.none for j in main), (nothing(j) for j in main))),
+        ("the cause is outside the library", calibration((j.outside for j in main), (outside(j) for j in main))),
+    ]
+    for kind in ANSWERED:
+        own = [j for j in main if j.answered == kind]
+        name = f"{LEADING}: {kind}"
+        statements.append((name, calibration((j.stated for j in own), (j.top for j in own))))
+    return [{"statement": name, **found.to_dict()} for name, found in statements]
 
 
 def _bin(main: Sequence[Judged], low: float, high: float) -> dict[str, Any]:

@@ -12,6 +12,9 @@ from mcstudy.text_tables import table
 LONGEST_TEXT = 300
 """Largest number of characters shown of a name or an error."""
 
+OVERALL = 3
+"""Statements about all cases, which come first; the others are about some of them."""
+
 Rows = list[tuple[str, ...]]
 
 
@@ -21,7 +24,7 @@ def score_text(score: Mapping[str, Any]) -> str:
         f"challenge {_plain(score['challenge'])}: {score['cases']} cases answered by {_plain(score['method'])}, "
         f"{score['seconds_per_case']:g} s per case, {len(score['errors'])} without an answer"
     ]
-    for part in (_proper, _targets, _false_alarms, _figures, _power, _by_cause):
+    for part in (_proper, _calibration, _reliability, _targets, _false_alarms, _figures, _power, _by_cause):
         header, *rows = part(score)
         lines += ["", table(header, rows, of_text=True)]
     lines += ["", "number of cases by most probable hypothesis, for each true cause"]
@@ -43,6 +46,42 @@ def _proper(score: Mapping[str, Any]) -> Rows:
         for kind, f in score["proper"][name].items():
             rows.append((f"{label}, {kind}", _value(f, False), _ceiling(f, False), str(f["n"])))
     return rows
+
+
+def _calibration(score: Mapping[str, Any]) -> Rows:
+    rows: Rows = [
+        ("stated probability of", "cases", "stated", "came true [95 %]", "calibration error",
+         "if calibrated (95 % below)", "p", "Spiegelhalter z", "p of z")
+    ]  # fmt: skip
+    for c in score["calibration"]:
+        chance = "" if c["by_chance"] is None else f"{_percent(c['by_chance'])} ({_percent(c['chance_high'])})"
+        z = "" if c["z"] is None else f"{c['z']:.2f}"
+        rows.append(
+            (c["statement"], str(c["right"]["n"]), _percent(c["stated"]), _value(c["right"]), _percent(c["error"]),
+             chance, _p(c["p_value"]), z, _p(c["z_p_value"]))
+        )  # fmt: skip
+    return rows
+
+
+def _reliability(score: Mapping[str, Any]) -> Rows:
+    """The reliability diagrams in numbers."""
+    rows: Rows = [("reliability of", "stated", "cases", "stated, mean", "came true [95 %]")]
+    for c in score["calibration"][:OVERALL]:
+        for b in c["bins"]:
+            span = f"{100 * b['low']:.0f} to {100 * b['high']:.0f} %"
+            rows.append((c["statement"], span, str(b["right"]["n"]), _percent(b["stated"]), _value(b["right"])))
+    return rows
+
+
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.1f} %"
+
+
+def _p(p: float | None) -> str:
+    """A p-value; where it ends as a limit."""
+    if p is None:
+        return ""
+    return "< 0.001" if p < 0.001 else "> 0.99" if p > 0.99 else f"{p:.2g}"
 
 
 def _targets(score: Mapping[str, Any]) -> Rows:

@@ -115,7 +115,7 @@ def _group(args: argparse.Namespace) -> Exit:
     from mcstudy.identification.group_fit import fit_members
     from mcstudy.identification.people import Member, members, named, read_people, rows_of
     from mcstudy.recordings.io import read_recording
-    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
+    from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import folded
 
     if args.html:
@@ -130,7 +130,7 @@ def _group(args: argparse.Namespace) -> Exit:
     settings = _settings(args)
     options = cluster_options(args)
     if options.here:
-        compile_kernels(DIAGNOSIS)
+        compile_kernels(PERSON)
     result = fit_members(known, options, pair=args.paired, data=args.data, **settings)
     tell(args, "group", result.to_dict, lambda: folded(result.text()))
     return Exit.FITS_FAILED if result.failed else Exit.DONE
@@ -148,7 +148,7 @@ def _one_person(args: argparse.Namespace) -> Exit:
     from mcstudy.identification.fit import fit
     from mcstudy.report.style import require_matplotlib
     from mcstudy.scheduler.activity import activity
-    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
+    from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import folded
 
     _require(args)
@@ -158,7 +158,7 @@ def _one_person(args: argparse.Namespace) -> Exit:
         require_matplotlib()
     settings = _settings(args)
     read = read_recordings(args)
-    compile_kernels(DIAGNOSIS)
+    compile_kernels(PERSON)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
         result = fit(read, **settings)
     if args.html:

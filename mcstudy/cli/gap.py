@@ -100,6 +100,7 @@ def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
     score.add_argument("--answers", type=Path, required=True, metavar="FILE", help="answers (JSON)")
     score.add_argument("-o", "--out", type=Path, metavar="FILE", help="also write the score (JSON)")
     score.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
+    score.add_argument("--figure", type=Path, metavar="SVG", help="also draw the reliability of stated probabilities")
     score.set_defaults(run=_score)
 
     run = verbs.add_parser("run", help="make, answer and score in one command; resumes where it was stopped")
@@ -244,12 +245,15 @@ def _answer(args: argparse.Namespace) -> Exit:
 def _score(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
-    from mcstudy.files.json_files import json_text, write_json
+    from mcstudy.files.json_files import json_text, write_json, write_text
+    from mcstudy.report.reliability import reliability_svg
     from mcstudy.text_tables import folded
 
     score = score_files(args.data, args.key, args.answers)
     if args.out:
         write_json(args.out, score, "challenge_score")
+    if args.figure:
+        write_text(args.figure, reliability_svg(score))
     print(json_text(score, "challenge_score", "score") if args.json else folded(score_text(score)))
     return exit_code(score) if args.check else Exit.DONE
 
@@ -259,6 +263,7 @@ def _run(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
     from mcstudy.files.json_files import write_json, write_text
+    from mcstudy.report.reliability import reliability_svg
     from mcstudy.scheduler.compiling import DIAGNOSIS
     from mcstudy.text_tables import folded, unfolded
 
@@ -272,5 +277,6 @@ def _run(args: argparse.Namespace) -> Exit:
     with unfolded():
         page = score_text(score)
     write_text(args.out / "score.txt", page)
+    write_text(args.out / "reliability.svg", reliability_svg(score))
     print(folded(score_text(score)))
     return exit_code(score) if args.check else Exit.DONE

@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.exits import Exit
+
+if TYPE_CHECKING:
+    from mcstudy.stance.line_stimulus import Stimulus
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,14 +38,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="ankle_torque (default), hip_torque, platform_translation, surface_tilt or visual_tilt",
     )
     parser.add_argument(
+        "--stimulus-of",
+        metavar="STUDY[:GROUP]",
+        help="take the stimulus of a study file (also the study.toml of `mcstudy design`): its kind, its sequence or "
+        "its lines, rate, cycles, amplitudes and their convention; GROUP is the first one unless given",
+    )
+    parser.add_argument(
         "--amplitude",
         type=float,
         nargs="+",
-        default=[5.0, 5.0],
         help="stimulus amplitude of each trial, N m, m or (tilt) rad (default: two trials of 5 N m)",
     )
     parser.add_argument("--convention", default="peak", help="amplitudes are peak (default) or peak_to_peak values")
-    parser.add_argument("--cycles", type=int, default=6, help="stimulus periods per trial (default 6)")
+    parser.add_argument("--cycles", type=int, help="stimulus periods per trial (default 6)")
     parser.add_argument("--rate", type=float, default=200.0, help="sampling rate, Hz (default 200)")
     parser.add_argument("--aperiodic", action="store_true", help="use a random stimulus that never repeats")
     parser.add_argument(
@@ -67,14 +76,18 @@ def main(args: argparse.Namespace) -> Exit:
     sizes = {w.split("=")[0]: _pair(w, "--effect")[1] if "=" in w else None for w in args.effect}
     if len(sizes) < len(args.effect):
         raise InputError(f"--effect: expected each effect once, got {' '.join(args.effect)}")
+    kind, waveform, amplitudes, cycles = args.stimulus, None, [5.0, 5.0], 6
+    if args.stimulus_of:
+        kind, waveform, amplitudes, cycles = _stimulus_of(args)
     compile_kernels(RECORDING)
     try:
         recording = simulate(
             sizes,
-            stimulus=args.stimulus,
-            amplitude=args.amplitude,
+            stimulus=kind,
+            waveform=waveform,
+            amplitude=args.amplitude or amplitudes,
             convention=args.convention,
-            cycles=args.cycles,
+            cycles=cycles if args.cycles is None else args.cycles,
             rate_hz=args.rate,
             periodic=not args.aperiodic,
             noise=args.noise,
@@ -88,6 +101,28 @@ def main(args: argparse.Namespace) -> Exit:
     what = recording.provenance.removeprefix("simulated by mcstudy: ").rpartition("; seed")[0]
     print(f"{path}: {len(recording.trials)} trials of {recording.duration_s / len(recording.trials):.0f} s; {what}")
     return Exit.DONE
+
+
+def _stimulus_of(args: argparse.Namespace) -> tuple[str, Stimulus, list[float], int]:
+    """Kind, waveform, amplitudes and cycles of the stimulus of a group of a study file."""
+    from mcstudy.errors import InputError
+    from mcstudy.study.measure import stimulus
+    from mcstudy.study.study_file import read_study
+
+    for option, given in (
+        ("--stimulus", args.stimulus != "ankle_torque"),
+        ("--rate", args.rate != 200.0),
+        ("--convention", args.convention != "peak"),
+    ):
+        if given:
+            raise InputError(f"{option}: expected none beside --stimulus-of, which states it")
+    file, _, name = args.stimulus_of.partition(":")
+    groups = read_study(file).groups
+    if name and name not in groups:
+        raise InputError(f"--stimulus-of {args.stimulus_of}: expected a group of {', '.join(groups)}, got {name!r}")
+    group = groups[name or next(iter(groups))]
+    own = group.stimulus
+    return own.kind, stimulus(group, group.amplitude[0]), list(group.amplitude), own.cycles
 
 
 _OPTION = re.compile(r"^(amplitude|noise|cycles|seed|stimulus|parameter|effect|rate)(?:s|_hz)?(?=[: ])")

@@ -26,14 +26,14 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.identification.fit import fit
     from mcstudy.identification.study_of import study_of
     from mcstudy.scheduler.activity import activity
-    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
+    from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import fill
 
     name = re.sub(r"[^A-Za-z0-9_-]", "_", args.out.stem)[:64]
     if args.out.suffix != ".toml" or not name[:1].isalpha():
         raise InputError(f"{args.out}: expected a name that begins with a letter and ends in .toml")
     read = read_recordings(args)
-    compile_kernels(DIAGNOSIS)
+    compile_kernels(PERSON)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
         fitted = fit(read, fmax=args.fmax, discard=args.discard, accept=args.accept, seed=args.seed)
         study = study_of(fitted, name, realizations=args.realizations, starts=args.starts)

@@ -77,6 +77,27 @@ def add_terms(model: Model, *terms: Term, at_joint: bool = False) -> Model:
     return model.with_terms(terms=[*resolved, *sensed])
 
 
+def sense_tilt(model: Model, terms: Sequence[Term], share: str) -> Model:
+    """Add what feedback of ``share`` times theta1 by the gains of ``terms`` senses of a tilt; none for other stimuli.
+
+    The legs' weighted sum of the senses serves it too: ``share`` times (theta1 - W u). A term may have two gains, here
+    its own and W, so the share is the difference of a filter, 2 + share, and 2: it does not vanish without the effect.
+    """
+    tilt = tilt_of(model)
+    if not tilt:
+        return model
+    sensed = tilt_terms(tilt, [replace(t, sense="theta1") for t in terms])
+    shifted = Filter(f"2 + {share}", (Monomial(2.0, 0), Monomial(1.0, 0, ((share, 1),))), (ONE,))
+    return model.with_terms(
+        filters=(shifted,),
+        terms=[
+            new
+            for t in sensed
+            for new in (replace(t, filters=(*t.filters, shifted.name)), replace(t, coefficient=-2.0 * t.coefficient))
+        ],
+    )
+
+
 def filter_terms(model: Model, which: Callable[[Term], bool], filt: Filter) -> Model:
     """Append a filter to every term that ``which`` selects."""
     if not any(which(t) for t in model.terms):
@@ -86,11 +107,14 @@ def filter_terms(model: Model, which: Callable[[Term], bool], filt: Filter) -> M
 
 
 def delay_stimulus(model: Model, delay: str) -> Model:
-    """Add a delay to every term that senses the stimulus."""
-    for term in model.terms:
-        if term.sense == "stimulus" and term.delay is not None:
-            raise ModelError(f"model {model.name}: the stimulus is already sensed with the delay {term.delay}")
-    return replace(model, terms=tuple(replace(t, delay=delay) if t.sense == "stimulus" else t for t in model.terms))
+    """Add a delay to every term that senses the stimulus, after the delay that a sensed tilt has already."""
+
+    def delayed(term: Term) -> Term:
+        if term.late is not None:
+            raise ModelError(f"model {model.name}: the stimulus has the further delay {term.late} already")
+        return replace(term, delay=delay) if term.delay is None else replace(term, late=delay)
+
+    return replace(model, terms=tuple(delayed(t) if is_stimulus(t) else t for t in model.terms))
 
 
 def scale_stimulus(model: Model, error: str) -> Model:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
 from typing import Any
 
 from mcstudy.effect_library.declare import Effect, Size, TrialSetting
@@ -131,10 +132,18 @@ def _apply(model: Model, effects: list[Effect], sizes: Iterable[Size]) -> Model:
     names = [e.name for e in effects]
     if len(set(names)) != len(names):
         raise InputError(f"effects {', '.join(names)}: each may be named once")
-    named = "+".join((model.name, *sorted(names)))
-    model = model.with_terms(parameters=[s.parameter for s in sizes], name=named)
-    listed = list(LIBRARY)
-    for declared in sorted(effects, key=lambda e: (e.order, listed.index(e.name))):
+    named, listed = "+".join((model.name, *sorted(names))), list(LIBRARY)
+    ordered = sorted(effects, key=lambda e: (e.order, listed.index(e.name)))
+    return _built(model, model.provenance, named, tuple(ordered), tuple(sizes))
+
+
+@lru_cache(maxsize=128)
+def _built(
+    model: Model, provenance: str, name: str, effects: tuple[Effect, ...], sizes: tuple[Size, ...]
+) -> Model:  # a diagnosis asks for each of some eighty models several times; equal models may differ in provenance
+    del provenance
+    model = model.with_terms(parameters=[s.parameter for s in sizes], name=name)
+    for declared in effects:
         model = changed(model, declared.build)
     return model
 

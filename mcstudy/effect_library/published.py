@@ -18,7 +18,6 @@ import numpy as np
 
 from mcstudy.effect_library import edits as add
 from mcstudy.effect_library.declare import Effect, Size, TrialSetting
-from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Filter, Model, Monomial, Term
 from mcstudy.stance.rules import reweighted
 
@@ -39,17 +38,9 @@ def output(angles: tuple[int, ...], time_constant: str) -> Callable[[Model], Mod
 
 
 def _stretch_frame(model: Model) -> Model:
-    if model.weights:
-        raise ModelError(
-            f"model {model.name}: no weights of the trunk's senses, which this effect would need in a tilt"
-        )
-    return model.with_terms(
-        terms=[
-            replace(t, sense="theta1", gain=(*t.gain, "kappa"))
-            for t in model.terms
-            if t.noisy and t.sense == "theta2" and len(t.gain) == 1
-        ]
-    )
+    frame = [t for t in model.terms if t.noisy and t.sense == "theta2" and len(t.gain) == 1]
+    legs = [replace(t, sense="theta1", gain=(*t.gain, "kappa")) for t in frame]
+    return add.sense_tilt(model.with_terms(terms=legs), frame, "kappa")
 
 
 def active_gain(error: str) -> Callable[[Model], Model]:

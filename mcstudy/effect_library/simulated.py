@@ -12,6 +12,7 @@ from mcstudy.errors import FallsError, InputError
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import STIMULI, two_segment
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.line_stimulus import Stimulus
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.ranges import AMPLITUDE, DELAY, GAIN, MAX_SAMPLES, RATE, WEIGHT, Range
 from mcstudy.stance.stimulus import Prts
@@ -24,6 +25,7 @@ def simulate(
     effects: Mapping[str, float | None] | Iterable[str] = (),
     *,
     stimulus: str = "ankle_torque",
+    waveform: Stimulus | None = None,
     amplitude: float | Sequence[float] = (5.0, 5.0),
     convention: str = "peak",
     cycles: int = 6,
@@ -44,12 +46,16 @@ def simulate(
     stimulus
         ``"ankle_torque"`` (N m), ``"hip_torque"`` (N m), ``"platform_translation"`` (m), ``"surface_tilt"`` or
         ``"visual_tilt"`` (rad).
+    waveform
+        One period of the stimulus, a `mcstudy.stance.stimulus.Prts` or a
+        `mcstudy.stance.line_stimulus.LineStimulus`; it replaces ``rate_hz`` and ``convention``. The paper's sequence
+        by default.
     amplitude
         Stimulus amplitude of each trial, in that unit; one number for one trial.
     convention
         Whether amplitudes are ``"peak"`` or ``"peak_to_peak"`` values.
     cycles
-        Stimulus periods per trial, each 43.72 s.
+        Stimulus periods per trial, each 43.72 s unless the waveform has another.
     rate_hz
         Sampling rate, Hz.
     periodic
@@ -77,7 +83,10 @@ def simulate(
     """
     sizes_given = dict(effects) if isinstance(effects, Mapping) else dict.fromkeys(effects)
     amplitudes = (amplitude,) if isinstance(amplitude, int | float) else tuple(amplitude)
-    protocol = _protocol(stimulus, amplitudes, convention, cycles, rate_hz, periodic, noise)
+    if waveform is None:
+        RATE.require(rate_hz, "rate_hz")
+        waveform = Prts(rate_hz=rate_hz, convention=convention)
+    protocol = _protocol(stimulus, waveform, amplitudes, cycles, periodic, noise)
     Range(0, 2**63 - 1).require(seed, "seed")
     nominal = _model(stimulus, dict(parameters or {}))
     given, drawn = {}, []
@@ -120,14 +129,12 @@ def simulate(
 
 def _protocol(
     stimulus: str,
+    waveform: Stimulus,
     amplitudes: tuple[float, ...],
-    convention: str,
     cycles: int,
-    rate_hz: float,
     periodic: bool,
     noise: float,
 ) -> Protocol:
-    RATE.require(rate_hz, "rate_hz")
     Range(1e-6, 1e6, or_zero=True).require(noise, "noise")
     Range(1, 100_000).require(cycles, "cycles")
     if stimulus not in STIMULI:
@@ -136,7 +143,6 @@ def _protocol(
         raise InputError("amplitude: expected at least one number, got none")
     for one in amplitudes:
         AMPLITUDE.require(one, "amplitude")
-    waveform = Prts(rate_hz=rate_hz, amplitude=amplitudes[0], convention=convention)
     if waveform.samples * cycles > MAX_SAMPLES:
         raise InputError(
             f"cycles: expected a trial of at most {MAX_SAMPLES} samples, got {cycles} cycles of {waveform.samples}"

@@ -39,12 +39,13 @@ class Plan(NamedTuple):
     weight: (E, 3 + J), coefficient, then weights on (theta1, theta2) and on each of J stimuli.
     sensed, sensed_weight: (S,) int64 and (S, 2 + J), row and weights of the distinct (row, sense) pairs.
     stimulus: (N,) int64, which of the J stimuli evokes a line.
-    group_delay, group_filters: (G,) and (G, 4) int64, as in `mcstudy.stance.feedback.Table`.
+    group_delay, group_filters: (G, 2) and (G, 4) int64, as in `mcstudy.stance.feedback.Table`.
     filters: of the model.
     single: (2, W) int64, the parameters that act on one row of the equations of motion alone, by row, filled up with
         -1 to whole tiles. both: (C,) int64, the others, among them all that act on the measured angles.
     column: (P, 2) int64, where the torques of a (parameter, row) are kept.
-    delay_first: (G, 2) int64, whether a delay is the first to write to its place: 1 yes, 0 no, -1 nothing to add.
+    delay_first: (G, 2, 2) int64, whether a delay of a group is the first to write to its place in a row: 1 yes, 0 no,
+        -1 nothing to add.
     cleared: (K,) int64, the places that nobody writes to first.
     """
 

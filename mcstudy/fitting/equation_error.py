@@ -7,8 +7,9 @@ at earlier parameters theta_w it is the output error to first order (Sanathanan 
 
 and the mix of data y and model H in z chooses between the two classical linearisations: mix = 1 regresses on the data
 (no need of a good theta_w, but noise in z biases the gains), mix = 0 regresses on the model's own response (no such
-bias; it is the Gauss-Newton step of the output error). Gains enter exactly; delays through their derivative at
-theta_w. e(theta_w) = W (H(theta_w) - y), the output error itself, for every mix. Derived.
+bias; it is the Gauss-Newton step of the output error). Gains enter exactly; delays, and the sensory weights that
+multiply gains, through their derivative at theta_w. e(theta_w) = W (H(theta_w) - y), the output error itself, for every
+mix. Derived.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ _HALF_PI_3 = 2.0222662487959506e-21
 class LinearTable(NamedTuple):
     """A model whose gains enter linearly, at N frequencies.
 
-    omega: (N,) rad/s. fixed: (N, 6) complex, the parts of A (by rows) and b without parameters. entry: (E, 3) int64 -
-    row, gain, delay (-1 none). sense: (E, 3) weights on (theta1, theta2, stimulus). factor: (E, N) complex,
-    coefficient * s^order * filters.
+    omega: (N,) rad/s. fixed: (N, 6) complex, the parts of A (by rows) and b without parameters. entry: (E, 4) int64 -
+    row, gain, delay, sensory weight (-1 none). sense: (E, 3) weights on (theta1, theta2, stimulus). factor: (E, N)
+    complex, coefficient * s^order * filters.
     """
 
     omega: np.ndarray
@@ -98,10 +99,12 @@ def normal_equations(table: LinearTable, x, mix, y, W, gram, gradient):  # type:
                 J[c, p] = 0.0
         a11, a12, a21, a22, b1, b2 = fixed[n]
         for e in range(E):
-            row, gain, delay = entry[e]
+            row, gain, delay, weight = entry[e]
             value = factor[e, n] * turned[delay]
             if gain >= 0:
                 value = value * x[gain]
+            if weight >= 0:
+                value = value * x[weight]
             if row == 0:
                 a11 += sense[e, 0] * value
                 a12 += sense[e, 1] * value
@@ -119,9 +122,13 @@ def normal_equations(table: LinearTable, x, mix, y, W, gram, gradient):  # type:
         u11, u12 = w11 * i11, w11 * i12
         u21, u22 = w21 * i11 + w22 * i21, w21 * i12 + w22 * i22
         for e in range(E):
-            row, gain, delay = entry[e]
+            row, gain, delay, weight = entry[e]
             value = factor[e, n] * turned[delay] * (sense[e, 0] * z1 + sense[e, 1] * z2 + sense[e, 2])
             u1, u2 = (u11, u21) if row == 0 else (u12, u22)
+            if weight >= 0:
+                product = value * x[gain]
+                _add(J, weight, -u1 * product, -u2 * product)
+                value = value * x[weight]
             if gain >= 0:
                 _add(J, gain, -u1 * value, -u2 * value)
                 value = value * x[gain]

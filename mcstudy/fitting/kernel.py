@@ -214,9 +214,11 @@ def _equations(
             _evaluate_filters(w, x, at_filter + at, at_slope + at, om, filters)
     for g in range(group_delay.shape[0]):
         at = at_E + g * stride
-        delay = group_delay[g]
+        delay, late = group_delay[g, 0], group_delay[g, 1]
         if delay >= 0:
             value = load(w, x + delay)
+            if late >= 0:
+                value = value + load(w, x + late)
             for f in range(n):
                 sine, cosine = _sin_cos(splat(omega[f]) * value)
                 store(w, at + f, cosine)
@@ -519,14 +521,16 @@ def evaluate(plan: Plan, work: Workspace) -> None:
             if entry[e, 6] != 0:
                 _gather(w, at_group + (2 * group + row) * stride, to, load(w, at_gain + e), entry[e, 7], n)
         for g in range(G):
-            p = group_delay[g]
             for row in range(2):
-                if delay_first[g, row] < 0:
+                if delay_first[g, 0, row] < 0:
                     continue
                 of = at_group + (2 * g + row) * stride
-                if p >= 0:
+                for k in range(2):
+                    p = group_delay[g, k]
+                    if p < 0:
+                        continue
                     at = at_T + column[p, row] * stride
-                    if delay_first[g, row] == 1:
+                    if delay_first[g, k, row] == 1:
                         for f in range(n):
                             om = splat(omega[first + f])
                             store(w, at + f, om * load(w, of + F + f))

@@ -1,17 +1,17 @@
 """Starts from the linear structure of the equations of motion.
 
-With the delays fixed, each row of A(s; theta) H = b is linear in its gains, so measured FRFs in place of H give the
-gains by bounded linear least squares (`mcstudy.fitting.equation_error` states the equation and its re-weighting). One
-such step from anywhere between the bounds lands, more often than not, where the compiled solver then finds the lowest
-minimum. What remains are data so noisy that the cost has several deep minima - models with a pole pair on the other
-side of the imaginary axis, or the same gains with another delay of the hip - and no single linear problem can tell
-them apart. A start is therefore the winner of a race:
+With delays and sensory weights fixed, each row of A(s; theta) H = b is linear in its gains, so measured FRFs in place
+of H give the gains by bounded linear least squares (`mcstudy.fitting.equation_error` states the equation and its
+re-weighting). One such step from anywhere between the bounds lands, more often than not, where the compiled solver then
+finds the lowest minimum. What remains are data so noisy that the cost has several deep minima - models with a pole pair
+on the other side of the imaginary axis, or the same gains with another delay of the hip - and no single linear problem
+can tell them apart. A start is therefore the winner of a race:
 
 1. *pool*: `POOL` points spread over the bounds, most moved by one or two linear steps (weights and delays from the
    point itself, so the pool holds many different linearisations of the same data);
 2. *race*: a few iterations of the compiled solver on the true cost, keeping the better half, near-copies dropped;
-3. *delays*: each delay of the leaders is set to `DELAY_GRID` points of its bounds, one at a time, the gains are solved
-   again with the delays fixed, and the solver gets a few more iterations;
+3. *delays and weights*: each delay and each sensory weight of the leaders is set to the points `GRID` of its bounds,
+   one at a time, the gains are solved again with these fixed, and the solver gets a few more iterations;
 4. the lowest cost wins.
 
 A start costs some 450 evaluations of the model with its derivatives, at most ten complete fits, and looks at nothing
@@ -43,14 +43,14 @@ RACE = ((8, 8), (12, 4))
 """Rounds of the race: iterations of the solver for every point left, and how many points stay."""
 
 LEADERS = 2
-DELAY_GRID = (0.0, 1 / 3, 2 / 3, 1.0)
-"""Positions between a delay's bounds that are tried from the `LEADERS` best points."""
+GRID = (0.0, 1 / 3, 2 / 3, 1.0)
+"""Positions between the bounds of a delay or a weight that are tried from the `LEADERS` best points."""
 
 AGAIN = 1
-"""Linear steps on the gains after a delay was moved."""
+"""Linear steps on the gains after a delay or a weight was moved."""
 
 LAST = 16
-"""Iterations of the solver after a delay was moved."""
+"""Iterations of the solver after that."""
 
 APART = 0.02
 """Points closer than this in every parameter, in widths of the bounds, are copies of each other."""
@@ -61,9 +61,10 @@ SEED = 20180215
 
 @dataclass(frozen=True)
 class LinearModel:
-    """A model whose gains enter linearly, at fixed frequencies, in the form `equation_error` reads.
+    """A model whose gains enter linearly with delays and sensory weights fixed, for `equation_error`.
 
-    ``output`` (N, 2) are the output filters, which are divided out of the data and multiplied into the weights.
+    Frequencies are fixed. ``output`` (N, 2) are the output filters, which are divided out of the data and multiplied
+    into the weights of the cost.
     """
 
     model: Model
@@ -80,7 +81,7 @@ class LinearModel:
         fixed = np.zeros((s.size, 6), dtype=complex)
         entry, sense, factor = [], [], []
         own = sensed_stimulus(model, s.size)
-        for e, ((row, order, group, gain, _), (c, w1, w2, w3)) in enumerate(
+        for e, ((row, order, group, gain, weight), (c, w1, w2, w3)) in enumerate(
             zip(table.entry, table.weight, strict=True)
         ):
             value = c * s**order
@@ -89,12 +90,12 @@ class LinearModel:
             for k in table.group_filters[group]:
                 if k >= 0:
                     value = value * filters[k]
-            delay = table.group_delay[group]
+            delay = table.group_delay[group, 0]
             if gain < 0 and delay < 0:
-                for column, weight in ((2 * row, w1), (2 * row + 1, w2), (4 + row, -w3)):
-                    fixed[:, column] += weight * value
+                for column, share in ((2 * row, w1), (2 * row + 1, w2), (4 + row, -w3)):
+                    fixed[:, column] += share * value
             else:
-                entry.append((row, gain, delay))
+                entry.append((row, gain, delay, weight))
                 sense.append((w1, w2, w3))
                 factor.append(value)
         output = np.ones((s.size, 2), dtype=complex)
@@ -104,7 +105,7 @@ class LinearModel:
         linear = LinearTable(
             omega=s.imag.copy(),
             fixed=fixed,
-            entry=np.array(entry, dtype=np.int64).reshape(-1, 3),
+            entry=np.array(entry, dtype=np.int64).reshape(-1, 4),
             sense=np.array(sense, dtype=float).reshape(-1, 3),
             factor=np.array(factor, dtype=complex).reshape(-1, s.size),
         )
@@ -156,11 +157,11 @@ def linearised_many(problems: Sequence[Problem], rngs: Sequence[np.random.Genera
     points = np.stack([linear.steps(p, x, POOL) for p, x in zip(runners, pools.reshape(-1, M, P), strict=True)])
     for iterations, keep in RACE:
         points, cost = _ahead(*_descend(runners, points, iterations), keep, width)
-    delays = np.array([model.names.index(name) for name in model.delays], dtype=np.int64)
-    if delays.size:
+    moving = np.array([model.names.index(name) for name in (*model.delays, *model.weights)], dtype=np.int64)
+    if moving.size:
         movable = np.ones(P, dtype=bool)
-        movable[delays] = False
-        moved = _moved_delays(points[:, :LEADERS], delays, model)
+        movable[moving] = False
+        moved = _moved(points[:, :LEADERS], moving, model)
         again = np.zeros((moved.shape[1], AGAIN))
         moved = np.stack([linear.steps(p, x, again, movable) for p, x in zip(runners, moved, strict=True)])
         moved, cost_moved = _descend(runners, moved, LAST)
@@ -191,12 +192,12 @@ def _ahead(points: np.ndarray, cost: np.ndarray, keep: int, width: np.ndarray) -
     return np.take_along_axis(points, chosen[..., None], axis=1), np.take_along_axis(cost, chosen, axis=1)
 
 
-def _moved_delays(points: np.ndarray, delays: np.ndarray, model: Model) -> np.ndarray:
-    """Each point (R, L, P) with each delay in turn at each position of the grid, (R, L * D * grid, P)."""
-    copies = np.repeat(points[:, :, None, None], delays.size, axis=2)
-    copies = np.repeat(copies, len(DELAY_GRID), axis=3)
-    for k, p in enumerate(delays):
-        copies[:, :, k, :, p] = model.lower[p] + (model.upper[p] - model.lower[p]) * np.array(DELAY_GRID)
+def _moved(points: np.ndarray, moving: np.ndarray, model: Model) -> np.ndarray:
+    """Each point (R, L, P) with each of D delays and weights in turn at each position, (R, L * D * grid, P)."""
+    copies = np.repeat(points[:, :, None, None], moving.size, axis=2)
+    copies = np.repeat(copies, len(GRID), axis=3)
+    for k, p in enumerate(moving):
+        copies[:, :, k, :, p] = model.lower[p] + (model.upper[p] - model.lower[p]) * np.array(GRID)
     return copies.reshape(len(points), -1, points.shape[2])
 
 
@@ -210,11 +211,17 @@ def _constant_filters(table: Table, s: np.ndarray) -> np.ndarray:
 
 def _require_linear(model: Model) -> None:
     gains = {name for term in model.terms for name in term.gain}
+    weights = set(model.weights) - {term.gain[0] for term in model.terms if term.gain}
     for term in model.terms:
-        if len(term.gain) > 1:
+        if len(term.gain) > 1 and term.gain[1] not in weights:
             raise ModelError(
                 f"model {model.name}: linearised starts need single gains, term {term.row} <- {term.sense} holds "
                 f"the product {' * '.join(term.gain)}"
+            )
+        if term.late is not None:
+            raise ModelError(
+                f"model {model.name}: linearised starts need single delays, term {term.row} <- {term.sense} holds "
+                f"{' + '.join(term.all_delays)}"
             )
     for filt in model.filters:
         for monomial in (*filt.numerator, *filt.denominator):

@@ -13,7 +13,7 @@ import numpy as np
 from mcstudy.fitting.arguments import Bounds, Ends, Goal, Options, PenalisedFits, Prior, Queue, Restraint, pack
 from mcstudy.fitting.outermost_kernel import outermost
 from mcstudy.fitting.penalised_kernel import penalised_fits
-from mcstudy.fitting.plans import plan, workspace
+from mcstudy.fitting.plans import kept_plan, workspace
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
@@ -118,7 +118,7 @@ class Fitter:
 
     def __init__(self, model: Model, prior: Prior, f: np.ndarray) -> None:
         self.model, self.prior = model, prior
-        self._plan = plan(model, f)
+        self._plan = kept_plan(model, np.asarray(f, dtype=float).tobytes())
 
     def fits(
         self,

@@ -26,7 +26,7 @@ def plan(model: Model, f: np.ndarray) -> Plan:
     table, omega = model.table, 2 * np.pi * np.asarray(f, dtype=float)
     if (table.monomial_power < 0).any() or (table.monomial[:, 3] < 0).any():
         raise ModelError(f"model {model.name}: filter coefficients may not hold negative powers of parameters")
-    varies = (table.entry[:, 3] >= 0) | (table.group_delay[table.entry[:, 2]] >= 0)
+    varies = (table.entry[:, 3] >= 0) | (table.group_delay[table.entry[:, 2], 0] >= 0)
     varies |= (table.group_filters[table.entry[:, 2]] >= 0).any(axis=1)
     constant = np.zeros((omega.size, 12))
     at, own = model.stimulus_at(omega.size), sensed_stimulus(model, omega.size)
@@ -39,7 +39,7 @@ def plan(model: Model, f: np.ndarray) -> Plan:
     entry, weight = table.entry[varies], _by_stimulus(table, max(1, len(model.blocks)))[varies]
     pairs = [(int(e[0]), *map(float, w[1:])) for e, w in zip(entry, weight, strict=True)]
     distinct = list(dict.fromkeys(pairs))
-    in_group = (table.group_delay >= 0) | (table.group_filters >= 0).any(axis=1)
+    in_group = (table.group_delay[:, 0] >= 0) | (table.group_filters >= 0).any(axis=1)
     columns = [
         [distinct.index(p) for p in pairs],
         in_group[entry[:, 2]],
@@ -90,7 +90,7 @@ def kept_plan(model: Model, f: bytes) -> Plan:
 
 def workspace(plan: Plan) -> Workspace:
     """Zeroed lanes for eight fits, and where in them the kernel keeps what."""
-    P, E, G = plan.column.shape[0], plan.entry.shape[0], plan.group_delay.size
+    P, E, G = plan.column.shape[0], plan.entry.shape[0], plan.group_delay.shape[0]
     triangle = (P + 1) * (P + 2) // 2
     S, W, C = plan.sensed.size, plan.single.shape[1], plan.both.size
     filters = 4 * (plan.filters.monomial.shape[0] + 1) + 4 * plan.filters.pair.shape[0]
@@ -120,7 +120,7 @@ def _columns(model: Model, entry: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
         inside[int(m[0])] |= {int(p) for p in m[4:] if p >= 0}
     rows: list[set[int]] = [set() for _ in range(P)]
     for e in entry:
-        acting = {int(p) for p in (*e[3:5], table.group_delay[e[2]]) if p >= 0}
+        acting = {int(p) for p in (*e[3:5], *table.group_delay[e[2]]) if p >= 0}
         for p in acting.union(*(inside[int(k)] for k in table.group_filters[e[2]] if k >= 0)):
             rows[p].add(int(e[0]))
     outside = set().union(*(inside[int(k)] for k in table.output_filter if k >= 0))
@@ -138,8 +138,8 @@ def _columns(model: Model, entry: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 def _first(model: Model, entry: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Who writes first to each of the kernel's sums, in the order in which it runs through the table.
 
-    Returns flags (E, 3) of the terms - sum of their group, first gain, second gain; flags (G, 2) of the delays - 1
-    first, 0 not, -1 nothing to add on this row; and the places that nobody writes to first.
+    Returns flags (E, 3) of the terms - sum of their group, first gain, second gain; flags (G, 2, 2) of the delays by
+    row - 1 first, 0 not, -1 nothing to add on this row; and the places that nobody writes to first.
     """
     groups, places = set(), set()
     flags = np.zeros((len(entry), 3), dtype=np.int64)
@@ -151,12 +151,13 @@ def _first(model: Model, entry: np.ndarray, column: np.ndarray) -> tuple[np.ndar
             if p >= 0:
                 flag[1 + k] = column[p, e[0]] not in places
                 places.add(column[p, e[0]])
-    delays = np.full((model.table.group_delay.size, 2), -1, dtype=np.int64)
-    for g, p in enumerate(model.table.group_delay):
+    delays = np.full((*model.table.group_delay.shape, 2), -1, dtype=np.int64)
+    for g, of_group in enumerate(model.table.group_delay):
         for row in range(2):
             if (g, row) in groups:
-                delays[g, row] = p >= 0 and column[p, row] not in places
-                if p >= 0:
-                    places.add(column[p, row])
+                for k, p in enumerate(of_group):
+                    delays[g, k, row] = p >= 0 and column[p, row] not in places
+                    if p >= 0:
+                        places.add(column[p, row])
     rest = sorted(set(column[column >= 0].tolist()) - {int(k) for k in places})
     return flags, delays, np.array(rest, dtype=np.int64)

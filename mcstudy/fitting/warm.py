@@ -143,10 +143,18 @@ def _diagnosis() -> None:
     fitter = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f)
     data = pack(problem.data, problem.weight)
     fitter.fits(data, model.truth)
-    fitter.ends(data, model.truth[None], np.eye(1, model.truth.size), np.ones(1), np.ones(1))
     gaussian_factor(np.eye(2), np.ones((2, 1)), 1.0)
     orthonormal(np.eye(2, 4), np.ones((1, 4)), 1e-6)
     likelihood_ratios(np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones(1))
+
+
+def _intervals() -> None:
+    from mcstudy.fitting.penalised import Fitter
+
+    problem = _problem()
+    model = problem.model
+    fitter, P = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f), model.truth.size
+    fitter.ends(pack(problem.data, problem.weight), model.truth[None], np.eye(1, P), np.ones(1), np.ones(1))
 
 
 PARTS = {
@@ -156,6 +164,7 @@ PARTS = {
     "lm": Part(_lm, 22, 3.3, ("gram", "steps")),
     "interior_point": Part(_interior_point, 55, 13.0, ("steps",)),
     "diagnosis": Part(_diagnosis, 38, 9.0, ("gram",)),
+    "intervals": Part(_intervals, 78, 11.0, ("gram",)),
     "time_domain": Part(_simulation, 13, 1.7),
     "linearised": Part(_starts, 20, 2.8),
 }

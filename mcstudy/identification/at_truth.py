@@ -62,10 +62,12 @@ def judged(
     draws: Draws,
     level: float,
     further: np.ndarray,
+    exact: bool = False,
 ) -> Judged:
     """Test intervals of ``wanted`` linear quantities at the parameters ``truth`` (P,).
 
     ``lines``: of R recordings, at the frequencies of ``fitter``. ``further``: (R, S, P) starts beside the truth.
+    ``exact``: find all rises exactly; otherwise those of intervals that contain the truth are upper limits.
     """
     data, model = [Data.of(x) for x in lines], fitter.model
     packed = np.array([d.packed for d in data])
@@ -74,7 +76,9 @@ def judged(
     near = [Linearised.at(model, m, wanted) for m in minima]
     lowest = np.array([m.chi2[0] for m in minima])[:, None]
     least = float(ndtri(0.5 + level / 2)) ** 2  # no threshold is lower: every correction raises it
-    rise = _held(fitter, packed, wanted, truth, minima, near, lowest + np.full(len(wanted), least)) - lowest
+    reach = lowest + np.full(len(wanted), least)
+    enough = np.broadcast_to(lowest, reach.shape) if exact else reach
+    rise = _held(fitter, packed, wanted, truth, minima, near, enough, reach) - lowest
     contained = rise <= least
     for r in np.flatnonzero(~contained.all(axis=1)):
         contained[r] = rise[r] <= threshold(model, data[r], minima[r], wanted, draws, level).rise
@@ -121,10 +125,14 @@ def _held(
     truth: np.ndarray,
     minima: list[Minima],
     near: list[Linearised],
-    ceiling: np.ndarray,
+    enough: np.ndarray,
+    reach: np.ndarray,
 ) -> np.ndarray:
-    """Least deviance (R, K) with each quantity at its true value; below the ceiling (R, K) only roughly."""
-    R, K = ceiling.shape
+    """Least deviance (R, K) with each quantity at its true value; below what is ``enough`` (R, K) only roughly.
+
+    Starts are the truth and the minima below ``reach`` (R, K).
+    """
+    R, K = reach.shape
     gradient, goal = near[0].gradients, np.array([q.value(truth) for q in wanted])
     least = np.full((R, K), np.inf)
 
@@ -149,15 +157,15 @@ def _held(
         np.minimum.at(least, (r, k), found)
         return begin
 
-    which = np.argwhere(least > ceiling)
+    which = np.argwhere(least > enough)
     reached = fit(which, np.tile(truth, (len(which), 1)), ROUGH, ENOUGH)
-    open_ = least[tuple(which.T)] > ceiling[tuple(which.T)]
+    open_ = least[tuple(which.T)] > enough[tuple(which.T)]
     which, reached = which[open_], reached[open_]
     if len(which):
         fit(which, reached, TOLERANCE, ITERATIONS)
     for n in range(max(len(m.chi2) for m in minima)):
-        which = np.argwhere(least > ceiling)
-        which = which[[n < len(minima[r].chi2) and minima[r].chi2[n] < ceiling[r, k] for r, k in which]]
+        which = np.argwhere(least > enough)
+        which = which[[n < len(minima[r].chi2) and minima[r].chi2[n] < reach[r, k] for r, k in which]]
         if not len(which):
             continue
         begin = np.array(

@@ -67,9 +67,10 @@ class Condition:
 class Source:
     """Draws lines of recordings of one condition, with all that does not depend on the draw done once."""
 
-    def __init__(self, condition: Condition) -> None:
+    def __init__(self, condition: Condition, theta: np.ndarray | None = None) -> None:
+        """``theta``: true parameters (P,) instead of those of the condition's body."""
         model = two_segment()
-        theta = np.array(list(body(condition.truth).values()))
+        theta = np.array(list(body(condition.truth).values())) if theta is None else theta
         stimulus, self._period_s = _stimulus()
         excited = excited_lines(stimulus[None])
         self._wanted = excited[excited <= max(condition.fmax, NOISE_HZ) * self._period_s + 0.5]

@@ -11,8 +11,9 @@ from mcstudy.errors import InputError
 from mcstudy.identification.group_result import GroupDifference, GroupMean, GroupResult, Individual
 from mcstudy.identification.likelihood import difference, of_fit, possible
 from mcstudy.identification.people import Member
-from mcstudy.identification.population import Difference, Interval, Population, paired, unpaired
+from mcstudy.identification.population import Interval, Population
 from mcstudy.identification.result import FitResult
+from mcstudy.identification.two_means import Difference, paired, unpaired
 from mcstudy.stance.body import Body
 
 

@@ -119,9 +119,10 @@ class Likelihood:
         return np.where(possible, -0.5 * root**2, -np.inf)
 
     def _slope(self, k: int) -> float:
-        """Slope of the root beyond the first or last point: that between the estimate and this point."""
-        away = self.value[k] - self.estimate
-        return float(self.root[k] / away) if away else 0.0
+        """Slope of the root beyond the first or last point: that of the last two points, so that it stays convex."""
+        near, far = (1, 0) if k == 0 else (-2, -1)
+        away = self.value[far] - self.value[near]
+        return float((self.root[far] - self.root[near]) / away) if away and self.value[k] != self.estimate else 0.0
 
 
 def of_fit(fitted: FitResult) -> dict[str, Likelihood]:

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft
 from scipy.interpolate import CubicSpline
-from scipy.special import logsumexp, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import logsumexp, ndtr, ndtri, stdtrit
 from scipy.stats import chi2
 
 from mcstudy.identification.likelihood import Likelihood
@@ -58,6 +58,9 @@ FLAT = 0.25
 
 MOST_FLAT = 0.5
 """Share of the interval of the mean, from which flat parts of the likelihoods count as what makes it wide."""
+
+NEGLIGIBLE = -20.0
+"""Log likelihood ratio below which a standard deviation does not count."""
 
 LEAST_TO_SHRINK = 3
 """Fewest people from whom the spread is known well enough to draw individual values towards the mean."""
@@ -146,12 +149,14 @@ class Population:
         out[0] = np.where(known, 0.0, -np.inf)
         out[0, known] = log
         # Of two neighbours the upper one is better for means above ``between - tau^2 slope``, which rises with x.
-        between, slope = (x[1:] + x[:-1]) / 2, np.diff(log) / self._step
-        for t, tau in enumerate(self.tau[1:], 1):
-            best = np.searchsorted(between - tau**2 * slope, self.mu)
-            away = x[best] - self.mu
-            out[t] = log[best] - (0.5 / tau**2) * (away * away)
-        out[1:] += np.log(w / np.hypot(w, self.tau[1:]))[:, None]
+        between, slope, tau = (x[1:] + x[:-1]) / 2, np.diff(log) / self._step, self.tau[1:, None]
+        above = np.ceil((between - tau**2 * slope - self.mu[0]) / self._step)
+        above = np.clip(above, 0, self.mu.size).astype(int)  # the first mean on the grid for which it is better
+        G, rows = self.mu.size, np.arange(tau.size)[:, None]
+        counts = np.bincount((above + (G + 1) * rows).ravel(), minlength=tau.size * (G + 1))
+        best = np.cumsum(counts.reshape(tau.size, G + 1)[:, :G], axis=1)
+        away = x[best] - self.mu
+        out[1:] = log[best] - (0.5 / tau**2) * (away * away) + np.log(w / np.hypot(w, tau))
         return out
 
     @cached_property
@@ -167,6 +172,12 @@ class Population:
         return np.asarray(value - value.max())
 
     @cached_property
+    def _best_tau(self) -> float:
+        """Standard deviation among people at which the restricted likelihood is greatest."""
+        none = self.restricted[0] > -NONE
+        return 0.0 if none else max(_argmax(self.tau, self.restricted), 0.0)
+
+    @cached_property
     def deviance(self) -> np.ndarray:
         """Of mu, (G,): twice the log likelihood ratio, at the best tau for each."""
         found = _peak(self.joint)
@@ -177,35 +188,52 @@ class Population:
         """`deviance` as the square of a Student's t of n - 1 degrees of freedom, (G,)."""
         return np.asarray((self.n - 1) * np.expm1(np.minimum(self.deviance / self.n, 500.0)))
 
+    @property
+    def _goal(self) -> float:
+        """The square of Student's t at the ends of an interval of the mean."""
+        return float(stdtrit(self.n - 1, 0.5 + self.level / 2) ** 2)
+
+    @cached_property
+    def _plain(self) -> tuple[float, float]:
+        """Ends of the interval of the profile likelihood of the mean."""
+        return crossings(self.mu, self.t_squared, self._goal)
+
+    @cached_property
+    def _flatness(self) -> float:
+        """Length of the flat part of most people's likelihoods, as a share of the interval of the mean; at most 1."""
+        length = float(np.median([np.diff(p.flat) for p in self.people]))  # one who is not determined tells nothing
+        low, high = self._plain
+        return length / max(high - low, length, 1e-300)
+
     def mean(self) -> Interval:
         """The mean, with its interval."""
-        at = int(np.argmax(self.restricted))
-        value = _argmax(self.mu, self.joint[at])
-        goal = stdtrit(self.n - 1, 0.5 + self.level / 2) ** 2
-        low, high = crossings(self.mu, self.t_squared, goal)
+        k = int(np.argmax(self.restricted))
+        near = slice(max(k - 1, 0), k + 2)
+        value = float(np.interp(self._best_tau, self.tau[near], [_argmax(self.mu, row) for row in self.joint[near]]))
+        goal = self._goal
+        low, high = self._plain
         flat = np.array([p.flat for p in self.people])
-        length = float(np.median(np.diff(flat, axis=1)))  # of most people: one who is not determined tells nothing
-        share = length / max(high - low, length, 1e-300)
-        end = "flat" if share > MOST_FLAT else "data"
+        end = "flat" if self._flatness > MOST_FLAT else "data"
         # All people may be at the same end of the flat parts of their likelihoods, which is no matter of chance.
-        away, weight = np.sqrt(goal / self.n) * flat.std(axis=0, ddof=1), min(share / FLAT, 1.0)
+        away, weight = np.sqrt(goal / self.n) * flat.std(axis=0, ddof=1), min(self._flatness / FLAT, 1.0)
         low += weight * min(flat[:, 0].mean() - away[0] - low, 0.0)
         high += weight * max(flat[:, 1].mean() + away[1] - high, 0.0)
         return self._bounded(Interval(value, float(low), float(high), end, end))
 
     @cached_property
     def _normal(self) -> np.ndarray:
-        """Fourier transforms of the normal densities of all tau on twice the grid of values."""
-        k = np.arange(2 * self.mu.size)
-        offset = np.minimum(k, k.size - k) * self._step
-        half, scale = self._step / 2, np.maximum(self.tau, 1e-3 * self._step)[:, None]
-        return np.asarray(fft.rfft(ndtr((half - offset) / scale) - ndtr((-half - offset) / scale), axis=1))
+        """Fourier transforms of the normal densities of all tau, on at least twice the grid of values."""
+        size = fft.next_fast_len(2 * self.mu.size, real=True)
+        edges = (np.arange(size // 2 + 2) - 0.5) * self._step
+        scale = np.maximum(self.tau, 1e-3 * self._step)[:, None]
+        k = np.arange(size)
+        return np.asarray(fft.rfft(np.diff(ndtr(edges / scale), axis=1)[:, np.minimum(k, size - k)], axis=1))
 
-    def _spread(self, density: np.ndarray) -> np.ndarray:
-        """Sum over tau, (G,), of densities (T, G) of means, each convolved with the normal density of its tau."""
-        G = self.mu.size
-        together = (self._normal * fft.rfft(density, 2 * G, axis=1)).sum(axis=0)
-        return np.asarray(fft.irfft(together, 2 * G)[:G])
+    def _spread(self, density: np.ndarray, some: np.ndarray) -> np.ndarray:
+        """Sum over ``some`` tau, (G,), of densities of means, each convolved with the normal density of its tau."""
+        G, size = self.mu.size, fft.next_fast_len(2 * self.mu.size, real=True)
+        together = (self._normal[some] * fft.rfft(density, size, axis=1)).sum(axis=0)
+        return np.asarray(fft.irfft(together, size)[:G])
 
     def _bounded(self, found: Interval) -> Interval:
         """An interval that reaches as far as any person's on every side that most people leave undetermined."""
@@ -224,8 +252,7 @@ class Population:
 
         A lower end of zero, or an upper one at the end of the grid, is a "bound".
         """
-        none = self.restricted[0] > -NONE
-        value = 0.0 if none else max(_argmax(self.tau, self.restricted), 0.0)
+        value = self._best_tau
         low, high = crossings(self.tau, -2 * self.restricted, float(chi2.ppf(self.level, 1)))
         low_from = "bound" if low <= 0 else "data"
         high_from = "bound" if high >= self.tau[-1] else "data"
@@ -238,76 +265,26 @@ class Population:
         """
         if self.n < LEAST_TO_SHRINK:
             return []
+        goal, flat = float(ndtri(0.5 + self.level / 2)), min(self._flatness / FLAT, 1.0)
         width = np.gradient(self.tau)[:, None]  # a flat prior on tau, whose grid is not even
         out = []
+        possible = np.isfinite(self.joint)  # without spread, no mean beyond the bounds of any person is
         for i in range(self.n):
-            possible = np.isfinite(self.joint)  # without spread, no mean beyond the bounds of any person is
             others = np.where(possible, self.joint, 0.0) - np.where(possible, self.marginal[i], np.inf)
-            others = np.exp(others - others.max()) * width
-            prior = np.log(np.maximum(self._spread(others), 1e-300))
+            others -= others.max()
+            some = others.max(axis=1) > NEGLIGIBLE
+            others = np.exp(others[some]) * width[some]
+            prior = np.log(np.maximum(self._spread(others, some), 1e-300))
             log = self._log[i] + prior
             weight = np.exp(log - log.max())
             weight /= weight.sum()
             tail = (1 - self.level) / 2
-            low, high = (float(np.interp(q, np.cumsum(weight), self.mu)) for q in (tail, 1 - tail))
+            below = np.cumsum(weight) - weight / 2
+            low, high = (float(np.interp(q, below, self.mu)) for q in (tail, 1 - tail))
+            own = [self.people[i].at_root(root) for root in (-goal, goal)]
+            low, high = low + flat * min(own[0] - low, 0.0), high + flat * max(own[1] - high, 0.0)
             out.append(Interval(float(weight @ self.mu), low, high))
         return out
-
-
-class Difference(NamedTuple):
-    """A difference of two means, and the p-value of no difference."""
-
-    interval: Interval
-    p_value: float
-
-
-def paired(population: Population) -> Difference:
-    """Of people whose likelihoods are those of their own differences."""
-    t = np.sqrt(np.interp(0.0, population.mu, population.t_squared))
-    return Difference(population.mean(), float(2 * stdtr(population.n - 1, -t)))
-
-
-def unpaired(second: Population, first: Population) -> Difference:
-    """Mean of ``second`` minus mean of ``first``, different people.
-
-    The squares of both t are added at the best pair of means with each difference; degrees of freedom after Welch.
-    """
-    a, b = first, second
-    ends = b.mu[0] - a.mu[-1], b.mu[-1] - a.mu[0]
-    at, wanted = b.mean().value - a.mean().value, np.linspace(*ends, 4 * MOST)
-    wanted = wanted[np.abs(wanted - at) < 0.5 * (ends[1] - ends[0])]
-    widths = [_half(p) for p in (a, b)]
-    wanted = np.linspace(*_around(at, widths, wanted), 801)
-    x = np.linspace(a.mu[0], a.mu[-1], 2001)
-    left = np.interp(x, a.mu, a.t_squared)
-    together = np.array([(left + np.interp(x + d, b.mu, b.t_squared, left=np.inf, right=np.inf)).min() for d in wanted])
-    together -= together.min()
-    v = np.square(widths)
-    dof = v.sum() ** 2 / (v[0] ** 2 / (a.n - 1) + v[1] ** 2 / (b.n - 1))
-    goal = stdtrit(dof, 0.5 + a.level / 2) ** 2
-    low, high = crossings(wanted, together, goal)
-    m, k = a.mean(), b.mean()
-    low_from, high_from = _worse(k.low_from, m.high_from), _worse(k.high_from, m.low_from)
-    low = k.low - m.high if low_from != "data" else low
-    high = k.high - m.low if high_from != "data" else high
-    t = np.sqrt(np.interp(0.0, wanted, together))
-    return Difference(Interval(at, min(low, at), max(high, at), low_from, high_from), float(2 * stdtr(dof, -t)))
-
-
-def _worse(*ends: str) -> str:
-    """What ends the interval of a difference of two means whose intervals end at these."""
-    return next((end for end in ("bound", "flat") if end in ends), "data")
-
-
-def _half(p: Population) -> float:
-    """Standard error of a mean: half the distance between the values at which t is 1."""
-    low, high = crossings(p.mu, p.t_squared, 1.0)
-    return (high - low) / 2
-
-
-def _around(at: float, widths: Sequence[float], wanted: np.ndarray) -> tuple[float, float]:
-    far = 40 * float(np.hypot(widths[0], widths[1]))
-    return max(at - far, wanted[0]), min(at + far, wanted[-1])
 
 
 def _peak(log: np.ndarray) -> np.ndarray:

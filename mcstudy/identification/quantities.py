@@ -69,7 +69,7 @@ def expression(model: Model, text: str) -> Quantity:
         raise InputError(f"quantity {text!r}: expected parameters of the model ({', '.join(model.names)}), got {name}")
     if not named:
         raise InputError(f"quantity {text!r}: expected a function of at least one parameter ({', '.join(model.names)})")
-    compute = _compiled(tree, text)
+    compute = compiled(tree, text)
 
     def at(theta: np.ndarray) -> Any:
         with np.errstate(all="ignore"):  # where it is not defined it is nan or infinite, and its interval ends
@@ -126,7 +126,7 @@ def quantities(model: Model, given: Sequence[str] | Mapping[str, Any] = ()) -> t
     return tuple(found)
 
 
-def _compiled(node: ast.expr, text: str) -> Callable[[Mapping[str, Any]], Any]:
+def compiled(node: ast.expr, text: str) -> Callable[[Mapping[str, Any]], Any]:
     """A function of the named values; raises `InputError` for what is not allowed."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         number = float(node.value)
@@ -135,10 +135,10 @@ def _compiled(node: ast.expr, text: str) -> Callable[[Mapping[str, Any]], Any]:
         name = node.id
         return lambda values: values[name]
     if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        apply, left, right = _BINARY[type(node.op)], _compiled(node.left, text), _compiled(node.right, text)
+        apply, left, right = _BINARY[type(node.op)], compiled(node.left, text), compiled(node.right, text)
         return lambda values: apply(left(values), right(values))
     if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
-        sign, inner = _UNARY[type(node.op)], _compiled(node.operand, text)
+        sign, inner = _UNARY[type(node.op)], compiled(node.operand, text)
         return lambda values: sign(inner(values))
     if (
         isinstance(node, ast.Call)
@@ -146,7 +146,7 @@ def _compiled(node: ast.expr, text: str) -> Callable[[Mapping[str, Any]], Any]:
         and len(node.args) == 1
         and not node.keywords
     ):
-        called, argument = _FUNCTIONS[ast.unparse(node.func)], _compiled(node.args[0], text)
+        called, argument = _FUNCTIONS[ast.unparse(node.func)], compiled(node.args[0], text)
         return lambda values: called(argument(values))
     raise InputError(
         f"quantity {text!r}: expected parameters and numbers with + - * / **, sqrt, exp and log, "

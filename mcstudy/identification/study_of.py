@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from scipy import optimize
 
 from mcstudy.errors import InputError
+from mcstudy.identification.noise_of import noise_of
 from mcstudy.identification.result import FitResult
 from mcstudy.recordings.recording import Recording
-from mcstudy.stance.noise import SensorNoise
-from mcstudy.stance.response import noise_response
+from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd
 from mcstudy.stance.stimulus import RECURRENCES, Prts
 from mcstudy.study.design import Study
 
 LIKE = 0.05
 """Largest relative difference of the lines of a recorded stimulus from those of a pseudorandom ternary sequence."""
 
-LOWEST_CORNER_HZ, HIGHEST_CORNER_HZ = 0.01, 20.0
-"""Between these a corner of the noise is sought."""
+LEAST_RATE_HZ = 100.0
+"""Lowest sampling rate of a study; a recording may have a lower one."""
 
-CORNERS = 60
-"""Corners that are tried, at equal ratios."""
+LINES_UPTO_HZ = 20.0
+"""Highest line of a stimulus that is given by its lines; fits end at `HIGHEST_HZ`."""
+
+STATES, STAGES = 8, 2
+"""States of the shortest sequence, whose cycle lasts as long as that of any stimulus, and its stages."""
 
 HIGHEST_HZ = 8.0
 """Highest frequency of the fits of a study."""
@@ -35,10 +39,9 @@ def study_of(fitted: FitResult, name: str, *, realizations: int = 100, starts: i
         )
     if fitted.method["effects"]:
         raise InputError(f"{fitted.name}: effects: expected none, a study has the model without effects")
-    prts = sequence_of(recording, fitted)
+    stimulus, amplitude = stimulus_of(recording, fitted)
     noise = noise_of(fitted)
     model, R = fitted.model, len(fitted.lines.repeats)
-    amplitude = float(np.sqrt(np.mean(fitted.lines.amplitude**2)))
     what = f"the experiment of {fitted.name}, with its estimate as truth"
     begun: Study = Study.from_python(name, seed=seed, description=what)
     return begun.group(
@@ -56,25 +59,57 @@ def study_of(fitted: FitResult, name: str, *, realizations: int = 100, starts: i
                 }
             },
         },
-        stimulus={
-            "kind": recording.stimulus,
-            "stages": prts.stages,
-            "state_s": prts.state_s,
-            "rate_hz": recording.rate_hz,
-            "cycles": R + 1,
-            "discard": 1,
-        },
-        noise={"psd": [float(p) for p in noise.psd_deg2_hz], "corner_hz": noise.corner_hz},
+        stimulus={"kind": recording.stimulus, **stimulus, "cycles": R + 1, "discard": 1},
+        noise={"table": {"f_hz": noise.f_hz, "theta1": noise.theta1, "theta2": noise.theta2}},
         spectra={"points": "odd_lines", "ramp": "remove"},
-        fit={"cost": "ml", "starts": "linearised"},  # between such wide bounds few uniform starts end lowest
+        # Between such wide bounds few uniform starts end lowest. A model with a sensory weight has no linear structure.
+        fit={"cost": "ml", "starts": "uniform" if model.weights else "linearised"},
     )
 
 
-def sequence_of(recording: Recording, fitted: FitResult) -> Prts:
-    """The pseudorandom ternary sequence that a recording's stimulus is, of peak 1.
+def stimulus_of(recording: Recording, fitted: FitResult) -> tuple[dict[str, Any], float]:
+    """The stimulus of a recording as the table of a study file, and its amplitude (peak).
 
-    Raises `InputError` when its lines are not those of such a sequence.
+    A pseudorandom ternary sequence is one. Any other stimulus with odd lines only is given by its lines.
+    Raises `InputError` for a stimulus with even lines.
     """
+    amplitude = float(np.sqrt(np.mean(fitted.lines.amplitude**2)))
+    prts = sequence_of(recording, fitted)
+    if prts is not None:
+        times = int(np.ceil(LEAST_RATE_HZ / 2 / recording.rate_hz))
+        rate_hz = recording.rate_hz * times
+        return {"stages": prts.stages, "state_s": prts.state_s, "rate_hz": rate_hz}, amplitude
+    period_s = float(recording.period_s or 0.0)
+    upto = min(LINES_UPTO_HZ, recording.rate_hz / 2.2)
+    cycles = cycle_coefficients(recording, upto, int(fitted.method["discard"]))
+    excited = excited_lines(cycles.stimulus)
+    excited = excited[excited <= upto * period_s + 0.5]
+    if not only_odd(cycles.stimulus, excited):
+        raise InputError(
+            f"{recording.name}: stimulus: expected one with odd harmonics of its period only, as in every study, got "
+            "even ones too"
+        )
+    coefficients = (cycles.stimulus[:, excited] / cycles.amplitude[:, None]).mean(axis=0)
+    samples = STATES * int(np.ceil(period_s * max(LEAST_RATE_HZ, recording.rate_hz) / STATES))
+    sequence = {"stages": STAGES, "state_s": period_s / STATES, "rate_hz": samples / period_s}
+    size = np.abs(coefficients)
+    lines = {
+        "harmonic": [int(k) for k in excited],
+        "weight": [float(f"{w:.6g}") for w in size / size.max()],
+        "phase_deg": [float(f"{p:.6g}") for p in np.degrees(np.angle(coefficients))],
+    }
+    return {**sequence, "lines": lines}, _peak(coefficients, excited, samples) * amplitude
+
+
+def _peak(coefficients: np.ndarray, harmonic: np.ndarray, samples: int) -> float:
+    """Largest value of a waveform with these lines, coefficients (K,) as of a cycle."""
+    c = np.zeros(samples // 2 + 1, dtype=complex)
+    c[harmonic] = coefficients
+    return float(np.abs(np.fft.irfft(c, samples, norm="forward")).max())
+
+
+def sequence_of(recording: Recording, fitted: FitResult) -> Prts | None:
+    """The pseudorandom ternary sequence that a recording's stimulus is, of peak 1; None if it is none."""
     lines, period = fitted.lines, recording.period or 0
     size = np.sqrt(lines.power)
     for stages in RECURRENCES:
@@ -88,39 +123,4 @@ def sequence_of(recording: Recording, fitted: FitResult) -> Prts:
         ratio = size / np.abs(prts.coefficients()[odd])
         if np.abs(ratio / np.median(ratio) - 1).max() < LIKE:
             return prts
-    raise InputError(
-        f"{recording.name}: stimulus: expected a pseudorandom ternary sequence of {min(RECURRENCES)} to "
-        f"{max(RECURRENCES)} stages whose states last whole samples; a study file has no other stimulus"
-    )
-
-
-def noise_of(fitted: FitResult) -> SensorNoise:
-    """The noise that evokes the measured RMS of both angles in the fitted body; of these the most likely.
-
-    Raises `InputError` when there is none.
-    """
-    lines, recording = fitted.lines, fitted.recording
-    assert isinstance(recording, Recording)
-    seconds = len(lines.repeats) * float(recording.period_s or 0.0)
-    measured = lines.noise.C * (2 * seconds * lines.power)[:, None, None]
-    measured = np.einsum("nii->ni", measured).real
-    response = np.abs(noise_response(fitted.model, fitted.theta, lines.f)[:, :2, :2]) ** 2
-
-    best = None
-    for corner in np.geomspace(LOWEST_CORNER_HZ, HIGHEST_CORNER_HZ, CORNERS):
-        # The two densities with which the sway has the measured mean square, per angle.
-        shape = SensorNoise((1.0, 1.0), float(corner)).psd(lines.f)
-        sums = np.einsum("nij,nj->ij", response, shape)
-        size = measured.sum(axis=0)
-        psd, _ = optimize.nnls(sums / size[:, None], np.ones(2))
-        level = np.einsum("nij,nj->ni", response, shape * psd)
-        unlikely = float((lines.noise.dof[:, None] * (np.log(level) + measured / level)).sum())
-        if (psd > 0).all() and (best is None or unlikely < best[0]):
-            noise = SensorNoise((float(psd[0]), float(psd[1])), float(f"{corner:.4g}"))
-            best = unlikely, noise
-    if best is None:
-        raise InputError(
-            f"{fitted.name}: noise: no noise of a study evokes the measured sway in the fitted body; "
-            "use more lines (fmax) or more trials"
-        )
-    return best[1]
+    return None

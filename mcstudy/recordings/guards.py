@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-from numcodecs import Zstd
 
 from mcstudy.errors import RecordingError, StoreError
 from mcstudy.files.untrusted import LARGEST_METADATA, check_chunk, real_bytes, refuse_links, sealed
@@ -122,6 +121,8 @@ def _chunk_files(folder: Path, where: str) -> Iterator[Path]:
 
 def _check_decodes(path: Path, codecs: Sequence[str], size: int) -> None:
     """Refuse a chunk that does not decode to ``size`` bytes."""
+    from numcodecs import Zstd  # a tenth of a second to import, which NetCDF does not need
+
     try:
         content = real_bytes(path)
         check_chunk(path, content)

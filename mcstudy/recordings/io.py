@@ -8,7 +8,6 @@ from pathlib import Path
 from mcstudy.errors import RecordingError, StoreError
 from mcstudy.files.untrusted import json_document, real_bytes
 from mcstudy.recordings.checks import check
-from mcstudy.recordings.described import read_sheet
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.guards import regular
 from mcstudy.recordings.netcdf_zarr import SHEET, read_dataset, write_csv, write_netcdf, write_zarr
@@ -58,15 +57,15 @@ def _structure(path: Path, data: Path | None) -> Recording | FrfRecording:
     if not path.exists():
         raise RecordingError(f"{path}: no such file")
     regular(path)
-    if path.suffix == ".csv":
+    if path.suffix in (".csv", ".toml"):
+        from mcstudy.recordings.described import read_sheet  # its parser takes longer to import than a file to read
+
         sheet = path.with_suffix(".toml")
         if not sheet.exists():
             raise RecordingError(
                 f"{path}: expected {sheet.name} in the same folder, with rate, units, stimulus and body"
             )
         return read_sheet(sheet, data)
-    if path.suffix == ".toml":
-        return read_sheet(path, data)
     if _is_cube(path):
         raise RecordingError(f"{path}: this is a results cube (for mcstudy show and mcstudy report); {EXPECTED}")
     if path.is_dir() and path.suffix != ".zarr":

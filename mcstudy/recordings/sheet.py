@@ -71,6 +71,7 @@ OTHER_FILES = {
     "study": "study file (for mcstudy run)",
     "group": "study file (for mcstudy run)",
     "challenge": "challenge file (for mcstudy gap challenge)",
+    "frf_group": "description of the FRFs of a group (for mcstudy gap compare)",
 }
 """Other TOML files of this program, recognised by a section that only they have."""
 

@@ -11,10 +11,13 @@ from mcstudy.fitting.compilers import Compilation, begin, warm
 from mcstudy.scheduler.activity import current, doing
 from mcstudy.scheduler.display import Display
 
-__all__ = ["DIAGNOSIS", "RECORDING", "begin", "compile_kernels"]
+__all__ = ["DIAGNOSIS", "PERSON", "RECORDING", "begin", "compile_kernels"]
 
 DIAGNOSIS = ("lm", "linearised", "diagnosis")
 """Parts that a diagnosis needs."""
+
+PERSON = (*DIAGNOSIS, "intervals")
+"""Parts that a fit of a person needs."""
 
 RECORDING = ("stability", "time_domain")
 """Parts that the simulation of a recording needs."""

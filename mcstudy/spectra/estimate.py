@@ -19,7 +19,7 @@ from mcstudy.spectra.even_lines import EvenLineCovariance
 from mcstudy.spectra.loop_covariance import LoopCovariance
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.line_stimulus import Stimulus
-from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.noise import Noise
 from mcstudy.stance.response import frf, noise_response
 from mcstudy.stance.simulate_spectral import NoiseSway
 
@@ -94,7 +94,7 @@ class SpectralExperiment:
         model: Model,
         theta: np.ndarray,
         stimulus: Stimulus,
-        noise: SensorNoise,
+        noise: Noise,
         bands: Bands,
         cycles: int = 6,
         discard: int = 1,

@@ -122,6 +122,9 @@ class Term:
         Whether sensor noise enters the loop here (the active feedback).
     stimulus
         Position of the stimulus that a term with ``sense="stimulus"`` senses among the model's ``blocks``.
+    late
+        Name of the parameter that holds a further delay in s, added to ``delay`` (of a stimulus that arrives late), or
+        None.
     """
 
     row: str
@@ -133,6 +136,12 @@ class Term:
     coefficient: float = 1.0
     noisy: bool = False
     stimulus: int = 0
+    late: str | None = None
+
+    @property
+    def all_delays(self) -> tuple[str, ...]:
+        """Names of its delays, whose sum delays it; none, one or two."""
+        return tuple(name for name in (self.delay, self.late) if name is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +216,7 @@ class Model:
                 raise ModelError(f"{where}: unknown stimulus {term.stimulus}")
             if len(term.gain) > 2:
                 raise ModelError(f"{where}: at most two gains may multiply, got {term.gain}")
-            for unknown in set(term.gain) | ({term.delay} if term.delay else set()):
+            for unknown in {*term.gain, *term.all_delays}:
                 if unknown not in known:
                     raise ModelError(f"{where}: unknown parameter {unknown!r}")
             for unknown in set(term.filters) - filters:
@@ -221,13 +230,13 @@ class Model:
                     if parameter not in known:
                         raise ModelError(f"model {self.name}: filter {filt.name}: unknown parameter {parameter!r}")
 
-    @property
+    @cached_property
     def senses(self) -> dict[str, tuple[float, float, float]]:
         """Weights on (first angle, second angle, stimulus) by name; the model's own angle names included."""
         own = {self.angles[0]: (1.0, 0.0, 0.0), self.angles[1]: (0.0, 1.0, 0.0)}
         return {**SENSES, **own}
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Parameter names, in the order of every parameter axis."""
         return tuple(p.name for p in self.parameters)
@@ -269,13 +278,13 @@ class Model:
         """2, or 1 for a one-segment model (no term in the first row), whose second angle is identically zero."""
         return 2 if any(t.row == self.rows[0] for t in self.terms) else 1
 
-    @property
+    @cached_property
     def delays(self) -> tuple[str, ...]:
         """Names of the parameters that are delays."""
-        used = {t.delay for t in self.terms}
+        used = {name for t in self.terms for name in t.all_delays}
         return tuple(n for n in self.names if n in used)
 
-    @property
+    @cached_property
     def weights(self) -> tuple[str, ...]:
         """Names of the parameters that are sensory weights: the second gain of active terms that sense the stimulus."""
         used = {t.gain[1] for t in self.terms if t.noisy and t.sense == "stimulus" and len(t.gain) == 2}
@@ -333,7 +342,8 @@ class Model:
 class Table:
     """A `Model` as arrays, for the code that evaluates it. E terms, G groups, F filters, M monomials.
 
-    A *group* is a distinct (delay, filters) pair; terms of one group share the factor exp(-delay s) * filters(s).
+    A *group* is a distinct (delays, filters) pair; terms of one group share the factor exp(-delay s) * filters(s),
+    with the sum of its delays.
 
     Attributes
     ----------
@@ -341,7 +351,7 @@ class Table:
     weight: (E, 4) float64 - coefficient, then weights on (theta1, theta2, stimulus).
     noisy: (E,) bool - whether sensor noise enters the term.
     stimulus: (E,) int64 - which stimulus it senses, if it senses one.
-    group_delay: (G,) int64 - parameter index of the delay, -1 none.
+    group_delay: (G, 2) int64 - parameter indices of the delays, -1 none; the second only where there is a first.
     group_filters: (G, 4) int64 - filter indices, -1 none.
     monomial: (M, 6) int64 - filter, 0 numerator / 1 denominator, order, power of the second parameter,
         first parameter, second parameter (-1 none); the first parameter's power is in ``monomial_power``.
@@ -372,11 +382,11 @@ class Table:
         terms = list(model.terms)
         if model.n_angles == 1:
             terms.append(Term(model.rows[0], model.angles[1]))
-        groups: dict[tuple[int, tuple[int, ...]], int] = {}
+        groups: dict[tuple[tuple[int, ...], tuple[int, ...]], int] = {}
         entry, weight, noisy = [], [], []
         for term in terms:
-            delay = index[term.delay] if term.delay else -1
-            key = (delay, tuple(filter_index[f] for f in term.filters))
+            delays = [index[name] for name in term.all_delays] + [-1, -1]
+            key = (tuple(delays[:2]), tuple(filter_index[f] for f in term.filters))
             group = groups.setdefault(key, len(groups))
             gains = [index[g] for g in term.gain] + [-1, -1]
             entry.append((model.rows.index(term.row), term.order, group, gains[0], gains[1]))
@@ -404,7 +414,7 @@ class Table:
             weight=np.array(weight, dtype=np.float64).reshape(-1, 4),
             noisy=np.array(noisy, dtype=bool),
             stimulus=np.array([t.stimulus for t in terms], dtype=np.int64),
-            group_delay=np.array([d for d, _ in groups], dtype=np.int64),
+            group_delay=np.array([d for d, _ in groups], dtype=np.int64).reshape(-1, 2),
             group_filters=group_filters,
             monomial=np.array(monomial, dtype=np.int64).reshape(-1, 6),
             monomial_power=np.array(power, dtype=np.int64),
@@ -414,10 +424,7 @@ class Table:
             n_filters=len(model.filters),
         )
 
-    def gain(self, theta: np.ndarray, e: int) -> np.ndarray:
-        """Coefficient of term ``e`` times its gains at parameters ``theta`` (..., P), (...)."""
-        gain = np.full(theta.shape[:-1], self.weight[e, 0])
-        for p in self.entry[e, 3:]:
-            if p >= 0:
-                gain = gain * theta[..., p]
-        return gain
+    def gains(self, theta: np.ndarray) -> np.ndarray:
+        """Coefficient of every term times its gains at parameters ``theta`` (..., P), (..., E)."""
+        one = np.concatenate([theta, np.ones((*theta.shape[:-1], 1))], axis=-1)  # where -1, no gain, points to
+        return np.asarray(self.weight[:, 0] * one[..., self.entry[:, 3]] * one[..., self.entry[:, 4]])

@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.noise import Noise
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.stance.simulate_spectral import sway_psd
 
 
 def expected_line_covariance(
-    model: Model, theta: np.ndarray, noise: SensorNoise, f: np.ndarray, drive: np.ndarray, duration_s: float
+    model: Model, theta: np.ndarray, noise: Noise, f: np.ndarray, drive: np.ndarray, duration_s: float
 ) -> np.ndarray:
     """Covariance of the FRF errors at single lines, (N, 2, 2), from theory; no leakage.
 

@@ -1,4 +1,4 @@
-"""Sensor noise: pink through a first-order low-pass.
+"""Sensor noise: pink through a first-order low-pass, or with densities from a table.
 
 One-sided power spectral density of source i at frequency f > 0
 
@@ -14,6 +14,7 @@ coefficient is zero. Synthesis draws the coefficients themselves, so a record is
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,9 +44,29 @@ def white_coefficients(rng: np.random.Generator, n_samples: int) -> np.ndarray:
     return draws
 
 
+class Noise(ABC):
+    """Noise on the two sensed angles: independent Gaussian processes with given spectra."""
+
+    @abstractmethod
+    def psd(self, f: np.ndarray) -> np.ndarray:
+        """One-sided PSD at frequencies ``f`` > 0 (Hz, (N,)), rad^2/Hz, (N, 2); zero at f = 0."""
+
+    def coefficient_scale(self, n_samples: int, rate_hz: float) -> np.ndarray:
+        """Root-mean-square magnitude of the coefficients of a record, rad, (n_samples // 2 + 1, 2)."""
+        return np.sqrt(self.psd(record_frequencies(n_samples, rate_hz)) * (rate_hz / n_samples / 2))
+
+    def coefficients(self, rng: np.random.Generator, n_samples: int, rate_hz: float) -> np.ndarray:
+        """Random Fourier coefficients of a record, rad, (n_samples // 2 + 1, 2) complex."""
+        return self.coefficient_scale(n_samples, rate_hz) * white_coefficients(rng, n_samples)
+
+    def sample(self, rng: np.random.Generator, n_samples: int, rate_hz: float) -> np.ndarray:
+        """A random record, rad, (n_samples, 2); zero mean."""
+        return record(self.coefficients(rng, n_samples, rate_hz), n_samples)
+
+
 @dataclass(frozen=True)
-class SensorNoise:
-    """Sensor noise on the two sensed angles.
+class SensorNoise(Noise):
+    """Sensor noise with the shape in the module's text.
 
     Attributes
     ----------
@@ -82,17 +103,40 @@ class SensorNoise:
         shape[positive] = (self.reference_hz / fp) ** self.exponent * low_pass
         return shape[:, None] * (np.array(self.psd_deg2_hz) * DEG2_TO_RAD2)
 
-    def coefficient_scale(self, n_samples: int, rate_hz: float) -> np.ndarray:
-        """Root-mean-square magnitude of the coefficients of a record, rad, (n_samples // 2 + 1, 2)."""
-        return np.sqrt(self.psd(record_frequencies(n_samples, rate_hz)) * (rate_hz / n_samples / 2))
 
-    def coefficients(self, rng: np.random.Generator, n_samples: int, rate_hz: float) -> np.ndarray:
-        """Random Fourier coefficients of a record, rad, (n_samples // 2 + 1, 2) complex."""
-        return self.coefficient_scale(n_samples, rate_hz) * white_coefficients(rng, n_samples)
+@dataclass(frozen=True)
+class TabulatedNoise(Noise):
+    """Sensor noise with measured spectra.
 
-    def sample(self, rng: np.random.Generator, n_samples: int, rate_hz: float) -> np.ndarray:
-        """A random record, rad, (n_samples, 2); zero mean."""
-        return record(self.coefficients(rng, n_samples, rate_hz), n_samples)
+    Attributes
+    ----------
+    f_hz: (M,), frequencies above zero, ascending, Hz. theta1, theta2: (M,), one-sided PSD there, positive, deg^2/Hz.
+    Between two frequencies the PSD is a straight line in logarithms; beyond them it stays what it is at the last one.
+
+    Raises `InputError` when a field is not usable.
+    """
+
+    f_hz: tuple[float, ...]
+    theta1: tuple[float, ...]
+    theta2: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        f = np.asarray(self.f_hz)
+        if not f.size or not np.isfinite(f).all() or f[0] <= 0 or (np.diff(f) <= 0).any():
+            raise InputError("noise table.f_hz: expected frequencies above zero, ascending, each once")
+        for name in ("theta1", "theta2"):
+            values = np.asarray(getattr(self, name))
+            if values.shape != f.shape or not (np.isfinite(values) & (values > 0)).all():
+                raise InputError(f"noise table.{name}: expected {f.size} positive numbers, one per frequency")
+
+    def psd(self, f: np.ndarray) -> np.ndarray:
+        """One-sided PSD at frequencies ``f`` > 0 (Hz, (N,)), rad^2/Hz, (N, 2); zero at f = 0."""
+        f = np.asarray(f, dtype=float)
+        out = np.zeros((*f.shape, 2))
+        at = np.log(f[f > 0])
+        for k, values in enumerate((self.theta1, self.theta2)):
+            out[f > 0, k] = np.exp(np.interp(at, np.log(self.f_hz), np.log(values))) * DEG2_TO_RAD2
+        return out
 
 
 SILENT = SensorNoise((0.0, 0.0))

@@ -71,7 +71,7 @@ def rational_rows(
     chosen = [int(e) for e in np.flatnonzero(np.ones(len(table.entry), dtype=bool) if entries is None else entries)]
     filters = _filter_polynomials(model, theta)
     delay, group = _delays(model, theta, chosen)
-    gains = {e: table.gain(theta, e) for e in chosen}
+    gains = table.gains(theta)
     chain = {e: Counter(int(k) for k in table.group_filters[table.entry[e, 2]] if k >= 0) for e in chosen}
     common: list[Counter[int]] = [Counter(), Counter()]
     integrates = [False, False]
@@ -82,7 +82,7 @@ def rational_rows(
     pieces: list[tuple[int, np.ndarray]] = []
     for e in chosen:
         row, order = int(table.entry[e, 0]), int(table.entry[e, 1])
-        polynomial = gains[e][..., None] * (1.0 if scale is None else scale[e])
+        polynomial = gains[..., e, None] * (1.0 if scale is None else scale[e])
         for k in chain[e].elements():
             polynomial = _multiply(polynomial, filters[k][0])
         for k in (common[row] - chain[e]).elements():
@@ -106,7 +106,7 @@ def rational_rows(
         denominator[..., row, : bottoms[row].shape[-1]] = bottoms[row]
         if integrates[row]:
             mine = [e for e in chosen if table.entry[e, 0] == row and table.entry[e, 1] == -1]
-            absent = np.all([gains[e] == 0.0 for e in mine], axis=0)
+            absent = np.all(gains[..., mine] == 0.0, axis=-1)
             for array in (numerator[..., row, :, :, :], denominator[..., row, :]):
                 array[absent] = _divided_by_s(array[absent])
     return RationalRows(delay, denominator, numerator)
@@ -114,13 +114,14 @@ def rational_rows(
 
 def _delays(model: Model, theta: np.ndarray, chosen: list[int]) -> tuple[np.ndarray, dict[int, int]]:
     """Distinct delays (..., G), zero first, and the delay group of each chosen entry."""
-    parameter = {e: int(model.table.group_delay[model.table.entry[e, 2]]) for e in chosen}
-    used = [-1, *dict.fromkeys(p for p in parameter.values() if p >= 0)]
-    delay = np.stack([theta[..., p] if p >= 0 else np.zeros(theta.shape[:-1]) for p in used], axis=-1)
+    table = model.table
+    parameters = {e: tuple(int(p) for p in table.group_delay[table.entry[e, 2]] if p >= 0) for e in chosen}
+    used = [(), *dict.fromkeys(own for own in parameters.values() if own)]
+    delay = np.stack([theta[..., list(own)].sum(axis=-1) for own in used], axis=-1)
     if (delay < 0).any():
         at = used[int(np.argmax((delay < 0).reshape(-1, len(used)).any(axis=0)))]
-        raise ModelError(f"model {model.name}: delay {model.names[at]} is negative")
-    return delay, {e: used.index(p) for e, p in parameter.items()}
+        raise ModelError(f"model {model.name}: delay {' + '.join(model.names[p] for p in at)} is negative")
+    return delay, {e: used.index(own) for e, own in parameters.items()}
 
 
 def filter_polynomials(model: Model, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:

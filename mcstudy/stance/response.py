@@ -38,8 +38,8 @@ def _filters(table: Table, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray
 def _group_values(table: Table, theta: np.ndarray, s: np.ndarray, filters: np.ndarray) -> np.ndarray:
     """exp(-delay s) * filters(s) per group, (..., G, N)."""
     out = np.ones((*theta.shape[:-1], table.group_delay.size, s.size), dtype=complex)
-    for g, delay in enumerate(table.group_delay):
-        if delay >= 0:
+    for g, delays in enumerate(table.group_delay):
+        for delay in delays[delays >= 0]:
             out[..., g, :] *= np.exp(-theta[..., delay, None] * s)
         for k in table.group_filters[g]:
             if k >= 0:
@@ -59,13 +59,17 @@ def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, 
     A joint model (`mcstudy.stance.joint`) has the b(s) of each line's own stimulus.
     """
     table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
-    groups = _group_values(table, theta, s, _filters(table, theta, s)[0])
+    return _system(model, theta, s, _group_values(table, theta, s, _filters(table, theta, s)[0]))
+
+
+def _system(model: Model, theta: np.ndarray, s: np.ndarray, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    table = model.table
     A = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
     b = np.zeros((*theta.shape[:-1], s.size, 2), dtype=complex)
-    power = {order: s**order for order in np.unique(table.entry[:, 1])}
+    gains, power = table.gains(theta), {order: s**order for order in set(table.entry[:, 1].tolist())}
     own = sensed_stimulus(model, s.size)
-    for e, (row, order, group, _, _) in enumerate(table.entry):
-        value = table.gain(theta, e)[..., None] * power[order] * groups[..., group, :]
+    for e, (row, order, group, _, _) in enumerate(table.entry.tolist()):
+        value = gains[..., e, None] * power[order] * groups[..., group, :]
         first, second, stimulus = table.weight[e, 1:]
         if first:
             A[..., row, 0] += first * value
@@ -122,7 +126,7 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
     table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     filters, log_slope = _filters(table, theta, s)
     groups = _group_values(table, theta, s, filters)
-    A, b = system(model, theta, s)
+    A, b = _system(model, theta, s, groups)
     inverse = np.linalg.inv(A)
     H = np.einsum("...ij,...j->...i", inverse, b)
     force = np.zeros((*theta.shape[:-1], s.size, 2, table.n_parameters), dtype=complex)
@@ -138,8 +142,7 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
         if g2 >= 0:
             force[..., row, g2] += unit * first
         total = unit * first * second
-        delay = table.group_delay[group]
-        if delay >= 0:
+        for delay in table.group_delay[group][table.group_delay[group] >= 0]:
             force[..., row, delay] += -s * total
         for k in table.group_filters[group]:
             if k >= 0:
@@ -165,10 +168,10 @@ def active(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
     """The noisy (active, delayed) part of A(s), shape (..., N, 2, 2)."""
     table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
     groups = _group_values(table, theta, s, _filters(table, theta, s)[0])
-    N = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
+    N, gains = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex), table.gains(theta)
     for e, (row, order, group, _, _) in enumerate(table.entry):
         if table.noisy[e]:
-            value = table.gain(theta, e)[..., None] * s**order * groups[..., group, :]
+            value = gains[..., e, None] * s**order * groups[..., group, :]
             for column in (0, 1):
                 N[..., row, column] += table.weight[e, 1 + column] * value
     return N
@@ -182,10 +185,10 @@ def neural_controllers(model: Model, theta: np.ndarray, f: np.ndarray) -> np.nda
     """
     table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     groups = _group_values(table, theta, s, _filters(table, theta, s)[0])
-    NC = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
+    NC, gains = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex), table.gains(theta)
     for e, (row, order, group, g1, _) in enumerate(table.entry):
         if g1 >= 0 and table.weight[e, 3] == 0:
-            value = table.gain(theta, e)[..., None] * s**order * groups[..., group, :]
+            value = gains[..., e, None] * s**order * groups[..., group, :]
             for column in (0, 1):
                 NC[..., row, column] += table.weight[e, 1 + column] * value
     return NC

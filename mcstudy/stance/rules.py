@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mcstudy.errors import ModelError
+from mcstudy.stance.feedback import Model, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +22,8 @@ class Rules:
     Attributes
     ----------
     dead_angle: thresholds on the sensed joint angles (theta1, theta2 + noise), rad. Active feedback of an angle x
-        reads 0 inside +-threshold and x -+ threshold outside (continuous).
+        reads 0 inside +-threshold and x -+ threshold outside (continuous). With a tilt u and its weight W, what is
+        sensed of theta1 is the weighted sum of the senses, theta1 - W u + noise.
     dead_rate: the same on the sensed rates, rad/s, for active feedback of order 1.
     torque_limit: largest active torque per row (hip, ankle), N m; active torque is cut at +- the limit.
     motor_noise: additional torque per row, N m, (n, 2) samples, linear between samples; None for none. White noise
@@ -70,3 +72,31 @@ def reweighted(amplitude: float, reference: float, exponent: float) -> float:
     if not np.isfinite(gain):
         raise ModelError(f"reweighting: expected an exponent that gives a finite gain, got {exponent!r}")
     return gain
+
+
+def tilt_at_threshold(model: Model, rules: Rules) -> np.ndarray:
+    """Entries (E,) of the table by which active feedback senses a tilt on which a threshold acts; none without one.
+
+    The threshold acts on the weighted sum of the senses, theta1 - W u plus noise (derived: one central threshold, not
+    one for each sense).
+
+    Raises `ModelError` where the active feedback of theta1 does not all sense that sum.
+    """
+    entries = np.zeros(len(model.table.entry), dtype=bool)
+    if not (model.weights and any((*rules.dead_angle, *rules.dead_rate))):
+        return entries
+    weight = model.weights[0]
+
+    def path(term: Term, gain: tuple[str, ...]) -> tuple[object, ...]:
+        return term.row, gain, term.order, term.all_delays, term.filters, term.coefficient
+
+    active = [(k, term) for k, term in enumerate(model.terms) if term.noisy]
+    tilt = {path(t, t.gain[:1]) for _, t in active if t.sense == "stimulus" and t.gain[1:] == (weight,)}
+    legs = {path(t, t.gain) for _, t in active if t.sense in ("theta1", "theta2s")}
+    entries[[k for k, term in active if term.sense == "stimulus"]] = True
+    if tilt != legs or len(tilt) != entries.sum() or weight in rules.gain_drift:
+        raise ModelError(
+            f"rules dead_angle: model {model.name}: a threshold with a tilt needs all active feedback of theta1 to "
+            f"sense the tilt with the weight {weight}, and nothing else to sense it"
+        )
+    return entries

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import fft
 
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.noise import SensorNoise, record, record_frequencies, white_coefficients
+from mcstudy.stance.noise import Noise, record, record_frequencies, white_coefficients
 from mcstudy.stance.response import frf, noise_response
 
 
@@ -25,7 +25,7 @@ class NoiseSway:
     n_samples, rate_hz: length and sampling rate of the records.
     """
 
-    def __init__(self, model: Model, theta: np.ndarray, noise: SensorNoise, n_samples: int, rate_hz: float) -> None:
+    def __init__(self, model: Model, theta: np.ndarray, noise: Noise, n_samples: int, rate_hz: float) -> None:
         self.n_samples, self.rate_hz = n_samples, rate_hz
         f = record_frequencies(n_samples, rate_hz)
         shaping = np.zeros((f.size, 2, 2), dtype=complex)
@@ -46,7 +46,7 @@ class NoiseSway:
         return record(self.coefficients(rng), self.n_samples)
 
 
-def sway_psd(model: Model, theta: np.ndarray, noise: SensorNoise, f: np.ndarray) -> np.ndarray:
+def sway_psd(model: Model, theta: np.ndarray, noise: Noise, f: np.ndarray) -> np.ndarray:
     """One-sided cross-spectral density of noise-evoked sway at ``f`` > 0 (Hz, (N,)), rad^2/Hz, (N, 2, 2) Hermitian.
 
     Entry (i, j) is the density of angle i times the conjugate of angle j (derived).

@@ -28,7 +28,7 @@ from scipy import fft
 from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.realize import ACTIVE, ANGLE, SENSED, STIMULUS, Realisation, realise
-from mcstudy.stance.rules import LINEAR, Rules
+from mcstudy.stance.rules import LINEAR, Rules, tilt_at_threshold
 from mcstudy.stance.simulate_kernel import NODES, integrate
 
 STABLE_STEP = 3.0
@@ -91,12 +91,15 @@ def simulate(
             raise ModelError(f"{name}: expected shape ({n}, 2) as the stimulus has, got {np.shape(record)}")
     if substeps < 1:
         raise ModelError(f"substeps: expected a whole number >= 1, got {substeps}")
-    loop = realise(model, theta, scale=_scale(model, rules), drift=_drift(model, rules))
+    tilt = tilt_at_threshold(model, rules)
+    loop = realise(model, theta, entries=~tilt, scale=_scale(model, rules), drift=_drift(model, rules))
     h = 1.0 / (rate_hz * substeps)
-    _check(model, loop, rules, h, stimulus.ndim == 2)
+    _check(model, loop, rules, h, stimulus.ndim == 2, bool(tilt.any()))
     lags = np.ceil(loop.delay.max() / h).astype(int) + 1
     fine_noise = _refined_noise(noise, n, rate_hz, substeps, lags)
     fine_stimulus = _refined_stimulus(stimulus, h, substeps, lags)
+    if tilt.any():
+        fine_noise[0] -= float(np.asarray(theta)[model.names.index(model.weights[0])]) * fine_stimulus
     motor = np.empty((0, 2)) if rules.motor_noise is None else _linear(np.asarray(rules.motor_noise, float), substeps)
     samples = (n - 1) * substeps + 1
     history, torque = np.zeros((2, samples, 3)), np.zeros((samples, 2))
@@ -187,7 +190,7 @@ def _drift(model: Model, rules: Rules) -> np.ndarray:
     return drift * _scale(model, rules)
 
 
-def _check(model: Model, loop: Realisation, rules: Rules, h: float, derivatives: bool) -> None:
+def _check(model: Model, loop: Realisation, rules: Rules, h: float, derivatives: bool, tilt: bool) -> None:
     kind, group, _, order = loop.signal.T
     reading = np.isin(kind, (ANGLE, SENSED)) & (group > 0)
     if reading.any() and loop.delay[group[reading]].min() < h * (1 - 1e-9):
@@ -200,18 +203,13 @@ def _check(model: Model, loop: Realisation, rules: Rules, h: float, derivatives:
             f"model {model.name}: a filter with a pole at {loop.fastest_pole:.3g} 1/s is too fast for the step of "
             f"{h:.3g} s; raise the rate or the substeps"
         )
-    if not derivatives and ((kind == STIMULUS) & (order > 0)).any():
+    if not derivatives and (tilt or ((kind == STIMULUS) & (order > 0)).any()):
         raise ModelError(
             f"model {model.name}: it senses derivatives of the stimulus; give the stimulus as (n, 3) samples of value, "
             "first and second derivative"
         )
-    if any((*rules.dead_angle, *rules.dead_rate)) and model.weights:
-        raise ModelError(
-            f"rules dead_angle: model {model.name} senses a tilt through its weight {model.weights[0]}; a threshold on "
-            "what the senses report together is not available"
-        )
     for row in np.flatnonzero(np.isfinite(rules.torque_limit)):
-        undelayed = (model.table.group_delay[model.table.entry[:, 2]] < 0) & (model.table.entry[:, 1] == 2)
+        undelayed = (model.table.group_delay[model.table.entry[:, 2], 0] < 0) & (model.table.entry[:, 1] == 2)
         if (undelayed & model.table.noisy & (model.table.entry[:, 0] == row)).any():
             raise ModelError(
                 f"rules torque_limit: the active {model.rows[row]} torque of model {model.name} holds undelayed "

@@ -25,9 +25,6 @@ from mcstudy.study.study_file import check_tables
 
 KIND = "design"
 
-KINDS = ("ankle_torque", "hip_torque", "platform_translation")
-"""Stimuli that can be designed: the verification computes starts from the data, which a tilt does not allow."""
-
 
 class DesignSection(Section):
     """What is optimal, and what is kept of the sequence.
@@ -157,14 +154,12 @@ def _check(file: DesignFile) -> None:
     design, s = file.design, file.stimulus
     if s.lines.harmonic:
         raise DesignError("stimulus.lines: expected none: a design is compared with the sequence")
-    if s.kind not in KINDS:
-        raise DesignError(f"stimulus.kind: expected one of {', '.join(KINDS)} for a design, got {s.kind!r}")
     check_group(file.group())
     if s.discard == 0:
         raise DesignError(
             "stimulus.discard: expected at least 1 (the ramp of a record needs the preceding sample), got 0"
         )
-    if min(file.noise.psd) == 0:
+    if not file.noise.on_both:
         raise DesignError("noise.psd: expected noise on both angles; without noise every stimulus is as good")
     if file.cycles <= s.discard:
         raise DesignError(

@@ -10,7 +10,6 @@ from mcstudy.errors import DesignError, InputError
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import expected_line_covariance, line_information, standard_errors, unit_variance
 from mcstudy.stance.line_stimulus import LineStimulus, Stimulus
-from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.stimulus_design.bodies import drawn, model_of, relative
@@ -130,7 +129,7 @@ def designed(file: DesignFile) -> Designed:
 def information(file: DesignFile, model: Model, f: np.ndarray) -> np.ndarray:
     """Fisher information (K, P, P) of lines with a unit Fourier coefficient, in all cycles that are not discarded."""
     duration = (file.cycles - file.stimulus.discard) * (3**file.stimulus.stages - 1) * file.stimulus.state_s
-    noise = SensorNoise(file.noise.psd, file.noise.corner_hz)
+    noise = file.noise.source
     C = expected_line_covariance(model, model.truth, noise, f, np.ones(f.size), duration)
     return line_information(model, model.truth, f, unit_variance(C, model.n_angles))
 
@@ -168,7 +167,7 @@ def noise_sway(file: DesignFile, model: Model, top_hz: float = 20.0) -> np.ndarr
     """RMS of the sway that sensor noise alone evokes within one cycle's lines up to ``top_hz``, rad, (A,)."""
     period = (3**file.stimulus.stages - 1) * file.stimulus.state_s
     f = np.arange(1, int(top_hz * period) + 1) / period
-    noise = SensorNoise(file.noise.psd, file.noise.corner_hz)
+    noise = file.noise.source
     density = np.einsum("nii->ni", sway_psd(model, model.truth, noise, f)).real[:, : model.n_angles]
     return np.asarray(np.sqrt(density.sum(axis=0) / period))
 

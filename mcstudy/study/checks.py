@@ -37,8 +37,8 @@ def check_group(group: Group, model: Model | None = None) -> None:
     model = build_model(group) if model is None else model
     _check_parameters(model)
     _check_stimulus(group)
+    _check_noise(group)
     _check_fit(group)
-    _check_linear(group, model)
     _check_frequencies(group, model)
     _check_response(group, model)
     _check_size(group, model)
@@ -114,6 +114,13 @@ def _check_stimulus(group: Group) -> None:
         )
 
 
+def _check_noise(group: Group) -> None:
+    try:
+        group.noise.source.psd(np.ones(1))
+    except InputError as error:
+        raise DesignError(str(error).replace("noise ", "noise.", 1)) from None
+
+
 def _check_fit(group: Group) -> None:
     if group.until_certain and group.fit.starts == "latin_hypercube":
         raise DesignError(
@@ -125,25 +132,12 @@ def _check_fit(group: Group) -> None:
             "spectra.covariance: expected 'even_lines' unless fit.cost = 'ml' and simulator = 'spectral', "
             "got 'through_loop'"
         )
-    if group.fit.cost == "ml" and (group.simulator == "none" or min(group.noise.psd) == 0):
+    if group.fit.cost == "ml" and (group.simulator == "none" or not group.noise.on_both):
         raise DesignError(
             "fit.cost: expected 'paper' for a group without noise (no noise covariance to weight with), got 'ml'"
         )
-    if group.store.standard_errors and (group.simulator == "none" or min(group.noise.psd) == 0):
+    if group.store.standard_errors and (group.simulator == "none" or not group.noise.on_both):
         raise DesignError("store.standard_errors: expected false for a group without noise on both angles, got true")
-
-
-def _check_linear(group: Group, model: Model) -> None:
-    """Refuse what needs gains that enter linearly where they are multiplied with a sensory weight."""
-    for field, value, why in (
-        ("fit.starts", group.fit.starts, "linearised"),
-        ("spectra.covariance", group.spectra.covariance, "through_loop"),
-    ):
-        if model.weights and value == why:
-            raise DesignError(
-                f"{field}: expected another than {why!r} for {group.stimulus.kind}, whose gains are multiplied with "
-                f"the weight {model.weights[0]}"
-            )
 
 
 def _check_frequencies(group: Group, model: Model) -> None:

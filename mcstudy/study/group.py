@@ -7,7 +7,7 @@ or robot needs; a value outside it is a typing error and would lead to numbers t
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -26,6 +26,9 @@ from mcstudy.stance.ranges import AMPLITUDE, GAIN, RATE, Range
 from mcstudy.stance.truths import TRUTHS
 from mcstudy.text_tables import starts_in_words
 
+if TYPE_CHECKING:
+    from mcstudy.stance.noise import Noise
+
 GAIN_BOUND = Range(1e-12, 1e15, or_zero=True, signed=True)
 """Bounds of true values."""
 
@@ -38,6 +41,7 @@ BODY = Range(1e-9, 1e6, or_zero=True, signed=True)
 FREQUENCY = Range(1e-4, 1e4, "Hz")
 NOISE_CORNER = Range(1e-6, 1e6, "Hz")
 NOISE_PSD = Range(1e-18, 1e6, "deg^2/Hz", or_zero=True)
+NOISE_DENSITY = Range(1e-18, 1e6, "deg^2/Hz")
 DELAY_MARGIN = Range(1e-9, 10.0, "s")
 STATE = Range(1e-6, 1e3, "s")
 LINE_WEIGHT = Range(1e-12, 1e12)
@@ -129,11 +133,58 @@ class StimulusSection(Section):
         return plain
 
 
+class NoiseTableSection(Section):
+    """Measured noise that replaces the form of `NoiseSection`; see `mcstudy.stance.noise.TabulatedNoise`."""
+
+    f_hz: tuple[Annotated[float, FREQUENCY], ...] = Field(default=(), max_length=10_000)
+    theta1: tuple[Annotated[float, NOISE_DENSITY], ...] = Field(default=(), max_length=10_000)
+    theta2: tuple[Annotated[float, NOISE_DENSITY], ...] = Field(default=(), max_length=10_000)
+
+
 class NoiseSection(Section):
-    """Sensor noise of the two angles: one-sided PSD at 0.5 Hz in deg^2/Hz, low-pass corner in Hz."""
+    """Sensor noise of the two angles: one-sided PSD at 0.5 Hz in deg^2/Hz, low-pass corner in Hz; or a ``table``."""
 
     psd: tuple[Annotated[float, NOISE_PSD], Annotated[float, NOISE_PSD]] = (4e-4, 7e-5)
     corner_hz: Annotated[float, NOISE_CORNER] = 0.15
+    table: NoiseTableSection = NoiseTableSection()
+
+    @model_validator(mode="after")
+    def _one_form(self) -> NoiseSection:
+        if self.tabulated and self.model_fields_set & {"psd", "corner_hz"}:
+            raise ValueError("expected either a table, or psd and corner_hz")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _one_form_in_a_file(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A study without a table has the design and the fingerprint that it had before there were tables."""
+        plain: dict[str, Any] = dump(self)
+        for name in ("psd", "corner_hz") if self.tabulated else ("table",):
+            plain.pop(name, None)
+        return plain
+
+    @property
+    def tabulated(self) -> bool:
+        """Whether the densities are those of the table."""
+        return self.table != NoiseTableSection()
+
+    @property
+    def none(self) -> bool:
+        """Whether neither angle has noise."""
+        return not self.tabulated and not any(self.psd)
+
+    @property
+    def on_both(self) -> bool:
+        """Whether both angles have noise."""
+        return self.tabulated or min(self.psd) > 0
+
+    @property
+    def source(self) -> Noise:
+        """The noise that simulators draw from. Raises `InputError` for a table that is not one."""
+        from mcstudy.stance.noise import SensorNoise, TabulatedNoise  # who only reads a study draws nothing
+
+        if self.tabulated:
+            return TabulatedNoise(self.table.f_hz, self.table.theta1, self.table.theta2)
+        return SensorNoise(self.psd, self.corner_hz)
 
 
 class SpectraSection(Section):
@@ -296,7 +347,7 @@ class Group(Section):
     @property
     def noisy(self) -> bool:
         """Whether realizations differ by noise (else they are pools of starts for the same data)."""
-        return self.simulator != "none" and any(self.noise.psd)
+        return self.simulator != "none" and not self.noise.none
 
 
 FITTED = ("model", "stimulus", "noise", "spectra", "fit")

@@ -91,9 +91,8 @@ def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
     @cache
     def subject() -> SpectralExperiment:  # made for the first cell only: reading a cube does not need it
         from mcstudy.spectra.estimate import SpectralExperiment
-        from mcstudy.stance.noise import SensorNoise
 
-        noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
+        noise = group.noise.source
         unit = stimulus(group, 1.0)
         return SpectralExperiment(model, model.truth, unit, noise, bands, s.cycles, s.discard, spectrum(group))
 
@@ -122,10 +121,9 @@ def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measurin
 
     def measure(amplitude: float, realization: int) -> Measurement:
         from mcstudy.spectra.estimate import frf_from_recording
-        from mcstudy.stance.noise import SensorNoise
         from mcstudy.stance.simulate_time import simulate, with_derivatives
 
-        noise = SensorNoise(group.noise.psd, group.noise.corner_hz)
+        noise = group.noise.source
         cycle = stimulus(group, amplitude).waveform()
         drive = np.tile(cycle, s.cycles)
         samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if model.senses_motion else drive

@@ -27,7 +27,8 @@ import mcstudy as mc
 from mcstudy.fitting.compilers import cores
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.likelihood import Likelihood, of_fit
-from mcstudy.identification.population import Population, unpaired
+from mcstudy.identification.population import Population
+from mcstudy.identification.two_means import unpaired
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
@@ -99,28 +100,31 @@ class Held(NamedTuple):
 
 
 def judged(people: Sequence[Person], name: str, groups: int, size: int) -> list[Held]:
-    """Of random groups of ``size`` people; the truth is that of all ``people``."""
-    rng, out = stream(0, "groups"), []
+    """Of random groups of ``size`` people; the truth is that of all ``people``.
+
+    The people are put in random order and cut into groups, again and again; the difference is that of a group and the
+    next one of the same order, which holds other people.
+    """
+    rng, out = stream(0, "groups"), list[Held]()
     true = np.array([p.truth[name] for p in people])
     mean, spread = float(true.mean()), float(true.std(ddof=1))
-    for _ in range(groups):
-        picked = rng.permutation(len(people))[: 2 * size]
-        first, second = (
-            Population([people[k].likelihood[name] for k in one], 0.95) for one in (picked[:size], picked[size:])
-        )
-        m, s, d = first.mean(), first.between(), unpaired(second, first).interval
-        own = [v.low <= true[k] <= v.high for k, v in zip(picked[:size], first.individual(), strict=True)]
-        both = m.low_from == m.high_from == "data"
-        out.append(
-            Held(
-                mean=m.low <= mean <= m.high,
-                identified=both,
-                between=s.low <= spread <= s.high,
-                difference=d.low <= 0 <= d.high,
-                individuals=float(np.mean(own)),
+    while len(out) < groups:
+        order = rng.permutation(len(people))[: len(people) // size * size].reshape(-1, size)[: groups - len(out) + 1]
+        drawn = [Population([people[k].likelihood[name] for k in picked], 0.95) for picked in order]
+        for n, (picked, first) in enumerate(zip(order, drawn, strict=True)):
+            m, s, d = first.mean(), first.between(), unpaired(drawn[(n + 1) % len(drawn)], first).interval
+            own = [v.low <= true[k] <= v.high for k, v in zip(picked, first.individual(), strict=True)]
+            both = m.low_from == m.high_from == "data"
+            out.append(
+                Held(
+                    mean=m.low <= mean <= m.high,
+                    identified=both,
+                    between=s.low <= spread <= s.high,
+                    difference=d.low <= 0 <= d.high,
+                    individuals=float(np.mean(own)),
+                )
             )
-        )
-    return out
+    return out[:groups]
 
 
 def main() -> None:

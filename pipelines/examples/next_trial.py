@@ -39,6 +39,8 @@ from mcstudy.streams import stream
 EXACT = ({"stimulus_lag", "sensor_lag_both"},)
 """A filter of the stimulus is the same filter of both angles, whatever the stimulus is."""
 
+CREDIBLE = 0.95
+
 LEAST = 1e-4
 """Probability below which the logarithmic loss does not grow."""
 
@@ -77,14 +79,18 @@ def outcome(d: Diagnosis, effect: str | None) -> dict[str, Any]:
     true = set() if effect is None else same_cause(effect)
     named = sum(q for h, q in d.hypotheses if h.effects and set(h.effects) <= true)
     p = d.none_probability if effect is None else named
-    inside = [k for k in d.credible_set if isinstance(k, int)]
-    members = {e for k in inside for g in d.causes[k].alternatives for e in g}
-    kinds = {frozenset(same_cause(e)) for e in members if e in LIBRARY}
+    causes = {"unknown": d.unknown_probability}
+    for h, q in d.hypotheses:
+        mine = bool(h.effects) and set(h.effects) <= true
+        key = "true" if mine else " and ".join(sorted(LIBRARY[n].cause if n in LIBRARY else n for n in h.effects))
+        causes[key] = causes.get(key, 0.0) + q
+    ordered = sorted(causes, key=lambda c: -causes[c])
+    size = 1 + int((np.cumsum([causes[c] for c in ordered]) < CREDIBLE).sum())
     return {
         "detected": d.detected,
         "p": float(p),
-        "set": len(kinds) + len(d.credible_set) - len(inside),
-        "held": bool(members & true) if true else "none" in d.credible_set,
+        "set": size,
+        "held": ("true" if true else "") in ordered[:size],
     }
 
 

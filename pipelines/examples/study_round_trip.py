@@ -3,7 +3,7 @@
     python pipelines/examples/study_round_trip.py
 
 A simulated recording (two trials of six cycles) of every stimulus kind is fitted, `mcstudy.study_from` writes the study
-of its experiment, and the study is run; a smoothed platform motion is refused. Printed for every quantity that the
+of its experiment, and the study is run. Printed for every quantity that the
 recording determines: the standard deviation of the study's estimates over the half-width of the profile likelihood
 interval in standard errors (half-width / 1.96). It is 1 on average if both are right; intervals of one recording and
 standard deviations of few realizations differ from it by chance.
@@ -20,14 +20,20 @@ import numpy as np
 import mcstudy as mc
 from mcstudy.errors import InputError
 
-AMPLITUDES = {"ankle_torque": 5.0, "hip_torque": 3.0, "platform_translation": 0.01}
-"""Peak of the stimulus, N m or m, by kind."""
+AMPLITUDES = {
+    "ankle_torque": 5.0,
+    "hip_torque": 3.0,
+    "platform_translation": 0.01,
+    "surface_tilt": 0.02,
+    "visual_tilt": 0.05,
+}
+"""Peak of the stimulus, N m, m or rad, by kind."""
 
 TRIALS, CYCLES, RATE_HZ, NORMAL = 2, 6, 100.0, 1.96
 
 
 def ratios(
-    stimulus: str, fmax: float = 3.1, realizations: int = 20, starts: int = 4, seed: int = 5
+    stimulus: str, fmax: float = 3.1, realizations: int = 20, starts: int = 8, seed: int = 5
 ) -> dict[str, tuple[float, float]]:
     """By quantity that data determine on both sides: standard deviation of the study, standard error of the fit."""
     amplitude = [AMPLITUDES[stimulus]] * TRIALS
@@ -49,10 +55,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--fmax", type=float, default=3.1, help="highest frequency, Hz (default 3.1)")
     parser.add_argument("--realizations", type=int, default=20, help="realizations of every study (default 20)")
+    parser.add_argument("--starts", type=int, default=8, help="starts of every fit of the study (default 8)")
+    parser.add_argument("--stimulus", nargs="+", choices=AMPLITUDES, help="kinds of stimulus (default: all)")
     args = parser.parse_args()
-    for stimulus in AMPLITUDES:
+    for stimulus in args.stimulus or AMPLITUDES:
         try:
-            pairs = ratios(stimulus, args.fmax, args.realizations)
+            pairs = ratios(stimulus, args.fmax, args.realizations, args.starts)
         except InputError as error:
             print(f"{stimulus}: no study: {error}")
             continue

@@ -100,9 +100,11 @@ def test_quantiles_are_those_of_new_starts_and_exceed_what_a_pool_can_hold(make_
 def test_the_chance_of_a_missed_minimum_is_that_of_new_pools(make_cube: Cube) -> None:
     p, starts = 0.1, 30
     cube = make_cube(realizations=2000, starts=starts, hit_rate=p, fmax=(1.2,), amplitude=(3.0,))
-    missed = float(convergence.starts_needed(cube)["missed"].mean())
+    needed = convergence.starts_needed(cube)
+    xr.testing.assert_identical(convergence.missed_minimum(cube).rename("missed"), needed["missed"])
+    missed = float(needed["missed"].mean())
     # the invented pools hold at least one hit, so their rate is a little larger than p
-    rate = float(convergence.starts_needed(cube)["hit_rate"].mean())
+    rate = float(needed["hit_rate"].mean())
     assert 0.5 * (1 - rate) ** starts < missed < 3 * (1 - p) ** starts
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from mcstudy.analysis import correlation as correlation_module
 from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.selection import best
 
@@ -22,6 +23,22 @@ def test_correlations_are_pearsons_and_leave_out_what_was_not_fitted(make_cube: 
     np.testing.assert_allclose(out["value"][0, 0], np.corrcoef(np.delete(x, 3, axis=0).T), rtol=1e-10, atol=1e-12)
     assert int(out["n"][0, 0]) == 11
     assert int(out["left_out"][0, 0]) == 1
+
+
+@pytest.mark.parametrize("numbers", [1 << 20, 1000])
+def test_the_standard_error_is_that_of_deleting_every_realization_in_turn(
+    make_cube: Cube, monkeypatch: pytest.MonkeyPatch, numbers: int
+) -> None:
+    """Whether realizations are worked on at once or two at a time."""
+    monkeypatch.setattr(correlation_module, "NUMBERS_A_PIECE", numbers)
+    cells = best(make_cube(realizations=9, fmax=(1.2, 8.0))).compute()
+    cells["estimate"][0, 0, 3, :] = np.nan
+    found = correlation(cells)["mcse"].isel(amplitude=0)
+    for f, kept in ((0, [0, 1, 2, 4, 5, 6, 7, 8]), (1, list(range(9)))):
+        x = cells["estimate"].transpose("amplitude", "fmax", "realization", "parameter").values[0, f][kept]
+        deleted = np.array([np.corrcoef(np.delete(x, r, axis=0).T) for r in range(len(kept))])
+        expected = np.sqrt((len(kept) - 1) * deleted.var(axis=0))
+        np.testing.assert_allclose(found.isel(fmax=f), expected, rtol=1e-8, atol=1e-12)
 
 
 def test_the_standard_error_is_the_scatter_of_repeated_studies(make_cube: Cube) -> None:

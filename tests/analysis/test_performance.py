@@ -12,7 +12,9 @@ import xarray as xr
 
 import mcstudy as mc
 from mcstudy.analysis.performance import intervals, performance, relative_precision
+from mcstudy.cli import main
 from mcstudy.errors import InputError
+from mcstudy.exits import Exit
 
 Cube = Callable[..., xr.Dataset]
 GOLDEN = Path(__file__).parent / "golden"
@@ -144,3 +146,45 @@ def test_a_method_or_level_that_does_not_exist_is_refused() -> None:
         mc.performance(estimates(), reference="other")
     with pytest.raises(InputError, match="level: expected a number between 0 and 1, got 95"):
         mc.performance(estimates(), level=95)
+
+
+def test_a_file_gives_the_same_numbers_in_python_and_on_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    expected = mc.performance(estimates(), reference="ml")
+    xr.testing.assert_identical(mc.performance(GOLDEN / "estimates.csv", reference="ml"), expected)
+    other = tmp_path / "other.csv"
+    estimates().to_csv(other, sep=";", index=False, encoding="utf-8-sig")
+    xr.testing.assert_identical(mc.performance(str(other), reference="ml"), expected)
+    assert main(["performance", str(other), "--reference", "ml", "-o", str(tmp_path / "out.csv")]) == Exit.DONE
+    (header, _, *rows), told = capsys.readouterr().out.split("\n\n")[0].splitlines(), expected["measure"].values
+    assert header.split() == ["method", "parameter", "n", *told]
+    assert [row.split()[:2] for row in rows] == [
+        [m, p] for m in expected["method"].values for p in expected["parameter"].values
+    ]
+    written = pd.read_csv(tmp_path / "out.csv").set_index(["measure", "method", "parameter"])["value"].to_xarray()
+    dims = expected["value"].dims
+    np.testing.assert_allclose(written.sel({d: expected[d] for d in dims}).transpose(*dims), expected["value"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot be read: No such file or directory"),
+        (b"", "expected a CSV file with a header (No columns to parse from file)"),
+        (b"\x89PNG", "expected UTF-8 text"),
+        (b"a,b\n1,2\n", "realization: expected a column of this name, got a, b"),
+        (b"parameter,realization,estimate,truth\nK,0,one,1\n", "estimate: expected numbers"),
+        (b"parameter,realization,estimate,truth\nK,0,2,1\nK,0,3,1\n", "data: expected one row per realization"),
+    ],
+)
+def test_a_file_that_is_no_table_is_one_line_that_names_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, message: str
+) -> None:
+    file = tmp_path / "table.csv"
+    if content is not None:
+        file.write_bytes(content)
+    assert main(["performance", str(file)]) == Exit.BAD_INPUT
+    error = capsys.readouterr().err
+    assert error.startswith(f"mcstudy: {file}: {message}")
+    assert error.count("\n") == 1

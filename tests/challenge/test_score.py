@@ -15,7 +15,7 @@ from mcstudy.challenge.design import NOTHING_MISSING, Stratum
 from mcstudy.challenge.grade import judge
 from mcstudy.challenge.oracle import FLOOR, Classifier, log_evidence, size_grid
 from mcstudy.challenge.rates import mean, rate
-from mcstudy.challenge.score import exit_code, score
+from mcstudy.challenge.score import LEADING, exit_code, score
 from mcstudy.challenge.table import score_text
 from mcstudy.challenge.targets import TARGETS
 from mcstudy.errors import StoreError
@@ -388,6 +388,8 @@ def test_leaving_out_hard_cases_gains_nothing(key: dict[str, Any], give: Any) ->
         assert b["value"] >= a["value"] if low_is_good else b["value"] <= a["value"], target.name
     for name in ("log_loss", "brier"):
         assert gave_up["proper"][name]["all"]["value"] > tried["proper"][name]["all"]["value"]
+    for a, b in zip(tried["calibration"], gave_up["calibration"], strict=True):
+        assert b["error"] is None or b["error"] >= a["error"] or a["statement"].startswith(f"{LEADING}:")
 
 
 def test_an_interval_that_is_withheld_does_not_hold_the_truth(key: dict[str, Any]) -> None:
@@ -413,6 +415,7 @@ def test_intervals_of_a_score_lie_where_scores_can(key: dict[str, Any]) -> None:
     figures = [*result["targets"], *result["false_alarms"], *result["figures"].values()]
     figures += [b[k] for b in result["power"] for k in ("detected", "top", "probability")]
     figures += [f for c in result["by_cause"] for f in c.values() if isinstance(f, dict)]
+    figures += [f for c in result["calibration"] for f in (c["right"], *(b["right"] for b in c["bins"]))]
     sizes = [f for n, f in result["figures"].items() if n.startswith("size of")]
     for f in figures:
         largest = math.inf if f in sizes or f.get("percent") is False else 1.0
@@ -421,6 +424,31 @@ def test_intervals_of_a_score_lie_where_scores_can(key: dict[str, Any]) -> None:
         for f in result["proper"][name].values():
             assert 0.0 <= f["low"] <= f["value"] <= f["high"] <= largest + 1e-5
     assert result["proper"]["brier"]["all"]["low"] > 0.0
+
+
+def test_calibration_counts_the_answers_as_they_state_and_not_as_the_truth_is(key: dict[str, Any]) -> None:
+    """A method that always states 70 % for one effect is as often right as that effect is the cause."""
+
+    def stubborn(_: dict[str, Any], __: int) -> dict[str, Any]:
+        return plain(
+            causes=[cause(["head_mode"], 0.7)], none_probability=0.2, unknown_probability=0.1,
+            credible_set=["head_mode", "none", "unknown"],
+        )  # fmt: skip
+
+    judged = score(key, answers(key, "stubborn", stubborn))
+    found = {c["statement"]: c for c in judged["calibration"]}
+    named = [[e["effect"] for e in c["effects"]] == ["head_mode"] for c in key["cases"]]
+    nothing = [c["kind"] in NOTHING_MISSING for c in key["cases"]]
+    for statement, stated, true in ((LEADING, 0.7, named), ("nothing is missing", 0.2, nothing)):
+        (only,) = found[statement]["bins"]
+        assert (found[statement]["stated"], only["stated"]) == (stated, stated)
+        assert only["right"]["value"] == pytest.approx(np.mean(true), abs=1e-5)
+        assert found[statement]["error"] == pytest.approx(abs(stated - np.mean(true)), abs=2e-5)
+    assert found[f"{LEADING}: one effect of the library"]["right"]["n"] == CASES
+    assert found[f"{LEADING}: two effects"]["right"]["n"] == 0
+    perfect = score(key, answers(key, "oracle", oracle))["calibration"]
+    assert {c["error"] for c in perfect} == {0.0}
+    assert "Spiegelhalter" in score_text(judged)
 
 
 def test_interval_of_a_mean_is_wilson_s_for_hits_and_the_usual_one_far_from_the_bounds() -> None:

@@ -78,6 +78,60 @@ def test_a_made_recording_passes_every_check() -> None:
             assert checked_lines(recording)[0].suspicions == ()
 
 
+STIMULI_OF_A_STUDY = """
+[study]
+name = "tilts"
+seed = 1
+[stimulus]
+kind = "surface_tilt"
+stages = 4
+state_s = 0.25
+rate_hz = 60
+convention = "peak_to_peak"
+cycles = 3
+[spectra]
+points = "odd_lines"
+[group.sequence]
+realizations = 1
+starts = 1
+fmax = [2.0]
+amplitude = [0.01, 0.02]
+[group.lines]
+realizations = 1
+starts = 1
+fmax = [2.0]
+amplitude = [0.02]
+stimulus.lines = {harmonic = [1, 5, 9, 21], weight = [2.0, 1.0, 1.0, 0.5], phase_deg = [0.0, 90.0, 20.0, 200.0]}
+"""
+
+
+def test_a_recording_has_the_stimulus_of_a_study_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study, out = tmp_path / "study.toml", tmp_path / "rec.nc"
+    study.write_text(STIMULI_OF_A_STUDY)
+    assert main(["simulate", "-o", str(out), "--stimulus-of", f"{study}:lines", "--noise", "0"]) == Exit.DONE
+    recording = read_recording(out)
+    (trial,) = recording.trials
+    assert (recording.stimulus, recording.period_s, recording.rate_hz) == ("surface_tilt", 20.0, 60.0)
+    assert np.ptp(trial.stimulus) == pytest.approx(0.02, rel=2e-3)  # between the samples of the smoothed motion
+    lines = np.fft.rfft(trial.stimulus[:1200])
+    lines[np.abs(lines) < 1e-9 * np.abs(lines).max()] = 0
+    assert np.flatnonzero(lines).tolist() == [1, 5, 9, 21]
+    amplitudes = np.abs(lines[[1, 5, 9, 21]]) * (1 + (np.array([1, 5, 9, 21]) / 20 / 6.0) ** 4)
+    assert amplitudes / amplitudes[0] == pytest.approx([1.0, 0.5, 0.5, 0.25], rel=1e-6)
+    assert measure(recording, fmax=2.0).f == pytest.approx([0.05, 0.25, 0.45, 1.05])
+    assert main(["simulate", "-o", str(out), "--stimulus-of", str(study), "--cycles", "4"]) == Exit.DONE
+    recording = read_recording(out)
+    assert [np.ptp(t.stimulus) for t in recording.trials] == pytest.approx([0.01, 0.02], rel=1e-2)
+    assert [t.stimulus.size for t in recording.trials] == [4800, 4800]
+    capsys.readouterr()
+    for words, message in (
+        ((f"{study}:other",), "expected a group of sequence, lines, got 'other'"),
+        ((str(study), "--rate", "100"), "--rate: expected none beside --stimulus-of"),
+    ):
+        assert main(["simulate", "-o", str(out), "--stimulus-of", *words]) == Exit.BAD_INPUT
+        assert message in capsys.readouterr().err
+
+
 def test_seeds_decide_everything_and_a_longer_recording_begins_with_the_shorter() -> None:
     protocol = Protocol(waveform=SHORT, amplitudes=(5.0,), cycles=3)
     two = Protocol(waveform=SHORT, amplitudes=(5.0, 5.0), cycles=3)

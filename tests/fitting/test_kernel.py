@@ -16,7 +16,7 @@ from mcstudy.fitting.lanes import WIDTH, load, store
 from mcstudy.fitting.lm import lm, lm_queue, normal_equations
 from mcstudy.fitting.starts import uniform
 
-KINDS = ["paper", "ml", "rich", "one_segment"]
+KINDS = ["paper", "ml", "rich", "one_segment", "late_tilt"]
 
 
 @pytest.mark.parametrize("kind", KINDS)

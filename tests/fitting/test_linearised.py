@@ -1,10 +1,14 @@
 """The linearised start solves the linear problem it states, and one start does the work of many."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 from fit_problems import F, example, measured, rich_model
 from scipy.optimize import lsq_linear
 
+from mcstudy.effect_library import library
 from mcstudy.errors import ModelError
 from mcstudy.fitting.equation_error import bounded_step, normal_equations
 from mcstudy.fitting.linearised import LinearModel, linearised, linearised_many
@@ -13,7 +17,7 @@ from mcstudy.fitting.solvers import fit, fit_many
 from mcstudy.fitting.starts import uniform
 from mcstudy.spectra.bands import published
 from mcstudy.spectra.estimate import SpectralExperiment
-from mcstudy.stance.body import one_segment, two_segment
+from mcstudy.stance.body import WEIGHTS, one_segment, two_segment
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, system
@@ -35,6 +39,10 @@ def filtered_model() -> Model:
     return Model(model.name, model.parameters, model.terms, model.filters, output_filters=("lag", None))
 
 
+def tilted(kind: str) -> Callable[[], Model]:
+    return partial(two_segment, stimulus=kind)
+
+
 def problem_of(kind: str) -> Problem:
     if kind == "filtered":
         model = filtered_model()
@@ -49,7 +57,7 @@ def equations(problem: Problem, x: np.ndarray, mix: float) -> tuple[float, np.nd
     return normal_equations(linear.table, x, mix, data, weight, gram, gradient), gradient, gram
 
 
-@pytest.mark.parametrize("kind", ["paper", "ml", "one_segment", "filtered"])
+@pytest.mark.parametrize("kind", ["paper", "ml", "one_segment", "filtered", "tilt"])
 def test_regressing_on_the_model_is_the_gauss_newton_step_of_the_cost(kind: str) -> None:
     problem = problem_of(kind)
     for x in uniform(problem.model, np.random.default_rng(5), 5):
@@ -61,13 +69,15 @@ def test_regressing_on_the_model_is_the_gauss_newton_step_of_the_cost(kind: str)
         np.testing.assert_allclose(gram, J.T @ J, atol=1e-10 * float(size.max() ** 2))
 
 
+@pytest.mark.parametrize("kind", ["ml", "tilt"])
 @pytest.mark.parametrize("mix", [0.5, 1.0])
-def test_the_equation_error_is_linear_in_the_gains(mix: float) -> None:
-    problem = problem_of("ml")
+def test_the_equation_error_is_linear_in_the_gains(mix: float, kind: str) -> None:
+    problem = problem_of(kind)
     model = problem.model
-    gains = [k for k, name in enumerate(model.names) if name not in model.delays]
+    gains = [k for k, name in enumerate(model.names) if name not in (*model.delays, *model.weights)]
     at, to = uniform(model, np.random.default_rng(6), 2)
-    to[-2:] = at[-2:]
+    fixed = [k for k in range(at.size) if k not in gains]
+    to[fixed] = at[fixed]
     s = 2j * np.pi * problem.f
     (A, _), (A_to, b_to) = system(model, at, s), system(model, to, s)
     z = mix * problem.data + (1 - mix) * frf(model, at, problem.f)
@@ -102,19 +112,19 @@ def test_the_bounded_step_keeps_fixed_parameters_and_survives_a_singular_matrix(
     assert np.isfinite(p).all()
 
 
-@pytest.mark.parametrize("kind", ["paper", "filtered"])
-def test_one_linear_step_with_the_true_delays_finds_the_true_gains(kind: str) -> None:
+@pytest.mark.parametrize("kind", ["paper", "filtered", "tilt"])
+def test_one_linear_step_with_the_true_delays_and_weights_finds_the_true_gains(kind: str) -> None:
     model = problem_of(kind).model
     problem = paper_cost(model, F, frf(model, model.truth, F))
     start = uniform(model, np.random.default_rng(7), 1)
-    for name in model.delays:
+    for name in (*model.delays, *model.weights):
         start[:, model.names.index(name)] = model.truth[model.names.index(name)]
     found = LinearModel.of(model, F).steps(problem, start, np.array([[1.0]]))
     np.testing.assert_allclose(found[0], model.truth, rtol=1e-6)
 
 
-@pytest.mark.parametrize("make", [two_segment, one_segment, filtered_model])
-def test_without_noise_one_start_finds_the_truth_to_rounding(make: type) -> None:
+@pytest.mark.parametrize("make", [two_segment, one_segment, filtered_model, *map(tilted, WEIGHTS)])
+def test_without_noise_one_start_finds_the_truth_to_rounding(make: Callable[[], Model]) -> None:
     model = make()
     problem = paper_cost(model, F, frf(model, model.truth, F))
     found = fit(problem, linearised(problem, np.random.default_rng(0), 1))
@@ -134,7 +144,7 @@ def test_with_noise_one_start_reaches_the_minimum_of_a_hundred() -> None:
     assert reached.any(axis=1).sum() >= R - 1
 
 
-@pytest.mark.parametrize("kind", ["paper", "ml", "one_segment", "filtered"])
+@pytest.mark.parametrize("kind", ["paper", "ml", "one_segment", "filtered", "tilt"])
 def test_starts_lie_between_the_bounds(kind: str) -> None:
     problem = problem_of(kind)
     starts = linearised(problem, np.random.default_rng(1), 3)
@@ -183,6 +193,8 @@ def test_models_that_are_not_linear_in_their_gains_are_refused_by_name() -> None
     lag = Filter("lag", (Monomial(1.0, 0),), (Monomial(1.0, 0), Monomial(1.0, 1, (("Td1", 1),))))
     with pytest.raises(ModelError, match="filter lag holds Td1"):
         LinearModel.of(two_segment().with_terms(filters=(lag,)), F)
+    with pytest.raises(ModelError, match=r"single delays, term hip <- stimulus holds Td2 \+ Tstim"):
+        LinearModel.of(library.apply(two_segment(stimulus="visual_tilt"), "stimulus_delay"), F)
     both = two_segment().with_terms(terms=(Term("hip", "theta1", ("Td1",)),))
     with pytest.raises(ModelError, match="Td1 to be a gain or a delay"):
         LinearModel.of(both, F)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
+from mcstudy.effect_library import library
 from mcstudy.fitting.problem import Problem, ml_cost, paper_cost
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
@@ -60,9 +63,16 @@ def covariances(rng: np.random.Generator, data: np.ndarray) -> np.ndarray:
 
 
 def example(kind: str, seed: int = 0, noise: float = 0.1) -> Problem:
-    """A noisy problem by name: ``paper``, ``ml``, ``rich`` (ml with every kind of term) or ``one_segment``."""
+    """A noisy problem by name.
+
+    ``paper``, ``ml``, ``rich`` (ml with every kind of term), ``one_segment``, ``tilt`` (ml) or ``late_tilt`` (ml, with
+    a delay of the stimulus and the trunk's feedback in the space frame).
+    """
     rng = np.random.default_rng(seed)
-    model = {"rich": rich_model, "one_segment": one_segment}.get(kind, two_segment)()
+    tilted = partial(two_segment, stimulus="surface_tilt")
+    late = partial(library.apply, tilted(), "stimulus_delay", "joint_stretch_frame")
+    makers = {"rich": rich_model, "one_segment": one_segment, "tilt": tilted, "late_tilt": late}
+    model = makers.get(kind, two_segment)()
     data = measured(model, rng, noise)
     if kind in ("paper", "one_segment"):
         return paper_cost(model, F, data)

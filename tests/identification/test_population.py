@@ -7,7 +7,8 @@ import pytest
 from scipy import integrate, optimize, stats
 
 from mcstudy.identification.likelihood import Likelihood, difference, hull
-from mcstudy.identification.population import Population, paired, unpaired
+from mcstudy.identification.population import Population
+from mcstudy.identification.two_means import paired, unpaired
 
 VACCINATED = np.array(
     [

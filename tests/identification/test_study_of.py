@@ -12,9 +12,10 @@ import mcstudy as mc
 from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
-from mcstudy.identification.study_of import noise_of
+from mcstudy.identification.noise_of import noise_of
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import sway_psd
+from mcstudy.study.measure import stimulus as stimulus_of_group
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_the_noise_of_the_study_evokes_the_sway_that_was_measured(fitted: mc.Fit
 
 def test_the_study_scatters_as_the_intervals_say(fitted: mc.FitResult, tmp_path: Path) -> None:
     """Within a factor of 2, as a geometric mean over quantities; uniform starts gave 10, in wrong minima."""
-    study = mc.study_from(fitted, realizations=8, starts=2)
+    study = mc.study_from(fitted, realizations=8, starts=6)
     group = mc.run(study, tmp_path / "s.zarr", workers=1)["experiment"].isel(amplitude=0, fmax=0)
     best = group.estimate.isel(start=group.cost.argmin("start")).load()
     known = [e for e in fitted.estimates if e.verdict == "identifiable" and e.name in fitted.model.names]
@@ -74,11 +75,42 @@ def test_the_command_writes_a_study_that_can_be_planned(
     assert main([*words[:5], str(tmp_path / "1.txt")]) == Exit.BAD_INPUT
 
 
+@pytest.mark.parametrize(("kind", "amplitude"), [("platform_translation", 0.01), ("surface_tilt", 0.02)])
+def test_a_stimulus_that_is_no_sequence_is_given_by_its_lines(kind: str, amplitude: float) -> None:
+    """The waveform of the study at the lines, against the recorded samples of one cycle."""
+    recording = mc.simulate(stimulus=kind, amplitude=amplitude, seed=3, cycles=4, rate_hz=50.0)
+    fitted = mc.fit(recording, fmax=3.1)
+    smooth = replace(fitted.lines, power=fitted.lines.power * np.linspace(1, 1.3, len(fitted.lines)))
+    (group,) = mc.study_from(replace(fitted, lines=smooth)).groups.values()
+    lines = group.stimulus.lines
+    n = recording.period
+    assert n is not None
+    recorded = np.fft.rfft(recording.trials[0].stimulus[n : 2 * n])[list(lines.harmonic)] / n
+    mine = stimulus_of_group(group, group.amplitude[0])
+    assert mine.period_s == pytest.approx(recording.period_s, rel=1e-12)
+    found = mine.coefficients()[list(lines.harmonic)]
+    low = np.array(lines.harmonic) <= 3.1 * mine.period_s
+    np.testing.assert_array_equal(np.array(lines.harmonic)[low], fitted.lines.harmonic)
+    np.testing.assert_allclose(found[low], recorded[low], atol=0.03 * np.abs(recorded[low]).max())
+    assert set(group.model.truth) == set(fitted.model.names)
+
+
 def test_an_experiment_that_a_study_cannot_express_is_refused(fitted: mc.FitResult) -> None:
-    lines = replace(fitted.lines, power=fitted.lines.power * np.linspace(1, 3, len(fitted.lines)))
+    wild = replace(fitted.lines, noise=replace(fitted.lines.noise, C=fitted.lines.noise.C * [[1e-6, 1e-3], [1e-3, 1]]))
+    recording = fitted.recording
+    assert isinstance(recording, mc.Recording)
+    even = [replace(t, stimulus=t.stimulus + 0.1 * np.abs(t.stimulus)) for t in recording.trials]
     cases = (
         (replace(fitted, recording=None), "expected a recording with a periodic stimulus"),
-        (replace(fitted, lines=lines), "expected a pseudorandom ternary sequence"),
+        (replace(fitted, lines=wild), "no sensor noise evokes the measured sway"),
+        (
+            replace(
+                fitted,
+                recording=replace(recording, trials=tuple(even)),
+                lines=replace(fitted.lines, power=fitted.lines.power * np.linspace(1, 3, len(fitted.lines))),
+            ),
+            "odd harmonics of its period only",
+        ),
         (replace(fitted, method={**fitted.method, "effects": ["x"]}), "effects: expected none"),
     )
     for given, said in cases:

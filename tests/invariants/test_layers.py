@@ -25,7 +25,7 @@ LAYERS = (
     ("study", "gap"),
     ("identification",),
     ("analysis",),
-    ("challenge", "lost_table", "stimulus_design"),
+    ("challenge", "lost_table", "planning", "stimulus_design"),
     ("adaptive", "own_model"),
     ("report",),
     ("api",),

@@ -16,7 +16,7 @@ from mcstudy.stance.response import frf, frf_jacobian
 
 KINDS = ("ankle_torque", "platform_translation", "surface_tilt", "hip_torque")
 F = (np.array([0.1, 0.7, 2.0]), np.array([0.2, 1.1]), np.array([0.05, 0.3, 0.9, 1.5]), np.array([0.4]))
-NOT_IN_A_TILT = ("stimulus_delay", "joint_stretch_frame")
+NOT_IN_A_TILT = ("joint_stretch_frame",)
 """Effects that the model of a tilt refuses."""
 
 LINES = tuple(len(f) for f in F)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from mcstudy.effect_library import library
 from mcstudy.errors import ModelError
 from mcstudy.stance.body import WEIGHTS, Body, one_segment, tilt_of, two_segment
 from mcstudy.stance.feedback import Model, Parameter, Term
@@ -26,12 +27,23 @@ def fourier(samples: np.ndarray, f: float) -> np.ndarray:
     return np.tensordot(np.exp(-2j * np.pi * f * t), samples, 1)
 
 
-def newton(p: dict[str, float], senses: dict[str, float], surface: np.ndarray, scene: np.ndarray) -> np.ndarray:
+def beyond(x: float, threshold: float) -> float:
+    return float(np.sign(x) * max(abs(x) - threshold, 0.0))
+
+
+def newton(
+    p: dict[str, float],
+    senses: dict[str, float],
+    surface: np.ndarray,
+    scene: np.ndarray,
+    dead: tuple[float, float] = (0.0, 0.0),
+) -> np.ndarray:
     """Angles (n, 2) of legs and trunk in space, from Newton's law of two rods, each sense a torque of its own.
 
     Written without the model: segment angles in space, balances about the ankle and the hip with the reaction at the
     hip eliminated, torques at the joints from muscles that are stretched (passive) and from three senses with their
     weights. One step is exact for a constant torque; the torque is that of the middle of the step (second order).
+    ``dead``: thresholds of what is felt, angle (rad) and rate (rad/s).
     """
     m1, h1, I1, m2, h2, I2, L1 = SEGMENTS.values()
     inertia = np.array([[I1 + m1 * h1**2 + m2 * L1**2, m2 * L1 * h2], [m2 * L1 * h2, I2 + m2 * h2**2]])
@@ -65,7 +77,8 @@ def newton(p: dict[str, float], senses: dict[str, float], surface: np.ndarray, s
             senses["ears"] * e + senses["ankles"] * a + senses["eyes"] * v
             for e, a, v in zip(ears, ankles, eyes, strict=True)
         ]
-        return weighted[0], weighted[1], trunk - leg, trunk_rate - leg_rate
+        every = (weighted[0], weighted[1], trunk - leg, trunk_rate - leg_rate)
+        return tuple(beyond(x, dead[k % 2]) for k, x in enumerate(every))
 
     for k in range(n - 1):
         legs, leg_rate, hip, hip_rate = felt(2 * (k - late[0]) + 1)
@@ -109,6 +122,58 @@ def test_both_simulators_give_the_closed_form(kind: str, make) -> None:
     assert np.abs(sway.theta[-cycle.size :] - steady).max() < 1e-6 * np.abs(steady).max()
     with pytest.raises(ModelError, match="senses derivatives of the stimulus"):
         simulate(model, model.truth, smooth, 50.0)
+
+
+def test_a_threshold_acts_on_what_the_senses_report_together() -> None:
+    """Half a period of a tilt whose sway is of the size of the thresholds, against Newton's law with three senses."""
+    model = two_segment(Body.from_segments(**SEGMENTS), "surface_tilt")
+    p, dead = dict(zip(model.names, model.truth, strict=True)), (1e-3, 5e-3)
+    rate = 1 / STEP_S
+    t = np.arange(0, 2 * PERIOD_S, STEP_S)
+    tilt = with_derivatives(0.01 * np.sin(2 * np.pi * t / PERIOD_S) ** 2, rate)[: t.size // 2]
+    still = np.zeros(len(tilt))
+    legs, trunk = newton(p, {"ears": 0.3, "ankles": 0.7, "eyes": 0.0}, tilt[:, 0], still, dead).T
+    rules = Rules(dead_angle=(dead[0],) * 2, dead_rate=(dead[1],) * 2)
+    sway = simulate(model, model.truth, tilt, rate, rules=rules).theta
+    linear = simulate(model, model.truth, tilt, rate).theta
+    found = np.column_stack([legs, trunk - legs])
+    assert np.abs(sway - found).max() < 2e-3 * np.abs(found).max()
+    assert np.abs(linear - found).max() > 0.2 * np.abs(found).max()
+    whole = simulate(model, model.truth, tilt, rate, rules=Rules(dead_angle=(1e-15, 1e-15))).theta
+    assert np.abs(whole - linear).max() < 1e-10 * np.abs(linear).max()
+    with pytest.raises(ModelError, match="senses derivatives of the stimulus"):
+        simulate(model, model.truth, tilt[:, 0], rate, rules=rules)
+
+
+@pytest.mark.parametrize("kind", WEIGHTS)
+@pytest.mark.parametrize("name", ["stimulus_delay", "joint_stretch_frame"])
+def test_both_simulators_give_the_closed_form_of_effects_that_meet_a_tilt(kind: str, name: str) -> None:
+    model = library.apply(two_segment(stimulus=kind), name)
+    theta = np.r_[model.truth[:-1], 0.035 if name == "stimulus_delay" else 0.4]
+    prts = Prts(stages=4, state_s=0.2, rate_hz=50.0, amplitude=0.01)
+    spectrum = np.fft.rfft(prts.waveform())
+    smooth = np.fft.irfft(spectrum / (1 + (np.arange(spectrum.size) / prts.period_s / 3.0) ** 4), prts.samples)
+    steady = stimulus_sway(model, theta, smooth, 50.0)
+    sway = simulate(model, theta, np.tile(with_derivatives(smooth, 50.0), (3, 1)), 50.0, substeps=4).theta
+    assert np.abs(sway[-prts.samples :] - steady).max() < 1e-5 * np.abs(steady).max()
+
+
+def test_the_sequence_of_laboratories_is_a_velocity_whose_integral_has_odd_harmonics_only() -> None:
+    """80 states of 0.25 s (Peterka 2002): the rate of the tilt is -v, 0 or +v, and the tilt is its integral."""
+    prts = Prts(stages=4, state_s=0.25, rate_hz=100.0, amplitude=np.deg2rad(0.5), convention="peak_to_peak")
+    tilt = prts.waveform()
+    assert (prts.states, prts.period_s) == (80, 20.0)
+    assert np.ptp(tilt) == pytest.approx(np.deg2rad(0.5), rel=1e-12)
+    steps = np.diff(np.r_[tilt, tilt[0]]).reshape(80, 25)
+    assert np.abs(steps - steps[:, :1]).max() < 1e-15
+    levels = np.unique(np.round(steps[:, 0] / np.abs(steps).max(), 9))
+    assert levels.tolist() == [-1.0, 0.0, 1.0]
+    power = np.abs(np.fft.rfft(tilt)) ** 2
+    assert power[::2].max() < 1e-20 * power.max()
+    # Every odd line of the velocity has the power of an m-sequence; its zeros of the hold are at multiples of 4 Hz.
+    k = np.arange(1, 60, 2)
+    sequence = np.fft.fft(steps[:, 0])[k]
+    assert np.abs(sequence) == pytest.approx(np.full(k.size, np.abs(sequence[0])), rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", WEIGHTS)
@@ -214,6 +279,6 @@ def test_a_tilt_identifies_its_own_weight_and_the_sum_of_the_others() -> None:
 def test_what_a_single_pendulum_or_a_threshold_cannot_have_is_refused() -> None:
     with pytest.raises(ModelError, match="expected one of ankle_torque, surface_tilt, visual_tilt for one_segment"):
         one_segment(stimulus="hip_torque")
-    model = two_segment(stimulus="surface_tilt")
-    with pytest.raises(ModelError, match="senses a tilt through its weight Wprop"):
-        simulate(model, model.truth, np.zeros((20, 3)), 100.0, rules=Rules(dead_angle=(0.01, 0.01)))
+    reflex = library.apply(two_segment(stimulus="surface_tilt"), "short_latency_reflex")
+    with pytest.raises(ModelError, match="all active feedback of theta1 to sense the tilt with the weight Wprop"):
+        simulate(reflex, reflex.truth, np.zeros((20, 3)), 100.0, rules=Rules(dead_angle=(0.01, 0.01)))

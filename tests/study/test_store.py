@@ -132,6 +132,25 @@ def test_the_tree_depends_on_the_study_alone(tmp_path: Path, tiny: str) -> None:
     assert durable.tree_digest(first.path) == durable.tree_digest(second.path)
 
 
+def test_arrays_that_groups_share_are_those_of_each_group_alone(tmp_path: Path) -> None:
+    """Equal arrays are made once and copied; an array that differs in one number, length or unit is not."""
+    groups = {
+        "a": "realizations = 3\nstarts = 4\nfmax = [0.41]\namplitude = [3.0]",
+        "b": "realizations = 3\nstarts = 4\nfmax = [0.41]\namplitude = [5.0]",
+        "c": "realizations = 3\nstarts = 5\nfmax = [0.41]\namplitude = [3.0]",
+    }
+    text = {name: f"[group.{name}]\n{fields}\n" for name, fields in groups.items()}
+    head = '[study]\nname = "shared"\nseed = 1\n'
+    together = Cube.create(tmp_path / "all.zarr", parse_study(head + "".join(text.values()))).path
+    for name, own in text.items():
+        alone = Cube.create(tmp_path / f"{name}.zarr", parse_study(head + own)).path
+        arrays = sorted(p.name for p in (alone / name).iterdir() if p.is_dir())
+        assert len(arrays) > 20
+        assert sorted(p.name for p in (together / name).iterdir() if p.is_dir()) == arrays
+        for array in arrays:
+            assert durable.tree_digest(together / name / array) == durable.tree_digest(alone / name / array)
+
+
 def edit(file: Path, **attributes: object) -> None:
     document = json.loads(file.read_text())
     document["attributes"].update(attributes)

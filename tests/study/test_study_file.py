@@ -53,12 +53,6 @@ BAD = [
     ("seed = 7", "seed = 7\n[stimulus]\ndiscard = 6", "group.noisy.stimulus.discard", "fewer than cycles"),
     ("seed = 7", "seed = 7\n[stimulus]\ncycles = 99999", "group.noisy.stimulus.cycles", "at most"),
     ("seed = 7", "seed = 7\n[stimulus]\nkind = 'surface_tilt'", "group.noisy.amplitude", "at most 0.2 rad, got 5 rad"),
-    (
-        "amplitude = [3.0, 5.0]",
-        "amplitude = [0.01]\nfit = {starts = 'linearised'}\nstimulus = {kind = 'visual_tilt'}",
-        "group.noisy.fit.starts",
-        "multiplied with the weight Wvis",
-    ),
     ("seed = 7", "seed = 7\n[spectra]\nexclude_hz = [3.33]", "group.noisy.spectra.exclude_hz", "got 3.33"),
     ("seed = 7", "seed = 7\n[spectra]\nwidth = 0.0", "spectra.width", "greater than 0"),
     (

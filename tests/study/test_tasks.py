@@ -171,12 +171,13 @@ def test_every_choice_of_the_study_file_runs(tmp_path: Path, tiny: str, section:
     assert all(Status(s).usable for s in report.counts)
 
 
-@pytest.mark.parametrize("model", ["two_segment", "one_segment"])
-def test_a_study_of_a_tilt_estimates_its_weight(tmp_path: Path, tiny: str, model: str) -> None:
+@pytest.mark.parametrize(("model", "starts"), [("two_segment", "linearised"), ("one_segment", "uniform")])
+def test_a_study_of_a_tilt_estimates_its_weight(tmp_path: Path, tiny: str, model: str, starts: str) -> None:
     text = tiny.replace("amplitude = [3.0, 5.0]", "amplitude = [0.01, 0.02]").replace(
         "amplitude = [5.0]", "amplitude = [0.02]"
     )
     text += f"[stimulus]\nkind = 'visual_tilt'\n[model]\nkind = '{model}'\n[model.truth]\nWvis = 0.4\n"
+    text += f"[fit]\nstarts = '{starts}'\n"
     cube = cube_of(tmp_path / "a.zarr", text.replace("[1.2]", "[8.0]"))
     ideal = cube.groups["ideal"]
     names = ideal.experiment.model.names

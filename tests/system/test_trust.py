@@ -33,6 +33,8 @@ from mcstudy.study.environment import environment as own  # this file may be loa
 attempt.environment = lambda: {**own(), "cpu": "another"}
 """
 
+OTHER_VERSION = OTHER_CPU.replace('"cpu": "another"', '"versions": {**own()["versions"], "numpy": "0.1"}')
+
 OTHER_SOURCE = OTHER_CPU.replace('"cpu"', '"source"')
 
 # One unit in the last place of one estimate.
@@ -61,11 +63,11 @@ def local(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.mark.parametrize(
     ("preload", "said"),
     [
-        (OTHER_CPU, "workers of another environment compute the same bits (sample of fits): cpu:"),
+        (OTHER_VERSION, "workers of another environment compute the same bits (sample of fits): versions.numpy:"),
         (OTHER_SOURCE, "refused, because they run other source code: source:"),
         (OTHER_BITS, "refused, because their fits have other bits: cpu:"),
     ],
-    ids=["other CPU", "other source", "other bits"],
+    ids=["other version", "other source", "other CPU and other bits"],
 )
 def test_a_worker_of_another_environment_changes_no_byte(
     preload: str, said: str, local: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -12,7 +12,7 @@ from mcstudy.analysis.paper.accuracy_rows import DAMPINGS, STIFFNESSES, TWELVE, 
 from mcstudy.analysis.paper.sampling import Value, exact
 from mcstudy.analysis.sensitivity import sensitivity
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.noise import SensorNoise, record_frequencies
+from mcstudy.stance.noise import Noise, record_frequencies
 from mcstudy.stance.simulate_spectral import sway_psd
 
 EQUAL_SHARE = 100 / 12
@@ -54,7 +54,7 @@ def sensitivity_values(model: Model, f: np.ndarray) -> dict[str, Value]:
 
 
 def sway_rms(
-    model: Model, theta: np.ndarray, noise: SensorNoise, record_s: float, cycles: int, rate_hz: float
+    model: Model, theta: np.ndarray, noise: Noise, record_s: float, cycles: int, rate_hz: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Root mean square of the zero-mean sway that the noise alone evokes, degrees, each (2,).
 
@@ -77,7 +77,7 @@ def sway_rms(
     return np.degrees(whole), np.degrees(scatter), np.degrees(window)
 
 
-def sway_values(model: Model, noise: SensorNoise, record_s: float, cycles: int, rate_hz: float) -> dict[str, Value]:
+def sway_values(model: Model, noise: Noise, record_s: float, cycles: int, rate_hz: float) -> dict[str, Value]:
     """Rows about the sway evoked by noise alone, at the truth of ``model``, for records of ``record_s`` seconds.
 
     The paper's error is that of a mean over its 50 records.

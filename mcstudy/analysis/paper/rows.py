@@ -25,7 +25,6 @@ from mcstudy.analysis.paper.values import fit_values, relation_values
 from mcstudy.analysis.paper.verdict import Verdict, judge
 from mcstudy.analysis.paper.verdict_names import DIFFERS
 from mcstudy.analysis.view import GroupView, StudyView
-from mcstudy.stance.noise import SensorNoise
 
 LEAST_POOL = 100
 """Starts of a pool from which Fig. 3B is drawn."""
@@ -115,7 +114,7 @@ def _of_models(study: StudyView) -> Found:
     if view is not None:
         yield sensitivity_values(view.model, view.cube["frequency"].values), view
         g = view.group
-        s, noise = g.stimulus, SensorNoise(g.noise.psd, g.noise.corner_hz)
+        s, noise = g.stimulus, g.noise.source
         period_s = (3**s.stages - 1) * s.state_s
         yield sway_values(view.model, noise, s.cycles * period_s, s.cycles, s.rate_hz), view
 

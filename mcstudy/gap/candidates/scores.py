@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr
 
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.fitting.small_linear import gaussian_factor
@@ -126,7 +126,7 @@ class Scored:
     def unknown(self) -> np.ndarray:
         """ln Bayes factor of the unknown, (n,): half plain feedback, half free torques and sensors."""
         parts = [_mean(x) for x in (self.plain, self.free) if x.shape[0]]
-        return np.asarray(logsumexp(parts, axis=0) - np.log(len(parts)))
+        return np.asarray(np.logaddexp.reduce(parts) - np.log(len(parts)))
 
     @property
     def gap(self) -> np.ndarray:
@@ -137,4 +137,4 @@ class Scored:
 
 
 def _mean(x: np.ndarray) -> np.ndarray:
-    return np.asarray(logsumexp(x, axis=0) - np.log(x.shape[0]))
+    return np.asarray(np.logaddexp.reduce(x) - np.log(x.shape[0]))

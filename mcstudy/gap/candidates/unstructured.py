@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 TYPICAL_DELTA = 10.0
 """Scale of the half-normal prior on delta."""
@@ -39,14 +38,14 @@ class Unstructured:
 
     def log_factor(self, chi2: np.ndarray) -> np.ndarray:
         """ln Bayes factor of an unstructured deviation against no deviation, for sums of squares of any shape."""
-        return np.asarray(logsumexp(self._by_delta(chi2), axis=-1))
+        return np.asarray(np.logaddexp.reduce(self._by_delta(chi2), axis=-1))
 
     def samples(self, chi2: float, rng: np.random.Generator, n: int) -> np.ndarray:
         """Posterior samples (n,) of delta^2 given the sum of squares; zero where there is no deviation."""
         log = self._by_delta(np.asarray(chi2))
-        odds = np.exp(min(float(logsumexp(log)), 600.0)) * PRIOR / (1 - PRIOR)
+        odds = np.exp(min(float(np.logaddexp.reduce(log)), 600.0)) * PRIOR / (1 - PRIOR)
         there = rng.random(n) < odds / (1 + odds)
-        return np.where(there, rng.choice(GRID, n, p=np.exp(log - logsumexp(log))) ** 2, 0.0)
+        return np.where(there, rng.choice(GRID, n, p=np.exp(log - np.logaddexp.reduce(log))) ** 2, 0.0)
 
     def _by_delta(self, chi2: np.ndarray) -> np.ndarray:
         """ln(prior times likelihood ratio) on the grid of delta, (..., `GRID`)."""
@@ -54,4 +53,4 @@ class Unstructured:
         v = GRID**2 / (self.scale * self.dof)
         log_prior = -0.5 * (GRID / TYPICAL_DELTA) ** 2
         log_ratio = 0.5 * x * v / (1 + v) - 0.5 * self.dof * np.log1p(v)
-        return np.asarray(log_ratio + log_prior - logsumexp(log_prior))
+        return np.asarray(log_ratio + log_prior - np.logaddexp.reduce(log_prior))

@@ -94,19 +94,27 @@ class _Trials:
 
     def corrected(self, T: np.ndarray) -> _Corrected:
         """Responses of the body when trial k recorded T_k times them; ``T``: (..., K, N, 2, 2)."""
-        A = self.weight @ T
-        z = (self.weight @ self.y[..., None])[..., 0]
-        back = np.conj(np.swapaxes(A, -1, -2))
-        precision = (back @ A).sum(axis=-4)
-        y = np.linalg.solve(precision, (back @ z[..., None]).sum(axis=-4))[..., 0]
-        left = z - (A @ y[..., None, :, :, None])[..., 0]
-        # W with W^H W = precision, lower triangular as fits read it: for two angles in closed form
-        weight = np.zeros_like(precision)
-        last = np.sqrt(precision[..., 1, 1].real)
-        weight[..., 1, 1], weight[..., 1, 0] = last, precision[..., 1, 0] / last
-        weight[..., 0, 0] = np.sqrt(precision[..., 0, 0].real - np.abs(weight[..., 1, 0]) ** 2)
-        mix = (self.share[..., None, None] * T).sum(axis=-4)
-        return _Corrected(y, weight, (np.abs(left) ** 2).sum(axis=(-3, -2, -1)), mix)
+        # Two angles, so every product is written out: libraries take ten times as long for matrices this small.
+        w = self.weight
+        z = [w[..., i, 0] * self.y[..., 0] + w[..., i, 1] * self.y[..., 1] for i in (0, 1)]
+        A = [[w[..., i, 0] * T[..., 0, j] + w[..., i, 1] * T[..., 1, j] for j in (0, 1)] for i in (0, 1)]
+        precision = [
+            [(A[0][i].conj() * A[0][j] + A[1][i].conj() * A[1][j]).sum(axis=-2) for j in (0, 1)] for i in (0, 1)
+        ]
+        first, second = ((A[0][i].conj() * z[0] + A[1][i].conj() * z[1]).sum(axis=-2) for i in (0, 1))
+        # W with W^H W = precision, lower triangular as fits read it
+        weight = np.zeros((*first.shape, 2, 2), dtype=complex)
+        last = np.sqrt(precision[1][1].real)
+        beside = precision[1][0] / last
+        weight[..., 1, 1], weight[..., 1, 0] = last, beside
+        weight[..., 0, 0] = np.sqrt(precision[0][0].real - beside.real**2 - beside.imag**2)
+        y = np.empty((*first.shape, 2), dtype=complex)
+        y[..., 0] = (first - precision[0][1] * second / precision[1][1]) / weight[..., 0, 0] ** 2
+        y[..., 1] = (second - precision[1][0] * y[..., 0]) / precision[1][1]
+        left = [z[i] - A[i][0] * y[..., None, :, 0] - A[i][1] * y[..., None, :, 1] for i in (0, 1)]
+        apart = sum((x.real**2 + x.imag**2).sum(axis=(-2, -1)) for x in left)
+        mix = np.einsum("kn,...knij->...nij", self.share, T)
+        return _Corrected(y, weight, np.asarray(apart), mix)
 
 
 class Search:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from mcstudy.effect_library import library
 from mcstudy.errors import ModelError
@@ -129,8 +128,8 @@ def contrast(
         changes.append(Change(e.name, value, z, gain, float(spread) / length, size))
     if not changes:
         return Contrast(kind, between, (), 1.0)
-    statistic = logsumexp([c.log_factor for c in changes])
-    exceed = int((logsumexp(null, axis=0) >= statistic).sum())
+    statistic = np.logaddexp.reduce([c.log_factor for c in changes])
+    exceed = int((np.logaddexp.reduce(null) >= statistic).sum())
     return Contrast(kind, between, tuple(changes), (1 + exceed) / (1 + draws))
 
 

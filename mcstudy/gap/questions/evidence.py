@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.declare import Size
@@ -80,8 +79,7 @@ def log_prior(size: Size, a: np.ndarray, se: float) -> np.ndarray:
         return np.asarray(-0.5 * ((x - centre) / sd) ** 2 - np.log(sd * np.sqrt(2 * np.pi)))
 
     shows = TYPICAL_DELTA * se
-    parts = [normal(0.0, max(size.published[1], shows)) + np.log(0.5), normal(0.0, shows) + np.log(0.5)]
-    out = logsumexp(parts, axis=0)
+    out = np.logaddexp(normal(0.0, max(size.published[1], shows)), normal(0.0, shows)) + np.log(0.5)
     if not size.signed:
         out = out + np.log(2) + np.where(x >= 0, np.log(1 - WRONG_SIGN), np.log(WRONG_SIGN))
     return np.asarray(out)
@@ -141,7 +139,7 @@ def single(
     width = np.gradient(grid)
     width[[0, -1]] /= 2
     log_p = log_p + np.log(width)
-    log_evidence = float(logsumexp(log_p))
+    log_evidence = float(np.logaddexp.reduce(log_p))
     weight = np.exp(log_p - log_evidence)
     sizes = [_summary(e.size, grid, weight)]
     for k, s in enumerate(e.sizes[1:], start=P + 1):

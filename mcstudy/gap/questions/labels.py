@@ -19,7 +19,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import fdtrc, logsumexp
+from scipy.special import fdtrc
 
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.candidates.readings import READINGS
@@ -104,19 +104,18 @@ def readings(recording: Recording, lines: Lines) -> dict[str, float]:
     f, y, h, C = band_means(lines, recording.base_model())
     at, size = np.array(MODEL_ERROR).T
     error = np.interp(np.log(f), np.log(at), size) if len(h) == 1 else np.full(f.size, PERSON_ERROR)
-    out, unit = {}, recording.stimulus_unit
+    unit = recording.stimulus_unit
     judged = {n: r.at(f) for n, r in READINGS.items() if r.check != "fit" and not (r.torque and unit != "N m")}
     same = np.broadcast_to(np.eye(2, dtype=complex), (f.size, 2, 2))
-    for name, T in {"as_labelled": same, **judged}.items():
-        expected = np.einsum("nij,pnj->pni", T, h)
-        spread = np.einsum("nij,pnj,nkj->pnik", T, (error[:, None] * np.abs(h)) ** 2, T.conj())
-        S = C + spread
-        r = y - expected
-        misfit = np.einsum("pni,pnij,pnj->pn", r.conj(), np.linalg.inv(S), r).real
-        # Heavy tails, so that one band with a wrong nominal model does not decide.
-        score = -(np.log(np.linalg.det(S).real) + 4 * np.log1p(misfit / 4)).sum(axis=1)
-        out[name] = float(logsumexp(score) - np.log(len(score)))
-    return out
+    T = np.array([same, *judged.values()])[:, None]  # (readings, 1, N, 2, 2)
+    expected = (T @ h[..., None])[..., 0]
+    S = C + (T * (error[:, None] * np.abs(h))[..., None, :] ** 2) @ np.conj(np.swapaxes(T, -1, -2))
+    r = y - expected
+    misfit = (r.conj() * np.linalg.solve(S, r[..., None])[..., 0]).sum(axis=-1).real
+    # Heavy tails, so that one band with a wrong nominal model does not decide.
+    score = -(np.log(np.linalg.det(S).real) + 4 * np.log1p(misfit / 4)).sum(axis=-1)
+    mean = np.logaddexp.reduce(score, axis=1) - np.log(len(h))
+    return dict(zip(("as_labelled", *judged), mean.tolist(), strict=True))
 
 
 def require_response(recording: Recording, lines: Lines) -> None:

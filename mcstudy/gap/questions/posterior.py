@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.declare import Effect
@@ -149,7 +148,7 @@ def explain(
     log_named = np.array([h.log_evidence + w if possible(h, base) else -np.inf for h, w in weighted])
     strange = _unknown(none, leaders, data, scores, unstructured, n_causes)
     log_unknown = np.array([x for x, _ in strange])
-    total = logsumexp(np.concatenate([log_named, log_unknown]))
+    total = np.logaddexp.reduce(np.concatenate([log_named, log_unknown]))
     probability = np.exp(log_named - total)
     unknown_locations: dict[str, float] = {}
     for x, locations in strange:
@@ -160,7 +159,7 @@ def explain(
     return Explanation(
         causes=tuple(replace(c, advice=advice.get(c.effects, "")) for c in _grouped(posterior, groups, group_of)),
         none=float(probability[0]),
-        unknown=float(np.exp(logsumexp(log_unknown) - total)),
+        unknown=float(np.exp(np.logaddexp.reduce(log_unknown) - total)),
         unknown_locations=unknown_locations,
         hypotheses=tuple((h, float(p)) for (h, _), p in zip(weighted, probability, strict=True)),
     )

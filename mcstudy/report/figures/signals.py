@@ -16,7 +16,7 @@ from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 from mcstudy.spectra import periods
 from mcstudy.spectra.intersample import straight_lines
 from mcstudy.stance.line_stimulus import Stimulus
-from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.noise import Noise
 from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import NoiseSway, stimulus_sway, sway_psd
 from mcstudy.stance.simulate_time import simulate, with_derivatives
@@ -80,8 +80,8 @@ class Signals:
         return np.tile(self.periodic.waveform(), self.cycles)
 
     @cached_property
-    def _noise(self) -> SensorNoise:
-        return SensorNoise(self.view.group.noise.psd, self.view.group.noise.corner_hz)
+    def _noise(self) -> Noise:
+        return self.view.group.noise.source
 
     @cached_property
     def sensor_noise(self) -> np.ndarray:

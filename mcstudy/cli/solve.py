@@ -1,0 +1,92 @@
+"""``mcstudy solve``: the cheapest design of an experiment that reaches a target."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from mcstudy.cli.options import positive, stable_study
+from mcstudy.exits import Exit
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
+    parser.add_argument(
+        "--target",
+        action="append",
+        required=True,
+        metavar="TEXT",
+        help="what shall be reached: 'cv(Td1) <= 10%%', 'sd(K11 + Kpas1) <= 40 N m/rad', 'mcse(bias(B11)) <= 1%%'; "
+        "measures cv, sd, bias, rmse and mcse of them; may be repeated",
+    )
+    parser.add_argument(
+        "--over",
+        required=True,
+        metavar="AXES",
+        help="axes to search, with ranges where wanted: cycles=2:40,amplitude=2:8,fmax=0.41/1.2/8,realizations",
+    )
+    parser.add_argument("--group", help="group of the study file; needed if it has several")
+    parser.add_argument(
+        "--cost",
+        metavar="FORMULA",
+        help="what is minimised: a formula of time (recording time, s), cycles, amplitude and fmax; default the "
+        "recording time, then the amplitude",
+    )
+    parser.add_argument(
+        "--precision",
+        type=float,
+        default=10.0,
+        metavar="PERCENT",
+        help="half-width of the 95 %% interval of the answer at which the search ends; default 10",
+    )
+    parser.add_argument("--budget-fits", type=positive, default=200_000, metavar="N", help="fits at which it ends")
+    parser.add_argument("--workers", type=positive, help="threads; default one per core")
+    parser.add_argument(
+        "-o", "--out", "--output", dest="out", type=Path, metavar="FILE", help="write the study (.toml)"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON (schema solution)")
+    parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw the measures against the design")
+    parser.set_defaults(allow_unstable=False)
+
+
+def main(args: argparse.Namespace) -> Exit:
+    """Search, print and write; returns the exit code."""
+    study = stable_study(args)
+    from mcstudy.errors import InputError
+    from mcstudy.planning.solve import solve_study
+    from mcstudy.scheduler.activity import activity, doing
+    from mcstudy.scheduler.compiling import compile_kernels
+    from mcstudy.study.kernels import parts_of
+    from mcstudy.text_tables import folded
+
+    compile_kernels([*parts_of(study.groups.values()), "linearised"])
+    with activity("preparing"):
+        found = solve_study(
+            study,
+            args.target,
+            args.over.split(","),
+            group=args.group,
+            cost=args.cost,
+            precision=args.precision / 100,
+            budget=args.budget_fits,
+            threads=args.workers or os.cpu_count() or 1,
+            say=doing,
+        )
+    if args.json:
+        from mcstudy.files.json_files import json_text
+
+        print(json_text(found.to_dict(), "solution", "solution"))
+    else:
+        print(folded(found.text()))
+    if args.figure is not None:
+        from mcstudy.files.json_files import write_text
+        from mcstudy.report.solution import solution_svg
+
+        write_text(args.figure, solution_svg(found))
+    if args.out is not None:
+        if found.answer is None:
+            raise InputError(f"{args.out}: not written, because no allowed design reaches the targets")
+        found.write_study(args.out)
+    return Exit.DONE

@@ -1,0 +1,214 @@
+"""What differs between two conditions of the same people: accounts compared by evidence and by prediction.
+
+People are the only replicates of group FRFs, so every error here is an error over people:
+
+* the mean of n people has the variance of one person divided by n. Fits of means are weighted with it. Correlations
+  between points and conditions are left out of the weights: with them, a model that has a gap moves its misfit to where
+  correlated errors make it cheap. They enter through the drawing of people;
+* a single person is weighted with the variance between people. That is no measurement error: it says where people
+  differ much, and a squared residual of 1 per number is that of a person predicted by the others' mean;
+* evidence is prediction of people that were left out, and intervals come from drawing people with replacement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.identification.conditions import Change, Conditions, best_of, fit, whitening_of
+from mcstudy.identification.fit import DELAY_S
+from mcstudy.recordings.frf_group import body_of_group
+from mcstudy.spectra.frf_groups import as_complex, as_real, points_of, scatter
+from mcstudy.stance.body import Body, two_segment
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import frf
+
+WIDEST = 5.0
+"""Largest gain of a fit, relative to the value that is typical of the body."""
+
+LEAST = 1e-6
+"""Least gain, likewise: not zero, so that a factor can change it."""
+
+STARTS = 96
+"""Random starts of the fit of one mean."""
+
+LEADERS = 6
+"""Distinct minima of a single condition from which fits of two conditions start."""
+
+PRIOR = 0.5
+"""Spread of one person's parameters around those of the mean, relative to their size."""
+
+NOTHING = Change("nothing")
+
+
+def model_of_group(group: xr.Dataset, body: Body | None = None) -> Model:
+    """The model of the group's stimulus on its body, with the bounds of `mcstudy.fit`; gains follow the weight."""
+    body = body or body_of_group(group)
+    model, ratio = two_segment(body, group.attrs["stimulus"]), body.mgh / Body().mgh
+    fixed = (*model.delays, *model.weights)
+    values = {p.name: p.value * (1.0 if p.name in fixed else ratio) for p in model.parameters}
+    bounds = {n: (LEAST * v, WIDEST * v) for n, v in values.items() if n not in fixed}
+    return model.with_bounds(bounds | dict.fromkeys(model.delays, DELAY_S)).with_values(values)
+
+
+def problem_of(model: Model, group: xr.Dataset, change: Change, data: np.ndarray, covariance: np.ndarray) -> Conditions:
+    """Fits of ``data`` (B, C, D) without a prior; ``covariance`` (C D, C D)."""
+    free = np.full(len(model.names), np.inf)
+    return Conditions(model, group, change, data, whitening_of(covariance), model.truth, free, model.lower, model.upper)
+
+
+def minima(model: Model, group: xr.Dataset, mean: np.ndarray, covariance: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Distinct minima of the fit of one mean (D,), lowest first, (up to `LEADERS`, P)."""
+    one = problem_of(model, group, NOTHING, np.tile(mean, (STARTS, 1, 1)), covariance)
+    high = np.where([n in (*model.delays, *model.weights) for n in model.names], model.upper, model.truth * 2.5)
+    starts = model.lower + (high - model.lower) * np.random.default_rng(seed).random((STARTS, model.lower.size))
+    found = fit(one, starts)
+    kept: list[int] = []
+    for k in np.argsort(found.cost):
+        apart = (np.abs(found.unknowns[k] - found.unknowns[j]).max() > 0 for j in kept)
+        if all(found.cost[k] > found.cost[j] + 0.5 for j in kept) and all(apart):
+            kept.append(int(k))
+        if len(kept) == LEADERS:
+            break
+    return found.unknowns[kept]
+
+
+@dataclass(frozen=True)
+class Account:
+    """An account of what differs, fitted to the means of two conditions.
+
+    Attributes
+    ----------
+    change: what may differ. unknowns: (Q,). factor: (K,) by which its parameters are multiplied in the second
+        condition. misfit: squared residual in standard errors of the mean.
+    """
+
+    change: Change
+    unknowns: np.ndarray
+    factor: np.ndarray
+    misfit: float
+
+
+class Pair:
+    """Two conditions of the same people, and the accounts of their difference.
+
+    Parameters
+    ----------
+    model: the model. group: the group. first, second: positions of the conditions; those of ``people`` (indices) that
+        were recorded in both are used.
+    """
+
+    def __init__(
+        self, model: Model, group: xr.Dataset, first: int, second: int, people: Sequence[int] | None = None
+    ) -> None:
+        self.model, self.group = model, group
+        every = as_real(group["frf"].values[:, [first, second]])
+        if people is not None:
+            every = every[np.asarray(people)]
+        self.data = every[np.isfinite(every).all(axis=(1, 2))]
+        n = len(self.data)
+        self.one = np.diag(np.diag(scatter(self.data.reshape(n, -1)).covariance))  # variances alone, see above
+        self.mean = self.data.mean(axis=0)
+        D = self.mean.shape[1]
+        blocks = self.one[:D, :D], self.one[D:, D:]
+        own = [minima(model, group, m, C / n) for m, C in zip(self.mean, blocks, strict=True)]
+        self._starts = np.concatenate(own)
+
+    def problem(self, change: Change, data: np.ndarray, people: int) -> Conditions:
+        """The fit of means (B, 2, D) of ``people`` people each."""
+        return problem_of(self.model, self.group, change, data, self.one / people)
+
+    def account(self, change: Change) -> Account:
+        """The change fitted to the means of all people."""
+        K, n = len(change.factors), len(self.data)
+        zero = np.zeros((len(self._starts), K))
+        starts = np.hstack([self._starts, zero])[:, None]
+        if K:
+            down = starts.copy()
+            down[..., -K:] = -0.5
+            starts = np.concatenate([starts, down])
+        found = best_of(self.problem(change, self.mean[None], n), starts)
+        q = found.unknowns[0]
+        return Account(change, q, np.exp(q[self.model.lower.size :]), float(found.misfit[0]))
+
+    def refitted(self, accounts: Sequence[Account], means: np.ndarray, people: int) -> list[np.ndarray]:
+        """Unknowns (B, Q) of every account, fitted again to means (B, 2, D) of ``people`` people each."""
+        return [
+            fit(self.problem(a.change, means, people), np.tile(a.unknowns, (len(means), 1)), iterations=40).unknowns
+            for a in accounts
+        ]
+
+    def halves(self, accounts: Sequence[Account], splits: int, seed: int = 0) -> np.ndarray:
+        """Cross-validated misfit of accounts, (accounts, 2 ``splits``): 1 is the scatter between random halves.
+
+        An account is fitted to the means of one half of the people and compared with those of the other half. The
+        mean squared difference is in units of the variance of the difference of two such means, so that an account
+        that is true scores 1 but for the error of its fit, which counts against unneeded parameters.
+        """
+        first, second = split_means(self.data, splits, seed)
+        n = len(self.data) / 2
+        unit = 2 * np.diag(self.one) / n
+        unknowns = self.refitted(accounts, first, int(n))
+        scores = []
+        for a, q in zip(accounts, unknowns, strict=True):
+            far = (self.problem(a.change, first, int(n)).predicted(q) - second).reshape(len(q), -1)
+            scores.append((far**2 / unit).mean(axis=1))
+        return np.array(scores)
+
+    def resampled(self, accounts: Sequence[Account], draws: int, seed: int = 0) -> list[np.ndarray]:
+        """Factors (draws, K) of every account, from people drawn with replacement."""
+        rng, n = np.random.default_rng(seed), len(self.data)
+        means = np.stack([self.data[rng.integers(n, size=n)].mean(axis=0) for _ in range(draws)])
+        P = self.model.lower.size
+        return [np.exp(q[:, P:]) for q in self.refitted(accounts, means, n)]
+
+    def held_out(self, accounts: Sequence[Account], *, reverse: bool = False) -> dict[str, np.ndarray]:
+        """Misfit (people,) of every person's second condition, predicted from the first (or ``reverse``).
+
+        A person's parameters come from one condition alone, with a weak prior around those of the mean of that
+        condition; the factors of an account come from the other people. Three predictions without a model are beside
+        them: the person's own response unchanged, times the ratio of the others' means, and the others' mean. The unit
+        is the variance between people: the others' mean scores 1 + 1/n.
+        """
+        n, P = len(self.data), self.model.lower.size
+        known, wanted = (1, 0) if reverse else (0, 1)
+        D = self.mean.shape[1]
+        one = self.one[known * D : known * D + D, known * D : known * D + D]
+        centre = best_of(problem_of(self.model, self.group, NOTHING, self.mean[None, known : known + 1], one / n),
+                         self._starts[:, None]).unknowns[0]  # fmt: skip
+        spread = PRIOR * (np.abs(centre) + self.model.truth)
+        problem = problem_of(self.model, self.group, NOTHING, self.data[:, known : known + 1], one)
+        problem = replace(problem, centre=centre, spread=spread)
+        theta = best_of(problem, np.stack([centre, *self._starts[:3]])[:, None]).unknowns
+        others = (n * self.mean - self.data) / (n - 1)
+        unit = np.diag(self.one)[wanted * D : wanted * D + D]
+
+        def score(predicted: np.ndarray) -> np.ndarray:
+            return np.asarray(((predicted - self.data[:, wanted]) ** 2 / unit).mean(axis=1))
+
+        out = {}
+        for a, q in zip(accounts, self.refitted(accounts, others, n - 1), strict=True):
+            factor = np.exp(q[:, P:] @ a.change.design(self.model).T)
+            there = np.clip(theta / factor if reverse else theta * factor, self.model.lower, self.model.upper)
+            lines = frf(self.model, there, self.group["f_line"].values)
+            out[a.change.name] = score(as_real(points_of(self.group, lines)))
+        ratio = as_complex(others[:, wanted]) / as_complex(others[:, known])
+        out["own response, unchanged"] = score(self.data[:, known])
+        out["own response, times the others' ratio"] = score(as_real(as_complex(self.data[:, known]) * ratio))
+        out["mean of the others"] = score(others[:, wanted])
+        return out
+
+
+def split_means(data: np.ndarray, splits: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Means of random halves of people (n, ...), (2 splits, ...) each: both ways round."""
+    rng, n = np.random.default_rng(seed), len(data)
+    pairs = []
+    for _ in range(splits):
+        order = rng.permutation(n)
+        a, b = data[order[: n // 2]].mean(axis=0), data[order[n // 2 :]].mean(axis=0)
+        pairs += [(a, b), (b, a)]
+    first, second = zip(*pairs, strict=True)
+    return np.stack(first), np.stack(second)

@@ -1,0 +1,200 @@
+"""Everything that is known about the designs with one Fmax, and what follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mcstudy.planning.fits import FULL, TRUTH, Design, Fitter
+from mcstudy.planning.local_model import Band, LocalModel, Prediction, scaled
+from mcstudy.planning.multilevel import Draws, Estimate, best_share, difference_of, estimated, relative_cost
+from mcstudy.planning.space import AMPLITUDE, CYCLES, Space
+from mcstudy.planning.targets import Target
+
+FIRST = 64
+"""Realizations of the first look at an Fmax, and fewest of any look."""
+
+RUNG = 128
+"""Draws of the control behind every value of the prediction."""
+
+DRAWS_A_REALIZATION = 40
+"""Draws of the control for every realization, at most: with more, the error is that of the correction alone."""
+
+RUNGS = 9
+"""Signals at which a prediction is computed, from the control alone."""
+
+WORTH = 0.9
+"""A control is used if it is expected to need less than this fraction of the fits."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """One design that was looked at: ``found`` is every target's measure relative to its limit.
+
+    ``realizations``: fitted from all starts. ``draws``: of the control.
+    """
+
+    design: Design
+    realizations: int
+    draws: int
+    found: tuple[Estimate, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A design with what the model says of it; ``excess`` is that of the target that binds."""
+
+    cycles: int
+    amplitude: float
+    cost: float
+    excess: float
+
+    @property
+    def reached(self) -> bool:
+        """Whether every target is met."""
+        return self.excess <= 0
+
+
+@dataclass
+class Arm:
+    """Designs with one Fmax.
+
+    Attributes
+    ----------
+    targets: those that the design decides. realizations: of the study, which the Monte Carlo errors among them have.
+    control: kind of the cheap fits; None before the first look, `FULL` for none. share: realizations for each draw of
+    it. relative_cost: expected cost of both, relative to complete fits alone.
+    """
+
+    fmax: float
+    space: Space
+    targets: tuple[Target, ...]
+    fitter: Fitter
+    realizations: int
+    looks: list[Look] = field(default_factory=list)
+    control: str | None = None
+    share: float = 1.0
+    relative_cost: float = 1.0
+    _predictions: list[Prediction] = field(default_factory=list)
+    _models: list[LocalModel] = field(default_factory=list)
+
+    def factor(self, target: Target) -> float:
+        """From values of a measure to ratios to its limit."""
+        return target.factor / target.limit / (np.sqrt(self.realizations) if target.mcse else 1.0)
+
+    def predict(self) -> None:
+        """Predict every measure over the signal, from fits that start at the true values."""
+        low, high = (self.space.signal(c, a) for c, a in zip(self.space.cycles, self.space.amplitude, strict=True))
+        cycles = int(np.clip(self.fitter.group.stimulus.cycles, *self.space.cycles))
+        signals = np.geomspace(low, high, RUNGS if high > 1.02 * low else 1)
+        rungs = [Design(cycles, float(s / self.space.signal(cycles, 1.0)), self.fmax) for s in signals]
+        if self.fitter.controls:
+            draws = [self.fitter.draws(rung, TRUTH, RUNG) for rung in rungs]
+        else:
+            draws = [self.fitter.realizations(rung, TRUTH, FIRST) for rung in rungs]
+        for target in self.targets:
+            found = [self._of(target, x) for x in draws]
+            values = scaled(np.array([e.value for e in found]), target.measure.signed)
+            self._predictions.append(Prediction(np.log(signals), np.nan_to_num(values)))
+        self._fit()
+
+    def look(self, design: Design, realizations: int) -> None:
+        """Fit a design and update the model."""
+        full = self.fitter.realizations(design, FULL, realizations)
+        if self.control is None:
+            self._choose_control(design, full)
+        control = sample = None
+        if self.control != FULL:
+            control = self.fitter.realizations(design, str(self.control), realizations)
+            each = min(DRAWS_A_REALIZATION, max(1.0, 1 / max(self.share, 1e-9)))
+            sample = self.fitter.draws(design, str(self.control), int(each * realizations))
+        found = tuple(self._of(target, full, control, sample) for target in self.targets)
+        self.looks = [look for look in self.looks if look.design != design]
+        self.looks.append(Look(design, realizations, 0 if sample is None else len(sample), found))
+        self._fit()
+
+    def _of(
+        self, target: Target, full: np.ndarray, control: np.ndarray | None = None, sample: np.ndarray | None = None
+    ) -> Estimate:
+        others = (None if x is None else target.of(x) for x in (control, sample))
+        return estimated(Draws(target.of(full), target.truth, *others), target.measure).times(self.factor(target))
+
+    def _choose_control(self, design: Design, full: np.ndarray) -> None:
+        """The control that costs least for the target it suits least."""
+        simulation = self.fitter.simulation(design.cycles)
+        best, self.control = WORTH, FULL
+        for kind in self.fitter.controls:
+            cheap = self.fitter.realizations(design, kind, len(full))
+            costs = self.fitter.cost(kind), self.fitter.cost(FULL) + simulation
+            apart = max(difference_of(Draws(t.of(full), t.truth, t.of(cheap)), t.measure) for t in self.targets)
+            if (relative := relative_cost(apart, *costs)) < best:
+                best, self.control, self.share = relative, kind, best_share(apart, *costs)
+        self.relative_cost = 1.0 if self.control == FULL else best
+
+    def _fit(self) -> None:
+        points = self.points([k.design.cycles for k in self.looks], [k.design.amplitude for k in self.looks])
+        cycles = [k.design.cycles for k in self.looks]
+        self._models = [
+            LocalModel(prediction, target.measure.signed, points, [k.found[i] for k in self.looks], cycles)
+            for i, (target, prediction) in enumerate(zip(self.targets, self._predictions, strict=True))
+        ]
+
+    def points(self, cycles: Sequence[float] | np.ndarray, amplitude: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Coordinates (n, 2) of designs for the model."""
+        used = np.asarray(cycles, dtype=float) - self.space.discard
+        return np.stack([np.log(np.asarray(amplitude, dtype=float)), np.log(used)], axis=1).reshape(-1, 2)
+
+    def bands(self, cycles: np.ndarray, amplitude: np.ndarray) -> list[Band]:
+        """What every target's model says at designs."""
+        points = self.points(cycles, amplitude)
+        return [model.at(points) for model in self._models]
+
+    def excess(self, cycles: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+        """Lower end, middle and upper end of the largest excess over all targets, (3, n)."""
+        bands = self.bands(cycles, amplitude)
+        return np.stack([np.max([getattr(b, side) for b in bands], axis=0) for side in ("low", "middle", "high")])
+
+    def cheapest(self, side: int = 1) -> Candidate:
+        """The cheapest design whose excess is at most 0, at the lower end (0), middle (1) or upper end (2) of its band.
+
+        The design with the smallest excess where there is none.
+        """
+        cycles, amplitude = self.space.grid()
+        excess = self.excess(cycles, amplitude)[side]
+        fine = excess <= 0
+        if not fine.any():
+            k = int(excess.argmin())
+        else:
+            order = self.space.order(cycles, amplitude, self.fmax)
+            k = int(order[fine[order].argmax()])
+            if AMPLITUDE in self.space.over:
+                amplitude, excess = amplitude.copy(), excess.copy()
+                amplitude[k], excess[k] = self._finer(cycles[k], amplitude[k], side)
+        cost = self.space.cost(cycles[k : k + 1], amplitude[k : k + 1], self.fmax)
+        return Candidate(int(cycles[k]), float(amplitude[k]), float(cost[0]), float(excess[k]))
+
+    def _finer(self, cycles: int, amplitude: float, side: int) -> tuple[float, float]:
+        """The smallest amplitude between the grid's point below and this one that still is enough."""
+        low, high = self.space.amplitude
+        step = (high / low) ** (1 / (len(self.space.amplitudes()) - 1))
+        fine = np.geomspace(max(low, amplitude / step), amplitude, 41)
+        excess = self.excess(np.full(fine.size, cycles), fine)[side]
+        k = int((excess <= 0).argmax()) if (excess <= 0).any() else fine.size - 1
+        return float(fine[k]), float(excess[k])
+
+    def crossing(self, axis: str, at: Candidate) -> tuple[float, float, float]:
+        """Lower end, best estimate and upper end of an axis where the target is met, with the others as ``at``.
+
+        NaN where the target is met nowhere on the axis; the axis' end where it is met everywhere.
+        """
+        low, high = map(float, self.space.cycles if axis == CYCLES else self.space.amplitude)
+        values = np.geomspace(low, high, 2001)
+        cycles = values if axis == CYCLES else np.full(values.size, float(at.cycles))
+        amplitude = values if axis == AMPLITUDE else np.full(values.size, at.amplitude)
+        ends = []
+        for excess in self.excess(cycles, amplitude):
+            fine = np.flatnonzero(excess <= 0)
+            ends.append(float(values[fine[0]]) if fine.size else np.nan)
+        return ends[0], ends[1], ends[2]

@@ -1,0 +1,227 @@
+"""From a study and targets to the cheapest design."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from mcstudy.errors import DesignError, InputError
+from mcstudy.files.plain_errors import validated
+from mcstudy.planning.arm import FIRST, Arm, Candidate
+from mcstudy.planning.fits import Design, Fitter
+from mcstudy.planning.linear import linear_values
+from mcstudy.planning.local_model import QUANTILE
+from mcstudy.planning.result import Answer, Crossing, Reading, Row, Solution
+from mcstudy.planning.search import Rules, next_design, search, width
+from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS, Space, space_of
+from mcstudy.planning.targets import Target, parse_targets
+from mcstudy.study.checks import check_group
+from mcstudy.study.design import Study
+from mcstudy.study.group import Group
+from mcstudy.study.measure import stimulus
+from mcstudy.study.models import build_model
+
+LOOKS_FOR_NUMBER = 2
+"""Realizations behind the number of realizations that a Monte Carlo error needs, in units of the first look."""
+
+
+def solve_study(
+    study: Study,
+    targets: Sequence[str],
+    over: Sequence[str],
+    *,
+    group: str | None = None,
+    cost: str | None = None,
+    precision: float = 0.1,
+    budget: int = 200_000,
+    threads: int = 1,
+    say: Callable[[str], object] = str,
+) -> Solution:
+    """The cheapest design of a group of ``study`` that meets the targets.
+
+    Parameters
+    ----------
+    targets: see `mcstudy.planning.targets`. over: axes, see `mcstudy.planning.space.space_of`.
+    group: name of the group, needed if there are several. cost: formula; the recording time when None.
+    precision: half-width of the 95 % interval of the answer, relative, at which the search ends.
+    budget: fits at which it ends in any case. threads: that fit. say: called with a line for every step.
+
+    Raises `InputError`, one line, for a target, axis or study that cannot be used.
+    """
+    if not 0 < precision < 1:
+        raise InputError(f"precision: expected a fraction between 0 and 1, got {precision:g}")
+    name, own = _group(study, group)
+    model = build_model(own)
+    asked = parse_targets(model, targets)
+    space = space_of(own, stimulus(own, own.amplitude[0]).period_s, over, cost)
+    by_number = tuple(t for t in asked if t.mcse and REALIZATIONS in space.over)
+    by_design = tuple(t for t in asked if t not in by_number)
+    _check_sense(space, by_number, by_design)
+    _check_ends(own, name, space)
+    fitter = Fitter(own, study.study.seed, space.fmax, threads)
+    if budget < 2 * own.starts:
+        raise InputError(f"budget: expected more fits than {2 * own.starts}, got {budget}")
+    arms = [Arm(f, space, by_design, fitter, own.realizations) for f in space.fmax]
+    rules = Rules(precision, budget)
+    answer: Answer | None = None
+    rows: tuple[Row, ...] = ()
+    readings: tuple[Reading, ...] = ()
+    design = Design(space.cycles[0], space.amplitude[0], space.fmax[0])
+    decided = True
+    if by_design:
+        going = search(arms, rules, say)
+        best, found = min(((arm, arm.cheapest()) for arm in going), key=_rank(space))
+        design, decided = _exactly(best, found), width(best, found) <= precision
+        rows = tuple(_row(arm) for arm in arms if arm.looks)
+        readings = _readings(best, design, fitter)
+        if found.reached:
+            answer = Answer(design, found.cost, _crossings(best, found))
+    else:
+        answer = Answer(design, float(space.cost(*_one(design), design.fmax)[0]), ())
+    number = own.realizations
+    if by_number and answer is not None:
+        say(f"realizations at {design.cycles} cycles, {design.amplitude:g}, Fmax {design.fmax:g} Hz")
+        number, crossing, more = _number(Arm(design.fmax, space, by_number, fitter, 1), design, space)
+        readings = (*readings, *more)
+        enough = space.realizations is not None and number <= space.realizations[1]
+        answer = Answer(design, answer.cost, (*answer.crossings, crossing)) if enough else None
+    return Solution(
+        study=study,
+        group=name,
+        targets=asked,
+        space=space,
+        answer=answer,
+        nearest=design,
+        realizations=number,
+        readings=readings,
+        rows=rows,
+        looks=tuple(look for arm in arms for look in arm.looks),
+        decided=decided,
+        arm=next((arm for arm in arms if arm.fmax == design.fmax and arm.looks), None),
+        spent=fitter.spent,
+    )
+
+
+def _group(study: Study, name: str | None) -> tuple[str, Group]:
+    if name is None and len(study.groups) > 1:
+        raise InputError(f"group: expected one of {', '.join(study.groups)}, because the study has several")
+    name = next(iter(study.groups)) if name is None else name
+    if name not in study.groups:
+        raise InputError(f"group: expected one of {', '.join(study.groups)}, got {name!r}")
+    group = study.groups[name]
+    if group.simulator == "none" or min(group.noise.psd) == 0:
+        raise InputError(f"group {name}: expected noise on both angles; without noise every design is as good")
+    if group.until_certain:
+        raise InputError(f"group {name}: starts: expected a number, not 'until certain'")
+    return name, group
+
+
+def _check_sense(space: Space, by_number: Sequence[Target], by_design: Sequence[Target]) -> None:
+    if REALIZATIONS in space.over and not by_number:
+        raise InputError("over: realizations: expected a target mcse(...), because no other depends on their number")
+    if not by_design and space.over != (REALIZATIONS,):
+        others = ", ".join(axis for axis in space.over if axis != REALIZATIONS)
+        raise InputError(f"over: {others}: expected a target besides mcse(...), which realizations alone can reach")
+
+
+def _check_ends(group: Group, name: str, space: Space) -> None:
+    """Refuse designs at the ends of the ranges that no study could have."""
+    for cycles in space.cycles:
+        fields = group.model_dump(mode="python")
+        fields["stimulus"]["cycles"] = cycles
+        fields |= {"fmax": space.fmax, "amplitude": tuple(sorted(set(space.amplitude)))}
+        try:
+            check_group(validated(Group, fields, "over"))
+        except DesignError as error:
+            raise DesignError(f"group.{name}: with the ranges of --over: {error}") from None
+
+
+def _one(design: Design) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([design.cycles]), np.array([design.amplitude])
+
+
+def _rank(space: Space) -> Callable[[tuple[Arm, Candidate]], tuple[float, ...]]:
+    """Order of the cheapest designs of every Fmax: those that are enough by cost, the others by what they lack."""
+
+    def rank(pair: tuple[Arm, Candidate]) -> tuple[float, ...]:
+        found = pair[1]
+        if not found.reached:
+            return (1.0, found.excess, 0.0, 0.0)
+        return (0.0, round(found.cost, 9), found.amplitude if AMPLITUDE in space.over else 0.0, found.excess)
+
+    return rank
+
+
+def _exactly(arm: Arm, found: Candidate) -> Design:
+    """The answer with an amplitude of three digits that is not below the crossing."""
+    if AMPLITUDE not in arm.space.over or not found.reached:
+        return next_design(arm)
+    unit = 10 ** (math.floor(math.log10(found.amplitude)) - 2)
+    return Design(found.cycles, float(f"{math.ceil(found.amplitude / unit - 1e-9) * unit:.3g}"), arm.fmax)
+
+
+def _crossings(arm: Arm, found: Candidate) -> tuple[Crossing, ...]:
+    out = []
+    for axis in (CYCLES, AMPLITUDE):
+        if axis in arm.space.over:
+            low, middle, high = arm.crossing(axis, found)
+            first, last = map(float, arm.space.cycles if axis == CYCLES else arm.space.amplitude)
+            ends = (first if math.isnan(low) else low, last if math.isnan(high) else high)
+            out.append(Crossing(axis, middle, *ends, at_start=ends[0] <= first, at_end=math.isnan(high)))
+    return tuple(out)
+
+
+def _readings(arm: Arm, design: Design, fitter: Fitter) -> tuple[Reading, ...]:
+    out = []
+    for target, band in zip(arm.targets, arm.bands(*_one(design)), strict=True):
+        value, error = float(band.value[0]), float(band.error[0])
+        ends = np.array([value - QUANTILE * error, value, value + QUANTILE * error])
+        low, middle, high = (ends if target.measure.signed else np.exp(ends)) * target.limit
+        out.append(Reading(target, middle, low, high, *linear_values(fitter, design, target)))
+    return tuple(out)
+
+
+def _row(arm: Arm) -> Row:
+    found = arm.cheapest()
+    low, high = (c.cost if (c := arm.cheapest(side)).reached else math.nan for side in (0, 2))
+    return Row(
+        arm.fmax,
+        found.cycles,
+        found.amplitude,
+        found.cost,
+        low,
+        high,
+        found.reached,
+        str(arm.control),
+        arm.relative_cost,
+    )
+
+
+def _number(arm: Arm, design: Design, space: Space) -> tuple[int, Crossing, tuple[Reading, ...]]:
+    """Realizations that the Monte Carlo errors need at a design, even above the largest allowed."""
+    assert space.realizations is not None
+    least, most = space.realizations
+    arm.predict()
+    arm.look(design, LOOKS_FOR_NUMBER * FIRST)
+    found = arm.looks[-1].found
+    needed = [
+        (e.value**2, max(e.value - QUANTILE * e.error, 0.0) ** 2, (e.value + QUANTILE * e.error) ** 2) for e in found
+    ]
+    middle, low, high = np.max(np.array(needed), axis=0)
+    number = max(least, math.ceil(middle))
+    n = min(number, most)
+    crossing = Crossing(
+        REALIZATIONS,
+        float(max(middle, least)),
+        float(max(low, least)),
+        float(min(high, most)),
+        low <= least,
+        high > most,
+    )
+    readings = []
+    for t, e in zip(arm.targets, found, strict=True):
+        value, low_end, high_end = ((e.value + k * QUANTILE * e.error) * t.limit / math.sqrt(n) for k in (0, -1, 1))
+        readings.append(Reading(t, value, low_end, high_end, math.nan, math.nan))
+    return number, crossing, tuple(readings)

@@ -1,0 +1,143 @@
+"""A solution in words and tables."""
+
+from __future__ import annotations
+
+import math
+
+from mcstudy.planning.fits import FULL, TRUTH
+from mcstudy.planning.result import Crossing, Reading, Solution
+from mcstudy.planning.space import REALIZATIONS
+from mcstudy.text_tables import counted, fill, number, table
+
+CONTROL = {TRUTH: "one fit from the true values", FULL: "none"}
+
+
+def text(found: Solution) -> str:
+    """Everything that ``mcstudy solve`` prints."""
+    head = f"study {found.study.study.name}, group {found.group}; cost: {found.space.cost_words}"
+    parts = [head, fill(statement(found)), _readings(found)]
+    if len(found.rows) > 1:
+        parts.append(_rows(found))
+    if found.looks:
+        parts.append(_looks(found))
+    return "\n\n".join([*parts, fill(_spent(found))])
+
+
+def statement(found: Solution) -> str:
+    """The answer in sentences."""
+    targets = " and ".join(t.text for t in found.targets)
+    d, unit = found.nearest, _unit(found)
+    where = f"{counted(d.cycles, 'cycle')} at {d.amplitude:g} {unit}, Fmax {d.fmax:g} Hz"
+    if found.answer is None:
+        worst = max(found.readings, key=lambda r: abs(r.value) / r.target.limit)
+        surely = "is not reached by any allowed design" if _surely(worst) else "is probably not reached"
+        words = f"{targets} {surely}: the nearest is {where}, with {_measure(worst)}."
+        if math.isfinite(worst.bound):
+            words += (
+                f" Without bounds on the parameters no unbiased estimator has less than {_value(worst, worst.bound)} "
+                "there (Cramér-Rao)."
+            )
+        return words
+    seconds = d.cycles * found.space.period_s
+    words = f"{targets}: {where} ({seconds:.4g} s recorded)"
+    if REALIZATIONS in found.space.over:
+        words += f", {found.realizations} realizations"
+    words += "."
+    for crossing in found.answer.crossings:
+        words += f" {_crossing(crossing)}"
+    if not found.decided:
+        words += " The budget of fits was spent before the answer was as precise as asked."
+    return words
+
+
+def _surely(r: Reading) -> bool:
+    nearest = min(abs(r.low), abs(r.high)) if r.low * r.high > 0 else 0.0
+    return nearest > r.target.limit
+
+
+def _crossing(c: Crossing) -> str:
+    low, high = c.interval
+    words = f"95 % interval of the {c.axis}: {low:.4g} to {high:.4g}."
+    if c.at_start and c.value <= low * (1 + 1e-9):
+        words += f" The smallest allowed value of {c.axis} is enough."
+    if c.at_end:
+        words += f" The largest allowed value of {c.axis} may not be enough."
+    return words
+
+
+def _unit(found: Solution) -> str:
+    kind = found.study.groups[found.group].stimulus.kind
+    return {"platform_translation": "m", "surface_tilt": "rad", "visual_tilt": "rad"}.get(kind, "N m")
+
+
+def _value(r: Reading, value: float) -> str:
+    return f"{number(value)} {r.target.unit}".strip()
+
+
+def _measure(r: Reading) -> str:
+    return f"{r.target.name} = {_value(r, r.value)} [{number(r.low)}, {number(r.high)}]"
+
+
+def _readings(found: Solution) -> str:
+    rows = [
+        [
+            r.target.name,
+            _value(r, r.target.limit),
+            number(r.value),
+            f"{number(r.low)} to {number(r.high)}",
+            number(r.linear) if math.isfinite(r.linear) else "-",
+            number(r.bound) if math.isfinite(r.bound) else "-",
+        ]
+        for r in found.readings
+    ]
+    return table(["measure", "target", "there", "95 % interval", "linear theory", "Cramér-Rao"], rows)
+
+
+def _rows(found: Solution) -> str:
+    rows = [
+        [
+            f"{r.fmax:g} Hz",
+            str(r.cycles),
+            f"{r.amplitude:.3g}",
+            f"{r.cost:.4g}" if r.reached else "not reached",
+            f"{_end(r.lowest_cost)} to {_end(r.highest_cost)}",
+        ]
+        for r in found.rows
+    ]
+    return "The cheapest design with each Fmax\n" + table(
+        ["Fmax", "cycles", "amplitude", "cost", "95 % interval"], rows
+    )
+
+
+def _end(cost: float) -> str:
+    return f"{cost:.4g}" if math.isfinite(cost) else "out of range"
+
+
+def _looks(found: Solution) -> str:
+    targets = [r.target for r in found.readings][: len(found.looks[0].found)]
+    rows = [
+        [
+            str(k.design.cycles),
+            f"{k.design.amplitude:.4g}",
+            f"{k.design.fmax:g}",
+            str(k.realizations),
+            str(k.draws) if k.draws else "-",
+            *(
+                f"{number(e.value * t.limit)} ± {number(e.error * t.limit, 2)} {t.unit}".strip()
+                for e, t in zip(k.found, targets, strict=True)
+            ),
+        ]
+        for k in found.looks
+    ]
+    head = ["cycles", "amplitude", "Fmax", "realizations", "draws", *(t.name for t in targets)]
+    return "Designs that were fitted (± one MCSE)\n" + table(head, rows)
+
+
+def _spent(found: Solution) -> str:
+    starts = found.study.groups[found.group].starts
+    words = f"{found.spent.fits} fits. Realizations are fitted from {counted(starts, 'start')}"
+    kinds = {r.control for r in found.rows} - {FULL}
+    if kinds:
+        names = " or ".join(sorted(CONTROL.get(k, "one fit from a linearised start") for k in kinds))
+        return f"{words}; draws are data from the same distribution, with {names}."
+    return f"{words}."

@@ -1,0 +1,214 @@
+"""FRFs of a group of people in several conditions, from a table: read, checked and labelled; nothing is estimated."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from mcstudy.errors import RecordingError
+from mcstudy.recordings.body_sheet import body_of
+from mcstudy.recordings.columns import LARGEST_FILE, NUMBER, Dialect, content
+from mcstudy.recordings.frf import GAIN
+from mcstudy.recordings.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
+from mcstudy.recordings.guards import inside
+from mcstudy.recordings.lab_files import Files
+from mcstudy.recordings.units import factor
+from mcstudy.stance.body import STIMULI, Body
+
+SEGMENTS = ("lower", "upper")
+"""Responses: angles of the lower and of the upper body, both in space."""
+
+ALL = "all"
+"""The condition where a table has only one."""
+
+LABEL_TOLERANCE = 0.02
+"""Largest relative distance of a frequency in a column's name from the mean frequency of its point."""
+
+
+def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Dataset:
+    """FRFs of many people, each in one or several conditions, at points that average harmonics of the stimulus.
+
+    Parameters
+    ----------
+    path
+        Description, ``.toml`` (see `mcstudy.recordings.frf_group_sheet`).
+    data
+        Folder of the table that it names; its own folder when None.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``frf`` (person, condition, segment, point), complex, rad per unit of the stimulus, of the lower and the upper
+        body in space; nan where a person was not recorded in a condition. ``average`` (point, line): the mean over
+        harmonics that a point is. Coordinates: ``f`` (point) and ``f_line`` (line) in Hz; the columns that make the
+        condition. Attributes: name, stimulus, provenance, body (constants of `Body` in their order).
+
+    Raises
+    ------
+    RecordingError
+        One line that names file, line and column.
+    """
+    path = Path(path)
+    sheet = read_group_sheet(path)
+    files = Files(path.parent if data is None else Path(data), Dialect(), str(path))
+    body, source = body_of(sheet.body, files.table, str(path))
+    table = inside(path.parent if data is None else Path(data), sheet.frf_group.file, str(path))
+    target = STIMULI[sheet.stimulus]
+    if target == "rad" and (sheet.units.angle is None) != (sheet.units.stimulus is None):
+        raise RecordingError(f"{path}: units: expected both angle and stimulus for the FRF of a {sheet.stimulus}")
+    per = factor(sheet.units.stimulus or target, target, f"{path}: units.stimulus")
+    scale = factor(sheet.units.angle or "rad", "rad", f"{path}: units.angle") / per
+    people, conditions, frf = _rows(sheet.frf_group, table)
+    frf = scale * frf
+    if sheet.upper_body == "hip":
+        frf[:, :, 1] += frf[:, :, 0]
+    largest = float(np.nanmax(np.abs(frf)))
+    if fault := GAIN.fault(largest):
+        raise RecordingError(f"{table}: gain: {fault}")
+    f_line, average = sheet.frf_group.lines()
+    return group_dataset(
+        frf,
+        people,
+        conditions,
+        sheet.frf_group.conditions,
+        f_line,
+        average,
+        sheet.stimulus,
+        body,
+        name=path.stem if sheet.name == "group" else sheet.name,
+        provenance="; ".join(filter(None, (sheet.provenance, source))),
+    )
+
+
+def group_dataset(
+    frf: np.ndarray,
+    people: Sequence[str],
+    conditions: Sequence[tuple[str, ...]],
+    factors: Sequence[str],
+    f_line: np.ndarray,
+    average: np.ndarray,
+    stimulus: str,
+    body: Body,
+    *,
+    name: str = "group",
+    provenance: str = "",
+) -> xr.Dataset:
+    """What `read_frf_group` returns, from arrays.
+
+    Parameters
+    ----------
+    frf: (person, condition, 2, N), complex, of the lower and the upper body in space, rad per unit of the stimulus.
+    people: their names. conditions: per condition its value of every one of the ``factors``.
+    f_line: (L,) Hz. average: (N, L), rows sum to one. stimulus: its kind.
+    """
+    return xr.Dataset(
+        {
+            "frf": (
+                ("person", "condition", "segment", "point"),
+                frf,
+                {"units": f"rad/({STIMULI[stimulus]})", "long_name": "angle in space per stimulus"},
+            ),
+            "average": (("point", "line"), average, {"long_name": "weight of a harmonic in the mean of a point"}),
+        },
+        coords={
+            "person": list(people),
+            "condition": [", ".join(values) or ALL for values in conditions],
+            "segment": list(SEGMENTS),
+            "f": ("point", (average > 0) @ f_line / (average > 0).sum(axis=1), {"units": "Hz"}),
+            "f_line": ("line", f_line, {"units": "Hz"}),
+            **{factor: ("condition", [values[k] for values in conditions]) for k, factor in enumerate(factors)},
+        },
+        attrs={
+            "name": name,
+            "stimulus": stimulus,
+            "body": [float(getattr(body, constant.name)) for constant in fields(Body)],
+            "provenance": provenance,
+        },
+    )
+
+
+def body_of_group(group: xr.Dataset) -> Body:
+    """The body that all people of a group are given."""
+    return Body(*group.attrs["body"])
+
+
+def _rows(sheet: TableSheet, path: Path) -> tuple[list[str], list[tuple[str, ...]], np.ndarray]:
+    """People and conditions in the order of the file, and the FRFs (person, condition, 2, N) as it states them."""
+    try:
+        lines = content(path, LARGEST_FILE).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        raise RecordingError(f"{path}: expected UTF-8 text") from None
+    separator = next((s for s in ("\t", ";") if lines and s in lines[0]), ",")
+    rows = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+    header = [h.strip() for h in next(rows, [])]
+    words = (sheet.person, *sheet.conditions, sheet.segment)
+    for name in words:
+        if header.count(name) != 1:
+            raise RecordingError(f"{path}: expected one column {name!r} in the first line, found {', '.join(header)}")
+    columns = {name: _columns(sheet, name, header, path) for name in PATTERNS if getattr(sheet, name) is not None}
+    found: dict[tuple[str, tuple[str, ...]], dict[str, np.ndarray]] = {}
+    for number, cells in enumerate(rows, start=2):
+        if not any(c.strip() for c in cells):
+            continue
+        if len(cells) != len(header):
+            raise RecordingError(f"{path}: line {number}: expected {len(header)} columns, got {len(cells)}")
+        row = {name: cell.strip() for name, cell in zip(header, cells, strict=True)}
+        for name in words:
+            if not row[name]:
+                raise RecordingError(f"{path}: line {number}: {name}: expected a value")
+        segment = row[sheet.segment]
+        if segment not in SEGMENTS:
+            raise RecordingError(f"{path}: line {number}: {sheet.segment}: expected lower or upper, got {segment!r}")
+        key = row[sheet.person], tuple(row[c] for c in sheet.conditions)
+        own = found.setdefault(key, {})
+        if segment in own:
+            raise RecordingError(f"{path}: line {number}: a second row of {', '.join((key[0], *key[1], segment))}")
+        own[segment] = _complex({name: _numbers(row, of, path, number) for name, of in columns.items()})
+    people = list(dict.fromkeys(person for person, _ in found))
+    conditions = list(dict.fromkeys(condition for _, condition in found))
+    if not people:
+        raise RecordingError(f"{path}: expected at least one row")
+    frf = np.full((len(people), len(conditions), 2, len(sheet.points)), np.nan, dtype=complex)
+    for (person, condition), own in found.items():
+        if missing := [s for s in SEGMENTS if s not in own]:
+            raise RecordingError(f"{path}: {', '.join((person, *condition))}: the row of {missing[0]} is missing")
+        frf[people.index(person), conditions.index(condition)] = [own[s] for s in SEGMENTS]
+    return people, conditions, frf
+
+
+def _columns(sheet: TableSheet, field: str, header: Sequence[str], path: Path) -> list[str]:
+    """The columns that a pattern names, one per point in the order of the file; a frequency in a name is checked."""
+    before, _, after = getattr(sheet, field).partition("*")
+    pattern = re.compile(re.escape(before) + "(.*)" + re.escape(after))
+    found = [(name, m[1]) for name in header if (m := pattern.fullmatch(name))]
+    if len(found) != len(sheet.points) or len({name for name, _ in found}) != len(found):
+        raise RecordingError(
+            f"{path}: {field}: expected {len(sheet.points)} columns {getattr(sheet, field)!r}, one per point, "
+            f"found {len(found)}"
+        )
+    f_line, average = sheet.lines()
+    for (name, label), used in zip(found, average > 0, strict=True):
+        f = float(f_line[used].mean())
+        if NUMBER.fullmatch(label) and not abs(float(label) / f - 1) <= LABEL_TOLERANCE:
+            raise RecordingError(f"{path}: column {name!r}: expected {f:g} Hz, the mean of the harmonics of its point")
+    return [name for name, _ in found]
+
+
+def _numbers(row: dict[str, str], names: Sequence[str], path: Path, number: int) -> np.ndarray:
+    for name in names:
+        if not NUMBER.fullmatch(row[name]) or not np.isfinite(float(row[name])):
+            raise RecordingError(f"{path}: line {number}, column {name!r}: expected a number, got {row[name]!r}")
+    return np.array([float(row[name]) for name in names])
+
+
+def _complex(values: dict[str, np.ndarray]) -> np.ndarray:
+    """FRF from gain and phase in deg, or from both parts."""
+    if "gain" in values:
+        return np.asarray(values["gain"] * np.exp(1j * np.deg2rad(values["phase"])))
+    return np.asarray(values["real"] + 1j * values["imaginary"])

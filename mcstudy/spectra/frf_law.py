@@ -1,0 +1,99 @@
+"""The exact distribution of the "sim" FRF, from which many can be drawn for the price of one record.
+
+Band means of H + N/U (`mcstudy.spectra.estimate.SpectralExperiment`) are linear in the Fourier coefficients of the
+record of sway, and these are independent Gaussian. So the band means are Gaussian, and their covariance is a sum over
+the coefficients: leakage, averaging of cycles, shared lines and the removal of the ramp are all in the linear map.
+Derived. What cannot be drawn in this way is the covariance that is estimated from the even lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from mcstudy.spectra.bands import Bands
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.line_stimulus import Stimulus
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.response import frf
+from mcstudy.stance.simulate_spectral import sway_psd
+
+HIGHEST_HZ = 40.0
+"""Frequencies of sway above this are left out; the sway that they hold is below 1e-9 of what counts."""
+
+
+@dataclass(frozen=True)
+class FrfLaw:
+    """Distribution of the FRF at unit amplitude.
+
+    Attributes
+    ----------
+    mean: expected FRF, (N, 2). root: M, (4 N, 4 N), with M^T M the covariance of the real parts of all N points
+    and both angles, followed by the imaginary parts. joint: E[r r^H] of the errors r of all points, (2 N, 2 N).
+    """
+
+    mean: np.ndarray
+    root: np.ndarray
+    joint: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Standard normal numbers behind one FRF."""
+        return len(self.root)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """E[r r^H] of the errors of each point, (N, 2, 2)."""
+        return np.einsum("nink->nik", self.joint.reshape(*self.mean.shape, *self.mean.shape))
+
+    def draw(self, normal: np.ndarray, amplitude: float) -> np.ndarray:
+        """FRFs (R, N, 2) at an amplitude from standard normal numbers (R, 4 N); equal numbers give paired FRFs."""
+        parts = (normal @ self.root).reshape(len(normal), 2, *self.mean.shape) / amplitude
+        return np.asarray(self.mean + parts[:, 0] + 1j * parts[:, 1])
+
+
+def frf_law(
+    model: Model,
+    stimulus: Stimulus,
+    noise: SensorNoise,
+    bands: Bands,
+    cycles: int,
+    discard: int,
+    ramp_removed: bool,
+) -> FrfLaw:
+    """The law at the true parameters, for the same arguments as `SpectralExperiment`; ``discard`` >= 1 with ramps."""
+    period, n = stimulus.samples, cycles * stimulus.samples
+    f = np.arange(1, min(n // 2, int(HIGHEST_HZ * n / stimulus.rate_hz)) + 1) * (stimulus.rate_hz / n)
+    power = sway_psd(model, model.truth, noise, f) / (2 * n / stimulus.rate_hz)
+    drive = stimulus.coefficients()[bands.lines] / stimulus.amplitude
+    N = len(bands)
+    forward, backward = (np.empty((N, f.size), dtype=complex) for _ in range(2))
+    for p, weights in enumerate(bands.weights):
+        lines = np.zeros(period, dtype=complex)
+        lines[bands.lines] = weights / drive
+        if ramp_removed:
+            step = 1 - np.exp(-2j * np.pi * bands.lines / period)
+            lines[bands.lines] /= step
+        # what one sample of the used cycles adds to the point, and from that what one coefficient of the record adds
+        sample = np.zeros(n, dtype=complex)
+        sample[discard * period :] = np.tile(fft.fft(lines) / ((cycles - discard) * period), cycles - discard)
+        if ramp_removed:  # increments x[t] - x[t - 1], counted from the first used cycle's own start
+            sample = np.roll(sample, -1)
+            sample = np.roll(sample, 1) - sample
+        answer = fft.ifft(sample) * n
+        forward[p], backward[p] = answer[1 : f.size + 1], answer[-1 : -f.size - 1 : -1]
+    gamma, pseudo = (np.empty((N, 2, N, 2), dtype=complex) for _ in range(2))
+    for i in range(2):
+        for k in range(2):
+            S = power[:, i, k]
+            gamma[:, i, :, k] = (forward * S) @ forward.conj().T + (backward * S.conj()) @ backward.conj().T
+            pseudo[:, i, :, k] = (forward * S) @ backward.T + (backward * S.conj()) @ forward.T
+    G, C = gamma.reshape(2 * N, 2 * N), pseudo.reshape(2 * N, 2 * N)
+    joint = np.block([[(G + C).real, (C - G).imag], [(C - G).imag.T, (G - C).real]]) / 2
+    size = np.sqrt(np.maximum(np.diag(joint), np.finfo(float).tiny))
+    value, vector = np.linalg.eigh(joint / size / size[:, None])
+    root = (vector * np.sqrt(np.maximum(value, 0.0))) @ vector.T * size
+    mean = bands.average(frf(model, model.truth, bands.line_f))
+    return FrfLaw(mean, root, G)

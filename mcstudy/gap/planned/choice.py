@@ -39,7 +39,15 @@ DIGITS = 2
 
 @dataclass(frozen=True)
 class Option:
-    """A possible trial, and what is expected after it."""
+    """A possible trial.
+
+    Attributes
+    ----------
+    trial
+        The trial (`PlannedTrial`).
+    told
+        What is expected after it (`Told`).
+    """
 
     trial: PlannedTrial
     told: Told

@@ -27,10 +27,17 @@ class Told:
 
     Attributes
     ----------
-    bits: expected reduction of the entropy over causes. entropy: of the causes before, bits. probability: expected
-    posterior probability of the true cause. set_size: expected number of causes in the smallest set of 95 %.
-    separated: (K, K), for causes of `Belief.named`, the chance that the data name the right one of two, by Bayes' rule
-    with equal odds.
+    bits
+        Expected reduction of the entropy over the causes.
+    entropy
+        That entropy before the trial, bits.
+    probability
+        Expected posterior probability of the true cause.
+    set_size
+        Expected number of causes in the smallest set of 95 %.
+    separated
+        (K, K), for each two of the K possible causes, the chance that the data name the right one, by Bayes' rule with
+        equal odds.
     """
 
     bits: float

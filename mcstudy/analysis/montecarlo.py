@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -306,15 +307,23 @@ def _quantiles(x: np.ndarray, q: tuple[float, ...], confidence: float) -> np.nda
     if n == 0:
         return out
     for j, level in enumerate(q):
-        rank = max(int(np.ceil(level * n - 1e-9)), 1)
-        weights = np.diff(betainc(rank, n - rank + 1, np.arange(n + 1) / n))
+        rank, weights, lower, upper = _of_order_statistics(n, level, confidence)
         first = weights @ x
-        lower, upper = order_statistic_ranks(n, level, confidence)
         out[0, j] = x[rank - 1]
         out[1, j] = np.sqrt(weights @ (x - first) ** 2)
         out[2, j] = x[lower - 1] if lower >= 1 else np.nan
         out[3, j] = x[upper - 1] if upper <= n else np.nan
     return out
+
+
+@lru_cache(maxsize=32)
+def _of_order_statistics(n: int, q: float, confidence: float) -> tuple[int, np.ndarray, int, int]:
+    """Rank of the q-quantile of n values, Maritz & Jarrett's weights (n,), and the ranks of its interval.
+
+    Kept: they take longer than the rest, and most cells have the same n.
+    """
+    rank = max(int(np.ceil(q * n - 1e-9)), 1)
+    return rank, np.diff(betainc(rank, n - rank + 1, np.arange(n + 1) / n)), *order_statistic_ranks(n, q, confidence)
 
 
 def order_statistic_ranks(n: int, q: float, confidence: float = 0.95) -> tuple[int, int]:

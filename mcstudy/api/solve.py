@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mcstudy.planning.result import Solution
 from mcstudy.planning.solve import solve_study
+from mcstudy.scheduler.activity import activity, doing
 from mcstudy.study.design import Study
 from mcstudy.study.study_file import read_study
 from mcstudy.study.unstable import refuse_unstable
@@ -64,13 +65,15 @@ def solve(
     refuse_unstable(asked)
     targets = [target] if isinstance(target, str) else list(target)
     axes = over.split(",") if isinstance(over, str) else list(over)
-    return solve_study(
-        asked,
-        targets,
-        axes,
-        group=group,
-        cost=cost,
-        precision=precision,
-        budget=budget_fits,
-        threads=workers or os.cpu_count() or 1,
-    )
+    with activity("preparing"):
+        return solve_study(
+            asked,
+            targets,
+            axes,
+            group=group,
+            cost=cost,
+            precision=precision,
+            budget=budget_fits,
+            threads=workers or os.cpu_count() or 1,
+            say=doing,
+        )

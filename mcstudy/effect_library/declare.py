@@ -119,7 +119,7 @@ class TrialSetting:
     rng: np.random.Generator
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Effect:
     """An effect that a model may lack: one declaration of the library.
 

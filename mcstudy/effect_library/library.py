@@ -102,7 +102,7 @@ def apply(model: Model, *names: str) -> Model:
             raise InputError(
                 f"effect {name!r} is {effect(name).kind}: it has no closed form, only the approximation of `trace`"
             )
-    return _apply(model, [effect(n) for n in names], [s for n in names for s in effect(n).sizes])
+    return _applied(model, model.provenance, tuple(effect(n) for n in names), tuple(LIBRARY))
 
 
 def trace(model: Model, name: str) -> Model:
@@ -133,19 +133,20 @@ def _apply(model: Model, effects: list[Effect], sizes: Iterable[Size]) -> Model:
     if len(set(names)) != len(names):
         raise InputError(f"effects {', '.join(names)}: each may be named once")
     named, listed = "+".join((model.name, *sorted(names))), list(LIBRARY)
-    ordered = sorted(effects, key=lambda e: (e.order, listed.index(e.name)))
-    return _built(model, model.provenance, named, tuple(ordered), tuple(sizes))
+    model = model.with_terms(parameters=[s.parameter for s in sizes], name=named)
+    for declared in sorted(effects, key=lambda e: (e.order, listed.index(e.name))):
+        model = changed(model, declared.build)
+    return model
 
 
 @lru_cache(maxsize=128)
-def _built(
-    model: Model, provenance: str, name: str, effects: tuple[Effect, ...], sizes: tuple[Size, ...]
-) -> Model:  # a diagnosis asks for each of some eighty models several times; equal models may differ in provenance
-    del provenance
-    model = model.with_terms(parameters=[s.parameter for s in sizes], name=name)
-    for declared in effects:
-        model = changed(model, declared.build)
-    return model
+def _applied(model: Model, provenance: str, effects: tuple[Effect, ...], listed: tuple[str, ...]) -> Model:
+    """`_apply`, kept: a diagnosis asks for each of some eighty models several times.
+
+    ``provenance``: of ``model``, in which equal models may differ. ``listed``: the library, whose order counts.
+    """
+    del provenance, listed
+    return _apply(model, list(effects), [s for e in effects for s in e.sizes])
 
 
 def usual_size(parameter: str) -> tuple[float, float] | None:

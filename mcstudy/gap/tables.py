@@ -27,7 +27,7 @@ MOST_TRIALS = 100
 MEASURES_EXPLAINED = (
     "The share counts every line by its precision, less the noise. The error of predicted sway counts every line by "
     "its sway, so the lowest frequencies, where sway and its noise are largest, dominate it; it shows a gap only when "
-    "it leaves the range that noise alone gives. floor: root of the mean square that noise alone gives."
+    "it leaves the range that noise alone gives. Floor: root of the mean square that noise alone gives."
 )
 
 

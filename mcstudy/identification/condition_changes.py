@@ -18,6 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
+from mcstudy.fitting.linearised import linearised
+from mcstudy.fitting.problem import ml_cost
+from mcstudy.fitting.solvers import fit as solve
+from mcstudy.fitting.starts import uniform
 from mcstudy.identification.conditions import Change, Conditions, best_of, fit, whitening_of
 from mcstudy.identification.fit import DELAY_S
 from mcstudy.recordings.frf_group import body_of_group
@@ -25,6 +29,7 @@ from mcstudy.spectra.frf_groups import as_complex, as_real, points_of, scatter
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
+from mcstudy.stance.stability import growth_rate
 
 WIDEST = 5.0
 """Largest gain of a fit, relative to the value that is typical of the body."""
@@ -32,8 +37,11 @@ WIDEST = 5.0
 LEAST = 1e-6
 """Least gain, likewise: not zero, so that a factor can change it."""
 
-STARTS = 96
-"""Random starts of the fit of one mean."""
+LINEARISED, STARTS = 12, 600
+"""Linearised and random starts of the fit of one mean."""
+
+ROUGH = 40
+"""Distinct minima of the compiled solver that are fitted to the points exactly."""
 
 LEADERS = 6
 """Distinct minima of a single condition from which fits of two conditions start."""
@@ -61,19 +69,43 @@ def problem_of(model: Model, group: xr.Dataset, change: Change, data: np.ndarray
 
 
 def minima(model: Model, group: xr.Dataset, mean: np.ndarray, covariance: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Distinct minima of the fit of one mean (D,), lowest first, (up to `LEADERS`, P)."""
-    one = problem_of(model, group, NOTHING, np.tile(mean, (STARTS, 1, 1)), covariance)
-    high = np.where([n in (*model.delays, *model.weights) for n in model.names], model.upper, model.truth * 2.5)
-    starts = model.lower + (high - model.lower) * np.random.default_rng(seed).random((STARTS, model.lower.size))
-    found = fit(one, starts)
+    """Distinct minima of the fit of one mean (D,), lowest first and stable ones before others, (up to `LEADERS`, P).
+
+    The points, read as responses at their mean frequencies, are fitted by the compiled solver from linearised and
+    random starts; its lowest minima are then fitted to the points as the averages that they are.
+    """
+    rng, f = np.random.default_rng(seed), group["f"].values
+    points, (low, high) = as_complex(mean), np.diag(covariance).reshape(2, 2, -1).sum(axis=0)
+    joints = np.column_stack([points[0], points[1] - points[0]])
+    errors = np.moveaxis(np.array([[low, -low], [-low, low + high]]), -1, 0)
+    rough = ml_cost(model, f, joints, errors)
+    starts = np.concatenate([linearised(rough, rng, LINEARISED), uniform(model, rng, STARTS)])
+    first = solve(rough, starts)
+    near = first.estimate[_distinct(first.cost, ROUGH)]
+    exact = fit(problem_of(model, group, NOTHING, np.tile(mean, (len(near), 1, 1)), covariance), near)
+    falls = ~(growth_rate(model, exact.unknowns) < 0)
+    return exact.unknowns[_distinct(exact.cost + 1e9 * falls, LEADERS)]
+
+
+def pooled_minima(model: Model, group: xr.Dataset, conditions: Sequence[int]) -> np.ndarray:
+    """`minima` of the means of several conditions, (M, P): starts of every fit of the group."""
+    out = []
+    for c in conditions:
+        data = as_real(group["frf"].values[:, c])
+        data = data[np.isfinite(data).all(axis=1)]
+        out.append(minima(model, group, data.mean(axis=0), np.diag(data.var(axis=0, ddof=1)) / len(data)))
+    return np.concatenate(out)
+
+
+def _distinct(cost: np.ndarray, most: int) -> list[int]:
+    """Positions of the lowest costs that are apart."""
     kept: list[int] = []
-    for k in np.argsort(found.cost):
-        apart = (np.abs(found.unknowns[k] - found.unknowns[j]).max() > 0 for j in kept)
-        if all(found.cost[k] > found.cost[j] + 0.5 for j in kept) and all(apart):
+    for k in np.argsort(cost):
+        if np.isfinite(cost[k]) and all(cost[k] > cost[j] + 0.5 for j in kept):
             kept.append(int(k))
-        if len(kept) == LEADERS:
+        if len(kept) == most:
             break
-    return found.unknowns[kept]
+    return kept
 
 
 @dataclass(frozen=True)
@@ -97,25 +129,20 @@ class Pair:
 
     Parameters
     ----------
-    model: the model. group: the group. first, second: positions of the conditions; those of ``people`` (indices) that
-        were recorded in both are used.
+    model: the model. group: the group. first, second: positions of the conditions; the people who were recorded in both
+        are used. starts: (M, P), of the fits; `pooled_minima` of both conditions by default.
     """
 
     def __init__(
-        self, model: Model, group: xr.Dataset, first: int, second: int, people: Sequence[int] | None = None
+        self, model: Model, group: xr.Dataset, first: int, second: int, starts: np.ndarray | None = None
     ) -> None:
         self.model, self.group = model, group
         every = as_real(group["frf"].values[:, [first, second]])
-        if people is not None:
-            every = every[np.asarray(people)]
         self.data = every[np.isfinite(every).all(axis=(1, 2))]
         n = len(self.data)
         self.one = np.diag(np.diag(scatter(self.data.reshape(n, -1)).covariance))  # variances alone, see above
         self.mean = self.data.mean(axis=0)
-        D = self.mean.shape[1]
-        blocks = self.one[:D, :D], self.one[D:, D:]
-        own = [minima(model, group, m, C / n) for m, C in zip(self.mean, blocks, strict=True)]
-        self._starts = np.concatenate(own)
+        self._starts = pooled_minima(model, group, (first, second)) if starts is None else starts
 
     def problem(self, change: Change, data: np.ndarray, people: int) -> Conditions:
         """The fit of means (B, 2, D) of ``people`` people each."""
@@ -124,12 +151,11 @@ class Pair:
     def account(self, change: Change) -> Account:
         """The change fitted to the means of all people."""
         K, n = len(change.factors), len(self.data)
-        zero = np.zeros((len(self._starts), K))
-        starts = np.hstack([self._starts, zero])[:, None]
+        starts = np.hstack([self._starts, np.zeros((len(self._starts), K))])[:, None]
         if K:
-            down = starts.copy()
-            down[..., -K:] = -0.5
-            starts = np.concatenate([starts, down])
+            lower = starts[:LEADERS].copy()
+            lower[..., -K:] = -0.5
+            starts = np.concatenate([starts, lower])
         found = best_of(self.problem(change, self.mean[None], n), starts)
         q = found.unknowns[0]
         return Account(change, q, np.exp(q[self.model.lower.size :]), float(found.misfit[0]))

@@ -26,6 +26,13 @@ TOLERANCE = 1e-9
 """Relative decrease of the cost below which a fit has converged."""
 
 
+CALM = 1e-2
+"""Damping below which a small decrease means a minimum and not a short step."""
+
+SIDES = 6
+"""Rounds in which unknowns of a step are put on the sides that they would cross."""
+
+
 @dataclass(frozen=True)
 class Change:
     """Which parameters may differ between conditions.
@@ -47,12 +54,10 @@ class Change:
 
 def changes(model: Model) -> tuple[Change, ...]:
     """The accounts that are compared: what differs between two conditions of the same people."""
-    active = {t.gain[0]: t.order for t in model.terms if t.noisy and t.sense != "stimulus"}
-    stiffness = tuple(n for n, order in active.items() if order == 0)
-    damping = tuple(n for n, order in active.items() if order == 1)
-    passive = tuple(n for n in model.names if n not in (*active, *model.delays, *model.weights))
+    gains = tuple(dict.fromkeys(t.gain[0] for t in model.terms if t.noisy and t.sense != "stimulus"))
+    passive = tuple(n for n in model.names if n not in (*gains, *model.delays, *model.weights))
     weight = (model.weights,) if model.weights else ()
-    gains, delays = (*stiffness, *damping), model.delays
+    delays = model.delays
     return (
         Change("nothing"),
         Change("weight", weight),
@@ -62,8 +67,6 @@ def changes(model: Model) -> tuple[Change, ...]:
         Change("weight and active gains", (*weight, gains)),
         Change("weight and passive stiffness", (*weight, passive)),
         Change("weight and delays", (*weight, delays)),
-        Change("weight, stiffness, damping", (*weight, stiffness, damping)),
-        Change("weight, active gains, delays", (*weight, gains, delays)),
         Change("everything", tuple((n,) for n in model.names)),
     )
 
@@ -170,19 +173,36 @@ def fit(problem: Conditions, starts: np.ndarray, iterations: int = 150) -> Fitte
         size = np.maximum(diagonal, 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300)
         for k in range(gram.shape[1]):
             gram[:, k, k] += np.where(held[:, k], size[:, k], damping[at] * size[:, k])
-        step = -np.linalg.solve(gram, gradient[..., None])[..., 0]
+        step = _inside(gram, gradient, lower - q[at], upper - q[at])
         trial = np.clip(q[at] + step, lower, upper)
         with np.errstate(all="ignore"):
             after = (own.residual(trial) ** 2).sum(axis=1)
         better = after < cost[at]
-        done = better & (cost[at] - after < TOLERANCE * cost[at])
+        done = better & (cost[at] - after < TOLERANCE * cost[at]) & (damping[at] < CALM)
         q[at[better]] = trial[better]
         cost[at[better]] = after[better]
-        damping[at] *= np.where(better, 0.2, 8.0)
+        damping[at] *= np.where(better, 0.2, 4.0)
         going[at[done | (damping[at] > 1e9)]] = False
         damping = np.maximum(damping, 1e-9)
     P = problem.lower.size
     return Fitted(q, cost, (problem.residual(q)[:, :-P] ** 2).sum(axis=1))
+
+
+def _inside(gram: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Steps (B, Q) to the minimum; unknowns that would cross a side are put on it and the others solved again."""
+    fixed, step = np.zeros(gradient.shape, dtype=bool), np.zeros_like(gradient)
+    diagonal = np.arange(gradient.shape[1])
+    for _ in range(SIDES):
+        matrix = np.where(fixed[:, :, None] | fixed[:, None, :], 0.0, gram)
+        matrix[:, diagonal, diagonal] = np.where(fixed, 1.0, gram[:, diagonal, diagonal])
+        pushed = -gradient - np.einsum("bqp,bp->bq", gram, np.where(fixed, step, 0.0))
+        solved = np.linalg.solve(matrix, np.where(fixed, step, pushed)[..., None])[..., 0]
+        crossing = ~fixed & ((solved < lower) | (solved > upper))
+        step = np.clip(solved, lower, upper)
+        if not crossing.any():
+            break
+        fixed |= crossing
+    return np.asarray(step)
 
 
 def part(problem: Conditions, at: np.ndarray) -> Conditions:

@@ -50,8 +50,10 @@ def body(number: int, spread: float = 0.2) -> dict[str, float]:
     """True parameters of a body that stands: nominal for 0, otherwise drawn evenly within ``spread`` of these."""
     nominal, rng = two_segment(), stream(number, "coverage")
     theta = nominal.truth
-    while number and (theta is nominal.truth or growth_rate(nominal, theta) >= SLOWEST):
+    drawn = number == 0
+    while not drawn:
         theta = nominal.truth * (1 + rng.uniform(-spread, spread, nominal.truth.size))
+        drawn = float(growth_rate(nominal, theta)) < SLOWEST
     return dict(zip(nominal.names, map(float, theta), strict=True))
 
 

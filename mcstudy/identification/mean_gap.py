@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.effect_library import library
-from mcstudy.identification.condition_changes import NOTHING, minima, problem_of, split_means
+from mcstudy.identification.condition_changes import LEADERS, NOTHING, pooled_minima, problem_of, split_means
 from mcstudy.identification.conditions import best_of, fit
 from mcstudy.spectra.frf_groups import as_real, scatter
 from mcstudy.stance.feedback import Model
@@ -41,15 +41,25 @@ class MeanGap:
 
 
 def mean_gap(
-    model: Model, group: xr.Dataset, condition: int, effects: Sequence[str] = (), *, splits: int = 10, seed: int = 0
+    model: Model,
+    group: xr.Dataset,
+    condition: int,
+    effects: Sequence[str] = (),
+    *,
+    starts: np.ndarray | None = None,
+    splits: int = 10,
+    seed: int = 0,
 ) -> MeanGap:
-    """The gap of one condition, and what ``effects`` of the library close of it; see `MeanGap`."""
+    """The gap of one condition, and what ``effects`` of the library close of it; see `MeanGap`.
+
+    ``starts``: (M, P), of the fits; `pooled_minima` of the condition by default.
+    """
     data = as_real(group["frf"].values[:, condition])
     data = data[np.isfinite(data).all(axis=1)][:, None]
     n = len(data)
     variance = np.diag(np.diag(scatter(data[:, 0]).covariance))
     mean, P = data.mean(axis=0), model.lower.size
-    starts = minima(model, group, mean[0], variance / n, seed)
+    starts = pooled_minima(model, group, [condition]) if starts is None else starts
     first, second = split_means(data, splits, seed)
     unit = 4 * np.diag(variance) / n
 
@@ -67,7 +77,8 @@ def mean_gap(
         larger = library.apply(model, name)
         own = [p.value for p in larger.parameters[P:]]
         usual = [sum(s.published) / 2 for s in library.effect(name).sizes]
-        begin = np.concatenate([np.hstack([starts, np.tile(x, (len(starts), 1))]) for x in (own, usual)])
+        near = np.concatenate([theta[None], starts[:LEADERS]])
+        begin = np.concatenate([np.hstack([near, np.tile(x, (len(near), 1))]) for x in (own, usual)])
         q, _, score = fitted(larger, begin)
         closes.append((held_out.mean() - score) / (held_out.mean() - 1.0))
         sizes.append(q[P:])

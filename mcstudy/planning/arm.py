@@ -19,7 +19,7 @@ FIRST = 64
 RUNG = 128
 """Draws of the control behind every value of the prediction."""
 
-DRAWS_A_REALIZATION = 40
+DRAWS_A_REALIZATION = 20
 """Draws of the control for every realization, at most: with more, the error is that of the correction alone."""
 
 RUNGS = 9

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.planning.arm import DRAWS_A_REALIZATION, FIRST, Arm, Candidate
+from mcstudy.planning.arm import DRAWS_A_REALIZATION, FIRST, Arm, Candidate, Look
 from mcstudy.planning.fits import FULL, Design
+from mcstudy.planning.local_model import log_signal
 from mcstudy.planning.space import AMPLITUDE, CYCLES, Space
 
 GROWTH = 6.0
@@ -26,6 +27,9 @@ MARGIN = 1.1
 
 NEAR = 0.1
 """The last look must be this near to the answer, in the logarithm of the signal."""
+
+DOUBT = 1.5
+"""A cheaper design is looked at if its measure is so many times less certain than that of the answer."""
 
 MOST_LOOKS = 12
 MOST_REALIZATIONS = 20_000
@@ -55,6 +59,8 @@ def search(arms: list[Arm], rules: Rules, say: Callable[[str], object] = str) ->
         for arm in going:
             if arm.fmax in wanted and (n := _affordable(arm, wanted[arm.fmax], rules)) is not None:
                 design = next_design(arm)
+                if (doubtful := _doubtful(arm)) is not None:
+                    design, n = doubtful
                 say(f"{n} realizations of {design.cycles} cycles, {design.amplitude:g}, Fmax {design.fmax:g} Hz")
                 arm.look(design, n)
             else:
@@ -72,6 +78,27 @@ def next_design(arm: Arm) -> Design:
     if AMPLITUDE in arm.space.over:
         amplitude = float(f"{amplitude:.3g}")
     return Design(found.cycles, amplitude, arm.fmax)
+
+
+def _doubtful(arm: Arm) -> tuple[Design, int] | None:
+    """A cheaper design, away from the answer, of which the model knows too little to rule it out; and realizations.
+
+    More realizations at the answer would tell nothing of it. None where there is no such design.
+    """
+    found, hopeful = arm.cheapest(1), arm.cheapest(0)
+    if not arm.looks or not (found.reached and hopeful.reached):
+        return None
+    points = arm.points([found.cycles, hopeful.cycles], [found.amplitude, hopeful.amplitude])
+    excess = arm.excess(np.exp(points[:, 1]) + arm.space.discard, np.exp(points[:, 0]))
+    sure, unsure = (excess[2] - excess[0]) / 2
+    if abs(np.diff(log_signal(points))[0]) < NEAR or unsure < DOUBT * sure:
+        return None
+    amplitude = hopeful.amplitude
+    if AMPLITUDE in arm.space.over:
+        amplitude = max(float(f"{amplitude:.3g}"), arm.space.amplitude[0])
+    design = Design(hopeful.cycles, amplitude, arm.fmax)
+    before = max((look.realizations for look in arm.looks if look.design == design), default=0)
+    return design, max(FIRST, 2 * before)
 
 
 def leading(space: Space) -> str | None:
@@ -104,17 +131,22 @@ def _wanted(arm: Arm, rules: Rules) -> int | None:
     """Realizations of the next look; None where none is needed."""
     if not arm.looks:
         return FIRST
-    found, last = arm.cheapest(), arm.looks[-1]
+    found = arm.cheapest()
+    last = min(arm.looks, key=lambda look: _apart(arm, found, look))
     half, n = width(arm, found), last.realizations
-    signals = [
-        arm.space.signal(d, a)
-        for d, a in ((found.cycles, found.amplitude), (last.design.cycles, last.design.amplitude))
-    ]
-    near = abs(np.log(signals[0] / signals[1])) < NEAR
+    if _apart(arm, found, last) >= NEAR:  # what is uncertain is the way from the last looks to the answer
+        return FIRST
     if half <= rules.precision:
-        return None if near else n
+        return None
     more = MARGIN * n * (half / rules.precision) ** 2
-    return int(min(MOST_REALIZATIONS, max(min(more, GROWTH * n), n if not near else 1.2 * n)))
+    return int(min(MOST_REALIZATIONS, max(min(more, GROWTH * n), 1.2 * n)))
+
+
+def _apart(arm: Arm, found: Candidate, look: Look) -> float:
+    """Distance of a look from the answer, in the logarithm of the signal."""
+    signals = (arm.space.signal(d.cycles, d.amplitude) for d in (found, look.design))
+    first, second = signals
+    return abs(float(np.log(first / second)))
 
 
 def _affordable(arm: Arm, realizations: int, rules: Rules) -> int | None:
@@ -122,7 +154,7 @@ def _affordable(arm: Arm, realizations: int, rules: Rules) -> int | None:
     starts, control = arm.fitter.group.starts, arm.control not in (None, FULL)
     each = starts + 1 + min(DRAWS_A_REALIZATION, 1 / max(arm.share, 1e-9)) if control else starts + 2
     left = int((rules.budget - arm.fitter.spent.fits) / each)
-    before = arm.looks[-1].realizations if arm.looks else 0
+    before = max((look.realizations for look in arm.looks), default=0)
     if left >= realizations:
         return realizations if realizations > 0 and before < MOST_REALIZATIONS else None
     return left if left > max(before, FIRST) else None

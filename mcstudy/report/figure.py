@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from matplotlib.axes import Axes
 
 from mcstudy.report.frame import left_margin, share
 from mcstudy.report.html import Table, details, escape, table
 from mcstudy.report.readings import as_json
-from mcstudy.report.svg import drawn, rendered
+from mcstudy.report.svg import drawn, rendered, style
 
 
 @dataclass(frozen=True)
@@ -79,15 +80,8 @@ WIDE = 6.0
 def figure(content: Figure, beside_paper: str, command: str) -> str:
     """A figure with its panels, caption, numbers and the command that makes it."""
     heading = f"{content.number} · {content.title}" if content.number else content.title
-    axes = [drawn(p.drawing, p.size) for p in content.panels]
-    _share(content.panels, axes)
-    margin = max((left_margin(ax) for p, ax in zip(content.panels, axes, strict=True) if p.size[0] > WIDE), default=0.0)
-    pictures, numbers = [], []
-    for i, (p, ax) in enumerate(zip(content.panels, axes, strict=True)):
-        left = margin if p.size[0] > WIDE else 0.0
-        picture, series = rendered(ax, f"{content.key}-{i}", f"{heading}: {p.title}", f"{content.key}-text", left)
-        pictures.append(f'<div class="panel{" wide scroll" if p.size[0] > WIDE else ""}">{picture}</div>')
-        numbers.append({"title": p.title, **series})
+    with style():
+        pictures, numbers = _pictures(content, heading)
     panels = "".join(pictures)
     data = f'<script type="application/json" class="readings">{as_json(numbers)}</script>'
     keys = "".join(
@@ -108,6 +102,20 @@ def figure(content: Figure, beside_paper: str, command: str) -> str:
         f'{legend}<div class="panels{kind}">{panels}</div>{data}'
         f'<figcaption><div id="{content.key}-text">{text}</div>{beside_paper}{tables}{how}</figcaption></figure>'
     )
+
+
+def _pictures(content: Figure, heading: str) -> tuple[list[str], list[dict[str, Any]]]:
+    """Elements of the panels, and their readings."""
+    axes = [drawn(p.drawing, p.size) for p in content.panels]
+    _share(content.panels, axes)
+    margin = max((left_margin(ax) for p, ax in zip(content.panels, axes, strict=True) if p.size[0] > WIDE), default=0.0)
+    pictures, numbers = [], []
+    for i, (p, ax) in enumerate(zip(content.panels, axes, strict=True)):
+        left = margin if p.size[0] > WIDE else 0.0
+        picture, series = rendered(ax, f"{content.key}-{i}", f"{heading}: {p.title}", f"{content.key}-text", left)
+        pictures.append(f'<div class="panel{" wide scroll" if p.size[0] > WIDE else ""}">{picture}</div>')
+        numbers.append({"title": p.title, **series})
+    return pictures, numbers
 
 
 def _share(panels: Sequence[Panel], axes: Sequence[Axes]) -> None:

@@ -18,27 +18,25 @@ from mcstudy.report.frame import frame, place
 from mcstudy.report.readings import readings
 from mcstudy.report.style import COLOURS, SETTINGS
 
-_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+_NUMBER = re.compile(r"(?<=\d\.\d\d)\d+")
 _TAG = re.compile(r"<[^>]*>")
 _REFERENCE = re.compile(r"""(?:xlink:href="#|url\(#)([^")]+)""")
-_DECIMALS = 2  # of a point: a fiftieth of a pixel on most screens
 
 
 def drawn(drawing: Callable[[Axes], object], size: tuple[float, float] = (4.3, 3.2)) -> Axes:
     """Axes of their own figure, filled by ``drawing``; `rendered` makes them a picture.
 
-    ``size``: width and height in inches; text is sized so that 4.3 inches fit a telephone.
+    ``size``: width and height in inches; text is sized so that 4.3 inches fit a telephone. To be called within `style`.
     """
-    with _style():
-        figure = Figure(figsize=size, dpi=72)  # so that pixels are points, here and in the SVG
-        FigureCanvasAgg(figure)  # measures text
-        ax = figure.add_axes((0.15, 0.2, 0.75, 0.7))
-        drawing(ax)
-        return ax
+    figure = Figure(figsize=size, dpi=72)  # so that pixels are points, here and in the SVG
+    FigureCanvasAgg(figure)  # measures text
+    ax = figure.add_axes((0.15, 0.2, 0.75, 0.7))
+    drawing(ax)
+    return ax
 
 
 def rendered(ax: Axes, key: str, title: str, described_by: str, left: float = 0.0) -> tuple[str, dict[str, Any]]:
-    """Inline SVG of what `drawn` made, and its `mcstudy.report.readings`.
+    """Inline SVG of what `drawn` made, and its `mcstudy.report.readings`; within `style`, as `drawn`.
 
     The frame is written by `mcstudy.report.frame`, matplotlib draws the data.
 
@@ -48,21 +46,23 @@ def rendered(ax: Axes, key: str, title: str, described_by: str, left: float = 0.
     title: what a screen reader says. described_by: id of the element that says more.
     left: room at the left in points, at least, so that panels one above the other line up.
     """
-    with _style():
-        figure = ax.figure
-        assert isinstance(figure, Figure)
-        place(ax, figure.canvas.get_renderer(), left)  # type: ignore[attr-defined]
-        outside, numbers = frame(ax), readings(ax)
-        ax.set_axis_off()
-        for part in (ax.patch, figure.patch, ax.title):
-            part.set_visible(False)
-        buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    figure = ax.figure
+    assert isinstance(figure, Figure)
+    place(ax, figure.canvas.get_renderer(), left)  # type: ignore[attr-defined]
+    outside, numbers = frame(ax), readings(ax)
+    ax.set_axis_off()
+    for part in (ax.patch, figure.patch, ax.title):
+        part.set_visible(False)
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     return inline(buffer.getvalue(), key, title, described_by, outside), numbers
 
 
-def _style() -> AbstractContextManager[None]:
-    """The report's settings, whatever the user's own are; a place for titles keeps matplotlib from measuring them."""
+def style() -> AbstractContextManager[None]:
+    """The report's settings, whatever the user's own are; a place for titles keeps matplotlib from measuring them.
+
+    Once for all panels of a figure: matplotlib checks each of three hundred settings, twice.
+    """
     own = {"backend": matplotlib.rcParams["backend"], **SETTINGS, "figure.constrained_layout.use": False}
     return matplotlib.rc_context({**matplotlib.rcParamsDefault, **own, "axes.titley": 1.0})
 
@@ -75,7 +75,8 @@ def inline(text: str, key: str, title: str, described_by: str, below: str = "") 
     body = body[body.index(">") + 1 : body.rindex("</svg>")]
     body = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->|<defs>\s*</defs>", "", body, flags=re.S)
     body = _themed(_unique_ids(body, key))
-    body = _TAG.sub(lambda tag: _NUMBER.sub(_short, tag.group()), body)  # coordinates, never labels
+    # Coordinates, never labels, to a hundredth of a point: a fiftieth of a pixel on most screens.
+    body = _TAG.sub(lambda tag: _NUMBER.sub("", tag.group()), body)
     body = re.sub(r"\s*\n\s*", " ", body)
     body = re.sub(r"> <", "><", body)
     body = re.sub(r'<g id="[^"]*">|<g class="[^"]*">', "<g>", body) if not _REFERENCE.search(body) else body
@@ -105,8 +106,3 @@ def _themed(body: str) -> str:
         body = body.replace(colour, f"var(--{name})")
     # The page's own font is narrower than the one the layout was made with, so that nothing overflows.
     return re.sub(r"font: (?:[a-z]+ )?([\d.]+)px [^;\"]*", r"font-size: \1px", body)
-
-
-def _short(match: re.Match[str]) -> str:
-    number = f"{float(match.group()):.{_DECIMALS}f}".rstrip("0").rstrip(".")
-    return "0" if number in ("-0", "") else number

@@ -18,12 +18,13 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.effect_library import library
-from mcstudy.identification.condition_changes import NOTHING, Account, Pair, minima, model_of_group, problem_of
+from mcstudy.identification.condition_changes import NOTHING, Account, Pair, model_of_group, pooled_minima, problem_of
 from mcstudy.identification.conditions import Change, best_of, changes
 from mcstudy.identification.mean_gap import BANDS_HZ, mean_gap
 from mcstudy.recordings.frf_group import read_frf_group
 from mcstudy.spectra.frf_groups import as_complex, as_real, scatter
 from mcstudy.stance.body import Body
+from mcstudy.stance.feedback import Model
 from mcstudy.text_tables import table
 
 RESAMPLES = 2000
@@ -96,9 +97,10 @@ def held_out_table(pair: Pair, accounts: list[Account]) -> str:
     return table(["prediction", "second from first", "minus nothing", "first from second", "minus nothing"], rows)
 
 
-def gap_text(group: xr.Dataset, condition: int, body: Body, splits: int, effects: list[str]) -> str:
+def gap_text(group: xr.Dataset, condition: int, model: Model, starts: np.ndarray, splits: int) -> str:
     """Where the model fails in one condition, and what closes how much of it."""
-    gap = mean_gap(model_of_group(group, body), group, condition, effects, splits=splits)
+    effects = list(library.LIBRARY.linear)
+    gap = mean_gap(model, group, condition, effects, starts=starts, splits=splits)
     edges = [f"{a:g} to {b:g} Hz" if np.isfinite(b) else f"above {a:g} Hz" for a, b in pairwise(BANDS_HZ)]
     share = 100 * gap.share / gap.misfit
     rows = [[name, *(f"{x:.0f} %" for x in own)] for name, own in zip(("lower", "upper"), share, strict=True)]
@@ -107,16 +109,14 @@ def gap_text(group: xr.Dataset, condition: int, body: Body, splits: int, effects
         f"left-out half {gap.held_out.mean():.2f} (1: scatter between halves)",
         table(["share of the misfit", *edges], rows),
     ]
-    order = np.argsort(-gap.closes.mean(axis=1)) if effects else []
     best = []
-    for k in order[:6]:
+    for k in np.argsort(-gap.closes.mean(axis=1))[:6]:
         low, high = np.quantile(gap.closes[k], [0.1, 0.9])
         sizes = ", ".join(
             f"{n} {x:.3g}" for n, x in zip(library.effect(effects[k]).parameters, gap.sizes[k], strict=True)
         )
         best.append([effects[k], f"{100 * gap.closes[k].mean():.0f} % [{100 * low:.0f}, {100 * high:.0f}]", sizes])
-    if best:
-        out.append(table(["effect", "closes, left-out half [80 % of splits]", "size"], best))
+    out.append(table(["effect", "closes, left-out half [80 % of splits]", "size"], best))
     return "\n".join(out)
 
 
@@ -160,11 +160,12 @@ def figure(group: xr.Dataset, model_points: dict[int, np.ndarray], path: Path) -
 def fitted_points(group: xr.Dataset, body: Body) -> tuple[dict[int, np.ndarray], list[float]]:
     """Points (2, N) of the fit of every condition's mean, and its misfit."""
     model, points, misfits = model_of_group(group, body), {}, []
+    starts = pooled_minima(model, group, range(group.sizes["condition"]))[:, None]
     for c in range(group.sizes["condition"]):
         data = as_real(group["frf"].values[:, c])
         variance = np.diag(np.diag(scatter(data).covariance)) / len(data)
         problem = problem_of(model, group, NOTHING, data.mean(axis=0)[None, None], variance)
-        found = best_of(problem, minima(model, group, data.mean(axis=0), variance)[:, None])
+        found = best_of(problem, starts)
         points[c] = as_complex(problem.predicted(found.unknowns)[0, 0])
         misfits.append(float(found.misfit[0]))
     return points, misfits
@@ -186,13 +187,14 @@ def main(arguments: list[str] | None = None) -> None:
     group = read_frf_group(args.description, data=args.data)
     body = BODIES["as described"]
     model = model_of_group(group, body)
+    starts = pooled_minima(model, group, range(group.sizes["condition"]))
     print(
         f"{group.sizes['person']} people, {group.sizes['condition']} conditions, body of {HEIGHT_M} m, {WEIGHT_KG} kg"
     )
     for name, (first, second) in pairs(group).items():
         if not {"accounts", "held-out"} & set(args.only):
             break
-        pair = Pair(model, group, first, second)
+        pair = Pair(model, group, first, second, starts)
         accounts = accounts_of(pair, list(changes(model)))
         if "accounts" in args.only:
             print(f"\n{name}\n{accounts_table(pair, accounts, args.splits, args.draws)}", flush=True)
@@ -200,7 +202,7 @@ def main(arguments: list[str] | None = None) -> None:
             print(f"\n{name}: people predicted\n{held_out_table(pair, accounts)}", flush=True)
     if "gap" in args.only:
         for c in range(group.sizes["condition"]):
-            print(f"\n{gap_text(group, c, body, args.splits, list(library.LIBRARY.linear))}", flush=True)
+            print(f"\n{gap_text(group, c, model, starts, args.splits)}", flush=True)
     if "reading" in args.only:
         rows = []
         for label, read in (("in space", group), ("hip", hip_reading(group))):
@@ -210,8 +212,10 @@ def main(arguments: list[str] | None = None) -> None:
         few = [c for c in changes(model) if len(c.factors) < 2]
         rows = []
         for label, other in BODIES.items():
+            own = model_of_group(group, other)
+            near = pooled_minima(own, group, range(group.sizes["condition"]))
             for name, (first, second) in pairs(group).items():
-                pair = Pair(model_of_group(group, other), group, first, second)
+                pair = Pair(own, group, first, second, near)
                 accounts = accounts_of(pair, few)
                 rows.append(
                     [f"{label}; {name}", *(f"{a.misfit:.0f}" for a in accounts), f"{accounts[1].factor[0]:.2f}"]

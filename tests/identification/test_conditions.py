@@ -51,7 +51,7 @@ def simulated(spread: float = 0.06, noise: float = 0.04, lag: float = 0.0, seed:
 def pair() -> Pair:
     group = simulated()
     patch = pytest.MonkeyPatch()
-    patch.setattr(condition_changes, "STARTS", 24)
+    patch.setattr(condition_changes, "STARTS", 100)
     try:
         return Pair(model_of_group(group), group, 0, 1)
     finally:
@@ -140,7 +140,7 @@ def test_people_are_predicted_from_their_other_condition_by_the_others_change(
 
 
 def test_the_gap_of_a_mean_names_the_effect_that_was_put_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(condition_changes, "STARTS", 24)
+    monkeypatch.setattr(condition_changes, "STARTS", 100)
     group = simulated(spread=0.03, noise=0.03, lag=0.08)
     effects = ["sensor_lag_theta1", "passive_damping_hip", "stimulus_gain"]
     gap = mean_gap(model_of_group(group), group, 0, effects, splits=4)
@@ -155,7 +155,7 @@ def test_the_gap_of_a_mean_names_the_effect_that_was_put_in(monkeypatch: pytest.
 @needs_comtest
 def test_the_weight_falls_when_people_open_their_eyes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Group figure of the people on the platform at 1.0 deg (pipelines/people.md)."""
-    monkeypatch.setattr(condition_changes, "STARTS", 48)
+    monkeypatch.setattr(condition_changes, "STARTS", 200)
     group = comtest()
     model: Model = model_of_group(group)
     own = Pair(model, group, 1, 3)

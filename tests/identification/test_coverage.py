@@ -21,6 +21,7 @@ from mcstudy.identification.quantities import quantities
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf
+from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
 
 EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
@@ -115,6 +116,16 @@ def test_the_study_with_wide_bounds_lets_estimates_leave_those_of_a_fit() -> Non
     model = bounded(two_segment(), two_segment(), {})
     assert ((inside >= model.lower) & (inside <= model.upper)).all()
     assert (wide < model.lower).any()
+
+
+def test_the_bodies_differ_lie_within_their_spread_and_stand() -> None:
+    nominal = two_segment()
+    ratio = np.array([np.array(list(body(k).values())) / nominal.truth for k in range(4)])
+    np.testing.assert_array_equal(ratio[0], 1)
+    assert (np.abs(ratio[1:] - 1).max(axis=1) > 0.05).all()
+    assert (np.abs(ratio - 1) <= 0.2).all()
+    assert len(np.unique(ratio[:, 0])) == 4
+    assert (growth_rate(nominal, ratio * nominal.truth) < 0).all()
 
 
 def test_true_values_of_sums_are_sums() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -14,7 +15,13 @@ from matplotlib.axes import Axes
 from mcstudy.report import frame
 from mcstudy.report.readings import as_json
 from mcstudy.report.style import COLOURS, DARK
-from mcstudy.report.svg import drawn, rendered
+from mcstudy.report.svg import drawn, rendered, style
+
+
+@pytest.fixture(autouse=True)
+def _in_the_style_of_the_page() -> Iterator[None]:
+    with style():
+        yield
 
 
 def _curve(ax: Axes) -> None:

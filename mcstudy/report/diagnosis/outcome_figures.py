@@ -137,7 +137,7 @@ def sway_error_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     for y, (_, value, colour) in enumerate(shown):
         ax.barh(y, value, 0.6, color=colour, alpha=0.75)
         ax.annotate(f"{value:.3g}°", (value, y), (4, 0), textcoords="offset points", va="center")
-    ax.set_xlim(0, 1.2 * max(high, *(v for _, v, _ in shown)))
+    ax.set_xlim(0, 1.3 * max(high, *(v for _, v, _ in shown)))
     ax.set_yticks(range(len(shown)), [_wrapped(name) for name, _, _ in shown])
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)
@@ -172,7 +172,7 @@ def sway_left(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axe
     if traces.after is not None:
         after = (traces.measured - traces.after)[every, angle]
         ax.plot(t, after, color=AFTER, linewidth=1.0, label=traces.added_name)
-    ax.set_ylabel(f"measured minus predicted θ{angle + 1} (°)")
+    ax.set_ylabel(f"error of predicted θ{angle + 1} (°)")
     return _in_time(ax)
 
 

@@ -89,7 +89,11 @@ def cv_bars(data: GroupLike, fmax: float | None = None, ax: Axes | None = None) 
 
 def influence_shares(data: GroupLike) -> xr.Dataset:
     """`mcstudy.analysis.sensitivity.sensitivity` at the group's truth and frequencies."""
-    view = view_of(data)
+    return _shares_of(view_of(data))
+
+
+@lru_cache(maxsize=8)
+def _shares_of(view: GroupView) -> xr.Dataset:
     return sensitivity(view.model, view.model.truth, view.cube["frequency"].values)
 
 

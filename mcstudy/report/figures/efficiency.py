@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -18,8 +20,12 @@ SHOWN = (0.01, 100.0)
 """Efficiencies the axis shows; others are drawn as arrows at its ends."""
 
 
+@lru_cache(maxsize=8)
 def efficiency_of(view: GroupView) -> xr.Dataset:
-    """`mcstudy.analysis.efficiency.efficiency` of the group; raises `InputError` where it has no noise covariance."""
+    """`mcstudy.analysis.efficiency.efficiency` of the group, kept for its panels and its table.
+
+    Raises `InputError` where it has no noise covariance.
+    """
     if view.bounds_on_sd is None:
         raise InputError("noise_covariance: the group has none, so there is no Cramér-Rao bound")
     return efficiency(view.cells, view.bounds_on_sd)

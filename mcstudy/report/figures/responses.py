@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -123,22 +124,16 @@ def _draw(
     view = view_of(data)
     a, limit = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
     own = view.cube["frequency"].values
-    f = np.union1d(own, np.geomspace(own[0], own[-1], FINE))  # resonances lie between a study's frequencies
+    f, true, every, is_stable = _responses(view, a, limit, response)
     at = np.searchsorted(f, own)
-    cells = view.cells.sel(amplitude=a, fmax=limit).isel(realization=slice(0, MOST_FITS))
-    estimate = cells["estimate"].transpose("realization", "parameter").values
-    shown = np.isfinite(estimate).all(1)
-    if stable:
-        shown &= cells["growth_rate"].values < 0
-    estimate = estimate[shown]
-    true, fits = response(view, view.model.truth, f), response(view, estimate, f)
+    fits = {name: x[is_stable] if stable else x for name, x in every.items()}
     for i, name in enumerate(true):
         colour = SERIES[i % len(SERIES)]
         line, found = part(true[name], fits[name])
         ax.plot(f, line, color=colour, linestyle=DASHES[i % len(DASHES)], label=name)
-        if view.noisy and len(estimate):
+        if view.noisy and len(found):
             ax.fill_between(f, *np.quantile(found, BAND, axis=0), color=colour, alpha=0.22, linewidth=0)
-        elif len(estimate):
+        elif len(found):
             marker = MARKERS[i % len(MARKERS)]
             ax.plot(
                 own, found[0, at], marker, color=colour, markersize=4.5, markerfacecolor="none", label=f"{name}, fit"
@@ -148,3 +143,20 @@ def _draw(
     frequency_axis(ax, f)
     ax.set_title(cell_label(view, a, limit))
     ax.legend(ncols=2)
+
+
+@lru_cache(maxsize=4)
+def _responses(
+    view: GroupView, amplitude: float, fmax: float, response: Response
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
+    """Frequencies (N,), responses of the truth (N,) and of the best fits (R, N), and which fits are stable (R,).
+
+    Kept, because gain and phase are drawn from the same.
+    """
+    own = view.cube["frequency"].values
+    f = np.union1d(own, np.geomspace(own[0], own[-1], FINE))  # resonances lie between a study's frequencies
+    cells = view.cells.sel(amplitude=amplitude, fmax=fmax).isel(realization=slice(0, MOST_FITS))
+    estimate = cells["estimate"].transpose("realization", "parameter").values
+    shown = np.isfinite(estimate).all(1)
+    fits = response(view, estimate[shown], f)
+    return f, response(view, view.model.truth, f), fits, cells["growth_rate"].values[shown] < 0

@@ -23,7 +23,7 @@ SPECTRA = ("prts", "flat")
 
 SMOOTH = 0.05
 """Standard deviation, in ln frequency, of the weights with which the density of the noise is averaged over lines. The
-density is steep: three times as wide, the average is 18 % too large."""
+density is steep: the average is 5 % too large, and three times as wide it would be 18 %."""
 
 RATE_HZ = 100.0
 """Sampling rate of a planned trial."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mcstudy.api.design import design
     from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.performance import performance
-    from mcstudy.api.recordings import diagnose, fit, import_recording
+    from mcstudy.api.recordings import diagnose, fit, import_recording, next_trial
     from mcstudy.api.solve import solve
     from mcstudy.api.studies import run, summary
     from mcstudy.effect_library.declare import Effect
@@ -59,6 +59,7 @@ _FROM = {
     "fit": "api.recordings",
     "fit_group": "api.groups",
     "import_recording": "api.recordings",
+    "next_trial": "api.recordings",
     "open_results": "analysis.results",
     "performance": "api.performance",
     "read_frf_group": "recordings.frf_group",
@@ -95,6 +96,7 @@ __all__ = [
     "fit",
     "fit_group",
     "import_recording",
+    "next_trial",
     "open_results",
     "performance",
     "read_frf_group",

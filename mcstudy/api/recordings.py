@@ -9,6 +9,8 @@ from typing import Any
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
+from mcstudy.gap.planned.next_trial import NextTrial
+from mcstudy.gap.planned.next_trial import next_trial as planned_next
 from mcstudy.identification.fit import fit as fit_recording
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.importing import import_files
@@ -38,7 +40,8 @@ def diagnose(
     Parameters
     ----------
     recording
-        What `read_recording` or `simulate` returned, or a path. Several recordings of one person are pooled.
+        What `read_recording` or `simulate` returned, or a path; or several of one person. Those with the same stimulus,
+        period and sampling rate are pooled, others analysed together: one body, and a noise for each.
     fast
         Asymptotic null distributions instead of a bootstrap that refits the model, which takes longer.
     bootstrap
@@ -46,7 +49,7 @@ def diagnose(
     seed
         Random seed; the same seed gives the same numbers.
     model
-        Base model; the two-segment model of the recording's body when None.
+        Base model; the two-segment model of the recording's body when None. None under several stimuli.
     fmax
         Highest frequency used, Hz.
     discard
@@ -86,6 +89,52 @@ def diagnose(
     return DiagnosisWithFigures.of(found)
 
 
+def next_trial(
+    recording: AnyRecording | Sequence[AnyRecording],
+    *,
+    kinds: Sequence[str] = (),
+    amplitudes: Mapping[str, Sequence[float]] | None = None,
+    trials: Sequence[int] = (1, 2),
+    cycles: int = 6,
+    fmax: float = 8.0,
+    discard: int | None = None,
+    accept: Iterable[str] = (),
+    seed: int = 0,
+) -> NextTrial:
+    """Which trial to record next: possible ones, ranked by their expected information about the cause.
+
+    Parameters
+    ----------
+    recording
+        What was recorded so far, as for `diagnose`.
+    kinds
+        Kinds of stimulus to consider; ankle and hip torque, platform translation and the recorded ones when empty.
+    amplitudes
+        Peaks to consider by kind, N m, m or rad. Where none is given, the recorded one, or the one that evokes no more
+        sway than was recorded.
+    trials, cycles
+        Numbers of trials to consider, and periods of each.
+    fmax, discard, accept, seed
+        As for `diagnose`.
+
+    Returns
+    -------
+    NextTrial
+        With ``best``, ``options``, ``text()`` and ``to_dict()``.
+
+    Raises
+    ------
+    RecordingError
+        A recording cannot be analysed, or none has a period.
+    InputError
+        A kind, an amplitude or a number of trials is not possible.
+    """
+    read = _read(recording)
+    compile_kernels(DIAGNOSIS)
+    found = diagnose_fast(read, seed=seed, fmax=fmax, discard=discard, accept=accept)
+    return planned_next(found, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
+
+
 def fit(
     recording: AnyRecording | Sequence[AnyRecording],
     *,
@@ -104,7 +153,8 @@ def fit(
     Parameters
     ----------
     recording
-        What `read_recording` or `simulate` returned, or a path. Several recordings of one person are pooled.
+        What `read_recording` or `simulate` returned, or a path; or several of one person. Those with the same stimulus,
+        period and sampling rate are pooled, others analysed together: one body, and a noise for each.
     effects
         Names of linear `effects` that are added to the model; their sizes are estimated too.
     quantities
@@ -116,7 +166,7 @@ def fit(
     level
         Level of the intervals.
     model
-        The two-segment model of the recording's body when None.
+        The two-segment model of the recording's body when None. None under several stimuli.
     fmax
         Highest frequency used, Hz.
     discard

@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _group_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(
         "many people",
-        "Without these options all recordings are of one person and are pooled. With them each person is fitted, then "
+        "Without these options all recordings are of one person. With them each person is fitted, then "
         "the population: means, spread between people, differences between conditions. -o writes group.json and "
         "group.txt.",
     )

@@ -47,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "compare", help="compare two groups of people: what differs, where, and which parameter changed"
     )
     _compare_arguments(compare)
+    _next_arguments(verbs.add_parser("next", help="rank possible next trials by what they would tell of the cause"))
 
     challenge = verbs.add_parser("challenge", help="benchmark the diagnosis on recordings with hidden causes")
     _challenge_arguments(challenge)
@@ -89,6 +90,32 @@ def _compare_arguments(compare: argparse.ArgumentParser) -> None:
     )
     add_output_arguments(compare, "comparison")
     compare.set_defaults(run=_compare)
+
+
+def _next_arguments(parser: argparse.ArgumentParser) -> None:
+    add_output_arguments(parser, "next_trial")
+    add_recording_arguments(parser)
+    parser.add_argument(
+        "--kind",
+        action="append",
+        default=[],
+        metavar="KIND",
+        help="kind of stimulus to consider (default: ankle_torque, hip_torque, platform_translation and those of REC); "
+        "may be repeated",
+    )
+    parser.add_argument(
+        "--amplitude",
+        action="append",
+        default=[],
+        metavar="KIND=PEAK",
+        help="amplitude to consider, in N m, m or rad (default: as recorded, or with no more sway than was recorded); "
+        "may be repeated",
+    )
+    parser.add_argument(
+        "--trials", action="append", type=int, default=[], metavar="N", help="number of trials (default 1 and 2)"
+    )
+    parser.add_argument("--cycles", type=int, default=6, metavar="N", help="periods of a trial (default 6)")
+    parser.set_defaults(run=_next)
 
 
 def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
@@ -169,6 +196,30 @@ def _diagnose(args: argparse.Namespace) -> Exit:
     with activity(f"{args.recordings[0]}: diagnosing"):
         diagnosis = _diagnosed(args)
     tell(args, "diagnosis", diagnosis.to_dict, lambda: f"{wrapped(diagnosis)}\n\n{text(diagnosis)}")
+    return Exit.DONE
+
+
+def _next(args: argparse.Namespace) -> Exit:
+    from mcstudy.errors import InputError
+    from mcstudy.gap.diagnose import diagnose_fast
+    from mcstudy.gap.planned.choice import TRIALS
+    from mcstudy.gap.planned.next_trial import next_trial
+    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
+
+    amplitudes: dict[str, list[float]] = {}
+    for text in args.amplitude:
+        kind, _, value = text.partition("=")
+        try:
+            amplitudes.setdefault(kind, []).append(float(value))
+        except ValueError:
+            raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {text!r}") from None
+    read = read_recordings(args)
+    compile_kernels(DIAGNOSIS)
+    with with_names(args):
+        d = diagnose_fast(read, seed=args.seed, fmax=args.fmax, discard=args.discard, accept=args.accept)
+        trials = args.trials or TRIALS
+        found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
+    tell(args, "next_trial", found.to_dict, found.text)
     return Exit.DONE
 
 

@@ -17,6 +17,7 @@ from mcstudy.effect_library.declare import Effect, Size, TrialSetting
 from mcstudy.effect_library.published import DECLARATIONS
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model, Parameter
+from mcstudy.stance.joint import changed
 from mcstudy.stance.rules import Rules
 from mcstudy.text_tables import fill
 
@@ -144,7 +145,7 @@ def _apply(model: Model, effects: list[Effect], added: Iterable[Parameter]) -> M
     named, listed = "+".join((model.name, *sorted(names))), list(LIBRARY)
     model = model.with_terms(parameters=[*added, *(f.parameter for f in fixed)], name=named)
     for declared in sorted(effects, key=lambda e: (e.order, listed.index(e.name))):
-        model = declared.build(model)
+        model = changed(model, declared.build)
     return with_constants(model, {f.name: f.nominal for f in fixed})
 
 

@@ -21,7 +21,7 @@ from mcstudy.recordings.checks import LARGEST_SWAY
 from mcstudy.recordings.recording import AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size
 from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.line_stimulus import Stimulus
+from mcstudy.stance.line_stimulus import LineStimulus, Stimulus
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.realize import realise
 from mcstudy.stance.rules import Rules
@@ -211,18 +211,22 @@ def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) ->
         period = fft.irfft(coefficients, period.size * protocol.cycles)
         period *= waveform.peak / np.abs(period).max()
     if protocol.stimulus not in TORQUES:
-        coefficients = fft.rfft(period)
-        f = np.arange(coefficients.size) * rate / period.size
-        period = fft.irfft(coefficients / (1 + (f / PLATFORM_HZ) ** 4), period.size)
-        period *= waveform.peak / (np.ptp(period) / 2)
-        record = with_derivatives(period, rate)
-    else:
-        record = period
+        record = with_derivatives(smoothed(period, rate, waveform.peak), rate)
+    else:  # a PRTS is linear between samples, cosines are not
+        record = with_derivatives(period, rate) if isinstance(waveform, LineStimulus) else period
     return (
         np.tile(record, (protocol.cycles, *[1] * (record.ndim - 1)))[: _length(protocol)]
         if protocol.periodic
         else record
     )
+
+
+def smoothed(period: np.ndarray, rate: float, peak: float) -> np.ndarray:
+    """A cycle (n,) of a motion as an apparatus can follow it: without what is far above `PLATFORM_HZ`, same peak."""
+    coefficients = fft.rfft(period)
+    f = np.arange(coefficients.size) * rate / period.size
+    period = fft.irfft(coefficients / (1 + (f / PLATFORM_HZ) ** 4), period.size)
+    return np.asarray(period * peak / (np.ptp(period) / 2))
 
 
 def _length(protocol: Protocol) -> int:

@@ -36,8 +36,9 @@ class Plan(NamedTuple):
     entry: (E, 10) int64, the other terms: row, order, group, first gain, second gain, index into ``sensed``, whether
         its group carries a delay or filter parameter, and whether it is the first to reach the sum of its group and
         of its gains.
-    weight: (E, 4), coefficient, then weights on (theta1, theta2, stimulus).
-    sensed, sensed_weight: (S,) int64 and (S, 3), row and weights of the distinct (row, sense) pairs.
+    weight: (E, 3 + J), coefficient, then weights on (theta1, theta2) and on each of J stimuli.
+    sensed, sensed_weight: (S,) int64 and (S, 2 + J), row and weights of the distinct (row, sense) pairs.
+    stimulus: (N,) int64, which of the J stimuli evokes a line.
     group_delay, group_filters: (G, 2) and (G, 4) int64, as in `mcstudy.stance.feedback.Table`.
     filters: of the model.
     single: (2, W) int64, the parameters that act on one row of the equations of motion alone, by row, filled up with
@@ -54,6 +55,7 @@ class Plan(NamedTuple):
     weight: np.ndarray
     sensed: np.ndarray
     sensed_weight: np.ndarray
+    stimulus: np.ndarray
     group_delay: np.ndarray
     group_filters: np.ndarray
     filters: Filters

@@ -195,10 +195,12 @@ def _gains(w, x, entry, weight, at_gain):
 
 @njit(nogil=True, forceinline=True)
 def _equations(
-    w, x, n, omega, constant, entry, weight, group_delay, group_filters, filters: Filters, at_A, at_E, at_gain,
-    at_filter, at_slope, filter_stride,
+    w, x, n, omega, stimulus, constant, entry, weight, group_delay, group_filters, filters: Filters, at_A, at_E,
+    at_gain, at_filter, at_slope, filter_stride,
 ):  # fmt: skip
     """Equations of motion A(s) H = b(s) at ``n`` frequencies ``omega``: A and b by rows from ``at_A``.
+
+    b is that of the ``stimulus`` (n,) that evokes the line.
 
     Leaves the product of delay and filters of every group from ``at_E``, and the filters from ``at_filter``.
     """
@@ -240,10 +242,10 @@ def _equations(
             store(w, at_A + k * F + f, splat(constant[f, k]))
     for e in range(entry.shape[0]):
         row, order, of, gain = entry[e, 0], entry[e, 1], at_E + entry[e, 2] * stride, load(w, at_gain + e)
-        for c in range(3):
+        for c in range(2):
             if weight[e, 1 + c] != 0.0:
-                at = at_A + (8 + 2 * row if c == 2 else 4 * row + 2 * c) * F
-                factor = splat(-weight[e, 1 + c] if c == 2 else weight[e, 1 + c]) * gain
+                at = at_A + (4 * row + 2 * c) * F
+                factor = splat(weight[e, 1 + c]) * gain
                 if order == 0:
                     for f in range(n):
                         store(w, at + f, fma(factor, load(w, of + f), load(w, at + f)))
@@ -258,6 +260,20 @@ def _equations(
                         re, im = _times_s(load(w, of + f), load(w, of + F + f), order, omega[f])
                         store(w, at + f, fma(factor, re, load(w, at + f)))
                         store(w, at + F + f, fma(factor, im, load(w, at + F + f)))
+        at = at_A + (8 + 2 * row) * F
+        for f in range(n):
+            share = weight[e, 3 + stimulus[f]]
+            if share != 0.0:
+                factor = splat(-share) * gain
+                re, im = load(w, of + f), load(w, of + F + f)
+                if order == 1:  # rounded as above
+                    by = splat(omega[f]) * factor
+                    store(w, at + f, fnma(by, im, load(w, at + f)))
+                    store(w, at + F + f, fma(by, re, load(w, at + F + f)))
+                else:
+                    re, im = _times_s(re, im, order, omega[f])
+                    store(w, at + f, fma(factor, re, load(w, at + f)))
+                    store(w, at + F + f, fma(factor, im, load(w, at + F + f)))
 
 
 @njit(nogil=True, forceinline=True)
@@ -345,7 +361,7 @@ def evaluate(plan: Plan, work: Workspace) -> None:
     # what is handed in
     w, x, gram, data = work.w, work.trial, work.gram_trial, work.data
     omega, constant, entry, weight = plan.omega, plan.constant, plan.entry, plan.weight
-    sensed, sensed_weight = plan.sensed, plan.sensed_weight
+    sensed, sensed_weight, stimulus = plan.sensed, plan.sensed_weight, plan.stimulus
     group_delay, group_filters = plan.group_delay, plan.group_filters
     filter_pair, monomial, output_filter = plan.filters.pair, plan.filters.monomial, plan.filters.output
     single, both, column, delay_first, cleared = plan.single, plan.both, plan.column, plan.delay_first, plan.cleared
@@ -397,8 +413,8 @@ def evaluate(plan: Plan, work: Workspace) -> None:
         n = min(F, N - first)
 
         _equations(
-            w, x, n, omega[first : first + n], constant[first : first + n], entry, weight, group_delay, group_filters,
-            plan.filters, at_A, at_E, at_gain, at_filter, at_slope, filter_stride,
+            w, x, n, omega[first : first + n], stimulus[first : first + n], constant[first : first + n], entry, weight,
+            group_delay, group_filters, plan.filters, at_A, at_E, at_gain, at_filter, at_slope, filter_stride,
         )  # fmt: skip
 
         cost = load(w, gram + n_triangle - 1)
@@ -466,8 +482,9 @@ def evaluate(plan: Plan, work: Workspace) -> None:
 
         # what each distinct (row, sense) passes on
         for c in range(S):
-            w0, w1, w2 = splat(sensed_weight[c, 0]), splat(sensed_weight[c, 1]), splat(sensed_weight[c, 2])
+            w0, w1 = splat(sensed_weight[c, 0]), splat(sensed_weight[c, 1])
             for f in range(n):
+                w2 = splat(sensed_weight[c, 2 + stimulus[first + f]])
                 at, to, norm = at_H + f, at_Z + c * stride + f, load(w, at_norm + sensed[c] * F + f)
                 store(w, to, norm * fma(w0, load(w, at), fma(w1, load(w, at + 2 * F), w2)))
                 store(w, to + F, norm * fma(w0, load(w, at + F), w1 * load(w, at + 3 * F)))
@@ -633,8 +650,9 @@ def evaluate_cost(plan: Plan, work: Workspace) -> None:
     for first in range(0, N, F):
         n = min(F, N - first)
         _equations(
-            w, x, n, omega[first : first + n], plan.constant[first : first + n], plan.entry, plan.weight,
-            plan.group_delay, plan.group_filters, plan.filters, at_A, at_E, at_gain, at_filter, at_slope, filter_stride,
+            w, x, n, omega[first : first + n], plan.stimulus[first : first + n], plan.constant[first : first + n],
+            plan.entry, plan.weight, plan.group_delay, plan.group_filters, plan.filters, at_A, at_E, at_gain,
+            at_filter, at_slope, filter_stride,
         )  # fmt: skip
         for f in range(n):
             _, _, _, _, _, _, _, _, y0r, y0i, y1r, y1i = _solved(w, at_A + f)

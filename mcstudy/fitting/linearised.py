@@ -33,6 +33,7 @@ from mcstudy.fitting.problem import Problem
 from mcstudy.fitting.solvers import fit_many
 from mcstudy.fitting.starts import sobol, uniform
 from mcstudy.stance.feedback import Model, Table
+from mcstudy.stance.response import sensed_stimulus
 
 STOP = np.nan
 POOL = np.array([[STOP, STOP]] * 4 + [[0.5, 0.5]] * 6 + [[1.0, STOP]] * 6)
@@ -79,8 +80,13 @@ class LinearModel:
         filters = _constant_filters(table, s)
         fixed = np.zeros((s.size, 6), dtype=complex)
         entry, sense, factor = [], [], []
-        for (row, order, group, gain, weight), (c, w1, w2, w3) in zip(table.entry, table.weight, strict=True):
+        own = sensed_stimulus(model, s.size)
+        for e, ((row, order, group, gain, weight), (c, w1, w2, w3)) in enumerate(
+            zip(table.entry, table.weight, strict=True)
+        ):
             value = c * s**order
+            if w3 and own is not None:
+                value = value * own[e]
             for k in table.group_filters[group]:
                 if k >= 0:
                     value = value * filters[k]

@@ -11,14 +11,15 @@ from mcstudy.errors import ModelError
 from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Filters, Plan, Workspace
 from mcstudy.fitting.lanes import WIDTH
-from mcstudy.stance.feedback import Model
+from mcstudy.stance.feedback import Model, Table
+from mcstudy.stance.response import sensed_stimulus
 
 CACHE_LINE = 64
 """Bytes."""
 
 
 def plan(model: Model, f: np.ndarray) -> Plan:
-    """Prepare ``model`` for frequencies ``f`` in Hz, (N,).
+    """Prepare ``model`` for frequencies ``f`` in Hz, (N,); of a joint model those of its blocks.
 
     Raises `ModelError` when a filter's coefficient holds a negative power of a parameter.
     """
@@ -28,12 +29,14 @@ def plan(model: Model, f: np.ndarray) -> Plan:
     varies = (table.entry[:, 3] >= 0) | (table.group_delay[table.entry[:, 2], 0] >= 0)
     varies |= (table.group_filters[table.entry[:, 2]] >= 0).any(axis=1)
     constant = np.zeros((omega.size, 12))
-    for (row, order, *_), (c, w0, w1, w2) in zip(table.entry[~varies], table.weight[~varies], strict=True):
+    at, own = model.stimulus_at(omega.size), sensed_stimulus(model, omega.size)
+    for e in np.flatnonzero(~varies):
+        (row, order, *_), (c, w0, w1, w2) = table.entry[e], table.weight[e]
         value = c * (1j * omega) ** order
-        for slot, factor in ((4 * row, w0), (4 * row + 2, w1), (8 + 2 * row, -w2)):
+        for slot, factor in ((4 * row, w0), (4 * row + 2, w1), (8 + 2 * row, -w2 if own is None else -w2 * own[e])):
             constant[:, slot] += factor * value.real
             constant[:, slot + 1] += factor * value.imag
-    entry, weight = table.entry[varies], table.weight[varies]
+    entry, weight = table.entry[varies], _by_stimulus(table, max(1, len(model.blocks)))[varies]
     pairs = [(int(e[0]), *map(float, w[1:])) for e, w in zip(entry, weight, strict=True)]
     distinct = list(dict.fromkeys(pairs))
     in_group = (table.group_delay[:, 0] >= 0) | (table.group_filters >= 0).any(axis=1)
@@ -58,7 +61,8 @@ def plan(model: Model, f: np.ndarray) -> Plan:
         entry=np.hstack([wide, first]),
         weight=np.ascontiguousarray(weight),
         sensed=np.array([p[0] for p in distinct], dtype=np.int64),
-        sensed_weight=np.array([p[1:] for p in distinct], dtype=float).reshape(-1, 3),
+        sensed_weight=np.array([p[1:] for p in distinct], dtype=float).reshape(-1, weight.shape[1] - 1),
+        stimulus=np.zeros(omega.size, dtype=np.int64) if at is None else at,
         group_delay=table.group_delay,
         group_filters=table.group_filters,
         filters=filters,
@@ -68,6 +72,14 @@ def plan(model: Model, f: np.ndarray) -> Plan:
         delay_first=delay_first,
         cleared=cleared,
     )
+
+
+def _by_stimulus(table: Table, stimuli: int) -> np.ndarray:
+    """Coefficient of every term, and its weights on (theta1, theta2) and on each of J ``stimuli``, (E, 3 + J)."""
+    weight = np.zeros((len(table.weight), 3 + stimuli))
+    weight[:, :3] = table.weight[:, :3]
+    weight[np.arange(len(weight)), 3 + table.stimulus] = table.weight[:, 3]
+    return weight
 
 
 @lru_cache(maxsize=64)

@@ -5,22 +5,31 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from mcstudy.errors import RecordingError
+from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.questions.labels import merged, plausibility, refuse
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refuse_other_body
 from mcstudy.recordings.recording import Recording
+from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import measure, require_noise
+from mcstudy.stance.feedback import Model
+
+Discard = int | tuple[int, ...]
+"""Transient cycles left out: of every recording, or of each part of a joint one."""
 
 LABELS_HZ = 8.0
 """Labels are checked with responses up to this frequency, even if fewer lines are diagnosed, because inertia
 determines the responses above 2 Hz."""
 
 
-def pooled(recording: Recording | FrfRecording | Sequence[Recording | FrfRecording]) -> Recording | FrfRecording:
-    """One recording with all trials; raises `RecordingError` when stimulus, sampling or body differ."""
-    if isinstance(recording, Recording | FrfRecording):
+def pooled(recording: AnyRecording | Sequence[Recording | FrfRecording]) -> AnyRecording:
+    """One recording with all trials, or a joint one whose parts differ in stimulus, period or sampling rate.
+
+    Raises `RecordingError` when the bodies differ.
+    """
+    if isinstance(recording, AnyRecording):
         return recording
     if not recording:
         raise RecordingError("recordings: expected at least one")
@@ -29,33 +38,57 @@ def pooled(recording: Recording | FrfRecording | Sequence[Recording | FrfRecordi
     several = [r for r in recording if isinstance(r, Recording)]
     if len(several) < len(recording):
         raise RecordingError("recordings: expected time series only when there are several, got a published FRF")
-    first, *rest = several
-    for r in rest:
-        for field in ("rate_hz", "period_s", "stimulus", "body", "convention"):
-            if getattr(r, field) != getattr(first, field):
-                raise RecordingError(
-                    f"{r.name}: {field}: expected {getattr(first, field)!r} as in {first.name}, "
-                    f"got {getattr(r, field)!r}; diagnose them separately"
-                )
-    return replace(
-        first,
-        trials=tuple(t for r in several for t in r.trials),
-        suspicions=merged(*(r.suspicions for r in several)),
+    for r in several[1:]:
+        refuse_other_body(several[0], r)
+    groups: dict[tuple[object, ...], list[Recording]] = {}
+    for r in several:
+        groups.setdefault(tuple(getattr(r, name) for name in POOLED), []).append(r)
+    parts = tuple(
+        replace(
+            own[0],
+            trials=tuple(t for r in own for t in r.trials),
+            suspicions=merged(*(r.suspicions for r in own)),
+        )
+        for own in groups.values()
     )
+    return parts[0] if len(parts) == 1 else JointRecording(parts)
+
+
+def discarded(discard: Discard, part: int) -> int:
+    """The cycles left out of one part of a joint recording."""
+    return discard if isinstance(discard, int) else discard[part]
+
+
+def given_model(model: Model | None, recording: AnyRecording, lines: Lines) -> Model:
+    """``model``, or the one on the recording's body and stimulus, or on all stimuli of a joint one.
+
+    Raises `InputError` for a ``model`` of a joint recording: it has one stimulus.
+    """
+    if not isinstance(recording, JointRecording):
+        return model or recording.base_model()
+    if model is not None:
+        raise InputError(f"model: expected none for recordings under different stimuli, got {model.name}")
+    return recording.base_model(lines.counts)
 
 
 def checked_lines(
-    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
+    recording: AnyRecording | Sequence[Recording | FrfRecording],
     fmax: float = 8.0,
-    discard: int = 1,
+    discard: Discard = 1,
     accept: Iterable[str] = (),
-) -> tuple[Recording | FrfRecording, Lines]:
+) -> tuple[AnyRecording, Lines]:
     """All trials as one recording, with its data quality warnings in ``suspicions``, and its lines.
 
-    Parameters as in `mcstudy.gap.diagnose.diagnose`. Raises `RecordingError` for a recording that
-    cannot be analysed, and for channels that are certainly mislabelled unless their code is in ``accept``.
+    Parameters as in `mcstudy.gap.diagnose.diagnose`; ``discard`` may state a number for every part of a joint
+    recording, whose parts are checked one by one. Raises `RecordingError` for a recording that cannot be analysed, and
+    for channels that are certainly mislabelled unless their code is in ``accept``.
     """
     one = pooled(recording)
+    if isinstance(one, JointRecording):
+        checked = [checked_lines(p, fmax, discarded(discard, k), accept) for k, p in enumerate(one.parts)]
+        parts = tuple(p for p, _ in checked if isinstance(p, Recording))
+        return JointRecording(parts), joined([lines for _, lines in checked])
+    discard = discarded(discard, 0)
     if isinstance(one, FrfRecording):
         lines = measure(one, fmax, discard)
         require_noise(lines, one.name)

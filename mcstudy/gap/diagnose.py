@@ -13,7 +13,7 @@ import numpy as np
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.candidates.scores import Scores
-from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
 from mcstudy.gap.diagnosis import LEVEL, Diagnosis
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.closure import Belief, Closure, close, floor_rms_deg, sway_rms_deg
@@ -23,8 +23,9 @@ from mcstudy.gap.questions.mislabelled import Labels, mislabelled
 from mcstudy.gap.questions.parameters import shifts
 from mcstudy.gap.questions.posterior import Cause, Explanation, explain
 from mcstudy.gap.questions.power import undetectable
-from mcstudy.gap.settling import cycles_to_discard, unsettled
+from mcstudy.gap.settling import cycles_to_discard, longer, unsettled
 from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.joint import AnyRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
@@ -40,7 +41,7 @@ CREDIBLE = 0.95
 
 
 def diagnose(
-    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
+    recording: AnyRecording | Sequence[Recording | FrfRecording],
     *,
     bootstrap: int = BOOTSTRAP,
     seed: int = 0,
@@ -53,9 +54,10 @@ def diagnose(
 
     Parameters
     ----------
-    recording: one recording, or several of the same person, stimulus and sampling rate, which are pooled.
+    recording: one recording, or several of the same person. Those with the same stimulus, period and sampling rate are
+        pooled, others diagnosed together, each with the noise that was measured in it.
     bootstrap: number of null samples. seed: seed of all random numbers.
-    model: base model; by default the two-segment model of the recording's body.
+    model: base model; by default the two-segment model of the recording's body. None under several stimuli.
     fmax: highest frequency, Hz. discard: transient cycles left out at the start of every trial; None for one, or as
         many as the slowest oscillation of the fitted body needs (`mcstudy.gap.settling`).
     accept: codes of suspicions about mislabelled channels. For these the labels are kept.
@@ -69,7 +71,7 @@ def diagnose(
 
 
 def diagnose_fast(
-    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
+    recording: AnyRecording | Sequence[Recording | FrfRecording],
     *,
     seed: int = 0,
     model: Model | None = None,
@@ -82,7 +84,7 @@ def diagnose_fast(
 
 
 def detect_fast(
-    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
+    recording: AnyRecording | Sequence[Recording | FrfRecording],
     *,
     seed: int = 0,
     model: Model | None = None,
@@ -95,7 +97,7 @@ def detect_fast(
 
 
 def _tested(
-    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
+    recording: AnyRecording | Sequence[Recording | FrfRecording],
     draws: int,
     refits: bool,
     seed: int,
@@ -103,23 +105,22 @@ def _tested(
     fmax: float,
     discard: int | None,
     accept: Iterable[str],
-) -> tuple[Recording | FrfRecording, Lines, GapTest, int]:
+) -> tuple[AnyRecording, Lines, GapTest, Discard]:
     """The recording, its lines, the test for a gap, and the number of discarded cycles."""
-    chosen = 1 if discard is None else discard
+    chosen: Discard = 1 if discard is None else discard
     one, lines = checked_lines(recording, fmax, chosen, accept)
-    nominal = model or one.base_model()
-    test = gap_test(lines, nominal, draws, refits, seed)
+    test = gap_test(lines, given_model(model, one, lines), draws, refits, seed)
     needed = cycles_to_discard(one, test.base.model, test.base.theta) if discard is None else chosen
-    if needed > chosen:
+    if longer(needed, chosen):
         chosen = needed
         one, lines = checked_lines(recording, fmax, chosen, accept)
-        test = gap_test(lines, nominal, draws, refits, seed)
+        test = gap_test(lines, given_model(model, one, lines), draws, refits, seed)
     notes = (*lines.notes, *unsettled(one, test.base.model, test.base.theta, chosen))
     return one, replace(lines, notes=notes), test, chosen
 
 
 def _diagnose(
-    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
+    recording: AnyRecording | Sequence[Recording | FrfRecording],
     draws: int,
     refits: bool,
     seed: int,
@@ -129,10 +130,10 @@ def _diagnose(
     accept: Iterable[str],
 ) -> Diagnosis:
     known = frozenset((accept,) if isinstance(accept, str) else accept)
-    one, lines, test, discard = _tested(recording, draws, refits, seed, model, fmax, discard, known)
+    one, lines, test, left_out = _tested(recording, draws, refits, seed, model, fmax, discard, known)
     outcome = diagnose_lines(
         lines,
-        model or one.base_model(),
+        given_model(model, one, lines),
         draws=draws,
         refits=refits,
         seed=seed,
@@ -140,7 +141,7 @@ def _diagnose(
         name=one.name,
         labels=_labels(one, lines, known) if isinstance(one, Recording) else None,
     )
-    if isinstance(one, Recording):
+    if not isinstance(one, FrfRecording):
         warnings = tuple(s.message for s in one.suspicions)
     else:
         warnings = ("only one angle was published, so the hip is not tested",) if one.single else ()
@@ -148,7 +149,7 @@ def _diagnose(
         outcome,
         recording=one,
         warnings=(*warnings, *outcome.warnings),
-        method={**outcome.method, "fmax": fmax, "discard": discard},
+        method={**outcome.method, "fmax": fmax, "discard": left_out},
     )
 
 
@@ -224,11 +225,14 @@ def diagnose_lines(
         },
         lines=lines,
         base=base,
+        hypotheses=explanation.hypotheses,
     )
 
 
 def _other_axes(lines: Lines) -> list[str]:
     """Warning about power at even lines, which the stimulus does not excite but an even nonlinearity does."""
+    if len(lines.parts) > 1:
+        return list(dict.fromkeys(note for part in lines.parts for note in _other_axes(part)))
     if lines.even is None:
         return []
     ratio, p = lines.even.excess(0.02, 2.0)

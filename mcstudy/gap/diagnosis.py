@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -16,13 +16,15 @@ from mcstudy.gap import tables, verdict
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.detection import Detection
+from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.gap.questions.parameters import Shift
+from mcstudy.gap.questions.part_fits import parts_dict
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import Undetectable
-from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.joint import AnyRecording, JointRecording, part_labels
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines
+from mcstudy.stance.joint import members
 from mcstudy.streams import stream
 
 LEVEL = 0.05
@@ -85,7 +87,10 @@ class Diagnosis(Summary):
     base
         The fit of the model without effects.
     recording
-        The diagnosed recording (several are pooled); None for lines alone.
+        The diagnosed recording; several of one kind are pooled, of different kinds they are a `JointRecording`. None
+        for lines alone.
+    hypotheses
+        Every refitted hypothesis (`Hypothesis`) with its probability; those of ``causes`` are summed by group.
     """
 
     name: str
@@ -111,7 +116,8 @@ class Diagnosis(Summary):
     method: dict[str, Any]
     lines: Lines
     base: Fitted
-    recording: Recording | FrfRecording | None = None
+    recording: AnyRecording | None = None
+    hypotheses: tuple[tuple[Hypothesis, float], ...] = field(default=(), repr=False)
 
     more: ClassVar[str] = "verdict(), to_dict()"
     """Further methods, named in the representation at a prompt."""
@@ -138,6 +144,38 @@ class Diagnosis(Summary):
         fitted = self.base if self.added is None else self.added
         rng = stream(int(self.method["seed"]), "gap sway")
         return noise_rms_deg(fitted, Data.of(self.lines), self.lines, rng)
+
+    @property
+    def parts(self) -> tuple[Self, ...]:
+        """The diagnosis as seen in each of its recordings: its lines, and the responses of both models to its stimulus.
+
+        Whatever was concluded is that of all recordings. A single recording is its own part.
+        """
+        if len(self.lines.parts) == 1:
+            return (self,)
+        models, several = members(self.base.model), len(self.lines.parts)
+        leading, out = self.leading, []
+        for k, (lines, block) in enumerate(zip(self.lines.parts, self.lines.blocks, strict=True)):
+            causes = self.causes
+            if leading is not None:
+                own = replace(leading.fitted, model=members(leading.fitted.model)[k])
+                causes = (replace(leading, fitted=own), *causes[1:])
+            left_out = self.method.get("discard", 1)
+            out.append(
+                replace(
+                    self,
+                    name=part_labels(self.recording, several)[k],
+                    causes=causes,
+                    detection=replace(self.detection, z=self.detection.z[block]),
+                    f=self.f[block],
+                    torque=self.torque[block],
+                    lines=lines,
+                    base=replace(self.base, model=models[k]),
+                    recording=self.recording.parts[k] if isinstance(self.recording, JointRecording) else None,
+                    method={**self.method, "discard": left_out if isinstance(left_out, int) else left_out[k]},
+                )
+            )
+        return tuple(out)
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
@@ -221,6 +259,7 @@ class Diagnosis(Summary):
                     _of(s, "name unit without without_se added added_se without_from added_from") for s in self.shifts
                 ],
                 **_of(self, "groups warnings method"),
+                **parts_dict(part_labels(self.recording, len(d.parts)), d.parts),
             }
         )
 

@@ -10,7 +10,9 @@ import math
 
 import numpy as np
 
+from mcstudy.gap.checked_lines import Discard, discarded
 from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import rightmost_root
@@ -23,8 +25,24 @@ REAL = 1e-6
 with the leakage (`mcstudy.spectra.transient`)."""
 
 
-def cycles_to_discard(recording: Recording | FrfRecording, model: Model, theta: np.ndarray) -> int:
-    """Cycles after which the slowest oscillation of ``model`` at ``theta`` (P,) is over, at most half of a trial."""
+def cycles_to_discard(recording: AnyRecording, model: Model, theta: np.ndarray) -> Discard:
+    """Cycles after which the slowest oscillation of ``model`` at ``theta`` (P,) is over, at most half of a trial.
+
+    Of a joint recording those of each part.
+    """
+    if isinstance(recording, JointRecording):
+        return tuple(_cycles(p, model, theta) for p in recording.parts)
+    return _cycles(recording, model, theta)
+
+
+def longer(needed: Discard, left_out: Discard) -> bool:
+    """Whether more cycles are ``needed`` than ``left_out``, of any part."""
+    if isinstance(needed, int):
+        return needed > discarded(left_out, 0)
+    return any(n > discarded(left_out, k) for k, n in enumerate(needed))
+
+
+def _cycles(recording: Recording | FrfRecording, model: Model, theta: np.ndarray) -> int:
     period_s, root = _oscillation(recording, model, theta)
     if root is None:
         return 1
@@ -34,8 +52,15 @@ def cycles_to_discard(recording: Recording | FrfRecording, model: Model, theta: 
     return int(np.clip(math.ceil(math.log(OVER) / (root.real * period_s)), 1, most))
 
 
-def unsettled(recording: Recording | FrfRecording, model: Model, theta: np.ndarray, discard: int) -> tuple[str, ...]:
+def unsettled(recording: AnyRecording, model: Model, theta: np.ndarray, discard: Discard) -> tuple[str, ...]:
     """A note when that oscillation outlasts the ``discard`` cycles left out, else nothing."""
+    if isinstance(recording, JointRecording):
+        return tuple(
+            f"{label}: {note}"
+            for k, (label, part) in enumerate(zip(recording.labels, recording.parts, strict=True))
+            for note in unsettled(part, model, theta, discarded(discard, k))
+        )
+    discard = discarded(discard, 0)
     period_s, root = _oscillation(recording, model, theta)
     if root is None or (root.real < 0 and math.exp(root.real * period_s * discard) <= OVER):
         return ()

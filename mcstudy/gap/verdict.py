@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap.questions.parameters import sources
+from mcstudy.gap.questions.part_fits import told
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import Undetectable
+from mcstudy.recordings.joint import part_labels
 from mcstudy.text_tables import fill, number, with_error
 
 if TYPE_CHECKING:
@@ -121,6 +123,8 @@ def sentences(d: Diagnosis) -> list[str]:
             what = "with amplitude" if contrast.kind == "amplitude" else "over the recording"
             change = with_error(100 * largest.gain, 100 * largest.se)
             parts.append(f"The active gains change {what} by {change} %.")
+    if len(d.detection.parts) > 1:
+        parts.append(told(part_labels(d.recording, len(d.detection.parts)), d.detection.parts))
     missed = [u.effect for u in undetected(d)]
     if missed:
         parts.append(f"These data can neither confirm nor rule out: {', '.join(missed)}.")

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from mcstudy.errors import RecordingError
+from mcstudy.gap.checked_lines import Discard, discarded
 from mcstudy.identification.belief import gap_found, with_effects
 from mcstudy.identification.forecast import forecasts
 from mcstudy.identification.loop_stability import stability
@@ -15,8 +16,8 @@ from mcstudy.identification.quantities import quantities
 from mcstudy.identification.result import FitResult
 from mcstudy.identification.sway import predicted_sway
 from mcstudy.identification.trades import bodies, valleys
-from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.joint import AnyRecording, JointRecording
+from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import measure, require_noise
 from mcstudy.stance.feedback import Model
@@ -31,7 +32,7 @@ CLEARLY = 1.2
 
 def complete(
     fitted: FitResult,
-    recording: Recording | FrfRecording,
+    recording: AnyRecording,
     nominal: Model,
     base: Model,
     wanted: Sequence[str] | Mapping[str, Any],
@@ -41,7 +42,7 @@ def complete(
     ``nominal``: the model without effects, as it was given. ``base``: the same with the bounds of the fit. ``wanted``:
     the quantities that were asked for.
     """
-    f, seed, discard = fitted, int(fitted.method["seed"]), int(fitted.method["discard"])
+    f, seed, discard = fitted, int(fitted.method["seed"]), fitted.method["discard"]
     gap, test = gap_found(f.lines, nominal, seed)
     added = f.method["effects"]
     comparison = None
@@ -69,14 +70,16 @@ def complete(
     )
 
 
-def _higher(recording: Recording | FrfRecording, lines: Lines, discard: int) -> Lines | None:
+def _higher(recording: AnyRecording, lines: Lines, discard: Discard) -> Lines | None:
     """The lines of the recording up to the next of `HIGHER_HZ`, None where it has none."""
-    wanted = next((f for f in HIGHER_HZ if f > CLEARLY * lines.f[-1]), None)
+    top = float(lines.f.max())
+    wanted = next((f for f in HIGHER_HZ if f > CLEARLY * top), None)
     if wanted is None:
         return None
+    parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
     try:
-        higher = measure(recording, wanted, discard)
+        higher = joined([measure(p, wanted, discarded(discard, k)) for k, p in enumerate(parts)])
         require_noise(higher, recording.name)
     except RecordingError:  # what the recording does not hold cannot be forecast
         return None
-    return higher if higher.f[-1] > CLEARLY * lines.f[-1] else None
+    return higher if higher.f.max() > CLEARLY * top else None

@@ -74,7 +74,7 @@ def simulated(noise: LineNoise, rng: np.random.Generator) -> Draws:
     parts = np.stack([precision[..., 0, 0].real, precision[..., 1, 1].real, off.real, off.imag], axis=-1)
     exact = z.reshape(D, 2 * N)
     deviance, exact_deviance = (2 * np.einsum("dn,dn->d", exact.conj(), x).real for x in (pulled, exact))
-    return Draws(parts.reshape(D, 4 * N), pulled, deviance, exact, exact_deviance, noise.pooling is None)
+    return Draws(parts.reshape(D, 4 * N), pulled, deviance, exact, exact_deviance, noise.known)
 
 
 def correction(jacobian: np.ndarray, gradients: np.ndarray, draws: Draws) -> Correction:

@@ -11,22 +11,26 @@ from scipy.special import ndtri
 
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError, RecordingError
-from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.checked_lines import checked_lines
-from mcstudy.gap.settling import cycles_to_discard, unsettled
+from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.gap.checked_lines import Discard, checked_lines, discarded, given_model
+from mcstudy.gap.questions.part_fits import PartFit, part_fits
+from mcstudy.gap.settling import cycles_to_discard, longer, unsettled
 from mcstudy.identification.complete import complete
-from mcstudy.identification.correction import Draws, simulated
+from mcstudy.identification.correction import DRAWS, Draws, simulated
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
 from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.tables import BANDS_HZ
-from mcstudy.identification.threshold import threshold
+from mcstudy.identification.threshold import Threshold, threshold
 from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
+from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
 
@@ -42,7 +46,7 @@ follows chance where it has few lines: estimated up to 1.2 Hz only, the covarian
 
 
 def fit(
-    recording: Recording | FrfRecording | Sequence[Recording | FrfRecording],
+    recording: AnyRecording | Sequence[Recording | FrfRecording],
     *,
     effects: Sequence[str] = (),
     wanted: Sequence[str] | Mapping[str, Any] = (),
@@ -54,31 +58,41 @@ def fit(
     accept: Iterable[str] = (),
     seed: int = 0,
 ) -> FitResult:
-    """Parameters of the person in a recording, or in several that are pooled; see `mcstudy.fit`.
+    """Parameters of the person in a recording, or in several of one person; see `mcstudy.fit`.
 
     Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong argument.
     """
 
-    def fitted(left_out: int) -> tuple[Recording | FrfRecording, Model, FitResult]:
+    def fitted(left_out: Discard) -> tuple[AnyRecording, Model, FitResult]:
         one, lines = checked_lines(recording, fmax, left_out, accept)
-        if isinstance(one, Recording) and one.period_s is not None and fmax < NOISE_HZ:
-            lines = measure(one, max(fmax, min(NOISE_HZ, one.rate_hz / 2.5)), left_out).below(fmax)
-        nominal = model or one.base_model()
+        if isinstance(one, JointRecording):
+            several = zip(one.parts, lines.parts, strict=True)
+            lines = joined([_lines(p, own, fmax, discarded(left_out, k)) for k, (p, own) in enumerate(several)])
+        else:
+            lines = _lines(one, lines, fmax, discarded(left_out, 0))
+        nominal = given_model(model, one, lines)
         result = fit_lines(
             lines, nominal, effects=effects, wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name
         )
         return one, nominal, result
 
-    left_out = 1 if discard is None else discard
+    left_out: Discard = 1 if discard is None else discard
     one, nominal, result = fitted(left_out)
-    if discard is None and (needed := cycles_to_discard(one, result.model, result.theta)) > left_out:
+    if discard is None and longer(needed := cycles_to_discard(one, result.model, result.theta), left_out):
         left_out = needed
         one, nominal, result = fitted(left_out)
-    noted = tuple(s.message for s in one.suspicions) if isinstance(one, Recording) else ()
+    noted = () if isinstance(one, FrfRecording) else tuple(s.message for s in one.suspicions)
     method = {**result.method, "fmax": fmax, "discard": left_out}
     start = unsettled(one, result.model, result.theta, left_out)
     result = replace(result, recording=one, warnings=(*noted, *result.warnings, *start), method=method)
     return complete(result, one, nominal, _base(nominal, bounds or {}), wanted)
+
+
+def _lines(one: Recording | FrfRecording, lines: Lines, fmax: float, left_out: int) -> Lines:
+    """The lines of one recording up to ``fmax``, with the noise estimated up to `NOISE_HZ` where it has a period."""
+    if isinstance(one, Recording) and one.period_s is not None and fmax < NOISE_HZ:
+        return measure(one, max(fmax, min(NOISE_HZ, one.rate_hz / 2.5)), left_out).below(fmax)
+    return lines
 
 
 def fit_lines(
@@ -132,7 +146,18 @@ def fit_lines(
         warnings=(*_warnings(minima.missed), *lines.notes),
         method={"cost": "ml", "seed": seed, "effects": list(effects)},
         without=_without(lines, nominal, bounds or {}, seed) if effects else None,
+        part_fits=_part_fits(lines, data, theta, model, upto, seed) if len(lines.parts) > 1 else (),
     )
+
+
+def _part_fits(
+    lines: Lines, data: Data, theta: np.ndarray, model: Model, upto: Threshold, seed: int
+) -> tuple[PartFit, ...]:
+    """Goodness of fit of each recording; null samples are those of the linearised fit, without bounds that hold it."""
+    noise = lines.noise.draw(stream(seed, "fit parts"), DRAWS)
+    taken = np.linalg.qr(upto.jacobian[:, upto.near.free])[0]
+    residual = whiten(data.weight, data.y - frf(model, theta, data.f))
+    return part_fits(lines, residual, noise - taken @ (taken.T @ noise))
 
 
 def _without(lines: Lines, nominal: Model, given: Mapping[str, tuple[float, float]], seed: int) -> Minima:

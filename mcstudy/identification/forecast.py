@@ -21,6 +21,7 @@ from mcstudy.identification.quantities import Quantity
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import line_information, standard_errors
+from mcstudy.stance.joint import with_lines
 
 if TYPE_CHECKING:
     from mcstudy.identification.result import Estimate
@@ -77,7 +78,7 @@ def forecasts(
     now = standard_errors(information, gradients)
     more = None
     if higher is not None:  # what the lines of the fit hold stays as it is
-        beyond = fisher(model, theta, higher) - fisher(model, theta, higher.below(float(lines.f[-1]) * (1 + 1e-9)))
+        beyond = fisher(model, theta, higher) - fisher(model, theta, higher.below(float(lines.f.max()) * (1 + 1e-9)))
         more = standard_errors(information + beyond, gradients)
     known = np.array([standard_errors(information, gradients, k) for k in range(theta.size)])  # (P, K)
     itself = (gradients != 0).sum(axis=1) == 1
@@ -96,7 +97,7 @@ def forecasts(
                 cycles=float(width / np.sqrt(2)),
                 amplitude=float(width / 2),
                 fmax=None if more is None else float(scale * more[k]),
-                fmax_hz=None if higher is None else float(higher.f[-1]),
+                fmax_hz=None if higher is None else float(higher.f.max()),
                 known=model.names[best],
                 with_known=float(scale * known[best, k]),
                 rough=bool(rough),
@@ -107,4 +108,5 @@ def forecasts(
 
 def fisher(model: Model, theta: np.ndarray, lines: Lines) -> np.ndarray:
     """Fisher information (P, P) on the parameters of ``model`` at ``theta``."""
-    return np.asarray(line_information(model, theta, lines.f, lines.noise.whitener).sum(axis=0))
+    own = with_lines(model, lines.counts)
+    return np.asarray(line_information(own, theta, lines.f, lines.noise.whitener).sum(axis=0))

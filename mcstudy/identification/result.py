@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
+from mcstudy.gap.questions.part_fits import PartFit, parts_dict
 from mcstudy.identification import tables, words
 from mcstudy.identification.belief import GapFound, WithEffects
 from mcstudy.identification.forecast import Forecast
@@ -17,11 +18,11 @@ from mcstudy.identification.minimum import Minima
 from mcstudy.identification.profile import Profile
 from mcstudy.identification.sway import PredictedSway
 from mcstudy.identification.trades import Valley, moving
-from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.joint import AnyRecording, JointRecording, part_labels
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import members
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -110,7 +111,8 @@ class FitResult(Summary):
     without
         Minima of the model without effects (`Minima`); None if none were added.
     recording
-        The fitted recording (several are pooled); None for lines alone.
+        The fitted recording; several of one kind are pooled, of different kinds they are a `JointRecording`. None for
+        lines alone.
     valleys
         Parameters that trade for each other (`Valley`); empty for lines alone, as are all that follow.
     stability
@@ -125,6 +127,8 @@ class FitResult(Summary):
         The model with the added effects against that without (`WithEffects`); None if none were added.
     paper
         (P,), estimates under the cost of Goodworth & Peterka (2018), for comparison; None without a period.
+    part_fits
+        Goodness of fit of each recording of a joint set (`PartFit`); empty for a single recording.
     """
 
     name: str
@@ -142,7 +146,7 @@ class FitResult(Summary):
     warnings: tuple[str, ...]
     method: dict[str, Any]
     without: Minima | None = None
-    recording: Recording | FrfRecording | None = None
+    recording: AnyRecording | None = None
     valleys: tuple[Valley, ...] = ()
     stability: Stability | None = None
     sway: PredictedSway | None = None
@@ -150,9 +154,27 @@ class FitResult(Summary):
     gap: GapFound | None = None
     comparison: WithEffects | None = None
     paper: np.ndarray | None = None
+    part_fits: tuple[PartFit, ...] = ()
 
     more: ClassVar[str] = "text(), to_xarray(), to_dict()"
     """Further methods, named in the representation at a prompt."""
+
+    @property
+    def parts(self) -> tuple[Self, ...]:
+        """The fit as seen in each of its recordings: its lines, and the responses to its stimulus.
+
+        Estimates and all else are those of all recordings. A single recording is its own part.
+        """
+        if len(self.lines.parts) == 1:
+            return (self,)
+        recordings = self.recording.parts if isinstance(self.recording, JointRecording) else (None,) * len(self.labels)
+        several = zip(self.labels, self.lines.parts, members(self.model), recordings, strict=True)
+        return tuple(replace(self, name=n, lines=own, model=m, recording=r) for n, own, m, r in several)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each part is called."""
+        return part_labels(self.recording, len(self.lines.parts))
 
     @property
     def without_chi2(self) -> float | None:
@@ -270,6 +292,7 @@ class FitResult(Summary):
                 "comparison": None if self.comparison is None else asdict(self.comparison),
                 "warnings": self.warnings,
                 "method": self.method,
+                **parts_dict(self.labels, self.part_fits),
             }
         )
 

@@ -139,7 +139,7 @@ def help_needed(r: FitResult) -> Table | None:
 
 def band_names(r: FitResult) -> tuple[str, ...]:
     """The bands that hold lines, in words."""
-    return tuple(_band(low, high) for low, high in pairwise(BANDS_HZ) if low < r.lines.f[-1])
+    return tuple(_band(low, high) for low, high in pairwise(BANDS_HZ) if low < r.lines.f.max())
 
 
 def _band(low: float, high: float) -> str:

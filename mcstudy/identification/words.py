@@ -10,6 +10,7 @@ import numpy as np
 
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.gap.diagnosis import LEVEL
+from mcstudy.gap.questions.part_fits import told
 from mcstudy.gap.verdict import p_words
 from mcstudy.identification.tables import as_text, estimates, help_needed, interval, relative
 from mcstudy.text_tables import number, with_error
@@ -42,13 +43,13 @@ def with_unit(e: Estimate) -> str:
 def text(r: FitResult) -> str:
     """Tables, then sentences."""
     tables = [as_text(t) for t in (estimates(r), help_needed(r)) if t is not None]
-    heading = f"{r.name}: {len(r.lines)} lines up to {r.lines.f[-1]:.3g} Hz"
+    heading = f"{r.name}: {len(r.lines)} lines up to {r.lines.f.max():.3g} Hz"
     return "\n\n".join([heading, *tables, "\n".join(sentences(r))])
 
 
 def sentences(r: FitResult) -> list[str]:
     """What the numbers mean, one entry per topic."""
-    first = [belief(r), added(r), loop(r), sway(r), undetermined(r)]
+    first = [belief(r), by_recording(r), added(r), loop(r), sway(r), undetermined(r)]
     parts = [*first, *valleys(r), help_words(r), correlated(r), found(r)]
     return [*(part for part in parts if part), *r.warnings]
 
@@ -66,6 +67,11 @@ def belief(r: FitResult) -> str:
     if doubtful(r):
         out += " The intervals hold only if the model is right; `mcstudy gap diagnose` says what it may lack."
     return out
+
+
+def by_recording(r: FitResult) -> str:
+    """Goodness of fit of each recording of a joint set; empty for one recording."""
+    return told(r.labels, r.part_fits) if r.part_fits else ""
 
 
 def p_text(p: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -53,6 +53,16 @@ class Figure:
     python: str = ""
     small: bool = False
     legend: Sequence[tuple[str, str]] = field(default_factory=tuple)
+
+
+def of_part(shown: Figure, k: int, label: str, owner: str) -> Figure:
+    """A figure about part ``k`` of a joint result, which ``owner`` draws (``"fit"``): with its own id and title."""
+    return replace(
+        shown,
+        key=f"{shown.key}_{k + 1}",
+        title=f"{shown.title}: {label}",
+        python=shown.python.replace(f"{owner}.plot", f"{owner}.parts[{k}].plot"),
+    )
 
 
 @dataclass(frozen=True)

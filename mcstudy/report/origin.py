@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.labels import with_units
 
 
-def recording_rows(name: str, recording: Recording | FrfRecording | None) -> list[list[str]]:
-    """Name, origin, stimulus, trials and period of a recording, as rows of words."""
+def recording_rows(name: str, recording: AnyRecording | None) -> list[list[str]]:
+    """Name, origin, stimulus, trials and period of a recording, or of each part of a joint one, as rows of words."""
+    if isinstance(recording, JointRecording):
+        return [row for part in recording.parts for row in recording_rows(part.name, part)]
     rows = [["recording", name]]
     if recording is not None:
         rows += [["origin", recording.provenance or "not stated"], ["stimulus", recording.stimulus]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,15 +20,28 @@ class LineNoise(Summary):
     C: (N, 2, 2) complex Hermitian, unbiased estimate of E[e e^H].
     dof: (N,) complex degrees of freedom of ``C`` (a complex Wishart matrix of that many outer products).
     pooling: how the estimates at neighbouring lines share data; None for a known covariance.
+    parts: the noises of independent recordings whose lines follow one another in ``C``, each with a pooling of its
+        own; empty for one recording.
     """
 
     C: np.ndarray
     dof: np.ndarray
     pooling: Pooling | None = None
+    parts: tuple[LineNoise, ...] = ()
+
+    @classmethod
+    def joined(cls, parts: Sequence[LineNoise]) -> LineNoise:
+        """The noise of independent recordings, line after line."""
+        return cls(np.concatenate([p.C for p in parts]), np.concatenate([p.dof for p in parts]), parts=tuple(parts))
+
+    @property
+    def known(self) -> bool:
+        """Whether the covariance is not an estimate."""
+        return all(p.known for p in self.parts) if self.parts else self.pooling is None
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
-        known = "known" if self.pooling is None else f"{self.dof.min():.3g} to {self.dof.max():.3g} degrees of freedom"
+        known = "known" if self.known else f"{self.dof.min():.3g} to {self.dof.max():.3g} degrees of freedom"
         return [("lines", str(self.dof.size)), ("covariance", known)]
 
     @property
@@ -47,10 +61,16 @@ class LineNoise(Summary):
 
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """``n`` random errors (4 N, n), whitened with a covariance estimate of the same uncertainty."""
+        if self.parts:
+            drawn = [p.draw(rng, n).reshape(2, -1, n) for p in self.parts]  # real parts, then imaginary
+            return np.concatenate(drawn, axis=1).reshape(-1, n)
         return NullDraws(self.dof, self.pooling)(rng, n)
 
     def joint_draws(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Errors and estimates of their precision together; see `NullDraws.joint`."""
+        if self.parts:
+            errors, roots = zip(*(p.joint_draws(rng, n) for p in self.parts), strict=True)
+            return np.concatenate(errors), np.concatenate(roots)
         return NullDraws(self.dof, self.pooling).joint(rng, n)
 
     @property
@@ -61,10 +81,11 @@ class LineNoise(Summary):
 
     def times(self, factor: np.ndarray) -> LineNoise:
         """The noise of responses with ``factor`` (N,) times the variance."""
-        return replace(self, C=self.C * factor[:, None, None])
+        parts = tuple(p.times(x) for p, x in zip(self.parts, self._by_part(factor), strict=True))
+        return replace(self, C=self.C * factor[:, None, None], parts=parts)
 
     def with_fewer(self, share: np.ndarray) -> LineNoise:
-        """The same covariance, estimated with a ``share`` (N,) of the degrees of freedom."""
+        """The same covariance of one recording, estimated with a ``share`` (N,) of the degrees of freedom."""
         pooling = self.pooling
         if pooling is not None and pooling.records is not None:
             pooling = replace(pooling, records=max(1, round(pooling.records * float(np.median(share)))))
@@ -72,8 +93,15 @@ class LineNoise(Summary):
 
     def plus(self, other: LineNoise) -> LineNoise:
         """The noise of a difference of two responses whose covariances come from one estimate."""
-        return replace(self, C=self.C + other.C)
+        parts = tuple(a.plus(b) for a, b in zip(self.parts, other.parts, strict=True))
+        return replace(self, C=self.C + other.C, parts=parts)
 
     def at(self, keep: np.ndarray) -> LineNoise:
-        """At some of the lines."""
+        """At some of the lines, (N,) bool."""
+        if self.parts:
+            return LineNoise.joined([p.at(k) for p, k in zip(self.parts, self._by_part(keep), strict=True)])
         return LineNoise(self.C[keep], self.dof[keep], None if self.pooling is None else self.pooling.at_lines(keep))
+
+    def _by_part(self, values: np.ndarray) -> list[np.ndarray]:
+        """Values of the lines, (N,), by part."""
+        return np.split(values, np.cumsum([p.dof.size for p in self.parts])[:-1]) if self.parts else []

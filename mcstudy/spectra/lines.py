@@ -8,6 +8,7 @@ other the lines of overlapping segments (`mcstudy.spectra.segments`), a publishe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import fdtrc
@@ -88,6 +89,22 @@ class Lines(Summary):
     def __len__(self) -> int:
         return int(self.f.size)
 
+    @property
+    def parts(self) -> tuple[Lines, ...]:
+        """The lines by recording: themselves, unless they are of several (`mcstudy.spectra.joint_lines`)."""
+        return (self,)
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of lines of each part."""
+        return tuple(len(p) for p in self.parts)
+
+    @property
+    def blocks(self) -> tuple[slice, ...]:
+        """Where the lines of each part are."""
+        ends = np.cumsum((0, *self.counts))
+        return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
         noise = np.sqrt(self.noise.variance) / np.maximum(np.abs(self.y), 1e-300)
@@ -153,4 +170,4 @@ class Lines(Summary):
 
 
 def _span(f: np.ndarray) -> str:
-    return f"{f.size}, {f[0]:.4g} to {f[-1]:.4g} Hz" if f.size else "0"
+    return f"{f.size}, {f.min():.4g} to {f.max():.4g} Hz" if f.size else "0"

@@ -120,6 +120,8 @@ class Term:
         Constant factor.
     noisy
         Whether sensor noise enters the loop here (the active feedback).
+    stimulus
+        Position of the stimulus that a term with ``sense="stimulus"`` senses among the model's ``blocks``.
     late
         Name of the parameter that holds a further delay in s, added to ``delay`` (of a stimulus that arrives late), or
         None.
@@ -133,12 +135,21 @@ class Term:
     filters: tuple[str, ...] = ()
     coefficient: float = 1.0
     noisy: bool = False
+    stimulus: int = 0
     late: str | None = None
 
     @property
     def all_delays(self) -> tuple[str, ...]:
         """Names of its delays, whose sum delays it; none, one or two."""
         return tuple(name for name in (self.delay, self.late) if name is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Consecutive lines of a joint set that one stimulus evokes: its ``unit``, and the number of ``lines``."""
+
+    unit: str
+    lines: int
 
 
 @dataclass(frozen=True)
@@ -167,6 +178,9 @@ class Model:
         Unit of the stimulus, ``"N m"``, ``"m"`` or ``"rad"``.
     provenance
         Origin of the true values, text for people.
+    blocks
+        Which stimulus evokes which of the frequencies at which responses are asked for (`Block`), one after the other
+        (`mcstudy.stance.joint`); empty for a single stimulus, whose responses may be asked for at any frequencies.
 
     Raises
     ------
@@ -183,6 +197,7 @@ class Model:
     angles: tuple[str, str] = ANGLES
     stimulus_unit: str = "N m"
     provenance: str = field(default="", compare=False)
+    blocks: tuple[Block, ...] = ()
 
     def __post_init__(self) -> None:
         names = [p.name for p in self.parameters]
@@ -197,6 +212,8 @@ class Model:
                 raise ModelError(f"{where}: sense must be one of {sorted(self.senses)}")
             if term.order not in (-1, 0, 1, 2):
                 raise ModelError(f"{where}: order must be -1, 0, 1 or 2, got {term.order}")
+            if not 0 <= term.stimulus < max(1, len(self.blocks)):
+                raise ModelError(f"{where}: unknown stimulus {term.stimulus}")
             if len(term.gain) > 2:
                 raise ModelError(f"{where}: at most two gains may multiply, got {term.gain}")
             for unknown in {*term.gain, *term.all_delays}:
@@ -238,6 +255,18 @@ class Model:
     def upper(self) -> np.ndarray:
         """Upper bounds, shape (P,)."""
         return np.array([p.upper for p in self.parameters])
+
+    def stimulus_at(self, n: int) -> np.ndarray | None:
+        """(n,) int64, the stimulus that evokes each of ``n`` frequencies; None for a model with a single stimulus.
+
+        Raises `ModelError` unless the blocks hold as many lines.
+        """
+        if not self.blocks:
+            return None
+        lines = [b.lines for b in self.blocks]
+        if sum(lines) != n:
+            raise ModelError(f"model {self.name}: expected the {sum(lines)} lines of its stimuli, got {n} frequencies")
+        return np.repeat(np.arange(len(lines)), lines)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -321,6 +350,7 @@ class Table:
     entry: (E, 5) int64 - row, order, group, first gain, second gain (parameter indices, -1 none).
     weight: (E, 4) float64 - coefficient, then weights on (theta1, theta2, stimulus).
     noisy: (E,) bool - whether sensor noise enters the term.
+    stimulus: (E,) int64 - which stimulus it senses, if it senses one.
     group_delay: (G, 2) int64 - parameter indices of the delays, -1 none; the second only where there is a first.
     group_filters: (G, 4) int64 - filter indices, -1 none.
     monomial: (M, 6) int64 - filter, 0 numerator / 1 denominator, order, power of the second parameter,
@@ -334,6 +364,7 @@ class Table:
     entry: np.ndarray
     weight: np.ndarray
     noisy: np.ndarray
+    stimulus: np.ndarray
     group_delay: np.ndarray
     group_filters: np.ndarray
     monomial: np.ndarray
@@ -382,6 +413,7 @@ class Table:
             entry=np.array(entry, dtype=np.int64).reshape(-1, 5),
             weight=np.array(weight, dtype=np.float64).reshape(-1, 4),
             noisy=np.array(noisy, dtype=bool),
+            stimulus=np.array([t.stimulus for t in terms], dtype=np.int64),
             group_delay=np.array([d for d, _ in groups], dtype=np.int64).reshape(-1, 2),
             group_filters=group_filters,
             monomial=np.array(monomial, dtype=np.int64).reshape(-1, 6),

@@ -47,16 +47,27 @@ def _group_values(table: Table, theta: np.ndarray, s: np.ndarray, filters: np.nd
     return out
 
 
+def sensed_stimulus(model: Model, n: int) -> np.ndarray | None:
+    """(E, n), 1 where a term senses the stimulus that evokes a line of a joint set, else 0; None for one stimulus."""
+    at = model.stimulus_at(n)
+    return None if at is None else (model.table.stimulus[:, None] == at).astype(float)
+
+
 def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A(s) of shape (..., N, 2, 2) and b(s) of shape (..., N, 2) at complex ``s`` of shape (N,)."""
+    """A(s) of shape (..., N, 2, 2) and b(s) of shape (..., N, 2) at complex ``s`` of shape (N,).
+
+    A joint model (`mcstudy.stance.joint`) has the b(s) of each line's own stimulus.
+    """
     table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
-    return _system(table, theta, s, _group_values(table, theta, s, _filters(table, theta, s)[0]))
+    return _system(model, theta, s, _group_values(table, theta, s, _filters(table, theta, s)[0]))
 
 
-def _system(table: Table, theta: np.ndarray, s: np.ndarray, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _system(model: Model, theta: np.ndarray, s: np.ndarray, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    table = model.table
     A = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
     b = np.zeros((*theta.shape[:-1], s.size, 2), dtype=complex)
     gains, power = table.gains(theta), {order: s**order for order in set(table.entry[:, 1].tolist())}
+    own = sensed_stimulus(model, s.size)
     for e, (row, order, group, _, _) in enumerate(table.entry.tolist()):
         value = gains[..., e, None] * power[order] * groups[..., group, :]
         first, second, stimulus = table.weight[e, 1:]
@@ -65,7 +76,7 @@ def _system(table: Table, theta: np.ndarray, s: np.ndarray, groups: np.ndarray) 
         if second:
             A[..., row, 1] += second * value
         if stimulus:
-            b[..., row] -= stimulus * value
+            b[..., row] -= stimulus * (value if own is None else value * own[e])
     return A, b
 
 
@@ -79,7 +90,7 @@ def frf(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
     theta
         (..., P), parameter values, e.g. ``model.truth``.
     f
-        (N,), frequencies, Hz.
+        (N,), frequencies, Hz; of a joint model those of its blocks.
 
     Returns
     -------
@@ -115,13 +126,14 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
     table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     filters, log_slope = _filters(table, theta, s)
     groups = _group_values(table, theta, s, filters)
-    A, b = _system(table, theta, s, groups)
+    A, b = _system(model, theta, s, groups)
     inverse = np.linalg.inv(A)
     H = np.einsum("...ij,...j->...i", inverse, b)
     force = np.zeros((*theta.shape[:-1], s.size, 2, table.n_parameters), dtype=complex)
+    own = sensed_stimulus(model, s.size)
     for e, (row, order, group, g1, g2) in enumerate(table.entry):
         w = table.weight[e]
-        sensed = w[1] * H[..., 0] + w[2] * H[..., 1] + w[3]
+        sensed = w[1] * H[..., 0] + w[2] * H[..., 1] + (w[3] if own is None else w[3] * own[e])
         unit = w[0] * s**order * groups[..., group, :] * sensed
         first = theta[..., g1, None] if g1 >= 0 else 1.0
         second = theta[..., g2, None] if g2 >= 0 else 1.0

@@ -20,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from mcstudy.fitting.penalised import Data, Fitted, whiten
+from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import active, system
 
 LENGTHS = (0.6, 1.2)
@@ -63,7 +64,7 @@ def _modes(first: float, last: float, length: float) -> tuple[np.ndarray, np.nda
 def smooth_functions(f: np.ndarray, length: float) -> np.ndarray:
     """(N, `RANK`) orthogonal functions whose sum of squares is a unit-variance process smooth over ln f."""
     x = np.log(f)
-    grid, value, vector = _modes(round(float(x[0]), 9), round(float(x[-1]), 9), length)
+    grid, value, vector = _modes(round(float(x.min()), 9), round(float(x.max()), 9), length)
     cross = np.exp(-0.5 * ((x[:, None] - grid) / length) ** 2)
     return np.asarray(cross @ vector / np.sqrt(np.maximum(value, 1e-9)))
 
@@ -73,8 +74,20 @@ def _complex(columns: np.ndarray) -> np.ndarray:
     return np.concatenate([columns, 1j * columns], axis=-1) / np.sqrt(2)
 
 
+def by_stimulus(model: Model, functions: np.ndarray) -> np.ndarray:
+    """Functions (N, K) of the lines as functions (N, K J) of each of the J stimuli of a joint model."""
+    at = model.stimulus_at(len(functions))
+    if at is None:
+        return functions
+    return np.concatenate([functions * (at == k)[:, None] for k in range(len(model.blocks))], axis=1)
+
+
 def free_torques(fitted: Fitted, data: Data) -> list[Family]:
-    """Free torques at the ankle, the hip and both, and free relative errors of both measured angles."""
+    """Free torques at the ankle, the hip and both, and free relative errors of both measured angles.
+
+    Torques under different stimuli are independent: what is unknown may depend on what moves the body. A sensor has
+    the same error under all of them.
+    """
     s = 2j * np.pi * data.f
     model, theta = fitted.model, fitted.theta
     A, b = system(model, theta, s)
@@ -85,10 +98,11 @@ def free_torques(fitted: Fitted, data: Data) -> list[Family]:
     out = []
     for length in LENGTHS:
         phi = smooth_functions(data.f, length)
+        free = by_stimulus(model, phi)
         torque = {
             row: whiten(
                 data.weight,
-                _complex(inverse[:, :, k, None] * (loop[:, k, None] * phi)[:, None, :]),
+                _complex(inverse[:, :, k, None] * (loop[:, k, None] * free)[:, None, :]),
             )
             for k, row in enumerate(model.rows)
         }

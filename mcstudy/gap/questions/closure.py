@@ -83,17 +83,25 @@ def _basis(fitted: Fitted, data: Data, space: np.ndarray) -> np.ndarray:
 def energy(fitted: Fitted, data: Data, lines: Lines, space: np.ndarray) -> tuple[float, int]:
     """Energy of the residual between repeats, and the number of dimensions of the space.
 
-    With a single repeat: the energy of the mean residual minus its expected noise.
+    With a single repeat of a recording: the energy of the mean residual minus its expected noise.
     """
     basis = _basis(fitted, data, space)
     H = fitted.response(data.f)
-    b = np.array([basis.T @ whiten(data.weight, y - H) for y in lines.repeats])
-    w = lines.weight.mean(axis=1)
-    mean = w @ b
-    if len(w) < 2:
-        return float(mean @ mean) - basis.shape[1], basis.shape[1]
-    same = float((w**2) @ (b**2).sum(axis=1))
-    return (float(mean @ mean) - same) / (1 - float((w**2).sum())), basis.shape[1]
+    by_line = basis.reshape(2, len(lines), 2, -1)
+    total, means = 0.0, []
+    for part, block in zip(lines.parts, lines.blocks, strict=True):
+        own = by_line[:, block].reshape(4 * len(part), -1)
+        b = np.array([own.T @ whiten(data.weight[block], y - H[block]) for y in part.repeats])
+        w = part.weight.mean(axis=1)
+        mean = w @ b
+        means.append(mean)
+        if len(w) < 2:
+            total += float(mean @ mean) - float((own**2).sum())
+            continue
+        same = float((w**2) @ (b**2).sum(axis=1))
+        total += (float(mean @ mean) - same) / (1 - float((w**2).sum()))
+    across = np.sum(means, axis=0)  # errors of different recordings are independent
+    return total + float(across @ across) - float(sum(m @ m for m in means)), basis.shape[1]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ the model is. Derived.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mcstudy.errors import ModelError
 from mcstudy.fitting.penalised import Fitted, whiten
 from mcstudy.gap.candidates.scores import log_factor
 from mcstudy.spectra.lines import Lines
+from mcstudy.stance.joint import members
 from mcstudy.stance.response import frf_jacobian
 
 FIRST_HARMONIC = 5
@@ -72,12 +73,15 @@ class Contrast:
         Result for every effect that this comparison reveals (`Change`).
     p_value
         p-value of the mean Bayes factor of ``changes``.
+    part
+        Position of the recording in a joint set.
     """
 
     kind: str
     between: tuple[float, float]
     changes: tuple[Change, ...]
     p_value: float
+    part: int = 0
 
 
 def _difference(kind: str, first: Lines, second: Lines) -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +145,14 @@ def _spread(unit: np.ndarray, difference: np.ndarray) -> np.ndarray:
 
 
 def contrasts(lines: Lines, base: Fitted, rng: np.random.Generator) -> list[Contrast]:
-    """All possible comparisons: lowest against highest amplitude, first against last cycles."""
+    """All possible comparisons within a recording: lowest against highest amplitude, first against last cycles."""
+    out = []
+    for k, (part, model) in enumerate(zip(lines.parts, members(base.model), strict=True)):
+        out += [replace(c, part=k) for c in _within(part, replace(base, model=model), rng)]
+    return out
+
+
+def _within(lines: Lines, base: Fitted, rng: np.random.Generator) -> list[Contrast]:
     out = []
     groups = lines.by_amplitude() if np.isfinite(lines.amplitude).all() else []
     if len(groups) > 1:

@@ -18,6 +18,7 @@ from mcstudy.fitting.arguments import PenalisedFits
 from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.questions.part_fits import PartFit, part_fits
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.response import frf
 
@@ -83,6 +84,8 @@ class Detection:
         (draws,), null samples of the statistic and of the squared whole residual.
     unstructured
         The test for an unstructured residual, calibrated with the latter.
+    parts
+        Goodness of fit of each recording of a joint set (`PartFit`); of a single recording that of the whole.
     """
 
     p_value: float
@@ -97,6 +100,7 @@ class Detection:
     null_statistic: np.ndarray = field(repr=False)
     null_chi2: np.ndarray = field(repr=False)
     unstructured: Unstructured = field(repr=False)
+    parts: tuple[PartFit, ...] = ()
 
     @property
     def statistic_limit(self) -> float:
@@ -179,6 +183,7 @@ def detect(
         nulls,
         null_chi2,
         unstructured,
+        part_fits(lines, residual, null),
     )
 
 
@@ -206,7 +211,7 @@ def _bands(f: np.ndarray, angles: tuple[str, str], z: np.ndarray, null: np.ndarr
             continue
         for k, angle in enumerate(angles):
             expected = (np.abs(null[inside, k]) ** 2).mean(axis=0)
-            rows.append((angle, float(f[inside][0]), float(f[inside][-1]), expected))
+            rows.append((angle, float(f[inside].min()), float(f[inside].max()), expected))
             level.append(float((np.abs(z[inside, k]) ** 2).mean()))
             ratio.append((expected - expected.mean()) / expected.std())
     limit = float(np.quantile(np.max(ratio, axis=0), 0.95))

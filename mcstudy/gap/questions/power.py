@@ -66,14 +66,15 @@ def undetectable(found: Sequence[Signature], contrasts: Sequence[Contrast], tria
                 more if more < 10000 else None,
             )
         )
-    kinds = {c.kind: c for c in contrasts}
+    kinds = {c.kind for c in contrasts}
     for e in library.LIBRARY.values():
         if e.kind != "linear" and e.contrast is None:
             out.append(Undetectable(e.name, "changes the noise, not the responses", None, e.size.unit, None))
         elif e.contrast == "amplitude" and "amplitude" not in kinds:
             out.append(Undetectable(e.name, "needs trials at two amplitudes", None, e.size.unit, None))
         elif e.contrast is not None and e.contrast in kinds:
-            change = next((c for c in kinds[e.contrast].changes if c.effect == e.name), None)
+            own_changes = [k for c in contrasts if c.kind == e.contrast for k in c.changes if k.effect == e.name]
+            change = min(own_changes, key=lambda k: k.se, default=None)
             if change is None or FOUND * change.se > 0.4:
                 worst = (
                     "" if change is None else f"; smallest detectable relative change of gain: {FOUND * change.se:.2g}"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from mcstudy.effect_library.library import LIBRARY, size_text
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.tables import closing, evidence, tables
 from mcstudy.gap.verdict import added_name, effects_of, sentences
+from mcstudy.recordings.joint import part_labels
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.diagnosis.sections import (
     evidence_figure,
@@ -20,7 +22,7 @@ from mcstudy.report.diagnosis.sections import (
 )
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.document import document
-from mcstudy.report.figure import Figure, Missing, figure, missing
+from mcstudy.report.figure import Figure, Missing, figure, missing, of_part
 from mcstudy.report.html import Table, details, escape, table
 from mcstudy.report.labels import with_units
 from mcstudy.report.origin import recording_rows
@@ -30,22 +32,45 @@ def gap_page(diagnosis: Diagnosis, command: str = "mcstudy gap report REC -o pag
     """The page of a diagnosis; ``command``: the command that makes this page, as displayed on it."""
     data = GapData(diagnosis)
     printed = _diagnose_command(command)
-    where = [*response_figures(data), z_figure(data)]
-    parts = [
+    parts = [GapData(part) for part in diagnosis.parts]
+    where = [*response_figures(data), z_figure(data)] if len(parts) == 1 else _of_parts(diagnosis, parts)
+    sections = [
         ("gap", "Is there a gap", _figures([evidence_figure(diagnosis)], command)),
         ("responses", "Measured and modelled responses", _figures(where, command)),
         ("which", "Which effect, where, and how far", _figures(which_figures(diagnosis), command)),
-        ("sway", "Sway", _figures([_time(data)], command)),
+        ("sway", "Sway", _figures(_times(diagnosis, parts), command)),
         ("numbers", "In numbers", _numbers(diagnosis) + f'<p class="how">Made by <code>{escape(printed)}</code></p>'),
         ("made", "How this was made", _provenance(data, command)),
     ]
     return document(
         f"Diagnosis of {diagnosis.name}",
         _introduction(data),
-        parts,
+        sections,
         "Bands and intervals cover 95 %; ± is one standard error. Probabilities are posterior probabilities given "
         "this recording: of the effects of the library, of a cause outside it, and of no missing effect.",
     )
+
+
+def _of_parts(diagnosis: Diagnosis, parts: Sequence[GapData]) -> list[Figure]:
+    """Responses and residuals of every recording."""
+    labels = part_labels(diagnosis.recording, len(parts))
+    return [
+        of_part(shown, k, label, "diagnosis")
+        for k, (data, label) in enumerate(zip(parts, labels, strict=True))
+        for shown in (*response_figures(data), z_figure(data))
+    ]
+
+
+def _times(diagnosis: Diagnosis, parts: Sequence[GapData]) -> list[Figure | Missing]:
+    """Sway of every recording."""
+    shown = [_time(data) for data in parts]
+    if len(parts) == 1:
+        return shown
+    labels = part_labels(diagnosis.recording, len(parts))
+    return [
+        of_part(s, k, label, "diagnosis") if isinstance(s, Figure) else replace(s, title=f"{s.title}: {label}")
+        for k, (s, label) in enumerate(zip(shown, labels, strict=True))
+    ]
 
 
 def _time(data: GapData) -> Figure | Missing:
@@ -104,7 +129,7 @@ def _diagnose_command(command: str) -> str:
 def _provenance(data: GapData, command: str) -> str:
     d = data.diagnosis
     rows = recording_rows(d.name, d.recording)
-    rows += [["lines", f"{len(data.lines)}, {data.lines.f[0]:.3g} to {data.lines.f[-1]:.3g} Hz"]]
+    rows += [["lines", f"{len(data.lines)}, {data.lines.f.min():.3g} to {data.lines.f.max():.3g} Hz"]]
     rows += [[k, str(v)] for k, v in d.method.items()]
     commands = "\n".join(
         [

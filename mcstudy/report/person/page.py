@@ -10,7 +10,7 @@ from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.tables import Table as FitTable
 from mcstudy.identification.tables import estimates, help_needed, interval, relative
 from mcstudy.report.document import document
-from mcstudy.report.figure import Figure, Panel, figure
+from mcstudy.report.figure import Figure, Panel, figure, of_part
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.origin import recording_rows
 from mcstudy.report.person import figures, responses
@@ -43,11 +43,11 @@ def fit_page(fit: FitResult, command: str = "mcstudy fit REC --html page.html") 
 
 def _introduction(fit: FitResult) -> str:
     kinds = [e.verdict for e in fit.estimates]
-    determined, several = kinds.count("identifiable"), fit.recording is not None
+    determined = kinds.count("identifiable")
     asked = (
         f"Asked: which values of the {len(fit.model.names)} parameters of the {fit.model.name.replace('_', ' ')} model "
-        f"agree with {'this recording' if several else 'these lines'} at {len(fit.lines)} lines from "
-        f"{fit.lines.f[0]:.2g} to {fit.lines.f[-1]:.2g} Hz"
+        f"agree with {_what(fit)} at {len(fit.lines)} lines from "
+        f"{fit.lines.f.min():.2g} to {fit.lines.f.max():.2g} Hz"
     )
     added = fit.method["effects"]
     asked += f", with {' and '.join(added)} added to it?" if added else "?"
@@ -83,6 +83,12 @@ def _introduction(fit: FitResult) -> str:
     )
     warning = f'<div class="truth"><p>{escape(words.belief(fit))}</p></div>' if words.doubtful(fit) else ""
     return f'<p>{escape(asked)}</p>{warning}<ul class="tiles">{boxes}</ul>'
+
+
+def _what(fit: FitResult) -> str:
+    if len(fit.parts) > 1:
+        return f"these {len(fit.parts)} recordings together"
+    return "these lines" if fit.recording is None else "this recording"
 
 
 def _best(fit: FitResult) -> list[Estimate]:
@@ -158,8 +164,15 @@ def _profiles(fit: FitResult) -> list[Figure]:
 
 
 def _model(fit: FitResult) -> list[Figure]:
+    drawn = [_frf(part) for part in fit.parts]
+    if len(drawn) > 1:
+        drawn = [of_part(f, k, label, "fit") for k, (f, label) in enumerate(zip(drawn, fit.labels, strict=True))]
+    return [*drawn, *_sway(fit)]
+
+
+def _frf(fit: FitResult) -> Figure:
     shown = responses.angles(fit)
-    frf = Figure(
+    return Figure(
         "frf",
         "",
         "Frequency responses",
@@ -178,8 +191,11 @@ def _model(fit: FitResult) -> list[Figure]:
         ],
         python="fit.plot.response_gain(angle=0)",
     )
+
+
+def _sway(fit: FitResult) -> list[Figure]:
     if fit.sway is None:
-        return [frf]
+        return []
     header = ("sway (° RMS)", "predicted", "range over the intervals", "measured")
     rows = []
     for a in fit.sway.angles:
@@ -201,7 +217,7 @@ def _model(fit: FitResult) -> list[Figure]:
         [Table("Predicted and measured sway", header, rows, "rows")],
         python="fit.plot.sway()",
     )
-    return [frf, sway]
+    return [sway]
 
 
 def _information(fit: FitResult) -> Figure:
@@ -237,7 +253,14 @@ def _open(fit: FitResult) -> list[str]:
 
 
 def _belief(fit: FitResult) -> list[str]:
-    parts = [words.belief(fit), words.added(fit), words.loop(fit), words.sway(fit), *fit.warnings]
+    parts = [
+        words.belief(fit),
+        words.by_recording(fit),
+        words.added(fit),
+        words.loop(fit),
+        words.sway(fit),
+        *fit.warnings,
+    ]
     return [part for part in parts if part]
 
 

@@ -1,0 +1,104 @@
+"""How much a planned trial is expected to tell of the cause.
+
+Before the trial causes have posterior probabilities p. Under every hypothesis the new responses are normal
+(`mcstudy.gap.planned.predictions`), so the data of the trial come from a mixture of normal distributions, and its
+expected information about the cause is the mutual information of cause and data (Lindley 1956; Box & Hill 1967). It has
+no closed form for a mixture: responses are drawn from every hypothesis, and Bayes' rule is applied to each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from mcstudy.gap.planned.predictions import Belief, Predictions
+
+DRAWS = 60
+"""Drawn responses per hypothesis and trial."""
+
+CREDIBLE = 0.95
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is expected after a trial.
+
+    Attributes
+    ----------
+    bits
+        Expected reduction of the entropy over the causes.
+    entropy
+        That entropy before the trial, bits.
+    probability
+        Expected posterior probability of the true cause.
+    set_size
+        Expected number of causes in the smallest set of 95 %.
+    separated
+        (K, K), for each two of the K possible causes, the chance that the data name the right one, by Bayes' rule with
+        equal odds.
+    """
+
+    bits: float
+    entropy: float
+    probability: float
+    set_size: float
+    separated: np.ndarray
+
+
+def told(found: Predictions, belief: Belief, rng: np.random.Generator, draws: int = DRAWS) -> Told:
+    """What a trial with these predictions is expected to tell."""
+    R = found.mean.shape[1]
+    p, member = belief.probability, belief.membership
+    y = np.concatenate(
+        [
+            m + rng.standard_normal((draws, R)) + rng.standard_normal((draws, root.shape[1])) @ root.T
+            for m, root in zip(found.mean, found.root, strict=True)
+        ]
+    )
+    log = np.array([_log_density(y - m, root) for m, root in zip(found.mean, found.root, strict=True)])  # (H, H D)
+    joint = log + np.log(p)[:, None]
+    posterior = member.T @ np.exp(joint - logsumexp(joint, axis=0))  # (K, H D)
+    weight = np.repeat(p / draws, draws)
+    true = np.repeat(member, draws, axis=0)  # (H D, K)
+    prior = member.T @ p
+    ordered = -np.sort(-posterior, axis=0)
+    sizes = 1 + (np.cumsum(ordered, axis=0) < CREDIBLE).sum(axis=0)
+    return Told(
+        bits=_entropy(prior[:, None])[0] - float(weight @ _entropy(posterior)),
+        entropy=float(_entropy(prior[:, None])[0]),
+        probability=float(weight @ (posterior.T * true).sum(axis=1)),
+        set_size=float(weight @ sizes),
+        separated=_separated(log, p, member),
+    )
+
+
+def _log_density(away: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """ln of a normal density with covariance 1 + root root^T at distances (D, R) from its mean, up to a constant."""
+    inner = np.eye(root.shape[1]) + root.T @ root
+    lower = np.linalg.cholesky(inner)
+    across = np.linalg.solve(lower, root.T @ away.T)
+    square = (away**2).sum(axis=1) - (across**2).sum(axis=0)
+    return np.asarray(-0.5 * square - np.log(np.diag(lower)).sum())
+
+
+def _entropy(p: np.ndarray) -> np.ndarray:
+    """Entropy over the first axis, bits."""
+    return np.asarray(-(p * np.log2(np.maximum(p, 1e-300))).sum(axis=0))
+
+
+def _separated(log: np.ndarray, p: np.ndarray, member: np.ndarray) -> np.ndarray:
+    """See `Told.separated`."""
+    share = p[:, None] * member / np.maximum(p @ member, 1e-300)  # of each hypothesis in its cause, (H, K)
+    with np.errstate(divide="ignore"):
+        of = logsumexp(log[:, None, :], axis=0, b=share[:, :, None])  # (K, H D)
+    draws = log.shape[1] // len(log)
+    true = np.repeat(share, draws, axis=0).T / draws  # (K, H D), weights of the draws of each cause
+    K = member.shape[1]
+    out = np.ones((K, K))
+    for i in range(K):
+        for j in range(i):
+            right = of[i] > of[j]
+            out[i, j] = out[j, i] = 0.5 * float(true[i] @ right + true[j] @ ~right)
+    return out

@@ -1,0 +1,96 @@
+"""One body under several stimuli: the responses of all of them as those of one model.
+
+The loop is the same whatever moves the body, so a set of recordings with different stimuli has one A(s; theta) and
+several b_k(s; theta). A joint model holds the terms of the loop once and the stimulus terms of every kind. Its *blocks*
+say which lines belong to which stimulus, so closed form, derivatives and the compiled fits give the responses of all
+recordings at once. What changes a model (an effect) changes each of its `members` and joins them again; no effect needs
+to know about joint models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from mcstudy.errors import ModelError
+from mcstudy.stance.body import STIMULI, WEIGHTS, Body, stimulus_terms
+from mcstudy.stance.feedback import Block, Filter, Model, Parameter, Term
+
+
+def joined(models: Sequence[Model], lines: Sequence[int]) -> Model:
+    """The joint model of ``models`` that differ in their stimulus only, with so many ``lines`` of each.
+
+    Parameters of all models come first in the order of the first one, those of single models (sensory weights) after
+    them. Raises `ModelError` when the models are not of one body.
+    """
+    first = models[0]
+    loop = _loop(first)
+    parameters: dict[str, Parameter] = {}
+    filters: dict[str, Filter] = {}
+    for m in models:
+        if _loop(m) != loop or m.output_filters != first.output_filters:
+            raise ModelError(f"model {m.name}: expected the same body and feedback under every stimulus")
+        for known, mine in ((parameters, m.parameters), (filters, m.filters)):
+            for x in mine:
+                if known.setdefault(x.name, x) != x:  # type: ignore[arg-type]
+                    raise ModelError(f"model {m.name}: expected the same {x.name} under every stimulus")
+    stimuli = [replace(t, stimulus=k) for k, m in enumerate(models) for t in m.terms if t.sense == "stimulus"]
+    return replace(
+        first,
+        parameters=tuple(parameters.values()),
+        terms=(*loop, *stimuli),
+        filters=tuple(filters.values()),
+        blocks=tuple(Block(m.stimulus_unit, n) for m, n in zip(models, lines, strict=True)),
+    )
+
+
+def members(model: Model) -> tuple[Model, ...]:
+    """The models of the single stimuli, each with all parameters; the model itself if it has one stimulus."""
+    if not model.blocks:
+        return (model,)
+    return tuple(
+        replace(
+            model,
+            terms=(
+                *_loop(model),
+                *(replace(t, stimulus=0) for t in model.terms if t.sense == "stimulus" and t.stimulus == k),
+            ),
+            stimulus_unit=block.unit,
+            blocks=(),
+        )
+        for k, block in enumerate(model.blocks)
+    )
+
+
+def changed(model: Model, change: Callable[[Model], Model]) -> Model:
+    """``change`` of a model, made to every member of a joint one."""
+    if not model.blocks:
+        return change(model)
+    return joined([change(m) for m in members(model)], [b.lines for b in model.blocks])
+
+
+def under(model: Model, kind: str, body: Body) -> Model:
+    """The same loop moved by another ``kind`` of stimulus, on the ``body`` that ``model`` was built on.
+
+    A tilt adds its sensory weight to the parameters, at its nominal value, unless it is there.
+    """
+    own = members(model)[0]
+    loop = _loop(own)
+    weight = [WEIGHTS[kind]] if kind in WEIGHTS and WEIGHTS[kind].name not in own.names else []
+    return replace(
+        own,
+        parameters=(*own.parameters, *weight),
+        terms=(*loop, *stimulus_terms(kind, body, loop)),
+        stimulus_unit=STIMULI[kind],
+    )
+
+
+def with_lines(model: Model, lines: Sequence[int]) -> Model:
+    """A joint model with other numbers of ``lines`` of its stimuli; a model with one stimulus as it is."""
+    if not model.blocks:
+        return model
+    return replace(model, blocks=tuple(replace(b, lines=n) for b, n in zip(model.blocks, lines, strict=True)))
+
+
+def _loop(model: Model) -> tuple[Term, ...]:
+    return tuple(t for t in model.terms if t.sense != "stimulus")

@@ -1,0 +1,154 @@
+"""What do several stimuli tell of one person, and are joint intervals and joint diagnoses right?
+
+    python pipelines/examples/joint_recordings.py coverage --sets 100
+    python pipelines/examples/joint_recordings.py alarms --sets 40
+    python pipelines/examples/joint_recordings.py twins
+
+``coverage``: sets of two recordings (ankle torque 5 N m, hip torque 2 N m, one trial of six cycles each) of bodies
+whose parameters are drawn within 20 % of nominal, fitted together. Counted is how often each 95 % interval holds the
+truth. The standard deviation of the estimates, in units of what the Fisher information of the sum predicts at the
+truth from the noise of the simulation (`mcstudy.stance.information.expected_line_covariance`), and the width of the
+interval relative to that of two trials of ankle torque.
+
+``alarms``: the same sets, diagnosed together; counted are false alarms at the 5 % level.
+
+``twins``: for experiments of equal duration (six trials of six cycles, up to 8 Hz, nominal body), how many linear
+effects have an indistinguishable twin. The platform moves by 3 cm RMS.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import betaincinv
+
+from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.errors import FallsError
+from mcstudy.gap.checked_lines import checked_lines, given_model
+from mcstudy.gap.diagnose import detect_fast
+from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
+from mcstudy.gap.planned.twins import twins_of_design
+from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.quantities import quantities
+from mcstudy.recordings.recording import Recording
+from mcstudy.stance.body import Body, two_segment
+from mcstudy.stance.information import expected_line_covariance, line_information, standard_errors, unit_variance
+from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.simulate_spectral import sway_psd
+from mcstudy.stance.stimulus import Prts
+from mcstudy.streams import stream
+
+PLATFORM_RMS_M = 0.03
+CYCLES = 6
+RATE_HZ = 50.0
+AMPLITUDE = {"ankle_torque": 5.0, "hip_torque": 2.0, "platform_translation": 0.03}
+
+
+def recorded(kind: str, theta: np.ndarray, rng: np.random.Generator, trials: int = 1, **body: object) -> Recording:
+    """Trials of one kind of stimulus."""
+    waveform = Prts(rate_hz=RATE_HZ)
+    protocol = Protocol(kind, waveform, (AMPLITUDE[kind],) * trials, CYCLES)
+    return simulate_recording(protocol, theta, rng, name=kind, **body)  # type: ignore[arg-type]
+
+
+def fisher_errors(theta: np.ndarray, kinds: Sequence[str], fmax: float) -> np.ndarray:
+    """Standard errors of all quantities of a fit from theory alone, one trial of each kind."""
+    information = 0.0
+    for kind in kinds:
+        model, waveform = two_segment(stimulus=kind), replace(Prts(rate_hz=RATE_HZ), amplitude=AMPLITUDE[kind])
+        harmonic = np.arange(1, waveform.samples // 2, 2)
+        f = harmonic / waveform.period_s
+        keep = f <= fmax
+        drive = np.abs(waveform.coefficients()[harmonic][keep])
+        C = expected_line_covariance(model, theta, SensorNoise(), f[keep], drive, (CYCLES - 1) * waveform.period_s)
+        information = information + line_information(model, theta, f[keep], unit_variance(C)).sum(axis=0)
+    gradients = np.array([q.gradient(theta) for q in quantities(two_segment(), ())])
+    return standard_errors(np.asarray(information), gradients)
+
+
+def coverage(sets: int, fmax: float) -> None:
+    """Print the table of ``coverage``, a line for every quantity."""
+    held, off, width, wide = [], [], [], []
+    for k in range(sets):
+        rng = stream(k, "joint sets")
+        theta = two_segment().truth * rng.uniform(0.8, 1.2, two_segment().truth.size)
+        try:
+            ankle, hip, again = (recorded(kind, theta, rng) for kind in ("ankle_torque", "hip_torque", "ankle_torque"))
+        except FallsError:  # unstable: no person
+            continue
+        fits = []
+        for chosen in ([ankle, hip], [ankle, again]):
+            one, lines = checked_lines(chosen, 8.0)
+            fits.append(fit_lines(lines.below(fmax), given_model(None, one, lines.below(fmax)), curve=(), seed=k))
+        joint, alone = fits
+        truth = np.array([q.value(theta) for q in quantities(two_segment(), ())])
+        low, high, at = (np.array([getattr(e, n) for e in joint.estimates]) for n in ("low", "high", "estimate"))
+        held.append((low <= truth) & (truth <= high))
+        off.append((at - truth) / fisher_errors(theta, ("ankle_torque", "hip_torque"), fmax))
+        width.append(high - low)
+        wide.append([e.high - e.low for e in alone.estimates])
+    n = len(held)
+    print(f"{n} sets of one trial each of ankle and hip torque, up to {fmax:g} Hz; width: against two of ankle torque")
+    print(f"{'quantity':12}  covered %  SD of estimate / Fisher  width of interval / ankle torque alone")
+    ratio = np.median(np.array(width) / np.array(wide), axis=0)
+    rms = np.sqrt(np.mean(np.square(off), axis=0))
+    for e, c, s, r in zip(joint.estimates, np.mean(held, axis=0), rms, ratio, strict=True):
+        print(f"{e.name:12}  {100 * c:9.0f}  {s:23.2f}  {r:38.2f}")
+    means = 100 * np.mean(held), np.exp(np.log(rms).mean()), np.exp(np.log(ratio).mean())
+    print(f"{'mean':12}  {means[0]:9.1f}  {means[1]:23.2f}  {means[2]:38.2f}")
+
+
+def alarms(sets: int, fmax: float) -> None:
+    """Print how many sets of sound bodies are said to have a gap."""
+    p = []
+    for k in range(sets):
+        rng = stream(k, "joint alarms")
+        theta = two_segment().truth * rng.uniform(0.9, 1.1, two_segment().truth.size)
+        try:
+            recordings = [recorded(kind, theta, rng) for kind in ("ankle_torque", "hip_torque")]
+        except FallsError:  # unstable: no person
+            continue
+        p.append(detect_fast(recordings, fmax=fmax).p_value)
+    found = sum(x < 0.05 for x in p)
+    low, high = (betaincinv(found + a, len(p) - found + 1 - a, q) for a, q in ((0, 0.025), (1, 0.975)))
+    print(
+        f"{found} false alarms in {len(p)} sets up to {fmax:g} Hz (95 % interval {100 * (low if found else 0):.1f} to "
+        f"{100 * high:.1f} %); smallest p-value {min(p):.2g}"
+    )
+
+
+def designs() -> None:
+    """Print the effects with a twin for one, two and three stimuli."""
+    model, f = two_segment(), np.geomspace(0.01, 10.0, 600)
+    noise = SwayNoise(f, sway_psd(model, model.truth, SensorNoise(), f))
+    peak = {"ankle_torque": 5.0, "hip_torque": 5.0, "platform_translation": 1.0}
+    trial = PlannedTrial("platform_translation", 1.0, "prts", 1, CYCLES, 1, 8.0)
+    peak["platform_translation"] = PLATFORM_RMS_M / float(np.sqrt(2 * (np.abs(trial.drive) ** 2).sum()))
+    kinds = tuple(peak)
+    for n in (1, 2, 3):
+        trials = [PlannedTrial(k, peak[k], "prts", 6 // n, CYCLES, 1, 8.0) for k in kinds[:n]]
+        found = twins_of_design(model, trials, noise, Body())
+        groups = "; ".join(", ".join(g) for g in found.groups)
+        print(f"{', '.join(kinds[:n])}: {found.count} of {len(found.effects)} effects have a twin ({groups})")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print what was asked for."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("what", choices=("coverage", "alarms", "twins"))
+    parser.add_argument("--sets", type=int, default=100)
+    parser.add_argument("--fmax", type=float, default=3.1)
+    given = parser.parse_args(arguments)
+    if given.what == "coverage":
+        coverage(given.sets, given.fmax)
+    elif given.what == "alarms":
+        alarms(given.sets, given.fmax)
+    else:
+        designs()
+
+
+if __name__ == "__main__":
+    main()

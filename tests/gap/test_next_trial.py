@@ -1,0 +1,172 @@
+"""Which trial to record next: planned trials are as simulated ones, and what they tell is what Bayes' rule says."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+
+import mcstudy as mc
+from mcstudy.cli import main
+from mcstudy.errors import InputError, RecordingError
+from mcstudy.exits import Exit
+from mcstudy.files import schema
+from mcstudy.gap.diagnose import diagnose_fast
+from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.planned.choice import Situation, possible_trials
+from mcstudy.gap.planned.gain import told
+from mcstudy.gap.planned.next_trial import NextTrial, next_trial
+from mcstudy.gap.planned.predictions import Belief, Predictions
+from mcstudy.gap.planned.record import simulated
+from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
+from mcstudy.gap.planned.twins import twins_of_design
+from mcstudy.spectra.measure import measure
+from mcstudy.stance.body import Body, two_segment
+
+EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
+
+
+@pytest.fixture(scope="module")
+def delayed() -> Diagnosis:
+    """A delay of the stimulus, which ankle torque does not tell from a lag of it or of both sensors."""
+    return diagnose_fast(mc.simulate({"stimulus_delay": 0.004}, cycles=4, rate_hz=50, seed=1), fmax=4.0)
+
+
+@pytest.fixture(scope="module")
+def answer(delayed: Diagnosis) -> NextTrial:
+    return next_trial(delayed, trials=(1,), cycles=4)
+
+
+@pytest.mark.parametrize("kind", ["hip_torque", "platform_translation"])
+@pytest.mark.parametrize("spectrum", ["prts", "flat"])
+def test_a_planned_trial_has_the_stimulus_and_the_noise_of_a_recorded_one(kind: str, spectrum: str) -> None:
+    amplitude = 2.0 if kind == "hip_torque" else 0.01
+    trial = PlannedTrial(kind, amplitude, spectrum, 2, 4, 1, 3.0)
+    lines = measure(simulated(trial, two_segment().truth, np.random.default_rng(1)), 3.0)
+    np.testing.assert_allclose(lines.f, trial.f, rtol=1e-9)
+    sinc = 0.01 if kind == "hip_torque" else 1e-6  # a PRTS torque is linear between samples
+    np.testing.assert_allclose(lines.power, np.abs(trial.drive) ** 2, rtol=sinc)
+    planned = trial.covariance(SwayNoise.of(lines, "recorded"))
+    ratio = np.einsum("nii->ni", planned).real / lines.noise.variance
+    assert np.exp(np.log(ratio).mean()) == pytest.approx(1.0, abs=0.08)
+
+
+def _belief(p: list[float]) -> Belief:
+    names = tuple((f"cause {k}",) for k in range(len(p)))
+    return Belief(names, names, (), np.array(p), 1.0)
+
+
+def test_expected_information_is_that_of_a_numerical_integral() -> None:
+    """Two normal distributions in one dimension, of different mean and width, against quadrature."""
+    p, means, widths = (0.3, 0.7), (0.0, 1.5), (1.0, np.sqrt(1 + 0.8**2))
+    found = Predictions(np.array([[means[0]], [means[1]]]), (np.zeros((1, 1)), np.array([[0.8]])))
+    out = told(found, _belief(list(p)), np.random.default_rng(0), draws=40_000)
+
+    def density(x: float) -> list[float]:
+        return [q * norm.pdf(x, m, s) for q, m, s in zip(p, means, widths, strict=True)]
+
+    def lost(x: float) -> float:
+        joint = density(x)
+        return -sum(j * np.log2(j / sum(joint)) for j in joint if j > 0)
+
+    left = quad(lost, -10, 12)[0]
+    right = quad(lambda x: sum(j**2 for j in density(x)) / sum(density(x)), -10, 12)[0]
+    assert out.bits == pytest.approx(-sum(q * np.log2(q) for q in p) - left, abs=0.01)
+    assert out.probability == pytest.approx(right, abs=0.01)
+    better = quad(lambda x: max(norm.pdf(x, m, s) for m, s in zip(means, widths, strict=True)) / 2, -10, 12)[0]
+    assert out.separated[0, 1] == pytest.approx(better, abs=0.01)
+
+
+def test_causes_that_predict_the_same_are_not_told_apart() -> None:
+    found = Predictions(np.zeros((2, 3)), (np.zeros((3, 1)), np.zeros((3, 1))))
+    out = told(found, _belief([0.5, 0.5]), np.random.default_rng(0))
+    assert out.bits == pytest.approx(0.0, abs=1e-9)
+    assert out.entropy == pytest.approx(1.0)
+    assert out.set_size == pytest.approx(2.0)
+
+
+def test_the_same_trial_again_tells_least_of_causes_that_it_cannot_tell_apart(answer: NextTrial) -> None:
+    bits = {(o.trial.kind, o.trial.spectrum): o.told.bits for o in answer.options}
+    assert bits["ankle_torque", "prts"] < 0.5 * answer.best.told.bits
+    decided = answer.decides(answer.best)
+    assert decided is not None
+    assert decided[2] > 0.8
+    assert answer.best.told.bits <= answer.best.told.entropy + 1e-9
+
+
+def test_text_and_json_say_what_the_object_says(answer: NextTrial) -> None:
+    plain = json.loads(json.dumps(answer.to_dict(), allow_nan=False))
+    schema.validate("next_trial", plain, "next_trial")
+    assert plain["options"][0]["stimulus"] == answer.best.trial.kind
+    assert answer.best.trial.kind in answer.text().split("Recommended:")[1].split(".")[0]
+
+
+def test_the_most_informative_trial_separates_twins(answer: NextTrial) -> None:
+    assert any("stimulus_delay" in group for group in answer.before.groups)
+    assert answer.before.effects == answer.after.effects
+
+
+def test_a_new_stimulus_evokes_no_more_sway_than_was_recorded(delayed: Diagnosis) -> None:
+    now = Situation.of(delayed)
+    body = np.append(delayed.base.theta, [])
+    for trial in possible_trials(now, trials=(1,), cycles=4):
+        if trial.kind in now.amplitudes and trial.spectrum == "prts":
+            assert trial.amplitude == now.amplitudes[trial.kind]
+            continue
+        recording = simulated(trial, np.clip(body, 0, None), np.random.default_rng(0))
+        lines = measure(recording, 4.0)
+        evoked = np.sqrt(2 * lines.power @ np.maximum(np.abs(lines.y) ** 2 - lines.noise.variance, 0))
+        assert (evoked < 1.15 * now.sway).all()
+
+
+def test_impossible_trials_and_recordings_without_a_period_are_refused(delayed: Diagnosis) -> None:
+    now = Situation.of(delayed)
+    with pytest.raises(InputError, match=r"next trial: expected ankle_torque, .* got 'push'"):
+        possible_trials(now, kinds=("push",))
+    with pytest.raises(InputError, match="next trial: amplitude of hip_torque: "):
+        possible_trials(now, amplitudes={"hip_torque": (1e6,)})
+    with pytest.raises(InputError, match="expected 1 to 100 trials"):
+        possible_trials(now, trials=(0,))
+    with pytest.raises(RecordingError, match="expected a recording with a periodic stimulus"):
+        SwayNoise.of(measure(mc.simulate(periodic=False, cycles=4, rate_hz=50, seed=1), 4.0), "walk")
+
+
+def test_further_stimuli_leave_fewer_twins() -> None:
+    """Signatures of all effects in the nominal body, up to 3 Hz, at equal duration."""
+    noise = SwayNoise.of(measure(mc.simulate(cycles=6, rate_hz=50, seed=1), 8.0), "noise")
+    ankle, hip = (PlannedTrial(k, a, "prts", 2, 6, 1, 3.0) for k, a in (("ankle_torque", 5.0), ("hip_torque", 5.0)))
+    alone = twins_of_design(two_segment(), (ankle,), noise, Body())
+    both = twins_of_design(two_segment(), (ankle, hip), noise, Body())
+    assert both.count < alone.count
+
+
+def test_the_command_ranks_trials(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = mc.write_recording(mc.simulate(cycles=3, rate_hz=50, seed=1), tmp_path / "r.nc")
+    options = ["--fmax", "1.2", "--kind", "hip_torque", "--amplitude", "hip_torque=2", "--trials", "1", "--json"]
+    assert main(["gap", "next", str(file), *options]) == Exit.DONE
+    out = json.loads(capsys.readouterr().out)
+    assert {(o["stimulus"], o["amplitude"], o["trials"]) for o in out["options"]} == {("hip_torque", 2.0, 1)}
+    assert main(["gap", "next", str(file), "--amplitude", "hip_torque"]) == Exit.BAD_INPUT
+
+
+def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_condition() -> None:
+    example = runpy.run_path(str(EXAMPLES / "next_trial.py"))
+    given = tomllib.loads((EXAMPLES / "next_trial.toml").read_text(encoding="utf-8")) | {"fmax": 3.0}
+    _, signature, first = example["drawn"](given, 0)
+    assert signature.delta == pytest.approx(given["delta"], rel=0.25)
+    assert first.duration_s == pytest.approx(2 * 6 * 43.72)
+    assert example["drawn"](given, given["cases"])[1] is None
+    assert sorted(example["in_turn"](5, 2)) == list(range(7))
+    scored = {"detected": True, "p": 0.5, "set": 2, "held": True}
+    rows = [{"case": k, "effect": e, **dict.fromkeys(example["CONDITIONS"], scored)} for k, e in ((0, "x"), (1, None))]
+    table = example["table"]([*rows, {"case": 2, "left_out": "unstable"}]).splitlines()
+    assert table[0].startswith("1 cases with an effect, 1 without")
+    assert table[2].split()[1:3] == ["0.50", "[0.50,"]
+    assert table[2].split()[4] == f"{np.log(2):.2f}"
+    assert table[-1].startswith("false alarms of 1: first 1")

@@ -20,14 +20,14 @@ from mcstudy.effect_library.simulated import simulate
 from mcstudy.fitting.penalised import Fitter
 from mcstudy.identification.at_truth import judged, starts
 from mcstudy.identification.correction import Draws, simulated
-from mcstudy.identification.fit import NOISE_HZ, bounded, fit_lines
+from mcstudy.identification.fit import bounded, fit_lines
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
 from mcstudy.identification.result import FitResult
 from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines
-from mcstudy.spectra.measure import measure
+from mcstudy.spectra.measure import NOISE_HZ, measure
 from mcstudy.spectra.null_draws import Pooling
 from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, understatement
 from mcstudy.stance.body import two_segment
@@ -140,7 +140,7 @@ def intervals(condition: Condition, first: int, last: int, time_domain: bool = F
     for r in range(first, last):
         if time_domain:
             recording = simulate(parameters=body(condition.truth), cycles=condition.cycles, seed=r)
-            lines = measure(recording, max(condition.fmax, NOISE_HZ), DISCARD).below(condition.fmax)
+            lines = measure(recording, condition.fmax, DISCARD)
         else:
             lines = source(stream(r, f"coverage {condition.truth} {condition.cycles}"))
         fits.append(fit_lines(lines, model, seed=r, curve=(), draws=None if time_domain else draws))

@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
-from mcstudy.gap.checked_lines import Discard, checked_lines, discarded, given_model
+from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
 from mcstudy.gap.questions.part_fits import PartFit, part_fits
 from mcstudy.gap.settling import cycles_to_discard, longer, unsettled
 from mcstudy.identification.complete import complete
@@ -24,11 +24,9 @@ from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.tables import BANDS_HZ
 from mcstudy.identification.threshold import Threshold, threshold
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import AnyRecording, JointRecording
+from mcstudy.recordings.joint import AnyRecording
 from mcstudy.recordings.recording import Recording
-from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines
-from mcstudy.spectra.measure import measure
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
@@ -39,10 +37,6 @@ GAIN_UPTO = 5.0
 
 DELAY_S = (0.01, 0.3)
 """Default bounds of a delay, s."""
-
-NOISE_HZ = 8.0
-"""The covariance of the noise is estimated up to this frequency, even if fewer lines are fitted. Its autoregression
-follows chance where it has few lines: estimated up to 1.2 Hz only, the covariance is 9 % too small."""
 
 
 def fit(
@@ -65,11 +59,6 @@ def fit(
 
     def fitted(left_out: Discard) -> tuple[AnyRecording, Model, FitResult]:
         one, lines = checked_lines(recording, fmax, left_out, accept)
-        if isinstance(one, JointRecording):
-            several = zip(one.parts, lines.parts, strict=True)
-            lines = joined([_lines(p, own, fmax, discarded(left_out, k)) for k, (p, own) in enumerate(several)])
-        else:
-            lines = _lines(one, lines, fmax, discarded(left_out, 0))
         nominal = given_model(model, one, lines)
         result = fit_lines(
             lines, nominal, effects=effects, wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name
@@ -86,13 +75,6 @@ def fit(
     start = unsettled(one, result.model, result.theta, left_out)
     result = replace(result, recording=one, warnings=(*noted, *result.warnings, *start), method=method)
     return complete(result, one, nominal, _base(nominal, bounds or {}), wanted)
-
-
-def _lines(one: Recording | FrfRecording, lines: Lines, fmax: float, left_out: int) -> Lines:
-    """The lines of one recording up to ``fmax``, with the noise estimated up to `NOISE_HZ` where it has a period."""
-    if isinstance(one, Recording) and one.period_s is not None and fmax < NOISE_HZ:
-        return measure(one, max(fmax, min(NOISE_HZ, one.rate_hz / 2.5)), left_out).below(fmax)
-    return lines
 
 
 def fit_lines(

@@ -12,7 +12,7 @@ import pytest
 
 import mcstudy as mc
 from mcstudy.api import recordings
-from mcstudy.scheduler.compiling import DIAGNOSIS
+from mcstudy.scheduler.compiling import DIAGNOSIS, PERSON
 
 SCRIPT = """
 import sys
@@ -29,9 +29,12 @@ class _Asked(Exception):
     pass
 
 
-@pytest.mark.parametrize("call", [mc.diagnose, mc.fit, lambda path: mc.diagnose(path, fast=True)])
+@pytest.mark.parametrize(
+    ("call", "kernels"),
+    [(mc.diagnose, DIAGNOSIS), (mc.fit, PERSON), (lambda path: mc.diagnose(path, fast=True), DIAGNOSIS)],
+)
 def test_a_recording_is_read_and_then_its_kernels_are_asked_for(
-    call: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    call: Callable[[Path], object], kernels: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = mc.write_recording(mc.simulate(amplitude=5.0, cycles=4, seed=4), tmp_path / "a.nc")
 
@@ -41,7 +44,7 @@ def test_a_recording_is_read_and_then_its_kernels_are_asked_for(
     monkeypatch.setattr(recordings, "compile_kernels", asked)
     with pytest.raises(_Asked) as caught:
         call(path)
-    assert caught.value.args == (DIAGNOSIS,)
+    assert caught.value.args == (kernels,)
     with pytest.raises(mc.InputError):  # a bad file is reported first
         call(tmp_path / "absent.nc")
 

@@ -157,7 +157,10 @@ def test_the_list_of_effects_fits_the_terminal_and_states_where_every_size_comes
         shown = " ".join(block.split())
         for part in (e.equation, e.source, e.size.name, library.size_text(e.size)):
             assert " ".join(part.split()) in shown
-        assert "published" not in shown.replace(e.source, "").replace(e.size.meaning, "")
+        for part in (e.source, e.size.meaning, *(f.source for f in e.forms)):
+            assert " ".join(part.split()) in shown
+            shown = shown.replace(" ".join(part.split()), "")
+        assert "published" not in shown
 
 
 @pytest.mark.parametrize("stimulus", WEIGHTS)

@@ -85,6 +85,8 @@ def text(place: Place, value: float, **changes: Any) -> str:
         table = table.setdefault(key, {})
     if keys[-1] in ("fmax", "amplitude", "exclude_hz"):
         table[keys[-1]] = [value]
+    elif len(keys) > 1 and keys[-2] == "table":
+        table |= {"f_hz": [1.0], "theta1": [1e-5], "theta2": [1e-5], keys[-1]: [value]}
     elif keys[-1] == "psd":
         table[keys[-1]] = [value, 7e-5]
     elif len(keys) > 1 and keys[-2] == "absolute":
@@ -127,7 +129,7 @@ def name(case: tuple[Place, tuple[float, ...]]) -> str:
 
 
 def test_every_number_declares_what_it_may_be() -> None:
-    assert len(FIELDS) == 57
+    assert len(FIELDS) == 60
     open_ended = [place for place, kind in FIELDS if len(kind) < 2]
     # their ends are not among what they may be: seed < 2**63, 0 < width, 0 < tolerance, step_tolerance < 1
     assert {place[-1] for place in open_ended} == {"seed", "width", "tolerance", "step_tolerance"}

@@ -29,7 +29,6 @@ OTHER = 0.5
 LEADS = -3.0
 """ln evidence, relative to no effect, of a declared form from which other forms are fitted."""
 
-
 HOPELESS = 60.0
 """Squared residual and penalty above the best of all effects from which the constants are not integrated over."""
 

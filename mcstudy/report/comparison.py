@@ -18,7 +18,7 @@ SEGMENTS = ("lower body", "upper body")
 
 
 class ComparisonWithFigure(Comparison):
-    """A comparison that draws itself."""
+    __doc__ = Comparison.__doc__  # what `help` shows of a result of `mcstudy.compare`
 
     @classmethod
     def of(cls, found: Comparison) -> ComparisonWithFigure:

@@ -13,7 +13,7 @@ from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refus
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines
-from mcstudy.spectra.measure import measure, require_noise
+from mcstudy.spectra.measure import SAMPLES_PER_PERIOD, measure, require_noise
 from mcstudy.stance.feedback import Model
 
 Discard = int | tuple[int, ...]
@@ -96,7 +96,7 @@ def checked_lines(
     noted = check(one)
     lines = measure(one, fmax, discard)
     require_noise(lines, one.name)
-    at_least = min(LABELS_HZ, one.rate_hz / 2.5)
+    at_least = min(LABELS_HZ, one.rate_hz / SAMPLES_PER_PERIOD)
     judged = lines if fmax >= at_least else measure(one, at_least, discard)
     # Collect all suspicions before deciding, because one check may find what another misses.
     found = merged(one.suspicions, noted, plausibility(one, judged))

@@ -36,10 +36,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from mcstudy.errors import RecordingError
 from mcstudy.files.plain_errors import one_line
-from mcstudy.files.untrusted import toml
 from mcstudy.recordings.body_sheet import BodySheet
-from mcstudy.recordings.columns import content
-from mcstudy.recordings.sheet import LARGEST_SHEET, Units
+from mcstudy.recordings.sheet import Units, toml_file
 from mcstudy.stance.body import STIMULI
 
 LARGEST_HARMONIC = 100_000
@@ -127,11 +125,7 @@ class GroupSheet(_Strict):
 
 def read_group_sheet(path: Path) -> GroupSheet:
     """The description in a TOML file; raises `RecordingError`, one line that names the file and the field."""
-    try:
-        text = toml(content(path, LARGEST_SHEET).decode("utf-8"))
-    except ValueError as error:
-        raise RecordingError(f"{path}: expected TOML: {error}") from error
-    return parse_group_sheet(text, str(path))
+    return parse_group_sheet(toml_file(path), str(path))
 
 
 def parse_group_sheet(text: Mapping[str, Any], where: str) -> GroupSheet:
@@ -152,6 +146,6 @@ def is_group(path: Path) -> bool:
     if path.suffix != ".toml" or not path.is_file():
         return False
     try:
-        return SECTION in toml(content(path, LARGEST_SHEET).decode("utf-8"))
-    except (ValueError, RecordingError):
+        return SECTION in toml_file(path)
+    except RecordingError:
         return False

@@ -197,12 +197,17 @@ class Sheet(_Strict):
     frf: FrfSheet | None = None
 
 
-def document(path: Path) -> dict[str, Any]:
-    """The content of a TOML file that describes recordings; raises `RecordingError` naming the file."""
+def toml_file(path: Path) -> dict[str, Any]:
+    """The content of a small TOML file; raises `RecordingError` naming the file."""
     try:
-        text = toml(content(path, LARGEST_SHEET).decode("utf-8"))
+        return toml(content(path, LARGEST_SHEET).decode("utf-8"))
     except ValueError as error:
         raise RecordingError(f"{path}: expected TOML: {error}") from error
+
+
+def document(path: Path) -> dict[str, Any]:
+    """The content of a TOML file that describes recordings; raises `RecordingError` naming the file."""
+    text = toml_file(path)
     for section, kind in OTHER_FILES.items():
         if isinstance(text.get(section), dict):
             raise RecordingError(f"{path}: this is a {kind}; {EXPECTED}")

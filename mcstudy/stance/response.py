@@ -37,7 +37,7 @@ def _filters(table: Table, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray
 
 def _group_values(table: Table, theta: np.ndarray, s: np.ndarray, filters: np.ndarray) -> np.ndarray:
     """exp(-delay s) * filters(s) per group, (..., G, N)."""
-    out = np.ones((*theta.shape[:-1], table.group_delay.size, s.size), dtype=complex)
+    out = np.ones((*theta.shape[:-1], len(table.group_delay), s.size), dtype=complex)
     for g, delays in enumerate(table.group_delay):
         for delay in delays[delays >= 0]:
             out[..., g, :] *= np.exp(-theta[..., delay, None] * s)

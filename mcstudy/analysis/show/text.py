@@ -174,12 +174,10 @@ def _count(value: float | None) -> str:
     return "-" if value is None else f"{value:.0f}"
 
 
-def _starts(cell: dict[str, Any]) -> str:
-    """Median and 90th percentile of the starts needed, with the interval of the latter; - is an open end."""
-    median, many = (cell[f"starts_needed_{q}"] for q in ("median", "90th"))
-    numbers = f"{_count(median['value'])}/{_count(many['value'])}"
-    ends = [_count(many[end]) for end in ("lower", "upper")]
-    return numbers if ends == ["-", "-"] else f"{numbers} [{', '.join(ends)}]"
+def _starts(quantile: dict[str, Any]) -> str:
+    """A quantile of the starts needed with its interval; - is an end that so few realizations cannot bound."""
+    ends = [_count(quantile[end]) for end in ("lower", "upper")]
+    return _count(quantile["value"]) + ("" if quantile["value"] is None else f" [{', '.join(ends)}]")
 
 
 def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
@@ -203,17 +201,17 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
                 number(cell["median_j_nc"]["value"]),
                 number(cell["hit_rate"], 2),
                 number(None if (missed := cell["missed_minimum"]["value"]) is None else 100 * missed, 2),
-                _starts(cell),
+                *(_starts(cell[f"starts_needed_{q}"]) for q in ("median", "90th")),
             ]
         )
     header = ["", "used", "|bias| %", "floor", "SD %", "unstable %", "no bound %", "cost", "J_NC", "success"]
-    header += ["missed %", "starts"]
+    header += ["missed %", "starts", "90th"]
     return table(header, rows) + (
         "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, no bound: % of best "
         "fits that\nare unstable, that touch no bound. cost, J_NC: medians. success: fraction of starts that reach "
         "the lowest cost.\nmissed: chance that as many new starts miss that cost, and so that these missed a lower "
-        "one (mean).\nstarts: new starts needed for 95 % certainty, median/90th percentile over realizations "
-        "[95 % interval of the\n90th percentile]."
+        "one (mean).\nstarts, 90th: new starts needed for 95 % certainty, median and 90th percentile over realizations "
+        "[95 % interval;\n-: an end that so few realizations cannot bound]."
     )
 
 

@@ -291,15 +291,22 @@ def _standard_errors(design: dict[str, Any], cells: list[dict[str, Any]], fmax: 
         line = [here[0]["parameters"][i]["name"]]
         for p in (c["parameters"][i] for c in here):
             line.append(with_error(p["se_relative_error"]["value"], p["se_relative_error"]["mcse"]))
-            for key in ("coverage", "bias_eliminated_coverage"):
-                line.append(with_error(*(None if (x := p[key][k]) is None else 100 * x for k in ("value", "mcse"))))
+            line += [share_with_ends(p[key]) for key in ("coverage", "bias_eliminated_coverage")]
             line.append(_count(p["coverage"]["used"]))
         rows.append(line)
     return table(header, rows) + (
         "\nStandard errors (SE) of the fits. SE off: their root mean square against the SD of the estimates. holds: "
-        "share of\n95 % intervals, estimate ± 1.96 SE, that hold the truth or the mean estimate. of: realizations "
-        "with a standard\nerror; with the parameter on a bound there is none."
+        "share of\n95 % intervals, estimate ± 1.96 SE, that hold the truth or the mean estimate "
+        "[95 % interval]. of: realizations\nwith a standard error; with the parameter on a bound there is none."
     )
+
+
+def share_with_ends(fraction: dict[str, Any]) -> str:
+    """A fraction in percent with its interval."""
+    if fraction["value"] is None:
+        return "-"
+    value, low, high = (f"{100 * fraction[k]:.0f}" for k in ("value", "lower", "upper"))
+    return f"{value} [{low}, {high}]"
 
 
 _BOX = " b"

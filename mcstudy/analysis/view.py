@@ -11,7 +11,7 @@ import xarray as xr
 from mcstudy.analysis.context import covariance_of, group_of, model_of, nearest, points_of, provenance_of
 from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.efficiency import bounds_on_sd
-from mcstudy.analysis.selection import ERROR, best, combined, outcomes, realizations
+from mcstudy.analysis.selection import ERROR, best, combined_when_read, outcomes, realizations
 from mcstudy.analysis.slabs import in_slabs, summed
 from mcstudy.errors import InputError
 from mcstudy.files.sections import leaves
@@ -60,7 +60,7 @@ class GroupView:
         """`cells` with the stiffnesses combined; None for a model without such pairs."""
         cells = self.cells  # a cube that cannot be read is no model without such pairs
         try:
-            return combined(cells)
+            return combined_when_read(cells)
         except InputError:
             return None
 

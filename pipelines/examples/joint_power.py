@@ -5,8 +5,8 @@
 Every case is a body with one linear effect of the library, of a size with delta = 3.9 in three trials of ankle torque
 (5 N m, six cycles each), or a sound body (one in six). It is recorded twice: in these three trials, and in one trial
 each of ankle torque (5 N m), hip torque (5 N m) and platform translation (3 cm RMS). Printed for both: how often a gap
-is detected, probability of the true cause and logarithmic loss, and false alarms, with 95 % intervals. What is scored is
-as in ``next_trial.py``. ``cases.jsonl`` keeps every case; a stopped command resumes.
+is detected, probability of the true cause and logarithmic loss, and false alarms, with 95 % intervals, scored as in
+``next_trial.py``. ``cases.jsonl`` keeps every case; a stopped command resumes.
 """
 
 from __future__ import annotations

@@ -204,7 +204,7 @@ def _diagnose(args: argparse.Namespace) -> Exit:
 
 
 def _next(args: argparse.Namespace) -> Exit:
-    from mcstudy.cli.figure_file import check_figure, write_figure
+    from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
     from mcstudy.errors import InputError
     from mcstudy.gap.diagnose import diagnose_fast
     from mcstudy.gap.planned.choice import TRIALS
@@ -218,8 +218,7 @@ def _next(args: argparse.Namespace) -> Exit:
             amplitudes.setdefault(kind, []).append(float(value))
         except ValueError:
             raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {text!r}") from None
-    if args.figure:
-        check_figure(args.figure)
+    check_figure(args.figure, DRAWN)
     read = read_recordings(args)
     compile_kernels(DIAGNOSIS)
     with with_names(args):

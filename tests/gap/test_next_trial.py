@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import runpy
 import tomllib
@@ -26,6 +27,8 @@ from mcstudy.gap.planned.predictions import Belief, Predictions, predictions
 from mcstudy.gap.planned.record import simulated
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
+from mcstudy.report.diagnosis.next_trial import next_figure
+from mcstudy.report.figure import figure
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
 
@@ -107,6 +110,13 @@ def test_text_and_json_say_what_the_object_says(answer: NextTrial) -> None:
     assert plain["options"][0]["beside"] is None  # one trial cannot be of two kinds
     assert plain["similarity_after"] == answer.after.cosine.tolist()
     assert answer.best.plan[0].kind in answer.text().split("Recommended:")[1].split(".")[0]
+
+
+def test_the_page_shows_which_effects_look_alike_before_and_after(answer: NextTrial) -> None:
+    shown = figure(next_figure(answer), "", "mcstudy gap report REC --next")
+    assert 'id="next"' in shown
+    assert all(name in shown for name in answer.before.effects)
+    assert answer.sentence(answer.best) in html.unescape(shown)
 
 
 def test_causes_with_the_same_responses_to_every_stimulus_are_said_to_be_inseparable(answer: NextTrial) -> None:

@@ -248,12 +248,11 @@ def _report(args: argparse.Namespace) -> Exit:
 
 def _compare(args: argparse.Namespace) -> Exit:
     from mcstudy.api.compare import compare
-    from mcstudy.cli.figure_file import check_figure, write_figure
+    from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
     from mcstudy.cli.groups import groups_of
     from mcstudy.scheduler.activity import activity
 
-    if args.figure:
-        check_figure(args.figure)
+    check_figure(args.figure, DRAWN)
     with activity(f"{args.group[0]}: comparing"):
         (a, name_a), (b, name_b) = groups_of(args)
         found = compare(
@@ -313,15 +312,17 @@ def _answer(args: argparse.Namespace) -> Exit:
 def _score(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
-    from mcstudy.files.json_files import json_text, write_json, write_text
+    from mcstudy.cli.figure_file import check_figure, write_figure
+    from mcstudy.files.json_files import json_text, write_json
     from mcstudy.report.reliability import reliability_svg
     from mcstudy.text_tables import folded
 
+    check_figure(args.figure)
     score = score_files(args.data, args.key, args.answers)
     if args.out:
         write_json(args.out, score, "challenge_score")
     if args.figure:
-        write_text(args.figure, reliability_svg(score))
+        write_figure(reliability_svg(score), args.figure)
     print(json_text(score, "challenge_score", "score") if args.json else folded(score_text(score)))
     return exit_code(score) if args.check else Exit.DONE
 

@@ -27,7 +27,7 @@ from mcstudy.gap.questions.posterior import Cause, Explanation, explain
 from mcstudy.gap.questions.power import undetectable
 from mcstudy.gap.settling import cycles_to_discard, longer, unsettled
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import AnyRecording
+from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
@@ -141,7 +141,7 @@ def _diagnose(
         seed=seed,
         test=test,
         name=one.name,
-        labels=_labels(one, lines, known) if isinstance(one, Recording) else None,
+        labels=None if isinstance(one, FrfRecording) else _labels(one, lines, known),
     )
     if not isinstance(one, FrfRecording):
         warnings = tuple(s.message for s in one.suspicions)
@@ -155,7 +155,10 @@ def _diagnose(
     )
 
 
-def _labels(recording: Recording, lines: Lines, accept: frozenset[str]) -> Labels:
+def _labels(recording: Recording | JointRecording, lines: Lines, accept: frozenset[str]) -> Labels:
+    if isinstance(recording, JointRecording):
+        several = zip(recording.parts, lines.parts, recording.labels, strict=True)
+        return Labels.joined([replace(_labels(r, own, accept), name=name) for r, own, name in several])
     scores = readings(recording, lines)
     as_labelled = scores.pop("as_labelled")
     return Labels({k: x - as_labelled for k, x in scores.items()}, recording.stimulus_unit == "N m", accept)

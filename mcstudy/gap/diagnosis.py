@@ -13,6 +13,7 @@ from mcstudy.files import schema
 from mcstudy.files.json_files import plain
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap import tables, verdict
+from mcstudy.gap.fits.relabelled import of_part
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.detection import Detection
@@ -163,7 +164,7 @@ class Diagnosis(Summary):
         for k, (lines, block) in enumerate(zip(self.lines.parts, self.lines.blocks, strict=True)):
             causes = self.causes
             if leading is not None:
-                own = replace(leading.fitted, model=members(leading.fitted.model)[k])
+                own = of_part(leading.fitted, block, members(leading.fitted.model)[k])
                 causes = (replace(leading, fitted=own), *causes[1:])
             left_out = self.method.get("discard", 1)
             out.append(

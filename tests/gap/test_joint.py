@@ -88,6 +88,17 @@ def test_json_verdict_and_page_tell_of_every_recording(delayed: Diagnosis, tmp_p
         assert f"Sway in time: {label}" in page
 
 
+def test_one_mislabelled_recording_of_a_set_is_named() -> None:
+    ankle, hip = recordings({}, 1)
+    halved = replace(hip, trials=tuple(replace(t, theta=t.theta * np.array([1.0, 0.5])) for t in hip.trials))
+    found = mc.diagnose([ankle, halved], fast=True, fmax=2.0)
+    assert found.causes[0].effects == ("half_theta2_recording_2",)
+    assert "Recording 2 (hip_torque): theta2: seems to be 2 times too small." in found.verdict()
+    assert found.place["recording"] > 0.9
+    seen = found.parts[1].causes[0].fitted
+    assert np.abs(seen.residual(Data.of(found.parts[1].lines))).mean() < 1.2  # the reading explains its recording
+
+
 def test_a_body_that_lacks_nothing_is_called_sound() -> None:
     sound = mc.diagnose(recordings({}, 11), fast=True, fmax=2.0)
     assert not sound.detected

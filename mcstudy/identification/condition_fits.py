@@ -1,8 +1,8 @@
 """Search for the lowest minima of `mcstudy.identification.conditions`: many problems and starts at once.
 
-The compiled solver takes errors that are independent between frequencies; those of points are not. So this is a bounded
-Levenberg-Marquardt method in numpy. A test compares its minima with those of `scipy.optimize.least_squares`. People
-stand, so a fit must be stable in every condition: an unstable minimum is led to the limit of stability by a barrier.
+Errors of points correlate, so the fits are those of `mcstudy.fitting.together`. A test compares their minima with those
+of `scipy.optimize.least_squares`. People stand, so a fit must be stable in every condition: an unstable minimum is led
+to the limit of stability by a barrier.
 """
 
 from __future__ import annotations
@@ -11,13 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mcstudy.fitting.together import minimised
 from mcstudy.identification.conditions import Conditions, part
-
-TOLERANCE = 1e-9
-"""Relative decrease of the cost below which a fit has converged."""
-
-CALM = 1e-2
-"""Damping below which a small decrease means a minimum and not a short step."""
 
 BARRIERS = (10.0, 100.0)
 """Weights of the barrier, s, with which an unstable minimum is led to the nearest stable one."""
@@ -27,9 +22,6 @@ FALLS = 1e12
 
 LED = 3
 """Unstable minima of a problem, the lowest ones, that are led to the limit of stability."""
-
-SIDES = 6
-"""Rounds in which unknowns of a step are put on the sides that they would cross."""
 
 
 @dataclass(frozen=True)
@@ -43,55 +35,17 @@ class Fitted:
 
 
 def fit(problem: Conditions, starts: np.ndarray, iterations: int = 150) -> Fitted:
-    """Minima reached from ``starts`` (B, Q), by bounded Levenberg-Marquardt steps in units of the diagonal."""
+    """Minima reached from ``starts`` (B, Q)."""
     lower, upper = problem.bounds
-    q = np.clip(starts, lower, upper)
-    cost = (problem.residual(q) ** 2).sum(axis=1)
-    damping = np.full(len(q), 1e-2)
-    going = np.isfinite(cost)
-    for _ in range(iterations):
-        at = np.flatnonzero(going)
-        if not at.size:
-            break
-        own = part(problem, at)
-        r, J = own.linearised(q[at])
-        gram, gradient = np.swapaxes(J, 1, 2) @ J, np.einsum("bmq,bm->bq", J, r)
-        held = ((q[at] <= lower) & (gradient > 0)) | ((q[at] >= upper) & (gradient < 0))
-        gradient[held] = 0.0
-        gram[held[:, :, None] | held[:, None, :]] = 0.0
-        diagonal = np.einsum("bqq->bq", gram)
-        size = np.maximum(diagonal, 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300)
-        for k in range(gram.shape[1]):
-            gram[:, k, k] += np.where(held[:, k], size[:, k], damping[at] * size[:, k])
-        step = _inside(gram, gradient, lower - q[at], upper - q[at])
-        trial = np.clip(q[at] + step, lower, upper)
-        with np.errstate(all="ignore"):
-            after = (own.residual(trial) ** 2).sum(axis=1)
-        better = after < cost[at]
-        done = better & (cost[at] - after < TOLERANCE * cost[at]) & (damping[at] < CALM)
-        q[at[better]] = trial[better]
-        cost[at[better]] = after[better]
-        damping[at] *= np.where(better, 0.2, 4.0)
-        going[at[done | (damping[at] > 1e9)]] = False
-        damping = np.maximum(damping, 1e-9)
+    q, cost = minimised(
+        lambda x, at: part(problem, at).residual(x),
+        lambda x, at: part(problem, at).linearised(x),
+        starts,
+        lower,
+        upper,
+        iterations,
+    )
     return Fitted(q, cost, problem.misfit(q))
-
-
-def _inside(gram: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Steps (B, Q) to the minimum; unknowns that would cross a side are put on it and the others solved again."""
-    fixed, step = np.zeros(gradient.shape, dtype=bool), np.zeros_like(gradient)
-    diagonal = np.arange(gradient.shape[1])
-    for _ in range(SIDES):
-        matrix = np.where(fixed[:, :, None] | fixed[:, None, :], 0.0, gram)
-        matrix[:, diagonal, diagonal] = np.where(fixed, 1.0, gram[:, diagonal, diagonal])
-        pushed = -gradient - np.einsum("bqp,bp->bq", gram, np.where(fixed, step, 0.0))
-        solved = np.linalg.solve(matrix, np.where(fixed, step, pushed)[..., None])[..., 0]
-        crossing = ~fixed & ((solved < lower) | (solved > upper))
-        step = np.clip(solved, lower, upper)
-        if not crossing.any():
-            break
-        fixed |= crossing
-    return np.asarray(step)
 
 
 @dataclass(frozen=True)

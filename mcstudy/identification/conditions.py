@@ -1,9 +1,7 @@
 """Fits of one body to group FRFs in several conditions, of which a few parameters may differ: many at once.
 
 The numbers of a condition (`mcstudy.spectra.frf_groups.as_real`) have one covariance with all their correlations, since
-points overlap; the compiled kernel takes errors that are independent between frequencies, so these fits have a solver
-of their own, a bounded Levenberg-Marquardt method in numpy that steps all problems of a call together. A test compares
-its minima with those of `scipy.optimize.least_squares`.
+points overlap.
 """
 
 from __future__ import annotations

@@ -179,6 +179,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("description", type=Path, help="TOML of a group of FRFs with columns eyes and tilt_pp_deg")
     parser.add_argument("--data", type=Path, help="folder of its table")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), help="parts to print")
+    parser.add_argument("--pairs", default="", help="only pairs of conditions whose name contains this, as vision")
     parser.add_argument("--splits", type=int, default=10, help="random halves, each used both ways (default 10)")
     parser.add_argument("--draws", type=int, default=40, help="draws of people for the factors (default 40)")
     parser.add_argument("-o", "--out", type=Path, default=Path("."), help="folder for the figure")
@@ -191,8 +192,8 @@ def main(arguments: list[str] | None = None) -> None:
         f"{group.sizes['person']} people, {group.sizes['condition']} conditions, body of {HEIGHT_M} m, {WEIGHT_KG} kg"
     )
     for name, (first, second) in pairs(group).items():
-        if not {"accounts", "held-out"} & set(args.only):
-            break
+        if args.pairs not in name or not {"accounts", "held-out"} & set(args.only):
+            continue
         pair = Pair(model, group, first, second, starts)
         accounts = pair.accounts(changes(model))
         if "accounts" in args.only:

@@ -14,12 +14,14 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
-from mcstudy.gap.diagnosis import LEVEL, Diagnosis
+from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.closure import Belief, Closure, close, floor_rms_deg, sway_rms_deg
+from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.labels import readings
 from mcstudy.gap.questions.location import locations, missing_torque
 from mcstudy.gap.questions.mislabelled import Labels, mislabelled
+from mcstudy.gap.questions.nearest import nearest, with_likeness
 from mcstudy.gap.questions.parameters import shifts
 from mcstudy.gap.questions.posterior import Cause, Explanation, explain
 from mcstudy.gap.questions.power import undetectable
@@ -195,7 +197,11 @@ def diagnose_lines(
         compared,
         mislabelled(lines, base, t.minima, labels, seed) if detected and labels is not None else (),
     )
-    leading = explanation.causes[0] if detected and explanation.causes else None
+    causes, near = explanation.causes, None
+    if detected and detection.p_value < LEVEL:
+        causes = with_likeness(base, causes, data, _space(t.scores), detection, seed)
+        near = nearest(base, causes, data, lines, seed)
+    leading = causes[0] if detected and causes else None
     added = None if leading is None or leading.advice else leading
     place, abstained = locations(explanation)
     trials = int(np.unique(lines.trial).size)
@@ -207,7 +213,7 @@ def diagnose_lines(
         p_least=t.p_least,
         place=place,
         place_abstained=abstained,
-        causes=explanation.causes,
+        causes=causes,
         none_probability=explanation.none,
         unknown_probability=explanation.unknown,
         credible_set=credible_set(explanation),
@@ -231,6 +237,7 @@ def diagnose_lines(
         lines=lines,
         base=base,
         hypotheses=explanation.hypotheses,
+        nearest=near,
     )
 
 
@@ -266,14 +273,14 @@ def credible_set(explanation: Explanation) -> tuple[int | str, ...]:
 def _closed(
     base: Fitted, leading: Cause, data: Data, lines: Lines, scores: Scores, belief: Belief, seed: int
 ) -> Closure:
-    space = np.concatenate(
-        [
-            *(s.vector[:, None] for s in scores.library),
-            *(f.columns for f in scores.families[:4]),
-        ],
-        axis=1,
+    return close(base, leading.fitted, data, lines, _space(scores), belief, stream(seed, "gap closed"))
+
+
+def _space(scores: Scores) -> np.ndarray:
+    """(4 N, M) columns that span the signatures of the library and the smooth deviations."""
+    return np.concatenate(
+        [*(s.vector[:, None] for s in scores.library), *(f.columns for f in scores.families[:4])], axis=1
     )
-    return close(base, leading.fitted, data, lines, space, belief, stream(seed, "gap closed"))
 
 
 def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict[str, float | None]:

@@ -14,8 +14,8 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.identification import coverage
 from mcstudy.identification.at_truth import judged, starts
+from mcstudy.identification.bounds import bounded
 from mcstudy.identification.coverage import JUDGED, Condition, Source, body, truths
-from mcstudy.identification.fit import bounded
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
 from mcstudy.spectra.measure import measure

@@ -38,7 +38,7 @@ from mcstudy.study.design import Study
 from mcstudy.text_tables import number, table
 
 AMPLITUDES = (1.77, 2.5, 3.54, 5.0, 7.07, 10.0, 14.1)
-COUNTS = (2, 3, 4, 6, 9, 13)
+COUNTS = (2, 3, 4, 6)
 FMAX = (0.41, 1.2, 8.0)
 OUT = -1.0
 """In place of a position: a target out of reach."""
@@ -87,15 +87,15 @@ CASES = (
     Case("rmse(K22 + Kpas2)", AMPLITUDE, 0.41, 0.5),
     Case("sd(K21)", AMPLITUDE, 0.41, 0.6),
     Case("sd(B21)", AMPLITUDE, 0.41, OUT),
+    Case("cv(Td1)", CYCLES, 1.2, 0.5),
+    Case("cv(K11 + Kpas1)", CYCLES, 1.2, 0.5),
+    Case("sd(K12)", CYCLES, 1.2, 0.4),
+    Case("rmse(B12)", CYCLES, 1.2, 0.5),
     Case("cv(B22)", AMPLITUDE, 8.0, 0.5),
     Case("cv(K21)", AMPLITUDE, 8.0, 0.5),
     Case("rmse(Td2)", AMPLITUDE, 8.0, 0.6),
     Case("sd(K11 + Kpas1)", AMPLITUDE, 8.0, 0.5),
     Case("rmse(Kpas2)", AMPLITUDE, 8.0, OUT),
-    Case("cv(Td1)", CYCLES, 1.2, 0.5),
-    Case("cv(K11 + Kpas1)", CYCLES, 1.2, 0.5),
-    Case("sd(K12)", CYCLES, 1.2, 0.4),
-    Case("rmse(B12)", CYCLES, 1.2, 0.5),
 )
 
 

@@ -52,6 +52,9 @@ def test_every_part_shows_the_responses_to_its_own_stimulus(delayed: Diagnosis) 
     assert delayed.added is not None
     whole = delayed.added.response(delayed.lines.f)
     np.testing.assert_allclose(whole[delayed.lines.blocks[0]], ankle.added.response(ankle.lines.f), rtol=1e-9)
+    arrays, both = hip.to_xarray(), delayed.to_xarray()
+    assert arrays["torque_gain"].sizes["line"] == len(hip.lines)
+    np.testing.assert_allclose(arrays["nearest"], both["nearest"][delayed.lines.blocks[1]], rtol=1e-9)
 
 
 def test_the_energy_of_repeats_without_noise_is_that_of_their_deviation(delayed: Diagnosis) -> None:

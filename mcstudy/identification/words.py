@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mcstudy.fitting.certainty import MISSED
-from mcstudy.gap.diagnosis import LEVEL
+from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.part_fits import told
 from mcstudy.gap.verdict import p_words
 from mcstudy.identification.tables import as_text, estimates, help_needed, interval, relative

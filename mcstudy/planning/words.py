@@ -30,7 +30,7 @@ def statement(found: Solution) -> str:
     where = f"{counted(d.cycles, 'cycle')} at {d.amplitude:g} {unit}, Fmax {d.fmax:g} Hz"
     if found.answer is None:
         worst = max(found.readings, key=lambda r: abs(r.value) / r.target.limit)
-        surely = "is not reached by any allowed design" if _surely(worst) else "is probably not reached"
+        surely = "is not reached by any allowed design" if _surely(found, worst) else "is probably not reached"
         words = f"{targets} {surely}: the nearest is {where}, with {_measure(worst)}."
         if math.isfinite(worst.bound):
             words += (
@@ -45,14 +45,28 @@ def statement(found: Solution) -> str:
     words += "."
     for crossing in found.answer.crossings:
         words += f" {_crossing(crossing)}"
+    if found.flat:
+        words += f" {_flat(found)}"
     if not found.decided:
         words += " The budget of fits was spent before the answer was as precise as asked."
     return words
 
 
-def _surely(r: Reading) -> bool:
-    nearest = min(abs(r.low), abs(r.high)) if r.low * r.high > 0 else 0.0
-    return nearest > r.target.limit
+def _flat(found: Solution) -> str:
+    """Why the interval is wide."""
+    worst = max(found.readings, key=lambda r: abs(r.value) / r.target.limit)
+    axis = next(c.axis for c in found.answer.crossings) if found.answer else ""
+    known = 50 * (worst.high - worst.low) / abs(worst.value)
+    return (
+        f"{worst.target.name} depends little on the {axis} there: it is known to ±{known:.1f} % of its value, "
+        f"which leaves that interval."
+    )
+
+
+def _surely(found: Solution, worst: Reading) -> bool:
+    """Whether no allowed design is within reach at 95 %."""
+    nearest = min(abs(worst.low), abs(worst.high)) if worst.low * worst.high > 0 else 0.0
+    return nearest > worst.target.limit and all(r.hopeless for r in found.rows)
 
 
 def _crossing(c: Crossing) -> str:

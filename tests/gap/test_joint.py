@@ -50,6 +50,9 @@ def test_every_part_shows_the_responses_to_its_own_stimulus(delayed: Diagnosis) 
     assert delayed.added is not None
     whole = delayed.added.response(delayed.lines.f)
     np.testing.assert_allclose(whole[delayed.lines.blocks[0]], ankle.added.response(ankle.lines.f), rtol=1e-9)
+    arrays, both = hip.to_xarray(), delayed.to_xarray()
+    assert arrays["torque_gain"].sizes["line"] == len(hip.lines)
+    np.testing.assert_allclose(arrays["nearest"], both["nearest"][delayed.lines.blocks[1]], rtol=1e-9)
 
 
 def test_the_energy_of_repeats_without_noise_is_that_of_their_deviation(delayed: Diagnosis) -> None:
@@ -83,6 +86,17 @@ def test_json_verdict_and_page_tell_of_every_recording(delayed: Diagnosis, tmp_p
     for label in ("ankle_torque", "hip_torque"):
         assert f"Frequency responses: {label}" in page
         assert f"Sway in time: {label}" in page
+
+
+def test_one_mislabelled_recording_of_a_set_is_named() -> None:
+    ankle, hip = recordings({}, 1)
+    halved = replace(hip, trials=tuple(replace(t, theta=t.theta * np.array([1.0, 0.5])) for t in hip.trials))
+    found = mc.diagnose([ankle, halved], fast=True, fmax=2.0)
+    assert found.causes[0].effects == ("half_theta2_recording_2",)
+    assert "Recording 2 (hip_torque): theta2: seems to be 2 times too small." in found.verdict()
+    assert found.place["recording"] > 0.9
+    seen = found.parts[1].causes[0].fitted
+    assert np.abs(seen.residual(Data.of(found.parts[1].lines))).mean() < 1.2  # the reading explains its recording
 
 
 def test_a_body_that_lacks_nothing_is_called_sound() -> None:

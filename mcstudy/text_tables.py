@@ -74,9 +74,13 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{round(value, decimals):.{max(decimals, 0)}f}"
 
 
+ROUNDING = 1e-12
+"""Share of a value below which its error is rounding."""
+
+
 def with_error(value: float | None, mcse: float | None) -> str:
-    """``value ± mcse``, both to the second digit of the error."""
-    if value is None or mcse is None or mcse <= 0:
+    """``value ± mcse``, both to the second digit of the error; an error that is rounding is none."""
+    if value is None or mcse is None or mcse <= ROUNDING * abs(value):
         return number(value)
     if not 1e-3 <= max(abs(value), mcse) < 1e5:
         return f"{number(value, 2)} ± {number(mcse, 2)}"

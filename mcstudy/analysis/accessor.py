@@ -368,7 +368,7 @@ class MonteCarlo:
         return self._result(efficiency.efficiency(cells, bounds))
 
     def starts_needed(self, confidence: float = 0.95) -> xr.Dataset:
-        """Starts that find the lowest cost of their cell, per realization. Needs all starts.
+        """New starts that find the lowest cost of their cell, per realization. Needs all starts.
 
         Parameters
         ----------
@@ -378,9 +378,9 @@ class MonteCarlo:
         Returns
         -------
         xarray.Dataset
-            Dims (amplitude, fmax, realization): ``value``, exact, for starts drawn from those of the cell;
-            ``independent`` for new starts, with ``mcse``, ``lower``, ``upper``; ``missed``, the chance that as many new
-            starts miss that cost; ``hit_rate``, ``hits``, ``starts``.
+            Dims (amplitude, fmax, realization): ``value``, for new starts, with ``mcse``, ``lower``, ``upper``;
+            ``from_pool``, exact, for starts drawn from those of the cell, which cannot exceed them; ``missed``, the
+            chance that as many new starts miss that cost; ``hit_rate``, ``hits``, ``starts``.
         """
         return self._result(convergence.starts_needed(self._cube, confidence))
 

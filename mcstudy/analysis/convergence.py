@@ -85,16 +85,16 @@ def fewest_independent_starts(p: np.ndarray, confidence: float) -> np.ndarray:
 def starts_needed(
     cube: xr.Dataset, confidence: float = 0.95, tolerance: float = HIT_TOLERANCE, floor: float = COST_FLOOR
 ) -> xr.Dataset:
-    """Starts that find the pool's minimum with the given confidence, per realization.
+    """New starts that find the pool's minimum with the given confidence, per realization.
 
     Returns
     -------
-    Dataset with dims (amplitude, fmax, realization): ``value`` (exact, from the pool without replacement), ``mcse``
-    (of ``independent``, by the delta method from the hit rate), ``independent`` (for endless starts) with ``lower``
-    and ``upper`` (from the hit rate's Wilson interval), ``missed`` (chance that a new pool of as many starts misses
-    this minimum, and so an estimate of the chance that this pool missed a lower one, right in the mean over
-    realizations), ``missed_upper`` (the same from the lower end of the hit rate's interval, the criterion of
-    ``starts = "until certain"``), ``hit_rate``, ``hits``, ``starts``.
+    Dataset with dims (amplitude, fmax, realization): ``value``, for independent starts, with ``mcse`` (by the delta
+    method from the hit rate), ``lower`` and ``upper`` (from the hit rate's Wilson interval); ``from_pool`` (exact, for
+    starts drawn from the pool without replacement, so never more than the pool has); ``missed`` (chance that a new
+    pool of as many starts misses this minimum, and so an estimate of the chance that this pool missed a lower one,
+    right in the mean over realizations), ``missed_upper`` (the same from the lower end of the hit rate's interval, the
+    criterion of ``starts = "until certain"``), ``hit_rate``, ``hits``, ``starts``.
     """
     pool = hits(cube, tolerance, floor)
     rate = wilson(pool["hits"], pool["starts"])
@@ -108,7 +108,7 @@ def starts_needed(
             output_dtypes=[float],
         ).where(pool["hits"] > 0)
 
-    value = xr.apply_ufunc(
+    from_pool = xr.apply_ufunc(
         fewest_starts,
         pool["hits"],
         pool["starts"],
@@ -121,11 +121,11 @@ def starts_needed(
     error = slope * (p * (1 - p) / pool["starts"]) ** 0.5
     out = xr.Dataset(
         {
-            "value": value,
+            "value": independent(rate["value"]),
             "mcse": error.where(rate["value"] < 1, 0.0).where(pool["hits"] > 0),
-            "independent": independent(rate["value"]),
             "lower": independent(rate["upper"]),
             "upper": independent(rate["lower"]),
+            "from_pool": from_pool,
             "missed": _missed(pool, rate["value"]),
             "missed_upper": missed(rate["lower"], pool["starts"]).where(pool["hits"] > 0),
             "hit_rate": rate["value"],
@@ -133,15 +133,12 @@ def starts_needed(
             "starts": pool["starts"],
         }
     )
-    of, independent_starts = f"for {100 * confidence:g} % certainty", "independent starts needed"
+    of = f"for {100 * confidence:g} % certainty"
     return labelled(
         out,
         cube,
-        f"starts needed {of}, drawn from the pool",
-        mcse=(f"Monte Carlo standard error of the {independent_starts} {of}", ONE),
-        independent=(f"{independent_starts} {of}", ONE),
-        lower=(f"lower end of the 95 % interval of the {independent_starts} {of}", ONE),
-        upper=(f"upper end of the 95 % interval of the {independent_starts} {of}", ONE),
+        f"new starts needed {of}",
+        from_pool=(f"starts needed {of}, drawn from the pool without replacement", ONE),
         missed=(MISSED, ONE),
         missed_upper=(f"upper end of the 95 % interval of the {MISSED}", ONE),
         hit_rate=("fraction of starts that reached the lowest cost of the pool", ONE),
@@ -151,10 +148,6 @@ def starts_needed(
 
 
 def starts_needed_quantiles(needed: xr.Dataset, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
-    """Quantiles of the ``independent`` `starts_needed` over realizations, with standard error and interval.
-
-    They are for new starts: what a reader who plans a fit needs. The number for starts drawn from the pool (``value``)
-    cannot exceed the pool, and is smaller where the minimum is rare.
-    """
-    name = str(needed["independent"].attrs.get("long_name", "independent starts needed"))
-    return labelled(quantiles(needed["independent"], q), needed, f"quantile over realizations of the {name}")
+    """Quantiles of `starts_needed` over realizations, with standard error and interval."""
+    name = str(needed["value"].attrs.get("long_name", "new starts needed"))
+    return labelled(quantiles(needed["value"], q), needed, f"quantile over realizations of the {name}")

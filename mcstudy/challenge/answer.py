@@ -47,7 +47,8 @@ def bootstrap(recording: Recording | FrfRecording) -> Mapping[str, Any]:
 
 def detect_only(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """Only the test for a gap, as in `fast`; no cause is named."""
-    from mcstudy.gap.diagnose import LEVEL, detect_fast
+    from mcstudy.gap.diagnose import detect_fast
+    from mcstudy.gap.questions.detection import LEVEL
 
     p_value = detect_fast(recording).p_value
     return {

@@ -14,19 +14,13 @@ from mcstudy.challenge.design import KINDS, MAIN, SECTIONS, Answering, Challenge
 from mcstudy.challenge.design_checks import check_series
 from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import short, shown, validated
-from mcstudy.files.toml_files import parse_toml, read_text
-from mcstudy.study.catalogue import located
+from mcstudy.study.catalogue import read_file
 from mcstudy.study.study_file import check_tables, merge
 
 
 def read_challenge(path: str | Path) -> ChallengeFile:
     """The resolved challenge of a file, or of a shipped one by name; raises `DesignError` with one line."""
-    path = located(path, "challenge")
-    text = read_text(path, "challenge file")
-    try:
-        return resolve(parse_toml(text, "challenge file"))
-    except DesignError as error:
-        raise DesignError(f"{path}: {error}") from None
+    return read_file(path, "challenge", resolve)
 
 
 def resolve(raw: dict[str, Any]) -> ChallengeFile:

@@ -24,9 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Design, verify and print the tables; returns the exit code."""
+    from mcstudy.cli.figure_file import check_figure, write_figure
     from mcstudy.errors import DesignError
     from mcstudy.stimulus_design.design_file import read_design
 
+    check_figure(args.figure)
     file, options = read_design(args.file), cluster_options(args)
     from mcstudy.stimulus_design.run import design_stimulus  # Dask is slow to import; report a bad file first
     from mcstudy.text_tables import folded
@@ -37,8 +39,7 @@ def main(args: argparse.Namespace) -> Exit:
         raise DesignError(f"{args.file}: {error}") from None
     print(folded(found.text()))
     if args.figure is not None:
-        from mcstudy.files.json_files import write_text
         from mcstudy.report.stimulus_design import stimulus_design_svg
 
-        write_text(args.figure, stimulus_design_svg(found))
+        write_figure(stimulus_design_svg(found), args.figure)
     return Exit.DONE

@@ -10,23 +10,38 @@ from mcstudy.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ENDINGS = (".svg", ".png", ".pdf")
+ENDINGS = (".svg",)
+"""Names of figures that are written as SVG documents."""
+
+DRAWN = (".svg", ".png", ".pdf")
+"""Names of figures that matplotlib draws."""
 
 
-def check_figure(path: Path) -> None:
-    """Raise `InputError` where no figure can be written, before anything is computed."""
-    from mcstudy.report.style import require_matplotlib
+def check_figure(path: Path | None, endings: tuple[str, ...] = ENDINGS) -> None:
+    """Raise `InputError` where no figure can be written, before anything is computed; None is no figure."""
+    if path is None:
+        return
+    if endings == DRAWN:
+        from mcstudy.report.style import require_matplotlib
 
-    require_matplotlib()
-    if path.suffix not in ENDINGS:
-        raise InputError(f"{path}: expected a name ending in {', '.join(ENDINGS)}")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written: {path.parent} is not a folder")
+        require_matplotlib()
+    if path.suffix not in endings:
+        raise InputError(f"{path}: expected a name ending in {', '.join(endings)}")
+    there = next(folder for folder in path.absolute().parents if folder.exists())
+    if not there.is_dir():
+        raise InputError(f"{path}: cannot be written: {there} is not a folder")
 
 
-def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure; raises `InputError` when the file cannot be written."""
+def write_figure(figure: Figure | str, path: Path) -> None:
+    """Write a figure or an SVG document; raises `StoreError` when the file cannot be written."""
+    from mcstudy.errors import StoreError
+    from mcstudy.files.json_files import ensure_folder, write_text
+
+    if isinstance(figure, str):
+        write_text(path, figure)
+        return
+    ensure_folder(path.parent)
     try:
         figure.savefig(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None

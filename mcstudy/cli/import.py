@@ -74,16 +74,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> Exit:
     """Read, check, print and write; returns the exit code."""
     from mcstudy.errors import InputError
+    from mcstudy.recordings.description import described
     from mcstudy.recordings.importing import import_files, listing
     from mcstudy.recordings.io import write_recording
-    from mcstudy.recordings.sheet import parse
+    from mcstudy.recordings.sheet import Sheet
     from mcstudy.text_tables import folded
 
     options = _options(args)
     if args.list:
         if not args.files:
             raise InputError("--list: expected a FILE")
-        dialect = parse({"text": options.get("text", {})}, "import").text.dialect()
+        dialect = described(Sheet, {"text": options.get("text", {})}, "import").text.dialect()
         print("\n\n".join(listing(file, dialect) for file in args.files))
         return Exit.DONE
     if not args.files and args.map is None:

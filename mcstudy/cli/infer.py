@@ -22,13 +22,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Infer what is missing and print the tables; returns the exit code."""
-    from mcstudy.files.json_files import write_text
+    from mcstudy.cli.figure_file import check_figure, write_figure
     from mcstudy.lost_table.design import read_inference
     from mcstudy.lost_table.result import RESULT, result
     from mcstudy.lost_table.words import text
     from mcstudy.scheduler.compiling import compile_kernels
     from mcstudy.text_tables import folded
 
+    check_figure(args.figure)
+    check_figure(args.trade_offs)
     file, options = read_inference(args.file), cluster_options(args)
     if options.here and not (args.out / RESULT).exists():
         compile_kernels(("lm", "linearised", "stability"))
@@ -37,9 +39,9 @@ def main(args: argparse.Namespace) -> Exit:
     if args.figure is not None:
         from mcstudy.report.marginals import marginals_svg
 
-        write_text(args.figure, marginals_svg(found))
+        write_figure(marginals_svg(found), args.figure)
     if args.trade_offs is not None:
         from mcstudy.report.trade_off import trade_offs_svg
 
-        write_text(args.trade_offs, trade_offs_svg(found))
+        write_figure(trade_offs_svg(found), args.trade_offs)
     return Exit.DONE

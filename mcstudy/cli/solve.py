@@ -53,6 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Search, print and write; returns the exit code."""
+    from mcstudy.cli.figure_file import check_figure, write_figure
+
+    check_figure(args.figure)
     study = stable_study(args)
     from mcstudy.errors import InputError
     from mcstudy.planning.solve import solve_study
@@ -81,10 +84,9 @@ def main(args: argparse.Namespace) -> Exit:
     else:
         print(folded(found.text()))
     if args.figure is not None:
-        from mcstudy.files.json_files import write_text
         from mcstudy.report.solution import solution_svg
 
-        write_text(args.figure, solution_svg(found))
+        write_figure(solution_svg(found), args.figure)
     if args.out is not None:
         if found.answer is None:
             raise InputError(f"{args.out}: not written, because no allowed design reaches the targets")

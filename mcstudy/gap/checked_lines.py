@@ -13,15 +13,11 @@ from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refus
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines
-from mcstudy.spectra.measure import SAMPLES_PER_PERIOD, measure, require_noise
+from mcstudy.spectra.measure import measure, require_noise, up_to, wide_lines
 from mcstudy.stance.feedback import Model
 
 Discard = int | tuple[int, ...]
 """Transient cycles left out: of every recording, or of each part of a joint one."""
-
-LABELS_HZ = 8.0
-"""Labels are checked with responses up to this frequency, even if fewer lines are diagnosed, because inertia
-determines the responses above 2 Hz."""
 
 
 def pooled(recording: AnyRecording | Sequence[Recording | FrfRecording]) -> AnyRecording:
@@ -94,11 +90,10 @@ def checked_lines(
         require_noise(lines, one.name)
         return one, lines
     noted = check(one)
-    lines = measure(one, fmax, discard)
+    wide = wide_lines(one, fmax, discard)
+    lines = up_to(fmax, wide, one.name)
     require_noise(lines, one.name)
-    at_least = min(LABELS_HZ, one.rate_hz / SAMPLES_PER_PERIOD)
-    judged = lines if fmax >= at_least else measure(one, at_least, discard)
     # Collect all suspicions before deciding, because one check may find what another misses.
-    found = merged(one.suspicions, noted, plausibility(one, judged))
+    found = merged(one.suspicions, noted, plausibility(one, wide))
     refuse(found, accept)
     return replace(one, suspicions=found), lines

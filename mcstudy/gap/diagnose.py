@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,18 +14,20 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
-from mcstudy.gap.diagnosis import LEVEL, Diagnosis
+from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.closure import Belief, Closure, close, floor_rms_deg, sway_rms_deg
+from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.labels import readings
 from mcstudy.gap.questions.location import locations, missing_torque
 from mcstudy.gap.questions.mislabelled import Labels, mislabelled
+from mcstudy.gap.questions.nearest import nearest, with_likeness
 from mcstudy.gap.questions.parameters import shifts
 from mcstudy.gap.questions.posterior import Cause, Explanation, explain
 from mcstudy.gap.questions.power import undetectable
 from mcstudy.gap.settling import cycles_to_discard, longer, unsettled
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import AnyRecording
+from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
@@ -67,7 +69,7 @@ def diagnose(
     """
     if bootstrap < LEAST_DRAWS:
         raise InputError(f"bootstrap: expected at least {LEAST_DRAWS} null samples, got {bootstrap}")
-    return _diagnose(recording, bootstrap, True, seed, model, fmax, discard, accept)
+    return _diagnose(recording, _Settings(bootstrap, True, seed, model, fmax, discard, accept))
 
 
 def diagnose_fast(
@@ -80,7 +82,7 @@ def diagnose_fast(
     accept: Iterable[str] = (),
 ) -> Diagnosis:
     """Diagnosis with asymptotic null distributions: simulated noise through the linearised fit. See `diagnose`."""
-    return _diagnose(recording, FAST_DRAWS, False, seed, model, fmax, discard, accept)
+    return _diagnose(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept))
 
 
 def detect_fast(
@@ -93,53 +95,55 @@ def detect_fast(
     accept: Iterable[str] = (),
 ) -> GapTest:
     """Only the test for a gap, identical to that of `diagnose_fast`, in half the time. See `diagnose`."""
-    return _tested(recording, FAST_DRAWS, False, seed, model, fmax, discard, accept)[2]
+    return _tested(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept))[2]
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """How a recording is diagnosed, see `diagnose`: ``draws`` null samples, with ``refits`` of the model or without."""
+
+    draws: int
+    refits: bool
+    seed: int
+    model: Model | None
+    fmax: float
+    discard: int | None
+    accept: Iterable[str]
+
+    def lines_and_test(
+        self, recording: AnyRecording | Sequence[Recording | FrfRecording], discard: Discard
+    ) -> tuple[AnyRecording, Lines, GapTest]:
+        """The recording without some cycles, its lines, and the test for a gap."""
+        one, lines = checked_lines(recording, self.fmax, discard, self.accept)
+        return one, lines, gap_test(lines, given_model(self.model, one, lines), self.draws, self.refits, self.seed)
 
 
 def _tested(
-    recording: AnyRecording | Sequence[Recording | FrfRecording],
-    draws: int,
-    refits: bool,
-    seed: int,
-    model: Model | None,
-    fmax: float,
-    discard: int | None,
-    accept: Iterable[str],
+    recording: AnyRecording | Sequence[Recording | FrfRecording], by: _Settings
 ) -> tuple[AnyRecording, Lines, GapTest, Discard]:
     """The recording, its lines, the test for a gap, and the number of discarded cycles."""
-    chosen: Discard = 1 if discard is None else discard
-    one, lines = checked_lines(recording, fmax, chosen, accept)
-    test = gap_test(lines, given_model(model, one, lines), draws, refits, seed)
-    needed = cycles_to_discard(one, test.base.model, test.base.theta) if discard is None else chosen
+    chosen: Discard = 1 if by.discard is None else by.discard
+    one, lines, test = by.lines_and_test(recording, chosen)
+    needed = cycles_to_discard(one, test.base.model, test.base.theta) if by.discard is None else chosen
     if longer(needed, chosen):
         chosen = needed
-        one, lines = checked_lines(recording, fmax, chosen, accept)
-        test = gap_test(lines, given_model(model, one, lines), draws, refits, seed)
+        one, lines, test = by.lines_and_test(recording, chosen)
     notes = (*lines.notes, *unsettled(one, test.base.model, test.base.theta, chosen))
     return one, replace(lines, notes=notes), test, chosen
 
 
-def _diagnose(
-    recording: AnyRecording | Sequence[Recording | FrfRecording],
-    draws: int,
-    refits: bool,
-    seed: int,
-    model: Model | None,
-    fmax: float,
-    discard: int | None,
-    accept: Iterable[str],
-) -> Diagnosis:
-    known = frozenset((accept,) if isinstance(accept, str) else accept)
-    one, lines, test, left_out = _tested(recording, draws, refits, seed, model, fmax, discard, known)
+def _diagnose(recording: AnyRecording | Sequence[Recording | FrfRecording], by: _Settings) -> Diagnosis:
+    known = frozenset((by.accept,) if isinstance(by.accept, str) else by.accept)
+    one, lines, test, left_out = _tested(recording, replace(by, accept=known))
     outcome = diagnose_lines(
         lines,
-        given_model(model, one, lines),
-        draws=draws,
-        refits=refits,
-        seed=seed,
+        given_model(by.model, one, lines),
+        draws=by.draws,
+        refits=by.refits,
+        seed=by.seed,
         test=test,
         name=one.name,
-        labels=_labels(one, lines, known) if isinstance(one, Recording) else None,
+        labels=None if isinstance(one, FrfRecording) else _labels(one, lines, known),
     )
     if not isinstance(one, FrfRecording):
         warnings = tuple(s.message for s in one.suspicions)
@@ -149,11 +153,14 @@ def _diagnose(
         outcome,
         recording=one,
         warnings=(*warnings, *outcome.warnings),
-        method={**outcome.method, "fmax": fmax, "discard": left_out},
+        method={**outcome.method, "fmax": by.fmax, "discard": left_out},
     )
 
 
-def _labels(recording: Recording, lines: Lines, accept: frozenset[str]) -> Labels:
+def _labels(recording: Recording | JointRecording, lines: Lines, accept: frozenset[str]) -> Labels:
+    if isinstance(recording, JointRecording):
+        several = zip(recording.parts, lines.parts, recording.labels, strict=True)
+        return Labels.joined([replace(_labels(r, own, accept), name=name) for r, own, name in several])
     scores = readings(recording, lines)
     as_labelled = scores.pop("as_labelled")
     return Labels({k: x - as_labelled for k, x in scores.items()}, recording.stimulus_unit == "N m", accept)
@@ -190,7 +197,11 @@ def diagnose_lines(
         compared,
         mislabelled(lines, base, t.minima, labels, seed) if detected and labels is not None else (),
     )
-    leading = explanation.causes[0] if detected and explanation.causes else None
+    causes, near = explanation.causes, None
+    if detected and detection.p_value < LEVEL:
+        causes = with_likeness(base, causes, data, _space(t.scores), detection, seed)
+        near = nearest(base, causes, data, lines, seed)
+    leading = causes[0] if detected and causes else None
     added = None if leading is None or leading.advice else leading
     place, abstained = locations(explanation)
     trials = int(np.unique(lines.trial).size)
@@ -202,7 +213,7 @@ def diagnose_lines(
         p_least=t.p_least,
         place=place,
         place_abstained=abstained,
-        causes=explanation.causes,
+        causes=causes,
         none_probability=explanation.none,
         unknown_probability=explanation.unknown,
         credible_set=credible_set(explanation),
@@ -226,6 +237,7 @@ def diagnose_lines(
         lines=lines,
         base=base,
         hypotheses=explanation.hypotheses,
+        nearest=near,
     )
 
 
@@ -261,14 +273,14 @@ def credible_set(explanation: Explanation) -> tuple[int | str, ...]:
 def _closed(
     base: Fitted, leading: Cause, data: Data, lines: Lines, scores: Scores, belief: Belief, seed: int
 ) -> Closure:
-    space = np.concatenate(
-        [
-            *(s.vector[:, None] for s in scores.library),
-            *(f.columns for f in scores.families[:4]),
-        ],
-        axis=1,
+    return close(base, leading.fitted, data, lines, _space(scores), belief, stream(seed, "gap closed"))
+
+
+def _space(scores: Scores) -> np.ndarray:
+    """(4 N, M) columns that span the signatures of the library and the smooth deviations."""
+    return np.concatenate(
+        [*(s.vector[:, None] for s in scores.library), *(f.columns for f in scores.families[:4])], axis=1
     )
-    return close(base, leading.fitted, data, lines, space, belief, stream(seed, "gap closed"))
 
 
 def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict[str, float | None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -13,10 +13,12 @@ from mcstudy.files import schema
 from mcstudy.files.json_files import plain
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap import tables, verdict
+from mcstudy.gap.fits.relabelled import of_part
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.detection import Detection
 from mcstudy.gap.questions.evidence import Hypothesis
+from mcstudy.gap.questions.nearest import SHOWN, Nearest
 from mcstudy.gap.questions.parameters import Shift
 from mcstudy.gap.questions.part_fits import parts_dict
 from mcstudy.gap.questions.posterior import Cause
@@ -27,8 +29,8 @@ from mcstudy.spectra.lines import Lines
 from mcstudy.stance.joint import members
 from mcstudy.streams import stream
 
-LEVEL = 0.05
-"""Significance level of the test for a gap."""
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True, repr=False)
@@ -91,6 +93,9 @@ class Diagnosis(Summary):
         for lines alone.
     hypotheses
         Every refitted hypothesis (`Hypothesis`) with its probability; those of ``causes`` are summed by group.
+    nearest
+        The nearest mechanism of the library, whatever the verdict, and what it leaves (`Nearest`). None without a gap
+        in the mean response, or when no mechanism comes near with a size that a body can have.
     """
 
     name: str
@@ -118,8 +123,9 @@ class Diagnosis(Summary):
     base: Fitted
     recording: AnyRecording | None = None
     hypotheses: tuple[tuple[Hypothesis, float], ...] = field(default=(), repr=False)
+    nearest: Nearest | None = None
 
-    more: ClassVar[str] = "verdict(), to_dict()"
+    more: ClassVar[str] = "verdict(), to_xarray(), to_dict()"
     """Further methods, named in the representation at a prompt."""
 
     @property
@@ -158,7 +164,7 @@ class Diagnosis(Summary):
         for k, (lines, block) in enumerate(zip(self.lines.parts, self.lines.blocks, strict=True)):
             causes = self.causes
             if leading is not None:
-                own = replace(leading.fitted, model=members(leading.fitted.model)[k])
+                own = of_part(leading.fitted, block, members(leading.fitted.model)[k])
                 causes = (replace(leading, fitted=own), *causes[1:])
             left_out = self.method.get("discard", 1)
             out.append(
@@ -171,6 +177,7 @@ class Diagnosis(Summary):
                     torque=self.torque[block],
                     lines=lines,
                     base=replace(self.base, model=models[k]),
+                    nearest=self.nearest and self.nearest.of_part(k, block),
                     recording=self.recording.parts[k] if isinstance(self.recording, JointRecording) else None,
                     method={**self.method, "discard": left_out if isinstance(left_out, int) else left_out[k]},
                 )
@@ -207,8 +214,17 @@ class Diagnosis(Summary):
     def _repr_html_(self) -> str:
         return f"<h3>{escape(self.name)}</h3><p>{escape(self.verdict())}</p>{tables.html(self)}"
 
+    def to_xarray(self) -> xr.Dataset:
+        """Responses, residuals, causes with probability and likeness, and the torque that the nearest one leaves.
+
+        Dims ``line`` (with coordinate ``frequency``), ``angle``, ``cause`` and ``quantile``; units are attributes.
+        """
+        from mcstudy.gap.dataset import dataset  # xarray is slow to import, and a verdict does not need it
+
+        return dataset(self)
+
     def to_dict(self) -> dict[str, Any]:
-        """All results as plain JSON data, valid under ``results_schema/1.0.0/diagnosis.json``."""
+        """All results as plain JSON data, valid under ``results_schema/1.1.0/diagnosis.json``."""
         d, closed = self.detection, self.closed
         return plain(
             {
@@ -221,10 +237,12 @@ class Diagnosis(Summary):
                         **_of(c, "effects alternatives probability"),
                         "size": {s.name: _of(s, "estimate se low high unit") for s in c.sizes},
                         **({"advice": c.advice} if c.advice else {}),
+                        "likeness": c.likeness and _of(c.likeness, "estimate low high"),
                     }
                     for c in self.causes
-                    if c.probability > 1e-4 or c is self.causes[0]
+                    if c.probability > SHOWN or c is self.causes[0]
                 ],
+                "nearest": self.nearest and _nearest(self.nearest),
                 **_of(self, "none_probability unknown_probability"),
                 "credible_set": [
                     {"cause": k} if isinstance(k, str) else {"cause": "named", "effects": self.causes[k].effects}
@@ -262,6 +280,23 @@ class Diagnosis(Summary):
                 **parts_dict(part_labels(self.recording, len(d.parts)), d.parts),
             }
         )
+
+
+def _nearest(near: Nearest) -> dict[str, Any]:
+    """The nearest mechanism and what it leaves."""
+    c, left = near.cause, near.remaining
+    return {
+        **_of(c, "effects alternatives probability"),
+        "likeness": c.likeness and _of(c.likeness, "estimate low high"),
+        "chi2": near.chi2,
+        "bands": [_of(b, "angle low_hz high_hz level limit beyond") for b in near.bands],
+        "remaining": {
+            **_of(left, "row sense probability path_probability poles poles_weight unit numerator denominator"),
+            "rms": left.rms and _of(left.rms, "estimate low high"),
+            "share": _of(left.share, "estimate low high"),
+            **_of(left, "clearest_hz chi2 f gain gain_low gain_high phase phase_low phase_high"),
+        },
+    }
 
 
 def _of(record: object, names: str) -> dict[str, Any]:

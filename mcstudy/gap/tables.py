@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from mcstudy import text_tables
 from mcstudy.effect_library import library
 from mcstudy.effect_library.library import usual_size
+from mcstudy.gap import nearest_words
 from mcstudy.gap.questions.contrasts import DRAWS
 from mcstudy.gap.questions.parameters import PRIOR_EXPLAINED, SOURCES, SOURCES_EXPLAINED
 from mcstudy.gap.questions.posterior import Cause
@@ -31,6 +32,20 @@ MEASURES_EXPLAINED = (
 )
 
 
+LIKENESS_EXPLAINED = (
+    "likeness: share of the gap that the cause predicts at lines that were left out of its fit, with its 95 % interval."
+)
+
+REMAINING_EXPLAINED = (
+    "A torque G(s) x that restores like a stiffness where G is positive. Intervals include the uncertainty of all "
+    "other parameters and of the number of poles; a stiffness or damping that is a parameter of the model is not "
+    "counted."
+)
+
+RESPONSES_HZ = (0.1, 0.3, 1.0, 3.0)
+"""Frequencies at which a transfer function is tabulated."""
+
+
 class Table(NamedTuple):
     """One table; the first column names its rows. ``note``: explanation of entries that need one."""
 
@@ -42,7 +57,7 @@ class Table(NamedTuple):
 
 def tables(d: Diagnosis) -> list[Table]:
     """The tables of a diagnosis that are not empty."""
-    found = [evidence(d), _causes(d), _sizes(d), _locations(d), closing(d), _parameters(d), _contrasts(d)]
+    found = [evidence(d), _causes(d), _sizes(d), _locations(d), closing(d), _nearest(d), _parameters(d), _contrasts(d)]
     found.append(_undetectable(d))
     return [t for t in found if t.rows]
 
@@ -74,18 +89,23 @@ def _causes(d: Diagnosis) -> Table:
 
     notes: list[str] = []
     rows = []
+    near = None if d.nearest is None else d.nearest.effects
     for k, c in enumerate(d.causes):
-        if c.probability >= SHOWN:
-            rows.append((c.probability, [_marked(c, notes), f"{c.probability:.3f}", yes(k)]))
+        if c.probability >= SHOWN or c.effects == near:
+            like = "-" if c.likeness is None else nearest_words.percent(c.likeness)
+            rows.append((c.probability, [_marked(c, notes), f"{c.probability:.3f}", yes(k), like]))
     rows += [
-        (d.none_probability, ["no missing effect", f"{d.none_probability:.3f}", yes("none")]),
-        (d.unknown_probability, ["a cause outside the library", f"{d.unknown_probability:.3f}", yes("unknown")]),
+        (d.none_probability, ["no missing effect", f"{d.none_probability:.3f}", yes("none"), "-"]),
+        (d.unknown_probability, ["a cause outside the library", f"{d.unknown_probability:.3f}", yes("unknown"), "-"]),
     ]
     lines = [cells for _, cells in sorted(rows, key=lambda row: -row[0])]
-    others = sum(c.probability for c in d.causes if c.probability < SHOWN)
-    lines.append(["all other causes", f"{others:.3f}", ""])
+    others = sum(c.probability for c in d.causes if c.probability < SHOWN and c.effects != near)
+    lines.append(["all other causes", f"{others:.3f}", "", "-"])
     note = " ".join(f"[{i}] cannot be told from {others}." for i, others in enumerate(notes, 1))
-    return Table("Causes", ["cause", "probability", "in the 95 % set"], lines, note)
+    header = ["cause", "probability", "in the 95 % set", "likeness"]
+    if near is None:
+        return Table("Causes", header[:3], [row[:3] for row in lines], note)
+    return Table("Causes", header, lines, f"{note} {LIKENESS_EXPLAINED}".strip())
 
 
 def _marked(cause: Cause, notes: list[str]) -> str:
@@ -193,6 +213,28 @@ def closing(d: Diagnosis) -> Table:
         share = f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
         rows.append(["share of the gap closed", "0 %", share, "-"])
     return Table(title, header, rows, "" if d.sway_noise_deg is None else MEASURES_EXPLAINED)
+
+
+def _nearest(d: Diagnosis) -> Table:
+    """The torque that the nearest mechanism leaves; no rows where none is found."""
+    title, header = "What the nearest mechanism leaves, as a torque", ["quantity", "value [95 %]"]
+    if d.nearest is None or not d.nearest.remaining.found:
+        return Table(title, header, [])
+    left = d.nearest.remaining
+    rows = [
+        ["mechanism", " and ".join(d.nearest.effects)],
+        ["acts at, depends on", f"{left.row}, {left.sense} ({100 * left.path_probability:.0f} %)"],
+        ["share of the active torque", nearest_words.percent(left.share)],
+        *([] if left.rms is None else [["RMS (N m)", nearest_words.bracketed(left.rms)]]),
+        ["poles", ", ".join(f"{k} ({100 * p:.0f} %)" for k, p in enumerate(left.poles_weight) if p >= SHOWN)],
+        [f"G(s) ({left.unit})", nearest_words.formula(left)],
+    ]
+    for f in RESPONSES_HZ:
+        if left.f[0] <= f <= left.f[-1]:
+            gain, phase = left.at(f)
+            rows.append([f"|G| at {f:g} Hz ({left.unit})", nearest_words.bracketed(gain)])
+            rows.append([f"phase at {f:g} Hz (deg)", f"{phase.estimate:.0f} [{phase.low:.0f}, {phase.high:.0f}]"])
+    return Table(title, header, rows, REMAINING_EXPLAINED)
 
 
 def _parameters(d: Diagnosis) -> Table:

@@ -8,6 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mcstudy.fitting.penalised import Fitted
+from mcstudy.gap import nearest_words
+from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.parameters import sources
 from mcstudy.gap.questions.part_fits import told
 from mcstudy.gap.questions.posterior import Cause
@@ -54,24 +56,7 @@ def named(cause: Cause) -> str:
 
 def where(d: Diagnosis) -> str:
     """The bands of the residual map that exceed their limit, as text."""
-    by_angle: dict[str, list[tuple[float, float]]] = {}
-    for b in d.detection.bands:
-        if b.beyond:
-            spans = by_angle.setdefault(b.angle, [])
-            if spans and b.low_hz <= spans[-1][1] + 0.1:
-                spans[-1] = (spans[-1][0], b.high_hz)
-            else:
-                spans.append((b.low_hz, b.high_hz))
-    name = {"theta1": "the lower body's angle", "theta2": "the hip angle"}
-    parts = [
-        f"{name.get(a, a)} " + " and ".join(_span(f"{low:.2g}", f"{high:.2g}") for low, high in spans)
-        for a, spans in by_angle.items()
-    ]
-    return "in " + ", and in ".join(parts) if parts else "no single frequency band stands out"
-
-
-def _span(low: str, high: str) -> str:
-    return f"at {low} Hz" if low == high else f"from {low} to {high} Hz"
+    return nearest_words.where(d.detection.bands) or "no single frequency band stands out"
 
 
 CAPPED = 0.6
@@ -107,14 +92,14 @@ def wrapped(d: Diagnosis) -> str:
 
 
 def sentences(d: Diagnosis) -> list[str]:
-    """The parts of the verdict: whether there is a gap, where, its cause, how much it closes, what stays open."""
+    """The parts of the verdict: whether there is a gap, where, its cause, how much it closes and leaves."""
     p = p_words(d.p_value, d.p_least)
     if d.detected:
         parts = [f"A gap beyond noise ({p}); {where(d)}."]
     else:
         parts = [f"No gap beyond noise ({p}): the model without further effects describes this recording."]
     if d.leading is not None:
-        parts += [_cause(d, d.leading), share_closed(d), sway(d)]
+        parts += [_cause(d, d.leading), share_closed(d), nearest(d), sway(d)]
     parts.append(not_a_body(d))
     corrected = d.leading is not None and d.leading.advice
     for contrast in d.contrasts if not corrected else ():  # trials that are labelled differently differ
@@ -145,6 +130,19 @@ def shown_causes(d: Diagnosis) -> list[Cause]:
     """The leading cause and the other named ones of the 95 % set."""
     inside = [d.causes[k] for k in d.credible_set if isinstance(k, int)]
     return inside if d.leading is None or any(c is d.leading for c in inside) else [d.leading, *inside]
+
+
+def nearest(d: Diagnosis) -> str:
+    """The nearest mechanism, how much of the gap it predicts at left-out lines, and what it leaves."""
+    if d.leading is None:
+        return ""
+    if d.nearest is None:  # a gap only between amplitudes or in time has no mechanism to be compared with
+        said = "No mechanism of the library comes near with a size that a body can have."
+        return said if d.detection.p_value < LEVEL else ""
+    said = nearest_words.resembles(d.nearest, named(d.nearest.cause))
+    if d.leading.advice:
+        return f"{said} This would be so if the recording were labelled right."
+    return f"{said} {nearest_words.leaves(d.nearest, d.detection.chi2_noise)}"
 
 
 def sway(d: Diagnosis) -> str:
@@ -236,7 +234,7 @@ def _cause(d: Diagnosis, first: Cause) -> str:
             f"({100 * d.unknown_probability:.0f} %)."
         ]
         if first.probability > 0.05:
-            out.append(f"The nearest named cause is {named(first)} ({100 * first.probability:.0f} %).")
+            out.append(f"The most probable named cause is {named(first)} ({100 * first.probability:.0f} %).")
     else:
         sizes = [f"{s.name} = {with_error(s.estimate, s.se)} {s.unit}".rstrip() for s in first.sizes]
         what = f"a mislabelled recording, {named(first)}" if first.advice else named(first)

@@ -18,8 +18,8 @@ from mcstudy.files.plain_errors import validated
 from mcstudy.files.sections import Name, Section
 from mcstudy.lost_table.rows import ROWS
 from mcstudy.lost_table.unknowns import Prior
-from mcstudy.study.catalogue import located
-from mcstudy.study.study_file import check_tables, parse_toml, read_text
+from mcstudy.study.catalogue import read_file
+from mcstudy.study.study_file import check_tables
 
 KIND = "inference"
 
@@ -72,12 +72,7 @@ class InferenceFile(Section):
 
 def read_inference(path: str | Path) -> InferenceFile:
     """The inference of a file, or of a shipped one by name; raises `DesignError` with one line."""
-    path = located(path, KIND)
-    text = read_text(path, "inference file")
-    try:
-        return parse_inference(parse_toml(text, "inference file"))
-    except DesignError as error:
-        raise DesignError(f"{path}: {error}") from None
+    return read_file(path, KIND, parse_inference)
 
 
 def parse_inference(raw: dict[str, Any]) -> InferenceFile:

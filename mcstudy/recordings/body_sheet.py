@@ -12,10 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from mcstudy.errors import ModelError, RecordingError
 from mcstudy.recordings.columns import TextTable
+from mcstudy.recordings.description import Table
 from mcstudy.stance.anthropometry import SEXES, TABLES, proportions
 from mcstudy.stance.body import SEGMENTS, Body
 
@@ -24,10 +25,8 @@ CONSTANTS = ("J1", "J2", "C1", "C2", "A1", "A2")
 EXPECTED = 'expected J1 ... A2, segments, height and weight, or reference = "goodworth2018"'
 
 
-class BodySheet(BaseModel):
+class BodySheet(Table):
     """The table's constants, segments, a file whose first row holds segments in the order of ``order``, or a person."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     J1: float | None = Field(default=None, gt=0)
     J2: float | None = Field(default=None, gt=0)

@@ -9,10 +9,11 @@ from typing import Any
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.body_sheet import body_of
+from mcstudy.recordings.description import described
 from mcstudy.recordings.frf import FrfRecording, frf_of_columns
 from mcstudy.recordings.lab_files import Files
 from mcstudy.recordings.recording import Recording
-from mcstudy.recordings.sheet import Sheet, TrialSheet, document, parse
+from mcstudy.recordings.sheet import Sheet, TrialSheet, document
 from mcstudy.recordings.trials import Read, trials_of
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI
@@ -34,7 +35,7 @@ def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | 
     file and the field.
     """
     path = Path(path)
-    sheet = parse(document(path), str(path))
+    sheet = described(Sheet, document(path), str(path))
     folder = path.parent if data is None else Path(data)
     if sheet.frf is not None:
         return _frf(sheet, Files(folder, sheet.text.dialect(), str(path)), str(path))
@@ -69,7 +70,7 @@ def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) ->
 
 def with_files(content: Mapping[str, Any], names: Sequence[str], where: str) -> Sheet:
     """A description whose trials are the named files, one each."""
-    sheet = parse(content, where)
+    sheet = described(Sheet, content, where)
     if sheet.frf is not None:
         raise RecordingError(f"{where}: frf: expected a description of time series")
     if sheet.trials and names:

@@ -27,18 +27,16 @@ Ways to state the body: `mcstudy.recordings.body_sheet`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from mcstudy.errors import RecordingError
-from mcstudy.files.plain_errors import one_line
 from mcstudy.recordings.body_sheet import BodySheet
+from mcstudy.recordings.description import Description, Table, described
 from mcstudy.recordings.sheet import Units, toml_file
-from mcstudy.stance.body import STIMULI
 
 LARGEST_HARMONIC = 100_000
 """Highest number of a harmonic in a description."""
@@ -50,11 +48,7 @@ PATTERNS = ("gain", "phase", "real", "imaginary")
 """Fields that name columns by a pattern."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class TableSheet(_Strict):
+class TableSheet(Table):
     """The section ``frf_group``: the table, its columns and its points."""
 
     file: str
@@ -111,7 +105,7 @@ class TableSheet(_Strict):
         return np.asarray((np.sinc(f * (self.prts_state_s or 0.0)) / f) ** 2)
 
 
-class GroupSheet(_Strict):
+class GroupSheet(Description):
     """The whole TOML file."""
 
     name: str = "group"
@@ -125,20 +119,10 @@ class GroupSheet(_Strict):
 
 def read_group_sheet(path: Path) -> GroupSheet:
     """The description in a TOML file; raises `RecordingError`, one line that names the file and the field."""
-    return parse_group_sheet(toml_file(path), str(path))
-
-
-def parse_group_sheet(text: Mapping[str, Any], where: str) -> GroupSheet:
-    """The description in a TOML document; raises `RecordingError`, one line that names ``where`` and the field."""
+    text = toml_file(path)
     if SECTION not in text:
-        raise RecordingError(f"{where}: {SECTION}: missing; expected the description of a group of FRFs")
-    try:
-        sheet = GroupSheet.model_validate(text)
-    except ValidationError as error:
-        raise RecordingError(f"{where}: {one_line(error, GroupSheet)}") from error
-    if sheet.stimulus not in STIMULI:
-        raise RecordingError(f"{where}: stimulus: expected one of {', '.join(STIMULI)}, got {sheet.stimulus!r}")
-    return sheet
+        raise RecordingError(f"{path}: {SECTION}: missing; expected the description of a group of FRFs")
+    return described(GroupSheet, text, str(path))
 
 
 def is_group(path: Path) -> bool:

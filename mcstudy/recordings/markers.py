@@ -12,9 +12,10 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from mcstudy.errors import RecordingError
+from mcstudy.recordings.description import Table
 from mcstudy.recordings.variables import Picked, Source
 
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
@@ -22,10 +23,8 @@ Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 _AXES = "xyz"
 
 
-class MarkerSheet(BaseModel):
+class MarkerSheet(Table):
     """Names of the markers at each place, and the laboratory's axes."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     ankle: tuple[str, ...] = Field(min_length=1)
     hip: tuple[str, ...] = Field(min_length=1)

@@ -49,20 +49,18 @@ Ways to state the body: `mcstudy.recordings.body_sheet`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from mcstudy.errors import RecordingError
-from mcstudy.files.plain_errors import one_line
 from mcstudy.files.untrusted import toml
 from mcstudy.recordings.body_sheet import BodySheet
 from mcstudy.recordings.columns import Dialect, content
+from mcstudy.recordings.description import Description, Table
 from mcstudy.recordings.markers import MarkerSheet
 from mcstudy.recordings.recording import EXPECTED
-from mcstudy.stance.body import STIMULI
 
 LARGEST_SHEET = 1_000_000
 """Bytes of a TOML file."""
@@ -82,11 +80,7 @@ DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
 """Words for delimiters."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Channel(_Strict):
+class Channel(Table):
     """One channel of a trial; text or a number alone is its column."""
 
     file: str | None = None
@@ -101,7 +95,7 @@ class Channel(_Strict):
         return {"column": given} if isinstance(given, str | int) and not isinstance(given, bool) else given
 
 
-class Channels(_Strict):
+class Channels(Table):
     """The channels of a trial; those that are not given are the variables of its file with their own names."""
 
     time: Channel | None = None
@@ -110,7 +104,7 @@ class Channels(_Strict):
     theta2: Channel = Channel()
 
 
-class TrialSheet(_Strict):
+class TrialSheet(Table):
     """One file, which holds a trial or, with ``split``, several; its channels come before those of `Channels`."""
 
     file: str | None = None
@@ -121,7 +115,7 @@ class TrialSheet(_Strict):
     theta2: Channel = Channel()
 
 
-class Units(_Strict):
+class Units(Table):
     """Units of the columns, unless a channel says otherwise."""
 
     time: str = "s"
@@ -129,7 +123,7 @@ class Units(_Strict):
     angle: str | None = None
 
 
-class TextSheet(_Strict):
+class TextSheet(Table):
     """How text files are written."""
 
     delimiter: str | None = None
@@ -151,7 +145,7 @@ class TextSheet(_Strict):
         return self
 
 
-class Starts(_Strict):
+class Starts(Table):
     """A variable that holds the times at which trials start, or that rises above a level when they do."""
 
     column: int | str
@@ -159,7 +153,7 @@ class Starts(_Strict):
     above: float | None = None
 
 
-class Split(_Strict):
+class Split(Table):
     """How one file holds several trials."""
 
     by: Literal["columns", "rows", "elements"] | None = None
@@ -167,13 +161,13 @@ class Split(_Strict):
     length_s: float | None = Field(default=None, gt=0)
 
 
-class FrfSheet(_Strict):
+class FrfSheet(Table):
     """A file of FRFs (columns of `mcstudy.recordings.frf.frf_of_columns`) in place of trials."""
 
     file: str
 
 
-class Sheet(_Strict):
+class Sheet(Description):
     """The whole TOML file."""
 
     name: str = "recording"
@@ -212,14 +206,3 @@ def document(path: Path) -> dict[str, Any]:
         if isinstance(text.get(section), dict):
             raise RecordingError(f"{path}: this is a {kind}; {EXPECTED}")
     return text
-
-
-def parse(content: Mapping[str, Any], where: str) -> Sheet:
-    """The description in a TOML document; raises `RecordingError`, one line that names ``where`` and the field."""
-    try:
-        sheet = Sheet.model_validate(content)
-    except ValidationError as error:
-        raise RecordingError(f"{where}: {one_line(error, Sheet)}") from error
-    if sheet.stimulus not in STIMULI:
-        raise RecordingError(f"{where}: stimulus: expected one of {', '.join(STIMULI)}, got {sheet.stimulus!r}")
-    return sheet

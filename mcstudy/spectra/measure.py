@@ -20,11 +20,12 @@ LARGE_DOF = 1e6
 """Degrees of freedom of a published covariance, which was not estimated here."""
 
 NOISE_HZ = 8.0
-"""The covariance of the noise is estimated up to this frequency, even if fewer lines are wanted. Its autoregression
-follows chance where it has few lines: estimated up to 1.2 Hz only, the covariance is 9 % too small."""
+"""Lines are measured up to this frequency, even if fewer are wanted. The autoregression that whitens their noise
+follows chance where it has few lines: estimated up to 1.2 Hz only, the covariance is 9 % too small. And labels are
+checked at all of them, because inertia determines the responses above 2 Hz."""
 
 SAMPLES_PER_PERIOD = 2.5
-"""Of the highest frequency up to which the noise is estimated if fewer lines are wanted."""
+"""Of the highest frequency up to which lines are measured if fewer are wanted."""
 
 LEAST_NOISE = 1e-5
 """Smallest plausible standard error of a response relative to its magnitude, median over lines; the resolution of
@@ -40,18 +41,30 @@ def measure(recording: Recording | FrfRecording, fmax: float = 8.0, discard: int
     A periodic stimulus gives its excited lines, any other the lines of overlapping segments, a published FRF itself.
     Raises `RecordingError` when the recording is too short, or has fewer than `LEAST_LINES` lines up to ``fmax``.
     """
+    return up_to(fmax, wide_lines(recording, fmax, discard), recording.name)
+
+
+def wide_lines(recording: Recording | FrfRecording, fmax: float, discard: int) -> Lines:
+    """Lines of a recording, parameters as in `measure`, up to `NOISE_HZ` even if ``fmax`` is lower.
+
+    All of a published FRF; less of a slowly sampled recording. Raises `RecordingError` for one that is too short.
+    """
     if not (math.isfinite(fmax) and fmax > 0):
         raise RecordingError(f"{recording.name}: fmax: expected a positive number of Hz, got {fmax!r}")
     if isinstance(recording, FrfRecording):
-        lines = _published(recording).below(fmax)
-    elif recording.period_s is None:
-        lines = segment_lines(recording, fmax)
-    else:
-        wide = max(fmax, min(NOISE_HZ, recording.rate_hz / SAMPLES_PER_PERIOD))
-        lines = with_scatter(with_unequal_trials(periodic_lines(recording, wide, discard))).below(fmax)
+        return _published(recording)
+    wide = max(fmax, min(NOISE_HZ, recording.rate_hz / SAMPLES_PER_PERIOD))
+    if recording.period_s is None:
+        return segment_lines(recording, wide)
+    return with_scatter(with_unequal_trials(periodic_lines(recording, wide, discard)))
+
+
+def up_to(fmax: float, lines: Lines, name: str) -> Lines:
+    """``lines`` up to ``fmax`` (Hz); raises `RecordingError` when they are fewer than `LEAST_LINES`."""
+    lines = lines.below(fmax)
     if len(lines) < LEAST_LINES:
         raise RecordingError(
-            f"{recording.name}: expected at least {LEAST_LINES} lines up to fmax = {fmax:g} Hz, got {len(lines)}"
+            f"{name}: expected at least {LEAST_LINES} lines up to fmax = {fmax:g} Hz, got {len(lines)}"
         )
     return lines
 

@@ -123,8 +123,11 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     if wanted.size < LEAST_LINES:
         raise _too_few_lines(recording.name, fmax)
     odd = only_odd(cycles.stimulus, excited)
-    noise = (_EvenLineNoise if odd else _DifferenceNoise)(recording.name, cycles, wanted)
-    cycles, single, dof = _without_leakage(cycles, wanted, noise)
+    # The noise has no gaps where the stimulus has them, and does not end with it.
+    at = np.arange(1, int(fmax * period_s + 0.5) + 1, 2 if odd else 1)
+    noise = (_EvenLineNoise if odd else _DifferenceNoise)(recording.name, cycles, at)
+    cycles, single, dof = _without_leakage(cycles, at, noise)
+    own = np.isin(at, wanted)
     u = cycles.stimulus[:, wanted]
     power = np.abs(u) ** 2
     total = power.sum(axis=0)
@@ -133,14 +136,14 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     return Lines(
         f=wanted / period_s,
         y=np.einsum("rn,rnj->nj", weight, repeats),
-        noise=LineNoise(single / total[:, None, None], dof, noise.pooling),
+        noise=LineNoise(single[own] / total[:, None, None], dof[own], noise.pooling.at_lines(own)),
         repeats=repeats,
         weight=weight,
         trial=cycles.trial,
         cycle=cycles.cycle,
         amplitude=cycles.amplitude,
         power=power.mean(axis=0),
-        even=_even_lines(cycles, period_s, wanted, single) if odd else None,
+        even=_even_lines(cycles, period_s, wanted, single[own]) if odd else None,
         harmonic=wanted,
     )
 
@@ -156,16 +159,16 @@ def understatement(harmonics: np.ndarray, trials: int) -> np.ndarray:
 
 
 class _EvenLineNoise:
-    """Noise of the coefficients of one cycle, for a stimulus that does not excite even lines."""
+    """Noise of the coefficients of one cycle at the odd lines ``at``, for a stimulus that does not excite even ones."""
 
-    def __init__(self, name: str, cycles: Cycles, wanted: np.ndarray) -> None:
+    def __init__(self, name: str, cycles: Cycles, at: np.ndarray) -> None:
         trials = np.unique(cycles.trial).size
         colour = (trials, cycles.trial.size - trials)
-        self._estimator = _estimator(name, wanted, cycles.stimulus.shape[1] - 1, colour)
+        self._estimator = _estimator(name, at, cycles.stimulus.shape[1] - 1, colour)
         self._transient = TransientMean(self._estimator)
-        understated = self._transient.understatement(wanted) * understatement(wanted, trials)
+        understated = self._transient.understatement(at) * understatement(at, trials)
         self._understated = understated[:, None, None]
-        self.pooling = Pooling(wanted.astype(float), half_width(wanted) + 1.0, colour_records=colour[1])
+        self.pooling = Pooling(at.astype(float), half_width(at) + 1.0, colour_records=colour[1])
 
     def freed(self, cycles: Cycles) -> Cycles:
         """The cycles without the transient that taking differences leaves."""
@@ -179,14 +182,14 @@ class _EvenLineNoise:
 
 
 class _DifferenceNoise:
-    """The same from differences between cycles, for a stimulus that excites all lines.
+    """The same at any lines ``at`` from differences between cycles, for a stimulus that excites even lines, too.
 
     Line k of the differences serves as even harmonic 2k of the estimators, which estimate at 2k - 1 and 2k + 1.
     """
 
-    def __init__(self, name: str, cycles: Cycles, wanted: np.ndarray) -> None:
+    def __init__(self, name: str, cycles: Cycles, at: np.ndarray) -> None:
         highest = 2 * cycles.stimulus.shape[1] - 1
-        self._below, self._above = (_estimator(name, line, highest) for line in (2 * wanted - 1, 2 * wanted + 1))
+        self._below, self._above = (_estimator(name, line, highest) for line in (2 * at - 1, 2 * at + 1))
         trials = np.unique(cycles.trial).size
         self.pooling = pooled(self._below.dof * (cycles.trial.size - trials), trials)
 
@@ -204,15 +207,15 @@ class _DifferenceNoise:
 
 
 def _without_leakage(
-    cycles: Cycles, wanted: np.ndarray, noise: _EvenLineNoise | _DifferenceNoise
+    cycles: Cycles, at: np.ndarray, noise: _EvenLineNoise | _DifferenceNoise
 ) -> tuple[Cycles, np.ndarray, np.ndarray]:
-    """The cycles with the best order of difference at each line, their noise covariance and its degrees of freedom."""
+    """The cycles with the best order of difference around each of the lines ``at``, their noise and its dof."""
     candidates = [noise.freed(replace(cycles, theta=theta)) for theta in cycles.theta]
     cost = np.array([np.linalg.slogdet(noise(c)[0])[1] for c in candidates])
     # Without noise a covariance is singular and its cost -inf, which would dominate every sum over lines.
     cost = np.maximum(cost, SINGULAR)
-    path = best_orders(cost, wanted)
-    order = path[np.abs(np.arange(cycles.stimulus.shape[1])[:, None] - wanted).argmin(axis=1)]
+    path = best_orders(cost, at)
+    order = path[np.abs(np.arange(cycles.stimulus.shape[1])[:, None] - at).argmin(axis=1)]
     theta = np.array([c.theta for c in candidates])
     cycles = replace(cycles, theta=np.take_along_axis(theta, order[None, None, :, None], axis=0)[0])
     return cycles, *noise(cycles)

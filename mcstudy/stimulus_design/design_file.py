@@ -15,9 +15,8 @@ from pydantic import Field
 from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import validated
 from mcstudy.files.sections import Name, Positive, Section
-from mcstudy.files.toml_files import parse_toml, read_text
 from mcstudy.stance.ranges import AMPLITUDE, RATE
-from mcstudy.study.catalogue import located
+from mcstudy.study.catalogue import read_file
 from mcstudy.study.checks import check_group
 from mcstudy.study.group import FREQUENCY, Group, ModelSection, NoiseSection, StimulusSection
 from mcstudy.study.measure import HIGHEST_HZ
@@ -132,12 +131,7 @@ class DesignFile(Section):
 
 def read_design(path: str | Path) -> DesignFile:
     """The design of a file, or of a shipped one by name; raises `DesignError` with one line."""
-    path = located(path, KIND)
-    text = read_text(path, "design file")
-    try:
-        return parse_design(parse_toml(text, "design file"))
-    except DesignError as error:
-        raise DesignError(f"{path}: {error}") from None
+    return read_file(path, KIND, parse_design)
 
 
 def parse_design(raw: dict[str, Any]) -> DesignFile:

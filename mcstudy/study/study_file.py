@@ -14,8 +14,8 @@ from typing import Any
 from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import short, shown, validated
 from mcstudy.files.sections import leaves
-from mcstudy.files.toml_files import parse_toml, read_text
-from mcstudy.study.catalogue import located
+from mcstudy.files.toml_files import parse_toml
+from mcstudy.study.catalogue import read_file
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
 
 
@@ -33,17 +33,15 @@ def read_study(path: str | Path) -> Study:
     DesignError
         The file cannot be read or has a mistake: one line that names file, field and what was expected.
     """
-    path = located(path)
-    text = read_text(path, "study file")
-    try:
-        return parse_study(text)
-    except DesignError as error:
-        raise DesignError(f"{path}: {error}") from None
+    return read_file(path, "study", _study)
 
 
 def parse_study(text: str) -> Study:
     """The resolved study of a study file's text; the one-line `DesignError` starts with the field."""
-    raw = parse_toml(text, "study file")
+    return _study(parse_toml(text, "study file"))
+
+
+def _study(raw: dict[str, Any]) -> Study:
     check_tables(raw, ("study", *SECTIONS, "group"))
     if "study" not in raw:
         raise DesignError("study: missing, expected a table [study] with name and seed")

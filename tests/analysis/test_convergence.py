@@ -81,7 +81,7 @@ def test_a_pool_without_a_usable_fit_has_no_answer(make_cube: Cube) -> None:
     cube = make_cube(realizations=2, starts=3)
     cube["status"][0, 0, 0] = Status.SOLVER_ERROR
     needed = convergence.starts_needed(cube).isel(amplitude=0, fmax=0)
-    for name in ("value", "mcse", "independent", "lower", "upper"):
+    for name in ("value", "mcse", "lower", "upper", "from_pool"):
         assert np.isnan(needed[name].values[0]), name
         assert np.isfinite(needed[name].values[1]), name
     quantile = convergence.starts_needed_quantiles(needed)
@@ -94,7 +94,7 @@ def test_quantiles_are_those_of_new_starts_and_exceed_what_a_pool_can_hold(make_
     found = convergence.starts_needed_quantiles(needed)["value"].squeeze().values
     # one hit in twenty, the least a pool holds: ln 0.05 / ln 0.95 = 58.4, more than the 20 of the pool
     assert found.tolist() == [59.0, 59.0]
-    assert float(needed["value"].max()) == 19.0
+    assert float(needed["from_pool"].max()) == 19.0
 
 
 def test_the_chance_of_a_missed_minimum_is_that_of_new_pools(make_cube: Cube) -> None:

@@ -143,7 +143,7 @@ def test_names_and_units_are_those_of_the_field(group: xr.Dataset) -> None:
     assert said["bias"] == {"long_name": "bias (mean estimate minus truth)", "units": EACH}
     assert said["cv"] == {"long_name": "coefficient of variation", "units": "1"}
     assert said["unstable"] == {"long_name": "fraction of best fits that are unstable", "units": "1"}
-    assert said["starts_needed"]["long_name"] == "starts needed for 95 % certainty, drawn from the pool"
+    assert said["starts_needed"]["long_name"] == "new starts needed for 95 % certainty"
     assert group.mc.by_starts(mean_absolute_bias_percent)["value"].attrs["units"] == "%"
 
 

@@ -10,7 +10,7 @@ from tiny_studies import EIGHT_FITS
 
 from mcstudy.cli import main
 from mcstudy.exits import Exit
-from mcstudy.text_tables import table
+from mcstudy.text_tables import table, with_error
 
 NARROW, WIDE = 80, 120
 HEADER = ["", "ours ± MCSE", "what it means in words", "equation"]
@@ -108,3 +108,8 @@ def test_a_file_is_not_folded_whatever_the_terminal(
         written.append((tmp_path / width / "diagnosis.txt").read_text())
     assert written[0] == written[1]
     assert written[1].splitlines()[0] in capsys.readouterr().out.replace("\n  ", " ")
+
+
+def test_an_error_that_is_rounding_is_not_printed() -> None:
+    assert with_error(-8.33, 5.8e-15) == "-8.33"
+    assert with_error(-8.33, 0.02) == "-8.330 ± 0.020"

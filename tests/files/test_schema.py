@@ -44,6 +44,22 @@ def test_the_newest_version_of_a_schema_is_used() -> None:
     assert schema.versions()["recording"] == "1.0.0"
 
 
+def test_a_diagnosis_of_version_1_0_can_still_be_read() -> None:
+    """The newer schema demands nothing that the older one did not have; both refuse what neither knows."""
+    old, new = (json.loads((FOLDER / v / "diagnosis.json").read_text()) for v in ("1.0.0", "1.1.0"))
+    assert new["required"] == old["required"]
+    assert {"likeness", "nearest"} == (set(new["properties"]) - set(old["properties"])) | (
+        set(new["properties"]["causes"]["items"]["properties"])
+        - set(old["properties"]["causes"]["items"]["properties"])
+    )
+    document = json.loads((Path(__file__).parent / "diagnosis_1_0_0.json").read_text())
+    for one in (old, new):
+        Draft202012Validator(one).validate(document)
+    schema.validate("diagnosis", document, "an old file")
+    with pytest.raises(StoreError, match="nearest"):
+        schema.validate("diagnosis", {**document, "nearest": {"effects": []}}, "an unsound file")
+
+
 class Unsound:
     """In place of a diagnosis."""
 
@@ -63,7 +79,7 @@ def test_a_diagnosis_that_does_not_conform_is_neither_written_nor_printed(
         assert main(["gap", "diagnose", "a.nc", *more]) == Exit.BAD_INPUT
         said = capsys.readouterr()
         assert said.out == ""
-        assert "(diagnosis 1.0.0)" in said.err
+        assert f"(diagnosis {schema.versions()['diagnosis']})" in said.err
         assert said.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
 

@@ -127,7 +127,8 @@ def test_no_share_closed_is_stated_without_its_interval_and_what_noise_leaves_of
         assert (share is None) == (d.added is None), case
         assert ("share of the gap closed" in rows) == (d.added is not None), case
         if share is None:
-            assert "of the gap" not in verdict(d).replace("share of the gap closed and no better", ""), case
+            said = verdict(d).replace("share of the gap closed and no better", "").replace("of the gap at left-out", "")
+            assert "of the gap" not in said, case
             continue
         stated += 1
         assert share.group(2), case
@@ -222,3 +223,41 @@ def test_words_below_a_table_fit_the_terminal(found: dict[str, Diagnosis], monke
     for note in notes:
         assert " ".join(note.split()) in " ".join(shown.split())
     assert not [x for x in shown.splitlines() if len(x) > 60 and "  " not in x]
+
+
+def test_the_nearest_mechanism_is_named_whatever_wins(found: dict[str, Diagnosis], variants: Variants) -> None:
+    for case, d in variants:
+        said = "The nearest mechanism of the library is" in verdict(d)
+        assert said == (d.leading is not None and d.nearest is not None), case
+    assert found["nothing missing"].nearest is None
+    near = found["two effects"].nearest
+    assert near is not None
+    assert near.cause.likeness is not None
+    assert near.cause.likeness.low > 0.8
+    assert near.cause is found["two effects"].causes[0]
+    assert "likeness" in text(found["two effects"])
+
+
+def test_what_a_torque_remains_is_told_with_its_intervals(found: dict[str, Diagnosis]) -> None:
+    d = found["a small gap"]
+    assert d.nearest is not None
+    left = replace(
+        d.nearest.remaining,
+        probability=0.97,
+        poles=1,
+        numerator=np.array([0.0, -12.0, 3.0]),
+        denominator=np.array([1.0, 0.05]),
+    )
+    told = replace(d, nearest=replace(d.nearest, remaining=left))
+    assert f"a torque at the {left.row} that depends on" in verdict(told)
+    assert "with 1 pole, is (-12.0 s + 3.00 s²) / (1.00 + 0.0500 s) N m" in verdict(told)
+    rows = {row[0]: row[1] for t in tables(told) if t.title.startswith("What the nearest") for row in t.rows}
+    assert rows["share of the active torque"] in verdict(told)
+    assert not [t for t in tables(found["nothing missing"]) if t.title.startswith("What the nearest")]
+    schema.validate("diagnosis", told.to_dict(), "with a torque")
+    plain = told.to_dict()["nearest"]["remaining"]
+    data = told.to_xarray()
+    np.testing.assert_allclose(data["torque_gain"].sel(quantile=0.5), plain["gain"])
+    np.testing.assert_allclose(data["likeness"].sel(quantile=0.5)[0], told.causes[0].likeness.estimate)  # type: ignore[union-attr]
+    assert data["torque_gain"].attrs["units"] == left.unit
+    assert "torque_gain" not in found["nothing missing"].to_xarray()

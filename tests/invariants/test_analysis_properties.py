@@ -87,9 +87,11 @@ def test_more_starts_never_hurt_and_all_of_them_always_suffice(n: int, data: st.
 @quick
 def test_every_start_a_hit_needs_one_start_and_otherwise_no_more_than_the_pool(costs: np.ndarray) -> None:
     needed = starts_needed(cube(costs))
-    assert ((needed["value"] >= 1) & (needed["value"] <= costs.shape[1])).all()
-    assert (needed["value"].where(needed["hits"] == needed["starts"], 1) == 1).all()
-    assert ((needed["lower"] <= needed["independent"]) & (needed["independent"] <= needed["upper"])).all()
+    assert ((needed["from_pool"] >= 1) & (needed["from_pool"] <= costs.shape[1])).all()
+    for name in ("from_pool", "value"):
+        assert (needed[name].where(needed["hits"] == needed["starts"], 1) == 1).all()
+    assert ((needed["from_pool"] <= needed["value"]) & (needed["lower"] <= needed["value"])).all()
+    assert (needed["value"] <= needed["upper"]).all()
 
 
 @given(COSTS)

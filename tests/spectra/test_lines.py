@@ -105,6 +105,17 @@ def test_all_lines_are_used_when_the_stimulus_excites_them_all() -> None:
     assert (np.abs(whitened(lines)) ** 2).mean() == pytest.approx(1.0, abs=0.25)
 
 
+def test_the_noise_of_a_stimulus_with_few_lines_is_that_of_one_with_all() -> None:
+    """Estimated from the excited lines up to 0.7 Hz alone, it would follow chance."""
+    coefficients = np.fft.rfft(PRTS.waveform())
+    kept = np.arange(coefficients.size) < 32
+    few = measure(periodic(3, trials=1, stimulus=np.fft.irfft(coefficients * kept, PRTS.samples)))
+    every = measure(periodic(3, trials=1)).below(0.72)
+    np.testing.assert_allclose(few.f, every.f)
+    for name in ("C", "dof"):
+        np.testing.assert_allclose(getattr(few.noise, name), getattr(every.noise, name), rtol=1e-3)
+
+
 def test_segments_of_a_stimulus_that_never_repeats() -> None:
     errors = [whitened(measure(aperiodic(seed), fmax=4.0)) for seed in range(8)]
     assert np.mean(np.abs(errors) ** 2) == pytest.approx(1.1, abs=0.25)

@@ -117,6 +117,8 @@ def test_a_cube_with_them_is_verified_replayed_extended_and_shown(tmp_path: Path
         assert found[key]["value"] == pytest.approx(float(expected["value"]))
         assert found[key]["used"] == int(expected["n"])
     assert "holds truth %" in report.text()
+    low, high = (f"{100 * found['coverage'][end]:.0f}" for end in ("lower", "upper"))
+    assert f"{100 * found['coverage']['value']:.0f} [{low}, {high}]" in report.text()
     assert "standard_errors" not in str(report.data["groups"]["ml"]["differences"])
     stable = small["paper"].mc.best(allowed=before["start"] == int(before["start"][-1]))
     others = small["paper"].mc.best()["best_start"] != int(before["start"][-1])

@@ -174,12 +174,10 @@ def _count(value: float | None) -> str:
     return "-" if value is None else f"{value:.0f}"
 
 
-def _starts(cell: dict[str, Any]) -> str:
-    """Median and 90th percentile of the starts needed, with the interval of the latter; - is an open end."""
-    median, many = (cell[f"starts_needed_{q}"] for q in ("median", "90th"))
-    numbers = f"{_count(median['value'])}/{_count(many['value'])}"
-    ends = [_count(many[end]) for end in ("lower", "upper")]
-    return numbers if ends == ["-", "-"] else f"{numbers} [{', '.join(ends)}]"
+def _starts(quantile: dict[str, Any]) -> str:
+    """A quantile of the starts needed with its interval; - is an end that so few realizations cannot bound."""
+    ends = [_count(quantile[end]) for end in ("lower", "upper")]
+    return _count(quantile["value"]) + ("" if quantile["value"] is None else f" [{', '.join(ends)}]")
 
 
 def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
@@ -203,17 +201,17 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
                 number(cell["median_j_nc"]["value"]),
                 number(cell["hit_rate"], 2),
                 number(None if (missed := cell["missed_minimum"]["value"]) is None else 100 * missed, 2),
-                _starts(cell),
+                *(_starts(cell[f"starts_needed_{q}"]) for q in ("median", "90th")),
             ]
         )
     header = ["", "used", "|bias| %", "floor", "SD %", "unstable %", "no bound %", "cost", "J_NC", "success"]
-    header += ["missed %", "starts"]
+    header += ["missed %", "starts", "90th"]
     return table(header, rows) + (
         "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, no bound: % of best "
         "fits that\nare unstable, that touch no bound. cost, J_NC: medians. success: fraction of starts that reach "
         "the lowest cost.\nmissed: chance that as many new starts miss that cost, and so that these missed a lower "
-        "one (mean).\nstarts: new starts needed for 95 % certainty, median/90th percentile over realizations "
-        "[95 % interval of the\n90th percentile]."
+        "one (mean).\nstarts, 90th: new starts needed for 95 % certainty, median and 90th percentile over realizations "
+        "[95 % interval;\n-: an end that so few realizations cannot bound]."
     )
 
 
@@ -293,15 +291,22 @@ def _standard_errors(design: dict[str, Any], cells: list[dict[str, Any]], fmax: 
         line = [here[0]["parameters"][i]["name"]]
         for p in (c["parameters"][i] for c in here):
             line.append(with_error(p["se_relative_error"]["value"], p["se_relative_error"]["mcse"]))
-            for key in ("coverage", "bias_eliminated_coverage"):
-                line.append(with_error(*(None if (x := p[key][k]) is None else 100 * x for k in ("value", "mcse"))))
+            line += [share_with_ends(p[key]) for key in ("coverage", "bias_eliminated_coverage")]
             line.append(_count(p["coverage"]["used"]))
         rows.append(line)
     return table(header, rows) + (
         "\nStandard errors (SE) of the fits. SE off: their root mean square against the SD of the estimates. holds: "
-        "share of\n95 % intervals, estimate ± 1.96 SE, that hold the truth or the mean estimate. of: realizations "
-        "with a standard\nerror; with the parameter on a bound there is none."
+        "share of\n95 % intervals, estimate ± 1.96 SE, that hold the truth or the mean estimate "
+        "[95 % interval]. of: realizations\nwith a standard error; with the parameter on a bound there is none."
     )
+
+
+def share_with_ends(fraction: dict[str, Any]) -> str:
+    """A fraction in percent with its interval."""
+    if fraction["value"] is None:
+        return "-"
+    value, low, high = (f"{100 * fraction[k]:.0f}" for k in ("value", "lower", "upper"))
+    return f"{value} [{low}, {high}]"
 
 
 _BOX = " b"

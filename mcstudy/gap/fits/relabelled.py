@@ -17,6 +17,7 @@ import numpy as np
 from mcstudy.fitting.penalised import ITERATIONS, TOLERANCE, Data, Fitted, Fitter
 from mcstudy.gap.fits.base_fit import base_fit, drawn_starts, linearised_starts
 from mcstudy.spectra.lines import Lines
+from mcstudy.stance.feedback import Model
 
 FEW = 8
 """Random starts of the first fits."""
@@ -57,6 +58,13 @@ class Relabelled(Fitted):
         return super().jacobian(replace(data, weight=data.weight @ self.mix))
 
 
+def of_part(fitted: Fitted, block: slice, member: Model) -> Fitted:
+    """A fit as seen in one recording of a joint set, whose lines are a ``block`` and whose model is ``member``."""
+    if isinstance(fitted, Relabelled):
+        return replace(fitted, model=member, mix=fitted.mix[block])
+    return replace(fitted, model=member)
+
+
 @dataclass(frozen=True)
 class _Corrected:
     """Responses of the body under readings (leading axes G, or none).
@@ -73,7 +81,10 @@ class _Corrected:
 
 @dataclass(frozen=True)
 class _Trials:
-    """The mean responses of every trial: y (K, N, 2), their whiteners (K, N, 2, 2), and the shares (K, N)."""
+    """The mean responses of every trial: y (K, N, 2), their whiteners (K, N, 2, 2), and the shares (K, N).
+
+    Of a joint set those of every recording, with a share of one at its own lines and none at the others.
+    """
 
     names: tuple[int, ...]
     y: np.ndarray
@@ -82,6 +93,10 @@ class _Trials:
 
     @classmethod
     def of(cls, lines: Lines) -> _Trials:
+        if len(lines.parts) > 1:
+            own = np.array([np.isin(np.arange(len(lines)), np.r_[block]) for block in lines.blocks], dtype=float)
+            weight = own[..., None, None] * lines.noise.whitener
+            return cls(tuple(range(len(own))), own[..., None] * lines.y, weight, own)
         names = tuple(int(k) for k in np.unique(lines.trial))
         parts = [lines.subset(lines.trial == k) for k in names]
         share = np.array([lines.weight[lines.trial == k].sum(axis=0) for k in names])
@@ -133,7 +148,7 @@ class Search:
 
     @property
     def trials(self) -> tuple[int, ...]:
-        """Indices of the trials."""
+        """Indices of the trials, or of the recordings of a joint set."""
         return self._trials.names
 
     @property
@@ -142,7 +157,7 @@ class Search:
         return np.broadcast_to(np.eye(2, dtype=complex), (len(self.trials), self.f.size, 2, 2))
 
     def only(self, T: np.ndarray, trial: int | None) -> np.ndarray:
-        """T (..., N, 2, 2) of every trial, or of one of them, (..., K, N, 2, 2)."""
+        """T (..., N, 2, 2) of every trial (or recording of a joint set), or of one of them, (..., K, N, 2, 2)."""
         out = np.array(np.broadcast_to(self.same, (*T.shape[:-3], *self.same.shape)))
         where = slice(None) if trial is None else self.trials.index(trial)
         out[..., where, :, :, :] = T[..., None, :, :, :] if trial is None else T

@@ -74,7 +74,7 @@ class Closure:
     trials_needed: int
 
 
-def _basis(fitted: Fitted, data: Data, space: np.ndarray) -> np.ndarray:
+def smooth_directions(fitted: Fitted, data: Data, space: np.ndarray) -> np.ndarray:
     """Orthonormal basis (4 N, K) of ``space`` (4 N, M), orthogonal to the parameters of the fit."""
     J = fitted.jacobian(data) * fitted.prior.scale
     return np.asarray(orthonormal(np.ascontiguousarray(J.T), np.ascontiguousarray(space.T), LEAST).T)
@@ -85,7 +85,7 @@ def energy(fitted: Fitted, data: Data, lines: Lines, space: np.ndarray) -> tuple
 
     With a single repeat of a recording: the energy of the mean residual minus its expected noise.
     """
-    basis = _basis(fitted, data, space)
+    basis = smooth_directions(fitted, data, space)
     H = fitted.response(data.f)
     by_line = basis.reshape(2, len(lines), 2, -1)
     total, means = 0.0, []
@@ -128,7 +128,7 @@ def close(
     before, _ = energy(base, data, lines, space)
     after, k = energy(added, data, lines, space)
     residual = added.residual(data)
-    inside = _basis(added, data, space).T @ residual
+    inside = smooth_directions(added, data, space).T @ residual
     smooth_square = float(inside @ inside)
     first = base.residual(data)
     explained = max(float(first @ first) - float(residual @ residual), 1.0)

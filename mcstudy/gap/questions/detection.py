@@ -22,6 +22,9 @@ from mcstudy.gap.questions.part_fits import PartFit, part_fits
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.response import frf
 
+LEVEL = 0.05
+"""Significance level of the test for a gap."""
+
 EDGES_HZ = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0, 3.0, 4.5, 6.5, np.inf)
 """Edges of the bands in which the residual map is summed."""
 
@@ -178,7 +181,7 @@ def detect(
         (1 + int((null_chi2 >= chi2).sum())) / (1 + draws),
         z[..., 0],
         float(np.quantile(np.abs(null_z).max(axis=(0, 1)), 0.95)),
-        _bands(lines.f, fitted.model.angles, z[..., 0], null_z),
+        bands(lines.f, fitted.model.angles, z[..., 0], null_z),
         draws,
         nulls,
         null_chi2,
@@ -202,8 +205,11 @@ def standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
     return np.einsum("nij,njk->nik", colour, as_complex(r)) / np.sqrt(left)[..., None]
 
 
-def _bands(f: np.ndarray, angles: tuple[str, str], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
-    """Bands with a family-wise limit: noise alone exceeds it in any band in 5 % of recordings."""
+def bands(f: np.ndarray, angles: tuple[str, str], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
+    """Bands with a family-wise limit: noise alone exceeds it in any band in 5 % of recordings.
+
+    ``z``, ``null``: `standardised` residuals (N, 2) at lines ``f`` (N,) in Hz, and null samples of them (N, 2, D).
+    """
     rows, level, ratio = [], [], []
     for low, high in pairwise(EDGES_HZ):
         inside = (f >= low) & (f < high)

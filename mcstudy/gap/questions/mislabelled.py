@@ -6,6 +6,9 @@ Because the quadratic form is that of the recorded responses, the evidence of a 
 of every effect. A reading of one trial also changes how well the trials agree with each other, which enters the
 evidence as the change of the squared difference between trials.
 
+In a joint set any one of the recordings may be mislabelled, or all of them in the same way. Single trials of a joint
+set are not tried: a recording is one file of a laboratory, and by itself it shows which of its trials disagrees.
+
 Most readings have no parameter (a factor of 9.81, exchanged channels) and win by parsimony. A late or early channel
 has a time, a low-passed channel a corner frequency; both are integrated over. A body file with exchanged segments
 changes the model instead of the responses.
@@ -32,6 +35,7 @@ from mcstudy.gap.fits.priors import weak_prior
 from mcstudy.gap.fits.relabelled import Relabelled, Search
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
 from mcstudy.spectra.lines import Lines
+from mcstudy.stance.joint import changed
 
 MISLABELLED = 0.02
 """Prior probability that a recording which passed the check of its labels is mislabelled nevertheless. Assumed: no
@@ -72,12 +76,40 @@ class Labels:
     """What is known about the labels of a recording.
 
     Attributes: odds, log odds of readings from the nominal model, a reading without one is fitted; torque, whether the
-    stimulus is in N m; accept, codes of readings that the user has checked, which are left out.
+    stimulus is in N m; accept, codes of readings that the user has checked, which are left out; name, what a recording
+    of a joint set is called; parts, the labels of each recording of a joint set.
     """
 
     odds: Mapping[str, float]
     torque: bool
     accept: frozenset[str] = frozenset()
+    name: str = ""
+    parts: tuple[Labels, ...] = ()
+
+    @classmethod
+    def joined(cls, parts: Sequence[Labels]) -> Labels:
+        """The labels of a joint set: what all recordings say of a reading adds up."""
+        codes = set.intersection(*(set(p.odds) for p in parts))
+        odds = {c: sum(p.odds[c] for p in parts) for c in READINGS if c in codes}
+        return cls(odds, all(p.torque for p in parts), parts[0].accept, parts=tuple(parts))
+
+    @property
+    def codes(self) -> list[str]:
+        """Readings that are possible."""
+        return [c for c, r in READINGS.items() if c not in self.accept and (self.torque or not r.torque)]
+
+    @property
+    def near(self) -> list[str]:
+        """Those that the nominal model does not exclude."""
+        return [c for c in self.codes if self.odds.get(c, 0.0) > -FAR]
+
+    def place(self, one: int | None) -> tuple[str, str]:
+        """Ending of a code, and beginning of a sentence, of a reading of ``one`` trial or recording, or of all."""
+        if one is None:
+            return "", ""
+        if self.parts:
+            return f"_recording_{one + 1}", f"Recording {one + 1} ({self.parts[one].name}): "
+        return f"_trial_{one + 1}", f"Trial {one + 1}: "
 
 
 @dataclass(frozen=True)
@@ -114,20 +146,26 @@ class _Found:
 
 def mislabelled(lines: Lines, base: Fitted, minima: np.ndarray, labels: Labels, seed: int = 0) -> list[Mislabelled]:
     """Readings of a recording that the fit can judge, best first. ``base``, ``minima``: see `Search`."""
-    search, odds = Search(lines, base, minima, seed), labels.odds
-    codes = [c for c, r in READINGS.items() if c not in labels.accept and (labels.torque or not r.torque)]
-    several = search.trials if len(search.trials) > 1 else ()
-    discrete = [
-        *((c, None) for c in codes if odds.get(c, 0.0) > -FAR),
-        *((c, k) for k in several for c in codes if c in SMALL_TRIALS),
-    ]
+    search = Search(lines, base, minima, seed)
+    ones = search.trials if len(search.trials) > 1 else ()
+    if labels.parts:
+        of_one = [(c, k) for k, own in enumerate(labels.parts) for c in own.near]
+    else:
+        of_one = [(c, k) for k in ones for c in labels.codes if c in SMALL_TRIALS]
+    discrete = [*((c, None) for c in labels.near), *of_one]
     searched: list[Callable[[], _Found | None]] = [
-        *(partial(_late, search, w, k) for k in (None, *several) for w in ("", *ANGLES) if w or k is not None),
-        *(partial(_low_passed, search, w, zero) for w in ("", *ANGLES) for zero in (True, False)),
+        *(partial(_late, search, labels, w, k) for k in (None, *ones) for w in ("", *ANGLES) if w or k is not None),
+        *(
+            partial(_low_passed, search, labels, w, zero, k)
+            for k in (None, *(ones if labels.parts else ()))
+            for w in ("", *ANGLES)
+            for zero in (True, False)
+        ),
         partial(_exchanged, search, base),
     ]
-    number = len(discrete) + len(searched) + sum(odds.get(c, 0.0) <= -FAR for c in codes)
-    found = [*_discrete(search, discrete), *(f for f in (each() for each in searched) if f is not None)]
+    far = sum(len(own.codes) - len(own.near) for own in (labels, *labels.parts))
+    number = len(discrete) + len(searched) + far
+    found = [*_discrete(search, labels, discrete), *(f for f in (each() for each in searched) if f is not None)]
     if not found:
         return []
     near = max(f.log_evidence for f in found) - NEAR
@@ -156,24 +194,30 @@ def _with_another(found: _Found, base: Fitted, weight: float) -> Mislabelled:
     return Mislabelled(Hypothesis((found.code,), evidence, found.fitted, found.sizes), weight, found.advice)
 
 
-def _trial(trial: int | None) -> tuple[str, str]:
-    """Ending of a code, and beginning of a sentence."""
-    return ("", "") if trial is None else (f"_trial_{trial + 1}", f"Trial {trial + 1}: ")
+def _disagrees(search: Search, labels: Labels, T: np.ndarray) -> np.ndarray:
+    """Whether trials agree so much better under T (..., K, N, 2, 2) that a reading of one trial is fitted, (...).
+
+    Recordings under different stimuli have no responses in common, so those of a joint set are always fitted.
+    """
+    return search.gain(T) >= (-np.inf if labels.parts else LEAST_GAIN)
 
 
-def _discrete(search: Search, readings: Sequence[tuple[str, int | None]]) -> list[_Found]:
-    """Readings without a parameter that may compete with the labels. Each: a code, and a trial or None for all."""
+def _discrete(search: Search, labels: Labels, readings: Sequence[tuple[str, int | None]]) -> list[_Found]:
+    """Readings without a parameter that may compete with the labels.
+
+    Each: a code, and a trial or recording, or None for all.
+    """
     T = np.array([search.only(READINGS[code].at(search.f), trial) for code, trial in readings])
     of_one = np.array([trial is not None for _, trial in readings])
-    kept = np.flatnonzero(~of_one | (search.gain(T) >= LEAST_GAIN))
+    kept = np.flatnonzero(~of_one | _disagrees(search, labels, T))
     if not kept.size:
         return []
-    return [_without_size(search, readings[k], T[k]) for k in kept[search.promising(T[kept])]]
+    return [_without_size(search, labels, readings[k], T[k]) for k in kept[search.promising(T[kept])]]
 
 
-def _without_size(search: Search, which: tuple[str, int | None], T: np.ndarray) -> _Found:
+def _without_size(search: Search, labels: Labels, which: tuple[str, int | None], T: np.ndarray) -> _Found:
     code, trial = which
-    reading, (ending, begin) = READINGS[code], _trial(trial)
+    reading, (ending, begin) = READINGS[code], labels.place(trial)
     advice = f"{begin}{reading.channel}: seems to be {reading.words}. {reading.remedy}"
     evidence, fitted, data = search.fit(T)
     return _Found(code + ending, evidence, fitted, data, advice, again=lambda: search.thoroughly(T))
@@ -189,51 +233,51 @@ def _diagonal(search: Search, which: str, factor: np.ndarray, trial: int | None)
     return search.only(values[..., None] * np.eye(2), trial)
 
 
-def _late(search: Search, which: str, trial: int | None) -> _Found | None:
+def _late(search: Search, labels: Labels, which: str, trial: int | None) -> _Found | None:
     f = search.f
     grid = np.linspace(-LATEST_S, LATEST_S, 21)
 
     def T(x: np.ndarray) -> np.ndarray:
         return _diagonal(search, which, np.exp(-2j * np.pi * f * x[:, None]), trial)
 
-    if trial is not None and search.gain(T(grid)).max() < LEAST_GAIN:
+    if trial is not None and not _disagrees(search, labels, T(grid)).any():
         return None
     found = search.along(T, grid)
     if found is None:
         return None
     evidence, x, se, fitted, data = found
     evidence += -0.5 * (x / LATE_S) ** 2 - float(np.log(LATE_S * np.sqrt(2 * np.pi)))
-    end, ending = f"_{which}" if which else "", _trial(trial)[0]
+    end, (ending, begin) = f"_{which}" if which else "", labels.place(trial)
     name = which or "theta1, theta2"
     size = SizeEstimate(f"late{end}{ending}", x, se, x - 1.96 * se, x + 1.96 * se, "s")
     how = "later" if x > 0 else "earlier"
     advice = (
-        f"{_trial(trial)[1]}{name}: seems to be recorded {1000 * abs(x):.0f} ms {how} than the stimulus. "
+        f"{begin}{name}: seems to be recorded {1000 * abs(x):.0f} ms {how} than the stimulus. "
         "Check the synchronisation of the devices and the delay of their filters."
     )
     return _Found(f"shifted{end}{ending}", evidence, fitted, data, advice, (size,))
 
 
-def _low_passed(search: Search, which: str, zero_phase: bool) -> _Found | None:
+def _low_passed(search: Search, labels: Labels, which: str, zero_phase: bool, one: int | None) -> _Found | None:
     f = search.f
     low, high = np.log(CORNERS_HZ)
 
     def T(x: np.ndarray) -> np.ndarray:
         s = 1j * f / np.exp(x[:, None])
         once = 1 / (s**2 + np.sqrt(2) * s + 1)  # Butterworth, second order
-        return _diagonal(search, which, np.abs(once) ** 2 if zero_phase else once, None)
+        return _diagonal(search, which, np.abs(once) ** 2 if zero_phase else once, one)
 
     found = search.along(T, np.linspace(low, high, 12))
     if found is None:
         return None
     evidence, x, se, fitted, data = found
-    end, corner = f"_{which}" if which else "", float(np.exp(x))
-    code = f"{'smoothed' if zero_phase else 'filtered'}{end}"
+    end, corner, (ending, begin) = f"_{which}" if which else "", float(np.exp(x)), labels.place(one)
+    code = f"{'smoothed' if zero_phase else 'filtered'}{end}{ending}"
     size = SizeEstimate(
-        f"corner{end}", corner, corner * se, float(np.exp(x - 1.96 * se)), float(np.exp(x + 1.96 * se)), "Hz"
+        f"corner{end}{ending}", corner, corner * se, float(np.exp(x - 1.96 * se)), float(np.exp(x + 1.96 * se)), "Hz"
     )
     advice = (
-        f"{which or 'theta1, theta2'}: seems to be low-passed at {corner:.2g} Hz "
+        f"{begin}{which or 'theta1, theta2'}: seems to be low-passed at {corner:.2g} Hz "
         f"({'without' if zero_phase else 'with'} delay). Give the angles before this filter."
     )
     return _Found(code, evidence - float(np.log(high - low)), fitted, data, advice, (size,))
@@ -244,7 +288,7 @@ def _exchanged(search: Search, base: Fitted) -> _Found | None:
     fitters = []
     for legs, trunk in gyrations():
         try:
-            model = exchanged_segments(base.model, legs, trunk)
+            model = changed(base.model, partial(exchanged_segments, legs_gyration=legs, trunk_gyration=trunk))
         except ModelError:
             continue
         fitter = Fitter(model, weak_prior(model, model), search.f)

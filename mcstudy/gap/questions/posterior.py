@@ -22,6 +22,7 @@ from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.gap.candidates.unstructured import Unstructured
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, single, together
+from mcstudy.gap.questions.interval import Interval
 from mcstudy.gap.questions.mislabelled import Mislabelled
 from mcstudy.gap.questions.other_forms import in_other_forms
 from mcstudy.gap.questions.possible import possible
@@ -59,6 +60,9 @@ class Cause:
     advice
         What seems to be mislabelled and what to check, if the cause is a mislabelled recording
         (`mcstudy.gap.questions.mislabelled`); ``effects`` then holds the code of the reading. Else empty.
+    likeness
+        Share of the gap that it predicts at lines that were left out of its fit (`mcstudy.gap.questions.likeness`,
+        `Interval`). None without a gap in the mean response, and for a cause that leaves the mean response unchanged.
     """
 
     effects: tuple[str, ...]
@@ -67,6 +71,12 @@ class Cause:
     sizes: tuple[SizeEstimate, ...]
     fitted: Fitted = field(repr=False)
     advice: str = ""
+    likeness: Interval | None = None
+
+    @property
+    def mechanism(self) -> bool:
+        """Whether it is an effect, or two, that changes the mean response of the body."""
+        return all(n in library.LIBRARY and library.effect(n).kind == "linear" for n in self.effects)
 
 
 @dataclass(frozen=True, repr=False)
@@ -157,7 +167,7 @@ def explain(
     for x, locations in strange:
         for place, share in locations.items():
             unknown_locations[place] = unknown_locations.get(place, 0.0) + float(np.exp(x - total)) * share
-    posterior = [(h, p) for (h, _), p in zip(weighted[1:], probability[1:], strict=True)]
+    posterior = [(h, x) for (h, _), x in zip(weighted[1:], log_named[1:] - total, strict=True)]
     advice = {m.hypothesis.effects: m.advice for m in readings}
     return Explanation(
         causes=tuple(replace(c, advice=advice.get(c.effects, "")) for c in _grouped(posterior, groups, group_of)),
@@ -171,17 +181,21 @@ def explain(
 def _grouped(
     posterior: Sequence[tuple[Hypothesis, float]], groups: Sequence[tuple[str, ...]], group_of: dict[str, int]
 ) -> tuple[Cause, ...]:
-    """Hypotheses merged by ambiguity group, most probable first."""
+    """Hypotheses with their ln probabilities, merged by ambiguity group, most probable first.
+
+    The order is right also among causes so improbable that their probability is 0.
+    """
     merged: dict[tuple[object, ...], list[tuple[Hypothesis, float]]] = {}
-    for h, p in posterior:
+    for h, x in posterior:
         key = tuple(sorted(str(group_of.get(n, n)) for n in h.effects))
-        merged.setdefault(key, []).append((h, p))
+        merged.setdefault(key, []).append((h, x))
     causes = []
     for members in merged.values():
         best = max(members, key=lambda m: m[1])[0]
         alternatives = tuple(groups[group_of[n]] if n in group_of else (n,) for n in best.effects)
-        causes.append(Cause(best.effects, alternatives, float(sum(p for _, p in members)), best.sizes, best.fitted))
-    return tuple(sorted(causes, key=lambda c: -c.probability))
+        total = float(np.logaddexp.reduce([x for _, x in members]))
+        causes.append((total, Cause(best.effects, alternatives, float(np.exp(total)), best.sizes, best.fitted)))
+    return tuple(cause for _, cause in sorted(causes, key=lambda c: -c[0]))
 
 
 def pairs(

@@ -116,7 +116,7 @@ class Plots:
 class DiagnosisWithFigures(Diagnosis):
     __doc__ = Diagnosis.__doc__  # what `help` shows of a result of `mcstudy.diagnose`
     shown_as = "Diagnosis"
-    more = "verdict(), plot, to_html(path), to_dict()"
+    more = "verdict(), plot, to_html(path), to_xarray(), to_dict()"
 
     @classmethod
     def of(cls, diagnosis: Diagnosis) -> DiagnosisWithFigures:

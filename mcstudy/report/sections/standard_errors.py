@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from mcstudy.analysis.selection import ERROR
+from mcstudy.analysis.show.text import share_with_ends
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
 from mcstudy.report.context import largest_amplitude
@@ -16,7 +17,7 @@ from mcstudy.report.labels import cell_label
 from mcstudy.report.numbers import finite
 from mcstudy.text_tables import with_error
 
-COLUMNS = (("relative_error", 1.0), ("coverage", 100.0), ("bias_eliminated_coverage", 100.0))
+COVERAGES = ("coverage", "bias_eliminated_coverage")
 
 
 def zipper_figures(view: GroupView, suffix: str = "") -> list[Figure]:
@@ -28,11 +29,9 @@ def zipper_figures(view: GroupView, suffix: str = "") -> list[Figure]:
     rows = []
     for name in view.model.names:
         of = found.sel(parameter=name)
-        row = [name]
-        for key, factor in COLUMNS:
-            one = of.sel(measure=key)
-            row.append(with_error(*(None if (x := finite(one[k])) is None else factor * x for k in ("value", "mcse"))))
-        rows.append([*row, str(int(of["n"].sel(measure="coverage")))])
+        off = with_error(*(finite(of.sel(measure="relative_error")[k]) for k in ("value", "mcse")))
+        shares = [{k: finite(of.sel(measure=m)[k]) for k in ("value", "lower", "upper")} for m in COVERAGES]
+        rows.append([name, off, *map(share_with_ends, shares), str(int(of["n"].sel(measure="coverage")))])
     return [
         Figure(
             f"zipper{suffix}",
@@ -48,8 +47,14 @@ def zipper_figures(view: GroupView, suffix: str = "") -> list[Figure]:
             [Panel(n, partial(figures.zipper, view, n, a, f), (3.2, 3.4)) for n in view.model.names],
             [
                 Table(
-                    f"Standard errors ± MCSE, {cell_label(view, a, f)}",
-                    ["parameter", "SE against SD, %", "holds truth, %", "holds mean, %", "realizations"],
+                    f"Standard errors, {cell_label(view, a, f)}",
+                    [
+                        "parameter",
+                        "SE against SD, % ± MCSE",
+                        "holds truth, % [95 % interval]",
+                        "holds mean, % [95 % interval]",
+                        "realizations",
+                    ],
                     rows,
                 )
             ],

@@ -139,7 +139,8 @@ class GroupView:
 
     def at(self, cells: xr.Dataset, fmax: Sequence[float], amplitude: Sequence[float]) -> xr.Dataset:
         """``cells`` at those Fmax and amplitudes, relabelled with exactly the values asked for."""
-        chosen = cells.sel(fmax=[self.fmax(f) for f in fmax], amplitude=[self.amplitude(a) for a in amplitude])
+        wanted = {"fmax": [self.fmax(f) for f in fmax], "amplitude": [self.amplitude(a) for a in amplitude]}
+        chosen = cells.isel({dim: _run(cells.get_index(dim).get_indexer(values)) for dim, values in wanted.items()})
         return chosen.assign_coords(fmax=list(fmax), amplitude=list(amplitude))
 
     def comparable(self, fmax: Iterable[float], amplitude: Iterable[float]) -> bool:
@@ -151,6 +152,12 @@ class GroupView:
             and all(self.fmax(f) is not None for f in fmax)
             and all(self.amplitude(a) is not None for a in amplitude)
         )
+
+
+def _run(positions: np.ndarray) -> slice | np.ndarray:
+    """Positions as a slice where they follow one another: a view of all estimates, not a copy."""
+    first = int(positions[0]) if positions.size else 0
+    return slice(first, first + positions.size) if (np.diff(positions) == 1).all() else positions
 
 
 class StudyView:

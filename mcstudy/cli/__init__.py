@@ -55,8 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> Exit:
 
     from mcstudy.cli.stop import catch
 
-    # A look is mostly imports, which make some 200,000 objects that stay. To search them for garbage after every 700
-    # new ones takes a seventh of the imports' time. In somebody else's process this is left alone.
+    # A look is mostly imports, which make 170,000 objects that stay. To search them for garbage after every 700 new
+    # ones takes a twelfth of the imports' time (benchmarks/README.md). Somebody else's process is left as it is.
     gc.set_threshold(300_000)
     stop, words = catch(), sys.argv[1:]
     stop.watch(words)

@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import butter, lfilter
 
 from mcstudy.challenge.foreign_body import Person
 
@@ -55,9 +54,12 @@ class ForeignEffect:
 
 
 def recorded(angles: np.ndarray, rate_hz: float, lag_s: float) -> np.ndarray:
-    """Angles (n, 2) behind the filter of a camera: Butterworth of 2nd order that delays slow signals by ``lag_s``."""
-    b, a = butter(2, np.sqrt(2) / lag_s / (2 * np.pi), fs=rate_hz)
-    return np.asarray(lfilter(b, a, angles, axis=0))
+    """Angles (n, 2) behind the filter of a camera: Butterworth of 2nd order that delays slow signals by ``lag_s``.
+
+    The lag may be far shorter than a sample. The record is taken as one period, so its first few lags are wrong.
+    """
+    s = 2j * np.pi * np.fft.rfftfreq(len(angles), 1 / rate_hz) * lag_s
+    return np.fft.irfft(np.fft.rfft(angles, axis=0) / (1 + s + s**2 / 2)[:, None], len(angles), axis=0)
 
 
 def _leg_length(p: Person) -> float:

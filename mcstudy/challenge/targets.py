@@ -119,6 +119,28 @@ AT_MOST_5 = Goal("≤ 5 % (upper limit ≤ 6.5 %)", high=0.05, certain_high=UPPE
 
 false_alarms = share(nothing, lambda j: j.detected, 0.05)
 
+
+def _form_targets(words: str, kind: str) -> tuple[Target, ...]:
+    """Goals for mechanisms of the library in another form, of one kind of cases."""
+    return (
+        Target(
+            f"{words}: right mechanism most probable at delta ≥ 6",
+            Goal("≥ 85 %", low=0.85),
+            share(between(6.0, math.inf, kind), lambda j: j.top),
+        ),
+        Target(
+            f"{words}: 95 % set contains the mechanism",
+            Goal("≥ 93 %", low=0.93),
+            share(of_kind(kind), lambda j: j.covered),
+        ),
+        Target(
+            f"{words}: more than 50 % outside the library",
+            Goal("≤ 8 %", high=0.08),
+            share(of_kind(kind), lambda j: j.wrong[WRONG[1]] > MOST or j.top_name == FAILED),
+        ),
+    )
+
+
 TARGETS: tuple[Target, ...] = (
     Target("false alarms", AT_MOST_5, false_alarms),
     Target(
@@ -161,37 +183,9 @@ TARGETS: tuple[Target, ...] = (
         Goal("93 to 97 %", low=0.93, high=0.97),
         share(lambda j: j.closed_inside is not None and not other_form(j), lambda j: bool(j.closed_inside), 0.95),
     ),
-    Target(
-        "misshapen: right mechanism most probable at delta ≥ 6",
-        Goal("≥ 85 %", low=0.85),
-        share(between(6.0, math.inf, "misshapen"), lambda j: j.top),
-    ),
-    Target(
-        "misshapen: 95 % set contains the mechanism",
-        Goal("≥ 93 %", low=0.93),
-        share(of_kind("misshapen"), lambda j: j.covered),
-    ),
-    Target(
-        "misshapen: more than 50 % outside the library",
-        Goal("≤ 8 %", high=0.08),
-        share(of_kind("misshapen"), lambda j: j.wrong[WRONG[1]] > MOST or j.top_name == FAILED),
-    ),
+    *_form_targets("misshapen", "misshapen"),
     Target("foreign body: false alarms", AT_MOST_5, share(of_kind("foreign"), lambda j: j.detected, 0.05)),
-    Target(
-        "foreign body: right mechanism most probable at delta ≥ 6",
-        Goal("≥ 85 %", low=0.85),
-        share(between(6.0, math.inf, "foreign_mechanism"), lambda j: j.top),
-    ),
-    Target(
-        "foreign body: 95 % set contains the mechanism",
-        Goal("≥ 93 %", low=0.93),
-        share(of_kind("foreign_mechanism"), lambda j: j.covered),
-    ),
-    Target(
-        "foreign body: more than 50 % outside the library",
-        Goal("≤ 8 %", high=0.08),
-        share(of_kind("foreign_mechanism"), lambda j: j.wrong[WRONG[1]] > MOST or j.top_name == FAILED),
-    ),
+    *_form_targets("foreign body", "foreign_mechanism"),
     Target(
         "foreign body: out-of-library effect recognized at delta ≥ 10",
         Goal("≥ 80 %", low=0.80),

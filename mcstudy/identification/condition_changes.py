@@ -22,9 +22,9 @@ from mcstudy.fitting.linearised import linearised
 from mcstudy.fitting.problem import ml_cost
 from mcstudy.fitting.solvers import fit as solve
 from mcstudy.fitting.starts import uniform
+from mcstudy.identification.bounds import DELAY_S
 from mcstudy.identification.condition_fits import best_of, distinct, leaders, minima_of
 from mcstudy.identification.conditions import Change, Conditions, shifted, whitening_of
-from mcstudy.identification.fit import DELAY_S
 from mcstudy.recordings.frf_group import body_of_group
 from mcstudy.spectra.frf_groups import as_complex, as_real, points_of, scatter
 from mcstudy.stance.body import Body, two_segment

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mcstudy.planning.fits import FULL, TRUTH, Design, Fitter
+from mcstudy.planning.fits import FULL, LINEARISED, TRUTH, Design, Fitter
 from mcstudy.planning.local_model import Band, LocalModel, Prediction, scaled
 from mcstudy.planning.multilevel import Draws, Estimate, best_share, difference_of, estimated, relative_cost
 from mcstudy.planning.space import AMPLITUDE, CYCLES, Space
@@ -16,11 +16,11 @@ from mcstudy.planning.targets import Target
 FIRST = 64
 """Realizations of the first look at an Fmax, and fewest of any look."""
 
-RUNG = 128
-"""Draws of the control behind every value of the prediction."""
+RUNG = {TRUTH: 128, LINEARISED: 64}
+"""Draws behind every value of the prediction: fewer of those that cost more."""
 
 DRAWS_A_REALIZATION = 20
-"""Draws of the control for every realization, at most: with more, the error is that of the correction alone."""
+"""Draws of the control for every realization in a first look, at most."""
 
 ALIKE = 0.8
 """Correlation of the errors at neighbouring designs that share realizations, as expected before a look."""
@@ -97,7 +97,7 @@ class Arm:
         signals = np.geomspace(low, high, RUNGS if high > 1.02 * low else 1)
         rungs = [Design(cycles, float(s / self.space.signal(cycles, 1.0)), self.fmax) for s in signals]
         if self.fitter.controls:
-            draws = [self.fitter.draws(rung, kind, RUNG) for rung in rungs]
+            draws = [self.fitter.draws(rung, kind, RUNG[kind]) for rung in rungs]
         else:
             draws = [self.fitter.realizations(rung, kind, FIRST) for rung in rungs]
         self._predictions = []
@@ -107,22 +107,22 @@ class Arm:
             self._predictions.append(Prediction(np.log(signals), np.nan_to_num(values)))
         self._fit()
 
-    def look(self, design: Design, realizations: int) -> None:
-        """Fit a design and update the model."""
+    def look(self, design: Design, realizations: int, draws: int = 0) -> None:
+        """Fit a design and update the model; with at least so many draws of the control, if there is one."""
         full = self.fitter.realizations(design, FULL, realizations)
         if self.control is None:
             self._choose_control(design, full)
         control = sample = None
         if self.control != FULL:
             control = self.fitter.realizations(design, str(self.control), realizations)
-            sample = self.fitter.draws(design, str(self.control), self.draws(realizations))
+            sample = self.fitter.draws(design, str(self.control), max(draws, self.draws(realizations)))
         found = tuple(self._of(target, full, control, sample) for target in self.targets)
         self.looks = [look for look in self.looks if look.design != design]
         self.looks.append(Look(design, realizations, 0 if sample is None else len(sample), found))
         self._fit()
 
     def draws(self, realizations: int) -> int:
-        """Draws of the control beside so many realizations."""
+        """Draws of the control beside so many realizations, at least."""
         if self.control in (None, FULL):
             return 0
         return int(min(DRAWS_A_REALIZATION, max(1.0, 1 / max(self.share, 1e-9))) * realizations)
@@ -169,7 +169,7 @@ class Arm:
             for i, (target, prediction) in enumerate(zip(self.targets, self._predictions, strict=True))
         ]
 
-    def expected(self, design: Design, realizations: int) -> list[LocalModel]:
+    def expected(self, design: Design, realizations: int, draws: int) -> list[LocalModel]:
         """Every target's model after one more look, with the errors that it is expected to have.
 
         Only the errors of these models mean something. The look is given the relative error of the nearest one, and
@@ -184,9 +184,9 @@ class Arm:
             ),
         )
         alike = 1.0 if nearest.design == design else ALIKE
-        found = tuple(e.with_draws(realizations, self.draws(realizations), alike) for e in nearest.found)
+        found = tuple(e.with_draws(realizations, draws, alike) for e in nearest.found)
         others = [k for k in self.looks if k.design != design]
-        return self._fitted([*others, Look(design, realizations, self.draws(realizations), found)])
+        return self._fitted([*others, Look(design, realizations, draws, found)])
 
     def points(self, cycles: Sequence[float] | np.ndarray, amplitude: Sequence[float] | np.ndarray) -> np.ndarray:
         """Coordinates (n, 2) of designs for the model."""

@@ -1,4 +1,4 @@
-"""Where the next look tells most: the design and the number of realizations.
+"""Where the next look tells most: the design, the number of realizations, and that of the draws of the control.
 
 How precise the answer will be after a look does not depend on what the look finds. So the local model tells it
 beforehand, for looks at the answer and at both ends of its interval. The answer itself is the best place where the
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.planning.arm import FIRST, Arm, Candidate
-from mcstudy.planning.fits import Design
+from mcstudy.planning.fits import FULL, Design
 from mcstudy.planning.local_model import LocalModel
 from mcstudy.planning.space import AMPLITUDE, CYCLES, Space
 
@@ -23,7 +23,7 @@ FLAT = 0.5
 """A measure that changes by less than this fraction of the change of the axis is flat: see `width`."""
 
 STEP = 1.5
-"""Factor between the numbers of realizations that are considered."""
+"""Factor between the numbers of realizations, or of draws, that are considered."""
 
 FEW = 3
 """Designs that must have been looked at before a measure is called flat: with fewer its slope is unknown."""
@@ -33,6 +33,9 @@ LEAST = 2.0
 
 GROWTH = 6.0
 """Largest growth of the number of realizations from one look to the next."""
+
+MOST_DRAWS = 200
+"""Draws of the control for every realization, at most."""
 
 NEAR = 0.05
 """Designs that differ by less, in the logarithm of the amplitude, are not told apart."""
@@ -92,22 +95,29 @@ def _at(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None) -> np
     return arm.excess(np.array([found.cycles]), np.array([found.amplitude]), expected)[:, 0]
 
 
-def next_look(arm: Arm, found: Candidate, precision: float) -> tuple[Design, int]:
-    """The cheapest look that is expected to suffice; where none is, the one that helps most for its fits."""
+def next_look(arm: Arm, found: Candidate, precision: float) -> tuple[Design, int, int]:
+    """The cheapest look that is expected to suffice; where none is, the one that helps most for its cost.
+
+    Design, realizations and draws of the control.
+    """
     now = width(arm, found).relative
-    made = {look.design: look.realizations for look in arm.looks}
+    made = {look.design: (look.realizations, look.draws) for look in arm.looks}
+    most = max(n for n, _ in made.values())
     best, choice = (math.inf, math.inf), None
     for design in _places(arm, found):
-        before = made.get(design, 0)
-        for n in _numbers(before, max(made.values())):
-            after = width(arm, found, arm.expected(design, n)).relative
-            enough = after <= SAFETY * precision
-            gain = max(np.log(now / max(after, 1e-9)), 1e-3)
-            rank = (0.0, float(n - before)) if enough else (1.0, (n - before) / gain)
-            if rank < best and (enough or n >= LEAST * before):
-                best, choice = rank, (design, n)
-            if enough:
-                break
+        before = made.get(design, (0, 0))
+        for more in (_numbers(arm, before, most), _draws(before)):
+            for n, draws in more:
+                after = width(arm, found, arm.expected(design, n, draws)).relative
+                enough = after <= SAFETY * precision
+                cost = _cost(arm, n - before[0], draws - before[1])
+                gain = max(np.log(now / max(after, 1e-9)), 1e-3)
+                rank = (0.0, cost) if enough else (1.0, cost / gain)
+                grown = n >= LEAST * before[0] or draws >= LEAST * before[1]
+                if rank < best and (enough or grown):
+                    best, choice = rank, (design, n, draws)
+                if enough:
+                    break
     assert choice is not None  # the answer itself is always a place
     return choice
 
@@ -157,9 +167,25 @@ def _near(arm: Arm, design: Design) -> Design:
     return design
 
 
-def _numbers(before: int, most: int) -> Iterator[int]:
-    """Numbers of realizations to consider at a design that has been looked at with ``before``."""
-    n, last = max(FIRST, math.ceil(1.2 * before)), max(GROWTH * most, 1.2 * before)
+def _numbers(arm: Arm, before: tuple[int, int], most: int) -> Iterator[tuple[int, int]]:
+    """Realizations and draws to consider at a design that has been looked at with those ``before``."""
+    n, last = max(FIRST, math.ceil(1.2 * before[0])), max(GROWTH * most, 1.2 * before[0])
     while n <= last:
-        yield n
+        yield n, max(arm.draws(n), before[1])
         n = math.ceil(STEP * n)
+
+
+def _draws(before: tuple[int, int]) -> Iterator[tuple[int, int]]:
+    """The same realizations with more draws of the control."""
+    n, draws = before
+    last = min(GROWTH * draws, MOST_DRAWS * n)
+    while 0 < (draws := math.ceil(STEP * draws)) <= last:
+        yield n, draws
+
+
+def _cost(arm: Arm, realizations: int, draws: int) -> float:
+    """Evaluations of the model behind realizations with all starts and draws of the control."""
+    fitter = arm.fitter
+    if arm.control in (None, FULL):
+        return realizations * fitter.cost(FULL)
+    return realizations * (fitter.cost(FULL) + fitter.cost(str(arm.control))) + draws * fitter.cost(str(arm.control))

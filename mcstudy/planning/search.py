@@ -53,11 +53,11 @@ def search(arms: list[Arm], rules: Rules, say: Callable[[str], object] = str) ->
             wanted = _wanted(arm, rules)
             if wanted is None:
                 continue
-            design, more = _doubtful(arm) or wanted
-            if (n := _affordable(arm, more, rules)) is None:
+            design, more, draws = _doubtful(arm) or wanted
+            if (n := _affordable(arm, design, more, rules)) is None:
                 continue
             say(f"{n} realizations of {design.cycles} cycles, {design.amplitude:g}, Fmax {design.fmax:g} Hz")
-            arm.look(design, n)
+            arm.look(design, n, draws)
             looked = True
         if not looked:
             break
@@ -71,7 +71,7 @@ def next_design(arm: Arm) -> Design:
     return design_at(arm, found.cycles, found.amplitude)
 
 
-def _doubtful(arm: Arm) -> tuple[Design, int] | None:
+def _doubtful(arm: Arm) -> tuple[Design, int, int] | None:
     """A cheaper design, away from the answer, of which the model knows too little to rule it out; and realizations.
 
     More realizations at the answer would tell nothing of it. None where there is no such design.
@@ -86,21 +86,21 @@ def _doubtful(arm: Arm) -> tuple[Design, int] | None:
         return None
     design = design_at(arm, hopeful.cycles, hopeful.amplitude)
     before = max((look.realizations for look in arm.looks if look.design == design), default=0)
-    return design, max(FIRST, 2 * before)
+    return design, max(FIRST, 2 * before), 0
 
 
-def _wanted(arm: Arm, rules: Rules) -> tuple[Design, int] | None:
-    """The next look; None where none is needed."""
+def _wanted(arm: Arm, rules: Rules) -> tuple[Design, int, int] | None:
+    """The next look: design, realizations and draws of the control; None where none is needed."""
     if not arm.looks:
-        return next_design(arm), FIRST
+        return next_design(arm), FIRST, 0
     found = arm.cheapest()
     last = min(arm.looks, key=lambda look: _apart(arm, found, look))
     if _apart(arm, found, last) >= NEAR:  # what is uncertain is the way from the last looks to the answer
-        return next_design(arm), FIRST
+        return next_design(arm), FIRST, 0
     if width(arm, found).relative <= rules.precision:
         return None
-    design, n = next_look(arm, found, rules.precision)
-    return design, min(n, MOST_REALIZATIONS)
+    design, n, draws = next_look(arm, found, rules.precision)
+    return design, min(n, MOST_REALIZATIONS), draws
 
 
 def _apart(arm: Arm, found: Candidate, look: Look) -> float:
@@ -110,11 +110,13 @@ def _apart(arm: Arm, found: Candidate, look: Look) -> float:
     return abs(float(np.log(first / second)))
 
 
-def _affordable(arm: Arm, realizations: int, rules: Rules) -> int | None:
+def _affordable(arm: Arm, design: Design, realizations: int, rules: Rules) -> int | None:
     """So many realizations, or as many as the budget allows; None where it allows no more than were looked at."""
+    if arm.fitter.spent.fits >= rules.budget:
+        return None
     each = arm.fitter.group.starts + 2 + arm.draws(100) / 100
-    left = int((rules.budget - arm.fitter.spent.fits) / each)
-    before = max((look.realizations for look in arm.looks), default=0)
+    before = max((look.realizations for look in arm.looks if look.design == design), default=0)
+    left = before + int((rules.budget - arm.fitter.spent.fits) / each)
     if left >= realizations:
         return realizations if realizations > 0 and before < MOST_REALIZATIONS else None
     return left if left > max(before, FIRST) else None

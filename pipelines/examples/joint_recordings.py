@@ -56,6 +56,8 @@ RATE_HZ = 50.0
 LIMITS = (0.95, 0.98, 0.99)
 """Limits of the |cosine| above which effects count as twins; the first is that of the diagnosis."""
 
+CLOSE = 0.985
+
 AMPLITUDE = {"ankle_torque": 5.0, "hip_torque": 2.0, "platform_translation": 0.03}
 
 
@@ -171,11 +173,20 @@ def designs() -> None:
             effects = len(found.effects)
             print(f"{', '.join(kinds[:n])}, {fmax:g} Hz: {found.count} of {effects} effects have a twin ({groups})")
             counts.append([twins_apart_from_variants(found, limit) for limit in LIMITS])
+            print("    closest:", ", ".join(closest(found)))
         for limit, row in zip(LIMITS, np.transpose(counts), strict=True):
             print(
                 f"{fmax:g} Hz, |cosine| above {limit:g}, without variants of one cause: {', '.join(map(str, row))} "
                 "with one, two, three stimuli"
             )
+
+
+def closest(found: Twins) -> list[str]:
+    """Pairs of effects of different causes with the largest |cosine|, above `CLOSE`."""
+    cosine = np.tril(found.cosine, -1)
+    order = np.argsort(-cosine, axis=None)[: int((cosine > CLOSE).sum())]
+    pairs = [(*(found.effects[i] for i in np.unravel_index(k, cosine.shape)), cosine.flat[k]) for k in order]
+    return [f"{a} and {b} {c:.4f}" for a, b, c in pairs if LIBRARY[a].cause != LIBRARY[b].cause]
 
 
 def twins_apart_from_variants(found: Twins, limit: float) -> int:

@@ -2,13 +2,16 @@
 
     python pipelines/examples/next_trial.py pipelines/examples/next_trial.toml -o results/next_trial
 
-Every case is a body with one effect of the library, of a size with delta = 6 in a first recording of ankle torque, or
-with none. The recordings come from the time-domain simulator; the diagnosis knows nothing of the case. After the first
-recording another one of equal duration follows: the same again, one drawn from all others that `mcstudy gap next`
-considers, or the one it ranks first; and the same again for three times as long. All are diagnosed together with the
-first. Printed for each: probability of the true cause, logarithmic loss, number of causes in the 95 % set, how often it
-holds the truth, and false alarms among sound bodies, with 95 % intervals. Effects with exactly the same responses under
-every stimulus (`EXACT`) count as one. ``cases.jsonl`` keeps every case; a stopped command resumes.
+Every case is a body with one effect of the library, of a size with delta = 6 in a first recording of ankle torque, with
+none, or with a cause outside the library. The recordings come from the time-domain simulator; the diagnosis knows
+nothing of the case. After the first recording another one of equal duration follows, and both are diagnosed together:
+what `mcstudy gap next` ranks first, and in turn the same again, the same again for three times as long, or one drawn
+from all other single kinds that it considers. Printed for each: probability of the true cause, logarithmic loss, number
+of causes in the 95 % set, how often it holds the truth, and false alarms among sound bodies, with 95 % intervals.
+
+Effects with exactly the same responses under every stimulus (`EXACT`) count as one. Bodies whose start rings for longer
+than a cycle are left out: where a stimulus evokes much more sway than noise does, the rest of the start would look like
+a cause. Mislabelling does not compete. ``cases.jsonl`` keeps every case; a stopped command resumes.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from scipy.special import betaincinv
 
 from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY, OutOfLibraryEffect, simulate_out_of_library
 from mcstudy.effect_library.library import LIBRARY
-from mcstudy.effect_library.simulate import Protocol
+from mcstudy.effect_library.simulate import Protocol, body_with_effects
 from mcstudy.errors import FallsError, InputError, RecordingError
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
 from mcstudy.gap.checked_lines import checked_lines, given_model
@@ -36,10 +39,11 @@ from mcstudy.gap.fits.priors import opened
 from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
 from mcstudy.gap.planned.next_trial import described
 from mcstudy.gap.planned.record import simulated
-from mcstudy.gap.planned.trials import PlannedTrial
+from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.posterior import Explanation, explain
+from mcstudy.gap.settling import OVER
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import JointRecording
 from mcstudy.recordings.recording import Recording
@@ -47,6 +51,7 @@ from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.information import expected_line_covariance
 from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.stability import rightmost_root
 from mcstudy.streams import stream
 
 Cause = Signature | OutOfLibraryEffect | None
@@ -95,7 +100,11 @@ def drawn(given: dict[str, Any], k: int) -> tuple[np.ndarray, Cause, PlannedTria
     own = [s for s in found if abs(s.delta / given["delta"] - 1) < 0.25]
     if not own:
         raise FallsError(f"case {k}: {e.name} cannot be so visible")
-    return theta, own[int(rng.integers(len(own)))], first
+    cause = own[int(rng.integers(len(own)))]
+    root = rightmost_root(*body_with_effects(model, theta, (cause.effect,), cause.sizes)).root
+    if root.imag and np.exp(root.real * PERIOD_S) > OVER:
+        raise FallsError(f"case {k}: with {e.name} the start of a recording rings for longer than a cycle")
+    return theta, cause, first
 
 
 def outsider(k: int) -> OutOfLibraryEffect:

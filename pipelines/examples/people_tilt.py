@@ -25,6 +25,7 @@ from mcstudy.identification.mean_gap import BANDS_HZ, MeanGap, mean_gap
 from mcstudy.recordings.frf_group import read_frf_group
 from mcstudy.spectra.frf_groups import as_complex, as_real, scatter
 from mcstudy.stance.body import Body
+from mcstudy.stance.feedback import Model
 from mcstudy.text_tables import table
 
 RESAMPLES = 2000
@@ -34,6 +35,9 @@ MOST_SIZES = 2
 """Changes of an account whose sizes are printed, and whose account predicts people."""
 
 HEIGHT_M, WEIGHT_KG = 1.75, 72.0
+
+NEAREST = ("sensor_lag_theta1", "stimulus_delay", "biarticular_coupling")
+"""Effects that lead in a condition with the body as described; only these are fitted to other bodies."""
 
 BODIES = {
     "as described": Body.from_person(HEIGHT_M, WEIGHT_KG),
@@ -119,6 +123,18 @@ def gap_text(group: xr.Dataset, condition: int, gap: MeanGap) -> str:
     return "\n".join(out)
 
 
+def gap_table(group: xr.Dataset, label: str, model: Model, starts: np.ndarray) -> str:
+    """The gap of every condition, where most of it is, and what the effects `NEAREST` close of it."""
+    rows = []
+    for c, name in enumerate(group["condition"].values):
+        gap = mean_gap(model, group, c, NEAREST, starts=starts)
+        segment, band = np.unravel_index(gap.share.argmax(), gap.share.shape)
+        edge = f"{('lower', 'upper')[segment]} body from {BANDS_HZ[band]:g} Hz, {100 * gap.share.max():.0f} %"
+        closed = [f"{100 * x:.0f} ± {100 * e:.0f}" for x, e in zip(gap.closes, gap.closes_se, strict=True)]
+        rows.append([str(name), f"{gap.gap:.0f} ± {gap.gap_se:.0f}", edge, *closed])
+    return table([label, "gap", "largest share", *NEAREST], rows)
+
+
 def hip_reading(group: xr.Dataset) -> xr.Dataset:
     """The group with its second angle read as the hip angle, not as the upper body in space."""
     other = group.copy(deep=True)
@@ -170,7 +186,7 @@ def fitted_points(group: xr.Dataset, body: Body) -> tuple[dict[int, np.ndarray],
     return points, misfits
 
 
-PARTS = ("accounts", "held-out", "gap", "bodies", "reading", "figure")
+PARTS = ("accounts", "held-out", "gap", "bodies", "figure")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -205,22 +221,12 @@ def main(arguments: list[str] | None = None) -> None:
         for c in range(group.sizes["condition"]):
             found = mean_gap(model, group, c, list(library.LIBRARY.linear), starts=starts)
             print(f"\n{gap_text(group, c, found)}", flush=True)
-    if "reading" in args.only:
-        rows = []
-        for label, read in (("in space", group), ("hip", hip_reading(group))):
-            rows.append([label, *(f"{x:.0f}" for x in fitted_points(read, body)[1])])
-        print("\n" + table(["upper angle read as", *group["condition"].values], rows), flush=True)
     if "bodies" in args.only:
-        few = [c for c in changes(model) if len(c.factors) < 2]
-        rows = []
-        for label, other in BODIES.items():
-            own = model_of_group(group, other)
-            near = pooled_minima(own, group, range(group.sizes["condition"]))
-            for name, (first, second) in pairs(group).items():
-                pair = Pair(own, group, first, second, near)
-                accounts = pair.accounts(few)
-                rows.append([f"{label}; {name}", *(f"{a.misfit:.0f}" for a in accounts), f"{accounts[1].sizes[0]:.2f}"])
-        print("\n" + table(["misfit", *(c.name for c in few), "shift of the weight"], rows), flush=True)
+        for label, other in list(BODIES.items())[1:]:
+            print(f"\n{gap_table(group, label, model_of_group(group, other), starts)}", flush=True)
+        read = hip_reading(group)
+        own = pooled_minima(model, read, range(read.sizes["condition"]))
+        print(f"\n{gap_table(read, 'upper angle is the hip', model, own)}", flush=True)
     if "figure" in args.only:
         figure(group, fitted_points(group, body)[0], args.out / "people_tilt.svg")
         print(f"\n{args.out / 'people_tilt.svg'}")

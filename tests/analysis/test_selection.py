@@ -133,3 +133,12 @@ def test_counts_summed_over_slabs_are_those_of_all_at_once(make_cube: Cube, monk
     found = slabs.summed(cube.chunk(amplitude=1, realization=3), selection.realizations)
     xr.testing.assert_identical(found, selection.realizations(cube))
     assert int(found["not_run"].min()) == 1
+
+
+def test_sums_that_are_read_in_parts_are_the_combined_ones(make_cube: Cube) -> None:
+    cells = selection.best(make_cube(realizations=7))
+    ten, lazy = selection.combined(cells), selection.combined_when_read(cells)
+    xr.testing.assert_identical(lazy, ten)
+    for part in ({"realization": slice(2, 5), "parameter": 0}, {"parameter": [9, 1], "fmax": 0}):
+        xr.testing.assert_identical(lazy["estimate"].isel(part), ten["estimate"].isel(part))
+    assert not lazy["estimate"].variable._in_memory

@@ -61,11 +61,6 @@ class Option:
     told: Told
 
     @property
-    def trials(self) -> int:
-        """Number of trials."""
-        return sum(t.trials for t in self.plan)
-
-    @property
     def duration_s(self) -> float:
         """Time of recording, s."""
         return sum(t.duration_s for t in self.plan)
@@ -174,9 +169,8 @@ def possible_trials(
 def ranked(now: Situation, plans: Sequence[Plan], seed: int = 0) -> tuple[Option, ...]:
     """The plans with what each is expected to tell, the most informative first, of those alike the shortest.
 
-    Of plans of two kinds only those are valued that contain one of the `LEADERS` most informative single kinds.
+    Plans of two kinds are valued only if one of them is among the `LEADERS` most informative single kinds of ``plans``.
     """
-
     belief = now.expected.belief
 
     def valued(some: Iterable[Plan]) -> list[Option]:
@@ -189,6 +183,5 @@ def ranked(now: Situation, plans: Sequence[Plan], seed: int = 0) -> tuple[Option
         kind = replace(o.plan[0], trials=1)
         if kind not in leading:
             leading.append(kind)
-    wanted = leading[:LEADERS] if single else [replace(t, trials=1) for p in plans for t in p]
-    mixed = valued(p for p in plans if len(p) > 1 and any(replace(t, trials=1) in wanted for t in p))
+    mixed = valued(p for p in plans if len(p) > 1 and any(replace(t, trials=1) in leading[:LEADERS] for t in p))
     return tuple(sorted([*single, *mixed], key=lambda o: (-np.floor(o.told.bits / ALIKE), o.duration_s, -o.told.bits)))

@@ -119,7 +119,8 @@ def table(cases: list[Mapping[str, Any]]) -> str:
     """Coverage of every interval, and how often path and number of poles are found."""
     shown = [c for c in cases if c["found"]]
     rows = [f"{len(cases)} recordings, in {len(shown)} of them a torque is found"]
-    rows.append(f"true path, among those found: {rate([c['path'] for c in shown]).text()}")
+    stated = 100 * float(np.mean([c["path_probability"] for c in shown]))
+    rows.append(f"true path, among those found: {rate([c['path'] for c in shown]).text()}, stated {stated:.0f} %")
     rows.append(f"true number of poles, path given: {rate([c['poles_found'] == c['poles'] for c in cases]).text()}")
     for key in (
         "rms",

@@ -124,8 +124,10 @@ def at_bound(cells: xr.Dataset) -> xr.Dataset:
     Bounds centred on the truth hide bias: a parameter that the data do not determine scatters between its bounds and
     averages to the truth. If this fraction is large, the bias of that parameter has little meaning.
     """
-    sides = xr.DataArray([-1, 1], dims="side", coords={"side": ["lower", "upper"]})
-    out = fraction(cells["at_bound"] == sides, cells["estimate"].notnull())
+    used = cells["estimate"].notnull()
+    sides = xr.DataArray(["lower", "upper"], dims="side", name="side")
+    parts = [fraction(cells["at_bound"] == side, used) for side in (-1, 1)]  # one at a time: half of the memory
+    out = xr.concat(parts, sides).transpose(..., "side")
     return labelled(out, cells, "fraction of best fits with the parameter on that bound")
 
 

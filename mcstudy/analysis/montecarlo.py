@@ -30,8 +30,8 @@ REALIZATION = "realization"
 """Name of the dimension that is sampled."""
 
 
-NUMBERS_A_PIECE = 1 << 20
-"""Numbers of an array that are worked on at once, 8 MB and some fifteen times that in between; more are read piece by
+NUMBERS_A_PIECE = 1 << 18
+"""Numbers of an array that are worked on at once, 2 MB and some fifteen times that in between; more are read piece by
 piece."""
 
 A = TypeVar("A", xr.DataArray, xr.Variable)

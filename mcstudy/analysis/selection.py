@@ -6,10 +6,12 @@ Dataset with the dim ``start``; `best` reduces it to *cells*, on which all accur
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core import indexing
 
 from mcstudy.analysis.labels import ONE, label, labelled, relabelled
 from mcstudy.errors import InputError
@@ -178,24 +180,62 @@ def combined(cells: xr.Dataset) -> xr.Dataset:
     ------
     InputError: when the model has no such pair.
     """
+
+    def total(x: xr.DataArray, members: list[list[int]]) -> xr.Variable:
+        weights = np.zeros((len(members), x.sizes["parameter"]))
+        for row, own in zip(weights, members, strict=True):
+            row[own] = 1.0
+        summed = xr.dot(x, xr.DataArray(weights, dims=("combined", "parameter")), dim="parameter")
+        return summed.rename(combined="parameter").transpose(*x.dims).variable
+
+    return _combined(cells, total)
+
+
+def combined_when_read(cells: xr.Dataset) -> xr.Dataset:
+    """`combined` cells in memory, whose estimates take none of their own: they are summed wherever they are read."""
+
+    def total(x: xr.DataArray, members: list[list[int]]) -> xr.Variable:
+        if x.dims[-1] != "parameter":
+            raise ValueError(f"expected parameter as the last dim, got {x.dims}")
+        return xr.Variable(x.dims, indexing.LazilyIndexedArray(SumsOfColumns(x.values, members)))
+
+    return _combined(cells, total)
+
+
+class SumsOfColumns(BackendArray):
+    """Sums of columns of an array (..., P), as an array (..., S) that xarray reads in parts."""
+
+    def __init__(self, values: np.ndarray, members: list[list[int]]) -> None:
+        self._values, self._members = values, members
+        self.shape, self.dtype = (*values.shape[:-1], len(members)), values.dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> np.ndarray:
+        basic = indexing.IndexingSupport.BASIC
+        return np.asarray(indexing.explicit_indexing_adapter(key, self.shape, basic, self._read))
+
+    def _read(self, key: tuple[int | slice, ...]) -> np.ndarray:
+        *rest, last = key
+        x = self._values[tuple(rest)]
+        if isinstance(last, slice):
+            return np.stack([x[..., own].sum(axis=-1) for own in self._members[last]], axis=-1)
+        return np.asarray(x[..., self._members[last]].sum(axis=-1))
+
+
+def _combined(cells: xr.Dataset, total: Callable[[xr.DataArray, list[list[int]]], xr.Variable]) -> xr.Dataset:
+    """`combined`, where ``total`` sums the columns of an array: those of each list are one sum."""
     names = [str(n) for n in cells["parameter"].values]
     groups = sums_of(names)
     if len(groups) == len(names):
         raise InputError(f"parameter: no active and passive stiffness to combine among {', '.join(names)}")
-    weights = xr.DataArray(
-        [[float(n in old) for n in names] for old in groups.values()],
-        dims=("combined", "parameter"),
-        coords={"combined": list(groups), "parameter": cells["parameter"].values},
-    )
-    out = cells.drop_dims("parameter")
+    members = [[names.index(n) for n in old] for old in groups.values()]
+    out = cells.drop_dims("parameter").assign_coords(parameter=list(groups))
     for name in ("estimate", "truth"):
-        total = xr.dot(cells[name], weights, dim="parameter").rename(combined="parameter")
-        out[name] = total.transpose(*cells[name].dims).assign_attrs(cells[name].attrs)
+        out[name] = total(cells[name], members)
+        out[name].attrs = dict(cells[name].attrs)
     out["parameter"] = out["parameter"].assign_attrs(cells["parameter"].attrs)
     if PARAMETER_UNIT in cells:
-        first = [names.index(old[0]) for old in groups.values()]
         unit = cells[PARAMETER_UNIT]
-        out = out.assign_coords({PARAMETER_UNIT: ("parameter", unit.values[first], unit.attrs)})
+        out = out.assign_coords({PARAMETER_UNIT: ("parameter", unit.values[[m[0] for m in members]], unit.attrs)})
     if "at_bound" in cells:
         out[INSIDE] = inside_bounds(cells)
     return relabelled(

@@ -37,12 +37,23 @@ def in_slabs(cube: xr.Dataset, of: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dat
     return xr.Dataset(data, {name: every[name] for name in first.coords}, first.attrs)
 
 
+def summed(cube: xr.Dataset, of: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
+    """``of(cube)`` in memory, for counts over the realizations: the sum of those of all slabs. See `in_slabs`."""
+    total: xr.Dataset | None = None
+    with xr.set_options(keep_attrs=True):
+        for part in _slabs(cube):
+            found = of(cube.isel({REALIZATION: part}).compute())
+            total = found if total is None else total + found
+    assert total is not None  # there is one slab at least
+    return total
+
+
 def _slabs(cube: xr.Dataset) -> Iterator[slice]:
     """Slices at the borders of Dask's chunks; everything when there are none."""
-    total = cube.sizes[REALIZATION]
-    chunk = cube.chunksizes.get(REALIZATION, (total,))[0]
-    fits = cube["cost"].size / max(total, 1)
-    depth = chunk * max(1, int(FITS_A_SLAB / max(fits, 1)) // max(chunk, 1)) if cube["cost"].chunks else total
+    total, lazy = cube.sizes[REALIZATION], REALIZATION in cube.chunksizes
+    chunk = cube.chunksizes[REALIZATION][0] if lazy else total
+    fits = cube.sizes["amplitude"] * cube.sizes["fmax"] * cube.sizes["start"]
+    depth = chunk * max(1, int(FITS_A_SLAB / max(fits, 1)) // max(chunk, 1)) if lazy else total
     for first in range(0, max(total, 1), max(depth, 1)):
         yield slice(first, min(first + depth, total))
 

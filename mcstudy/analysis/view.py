@@ -11,8 +11,8 @@ import xarray as xr
 from mcstudy.analysis.context import covariance_of, group_of, model_of, nearest, points_of, provenance_of
 from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.efficiency import bounds_on_sd
-from mcstudy.analysis.selection import ERROR, best, combined
-from mcstudy.analysis.slabs import in_slabs
+from mcstudy.analysis.selection import ERROR, best, combined_when_read, outcomes, realizations
+from mcstudy.analysis.slabs import in_slabs, summed
 from mcstudy.errors import InputError
 from mcstudy.files.sections import leaves
 from mcstudy.fitting.standard_errors import overlap_of
@@ -28,7 +28,6 @@ _NEEDED = (
     "status",
     "at_bound",
     "growth_rate",
-    "best_start",
     "truth",
     "lower",
     "upper",
@@ -61,7 +60,7 @@ class GroupView:
         """`cells` with the stiffnesses combined; None for a model without such pairs."""
         cells = self.cells  # a cube that cannot be read is no model without such pairs
         try:
-            return combined(cells)
+            return combined_when_read(cells)
         except InputError:
             return None
 
@@ -98,6 +97,15 @@ class GroupView:
         return self.group.noisy
 
     @cached_property
+    def counts(self) -> xr.Dataset:
+        """Numbers of fits (``fits``, see `mcstudy.analysis.selection.outcomes`) and of `realizations` by outcome."""
+
+        def of(cube: xr.Dataset) -> xr.Dataset:
+            return realizations(cube).assign(fits=outcomes(cube))
+
+        return summed(self.cube[["cost", "status"]], of)
+
+    @cached_property
     def needed(self) -> xr.Dataset:
         """``value``, ``missed`` and ``hit_rate`` of `mcstudy.analysis.convergence.starts_needed`."""
         names = ["value", "missed", "hit_rate"]
@@ -131,7 +139,8 @@ class GroupView:
 
     def at(self, cells: xr.Dataset, fmax: Sequence[float], amplitude: Sequence[float]) -> xr.Dataset:
         """``cells`` at those Fmax and amplitudes, relabelled with exactly the values asked for."""
-        chosen = cells.sel(fmax=[self.fmax(f) for f in fmax], amplitude=[self.amplitude(a) for a in amplitude])
+        wanted = {"fmax": [self.fmax(f) for f in fmax], "amplitude": [self.amplitude(a) for a in amplitude]}
+        chosen = cells.isel({dim: _run(cells.get_index(dim).get_indexer(values)) for dim, values in wanted.items()})
         return chosen.assign_coords(fmax=list(fmax), amplitude=list(amplitude))
 
     def comparable(self, fmax: Iterable[float], amplitude: Iterable[float]) -> bool:
@@ -143,6 +152,12 @@ class GroupView:
             and all(self.fmax(f) is not None for f in fmax)
             and all(self.amplitude(a) is not None for a in amplitude)
         )
+
+
+def _run(positions: np.ndarray) -> slice | np.ndarray:
+    """Positions as a slice where they follow one another: a view of all estimates, not a copy."""
+    first = int(positions[0]) if positions.size else 0
+    return slice(first, first + positions.size) if (np.diff(positions) == 1).all() else positions
 
 
 class StudyView:

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from mcstudy.challenge.design import NOTHING_MISSING, OTHER_FORM, OUTSIDE
 from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import StoreError
 
@@ -164,7 +165,11 @@ def _interval(given: Mapping[str, float], value: str, where: str) -> None:
         raise StoreError(f"{where}: expected low <= high, found {given['low']:g} and {given['high']:g}")
 
 
-CAUSES = {"none": 0, "shifted": 0, "near_unstable": 0, "outsider": 0, "known": 1, "misshapen": 1, "pair": 2}
+CAUSES = {
+    **dict.fromkeys((*NOTHING_MISSING, *OUTSIDE), 0),
+    **dict.fromkeys(("known", *OTHER_FORM), 1),
+    "pair": 2,
+}
 """Number of effects of the library in a case of each kind."""
 
 
@@ -185,7 +190,7 @@ def check_key(cases: Sequence[Mapping[str, Any]], series: Iterable[str], where: 
             if not 0 <= value <= LARGEST_CEILING:
                 expected = f"expected a number from 0 to {LARGEST_CEILING:g}"
                 raise StoreError(f"{at}: ceiling.{name[:60]!r}: {expected}, found {value:g}")
-        if ("outsider" in case) != (case["kind"] == "outsider"):
-            raise StoreError(f"{at}: outsider: expected one for kind outsider only, found kind {case['kind']}")
-        if ("form" in case) != (case["kind"] == "misshapen"):
-            raise StoreError(f"{at}: form: expected one for kind misshapen only, found kind {case['kind']}")
+        for field, kinds in (("outsider", OUTSIDE), ("form", OTHER_FORM)):
+            if (field in case) != (case["kind"] in kinds):
+                expected = f"expected one for kind {' or '.join(kinds)} only"
+                raise StoreError(f"{at}: {field}: {expected}, found kind {case['kind']}")

@@ -18,13 +18,27 @@ from mcstudy.study.design import Name, Positive, Section
 MAIN = "main"
 """Name of the series of cases that the targets refer to."""
 
-CaseKind = Literal["none", "shifted", "known", "outsider", "pair", "misshapen", "near_unstable"]
-KINDS: tuple[CaseKind, ...] = ("none", "known", "outsider", "pair", "shifted", "misshapen", "near_unstable")
+CaseKind = Literal[
+    "none", "shifted", "known", "outsider", "pair", "misshapen", "near_unstable",
+    "foreign", "foreign_mechanism", "foreign_outsider",
+]  # fmt: skip
+KINDS: tuple[CaseKind, ...] = (
+    "none", "known", "outsider", "pair", "shifted", "misshapen", "near_unstable",
+    "foreign", "foreign_mechanism", "foreign_outsider",
+)  # fmt: skip
 """No missing effect; one effect of the library; one out-of-library effect; two of the library; parameters far off; one
-mechanism of the library in another form than it declares; nothing missing, near the limit of stability."""
+mechanism of the library in another form than it declares; nothing missing, near the limit of stability; a foreign body
+(`mcstudy.challenge.foreign_body`) with nothing missing, with a mechanism of the library in roughly its form, and with a
+cause outside the library."""
 
-NOTHING_MISSING: tuple[CaseKind, ...] = ("none", "shifted", "near_unstable")
+NOTHING_MISSING: tuple[CaseKind, ...] = ("none", "shifted", "near_unstable", "foreign")
 """Kinds without a missing effect, in which every detection is a false alarm."""
+
+OUTSIDE: tuple[CaseKind, ...] = ("outsider", "foreign_outsider")
+"""Kinds with a cause outside the library."""
+
+OTHER_FORM: tuple[CaseKind, ...] = ("misshapen", "foreign_mechanism")
+"""Kinds with a mechanism of the library in another form."""
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -61,6 +75,9 @@ class Mix(Section):
     shifted: Share = 0.05
     misshapen: Share = 0.0
     near_unstable: Share = 0.0
+    foreign: Share = 0.0
+    foreign_mechanism: Share = 0.0
+    foreign_outsider: Share = 0.0
 
     @model_validator(mode="after")
     def _whole(self) -> Mix:
@@ -104,12 +121,14 @@ class Sizes(Section):
     """Sizes of effects, as delta: the root of the noncentrality that remains after refitting the model.
 
     ``effects``: names of the library to draw from; if empty, all that a linear analysis can detect. ``outsiders``,
-    ``forms``: names of out-of-library effects and of misshapen forms; if empty, all.
+    ``forms``, ``foreign``: names of out-of-library effects, of misshapen forms and of mechanisms of foreign bodies; if
+    empty, all.
     """
 
     effects: tuple[str, ...] = ()
     outsiders: tuple[str, ...] = ()
     forms: tuple[str, ...] = ()
+    foreign: tuple[str, ...] = ()
     strata: Annotated[tuple[Stratum, ...], Field(min_length=1, max_length=100)] = (
         Stratum(share=0.15, low=3.75, high=4.25),
         Stratum(share=0.25, low=5.5, high=6.5),

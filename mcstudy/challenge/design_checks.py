@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.challenge.design import Series
+from mcstudy.challenge.foreign_effects import FOREIGN
 from mcstudy.challenge.forms import FORMS
 from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY
 from mcstudy.effect_library import library
@@ -30,6 +31,9 @@ def check_series(series: Series) -> None:
     for name in series.sizes.forms:
         if name not in FORMS:
             raise DesignError(f"sizes.forms: expected one of {', '.join(FORMS)}, got {name!r}")
+    for name in series.sizes.foreign:
+        if name not in FOREIGN:
+            raise DesignError(f"sizes.foreign: expected one of {', '.join(FOREIGN)}, got {name!r}")
     p, prts = series.protocol, Prts()
     samples = len(p.amplitudes) * p.cycles * prts.samples
     if samples > MAX_SAMPLES:

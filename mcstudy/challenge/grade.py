@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any
 
-from mcstudy.challenge.design import NOTHING_MISSING
+from mcstudy.challenge.design import NOTHING_MISSING, OTHER_FORM, OUTSIDE
 from mcstudy.challenge.oracle import FLOOR
 from mcstudy.challenge.rates import Bounds
 from mcstudy.effect_library.library import LIBRARY
@@ -102,10 +102,10 @@ def true_name(case: Mapping[str, Any]) -> str:
     """Name of the truth for tables."""
     if case["kind"] in NOTHING_MISSING:
         return "none"
-    if case["kind"] == "outsider":
+    if case["kind"] in OUTSIDE:
         return f"outside: {case['outsider']['name']}"
-    if case["kind"] == "misshapen":
-        return f"misshapen: {case['form']}"
+    if case["kind"] in OTHER_FORM:
+        return f"{'misshapen' if case['kind'] == 'misshapen' else 'foreign'}: {case['form']}"
     return "+".join(sorted(e["effect"] for e in case["effects"]))
 
 
@@ -115,22 +115,22 @@ def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
     if "error" in answer:
         nothing = case["kind"] in NOTHING_MISSING
         return Judged(
-            case, nothing, 0.0, False, FAILED, False, LARGEST_SET, not nothing and case["kind"] != "outsider",
+            case, nothing, 0.0, False, FAILED, False, LARGEST_SET, not nothing and case["kind"] not in OUTSIDE,
             1.0, -math.log(FLOOR), 2.0,
             size_inside=False if case["kind"] == "known" else None,
             closed_inside=False if case.get("closable") else None,
             seconds=float(answer["seconds"]), ceiling=ceiling, wrong={**dict.fromkeys(WRONG, 0.0), WRONG[-1]: 1.0},
-            none=float(not nothing), outside=float(case["kind"] != "outsider"),
+            none=float(not nothing), outside=float(case["kind"] not in OUTSIDE),
         )  # fmt: skip
     p = _hypotheses(case, answer)
     rest = max(0.0, 1.0 - sum(p.values()))
     own = p[TRUTH]
     best = _most_probable(p)
     named = [v for k, v in p.items() if k not in ("none", "unknown")]
-    if case["kind"] in NOTHING_MISSING or case["kind"] == "outsider":
+    if case["kind"] in NOTHING_MISSING or case["kind"] in OUTSIDE:
         named = [v for k, v in p.items() if k not in ("none", "unknown", TRUTH)]
     held = {_name(case, label.split("+"), ()) for label in answer["credible_set"]}
-    unknown = TRUTH if case["kind"] == "outsider" else "unknown"
+    unknown = TRUTH if case["kind"] in OUTSIDE else "unknown"
     return Judged(
         case,
         bool(answer["detected"]),
@@ -167,7 +167,7 @@ def _answered(case: Mapping[str, Any], best: str) -> str:
     if best == UNDECIDED:
         return ""
     if best == TRUTH:
-        best = {"outsider": "unknown"}.get(case["kind"], "+".join(e["effect"] for e in case["effects"]) or "none")
+        best = "unknown" if case["kind"] in OUTSIDE else "+".join(e["effect"] for e in case["effects"]) or "none"
     return {"none": ANSWERED[0], "unknown": ANSWERED[1]}.get(best, ANSWERED[3] if "+" in best else ANSWERED[2])
 
 
@@ -197,9 +197,7 @@ def _name(case: Mapping[str, Any], effects: Sequence[str], group: Sequence[str])
     """`TRUTH`, "none", "unknown", or a name that is the same for all members of the case's ambiguity groups."""
     if list(effects) in (["none"], ["unknown"]):
         word = effects[0]
-        true = (word == "none" and case["kind"] in NOTHING_MISSING) or (
-            word == "unknown" and case["kind"] == "outsider"
-        )
+        true = (word == "none" and case["kind"] in NOTHING_MISSING) or (word == "unknown" and case["kind"] in OUTSIDE)
         return TRUTH if true else word
     truths = case["effects"]
     if truths and len(truths) == len(effects) and _matches(truths, effects, group):

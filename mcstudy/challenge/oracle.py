@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import stats
@@ -87,7 +88,7 @@ class Classifier:
     ----------
     cosine: (m, m) between the signatures. group: (m,) index of each signature's group.
     prior: (g + 1,) probability of no effect, then of every group. share: (m,) weight of each signature in its group.
-    delta, weight: sizes.
+    delta, weight: sizes and their probabilities, (s,) for all signatures or (m, s).
     """
 
     cosine: np.ndarray
@@ -97,11 +98,14 @@ class Classifier:
     delta: np.ndarray
     weight: np.ndarray
 
+    @cached_property
+    def _root(self) -> np.ndarray:
+        value, vector = np.linalg.eigh(self.cosine)
+        return np.asarray(vector * np.sqrt(np.maximum(value, 0.0)))
+
     def draws(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Projections of pure noise, (n, m)."""
-        value, vector = np.linalg.eigh(self.cosine)
-        root = vector * np.sqrt(np.maximum(value, 0.0))
-        return np.asarray(rng.standard_normal((n, value.size)) @ root.T)
+        return np.asarray(rng.standard_normal((n, self.group.size)) @ self._root.T)
 
     def ratio(self, z: np.ndarray) -> np.ndarray:
         """Log likelihood ratio of every group against no effect, (n, m) -> (n, g)."""
@@ -110,22 +114,37 @@ class Classifier:
             [np.logaddexp.reduce(single[:, self.group == g], axis=1) for g in range(self.prior.size - 1)], axis=1
         )
 
+    def _statistic(self, ratio: np.ndarray) -> np.ndarray:
+        """Log likelihood ratio of any effect against none, (n, g) -> (n,)."""
+        prior = np.log(self.prior[1:]) - np.log(self.prior[1:].sum())
+        return np.asarray(np.logaddexp.reduce(ratio + prior, axis=1))
+
+    def threshold(self, rng: np.random.Generator, n: int) -> float:
+        """Value that the statistic of a test at `LEVEL` exceeds, from ``n`` draws."""
+        return float(np.quantile(self._statistic(self.ratio(self.draws(rng, n))), 1 - LEVEL))
+
     def ceiling(
-        self, rng: np.random.Generator, column: int | None, delta: float, similar: Sequence[int] = (), n: int = 400
+        self,
+        rng: np.random.Generator,
+        column: int | None,
+        delta: float,
+        similar: Sequence[int] = (),
+        n: int = 400,
+        threshold: float | None = None,
     ) -> Ceiling:
         """Expected figures when signature ``column`` has the given delta (no effect when None), from ``n`` draws.
 
         ``similar``: similar groups that also count as the true one, because an answer may name them together with it.
+        ``threshold``: of the test, if it is known already.
         """
-        null = self.ratio(self.draws(rng, 4 * n))
-        prior = np.log(self.prior[1:]) - np.log(self.prior[1:].sum())
-        threshold = np.quantile(np.logaddexp.reduce(null + prior, axis=1), 1 - LEVEL)
+        if threshold is None:
+            threshold = self.threshold(rng, 4 * n)
         z, truth = self.draws(rng, n), 0
         if column is not None:
             z = z + delta * self.cosine[column]
             truth = 1 + int(self.group[column])
         ratio = self.ratio(z)
-        detected = np.logaddexp.reduce(ratio + prior, axis=1) > threshold
+        detected = self._statistic(ratio) > threshold
         log_p = np.column_stack([np.zeros(n), ratio]) + np.log(self.prior)
         p = np.exp(log_p - np.logaddexp.reduce(log_p, axis=1)[:, None])
         others = [1 + g for g in similar if 1 + g != truth]

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from mcstudy.effect_library.simulate import Distortion, Protocol, Torque, simulate_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import Body, two_segment
+from mcstudy.stance.compiled import compiled
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
 from mcstudy.stance.simulate_time import Sway
 
@@ -63,11 +64,12 @@ def _on_hip(values: np.ndarray) -> np.ndarray:
     return np.column_stack([values, np.zeros_like(values)])
 
 
+@compiled
 def _play(x: np.ndarray, width: float) -> np.ndarray:
     """Play (backlash) operator: follows the input only when it leaves a band of +- width."""
     out, y = np.empty_like(x), 0.0
-    for i, v in enumerate(x):
-        y = min(max(y, v - width), v + width)
+    for i in range(x.size):
+        y = min(max(y, x[i] - width), x[i] + width)
         out[i] = y
     return out
 

@@ -13,7 +13,7 @@ from mcstudy.challenge import files
 from mcstudy.challenge.answer_checks import check_answers, check_key
 from mcstudy.challenge.calibration import calibration
 from mcstudy.challenge.challenge_file import resolved
-from mcstudy.challenge.design import KINDS, MAIN
+from mcstudy.challenge.design import KINDS, MAIN, OTHER_FORM, OUTSIDE
 from mcstudy.challenge.grade import ANSWERED, SCORES, SET_SIZES, WRONG, Judged, judge, true_name
 from mcstudy.challenge.rates import Estimate, mean, rate
 from mcstudy.challenge.targets import (
@@ -25,8 +25,8 @@ from mcstudy.challenge.targets import (
     between,
     false_alarms,
     known,
-    misshapen,
     nothing,
+    other_form,
     outside,
     share,
 )
@@ -151,13 +151,13 @@ FIGURES = {
     "false unknown, nothing missing": share(nothing, lambda j: j.flagged),
     "false unknown, known causes": share(known, lambda j: j.flagged),
     "false unknown, pairs": share(between(0.0, math.inf, "pair"), lambda j: j.flagged),
-    "misshapen at delta >= 6 that no other effect imitates better: right mechanism first": share(
-        lambda j: misshapen(j) and j.delta >= 6.0 and _nearest_to_its_own(j), lambda j: j.top
+    "other form at delta >= 6 that no effect imitates better: right mechanism first": share(
+        lambda j: other_form(j) and j.delta >= 6.0 and _nearest_to_its_own(j), lambda j: j.top
     ),
-    "misshapen: mean P(mechanism)": average(misshapen, lambda j: j.probability),
-    "size of the 95 % set, misshapen": average(misshapen, lambda j: j.set_size, bounds=SET_SIZES),
-    "gap-closed intervals hold the truth, misshapen": share(
-        lambda j: misshapen(j) and j.closed_inside is not None, lambda j: bool(j.closed_inside), 0.95
+    "other form: mean P(mechanism)": average(other_form, lambda j: j.probability),
+    "size of the 95 % set, other form": average(other_form, lambda j: j.set_size, bounds=SET_SIZES),
+    "gap-closed intervals hold the truth, other form": share(
+        lambda j: other_form(j) and j.closed_inside is not None, lambda j: bool(j.closed_inside), 0.95
     ),
     "near instability: false alarms": share(lambda j: j.kind == "near_unstable", lambda j: j.detected, 0.05),
     "parameters far off: false alarms": share(lambda j: j.kind == "shifted", lambda j: j.detected, 0.05),
@@ -222,7 +222,7 @@ def _by_cause(main: Sequence[Judged]) -> list[dict[str, Any]]:
     """Figures for each effect, in and out of the library, at delta of 5 and more."""
     own: dict[str, list[Judged]] = defaultdict(list)
     for j in main:
-        if j.kind in ("known", "outsider", "misshapen") and j.delta >= 5.0:
+        if j.kind in ("known", *OUTSIDE, *OTHER_FORM) and j.delta >= 5.0:
             own[true_name(j.case)].append(j)
     return [
         {
@@ -236,7 +236,7 @@ def _by_cause(main: Sequence[Judged]) -> list[dict[str, Any]]:
 
 
 def _top_ceiling(j: Judged) -> float:
-    return float(j.ceiling.get("flagged" if j.kind == "outsider" else "top", math.nan))
+    return float(j.ceiling.get("flagged" if j.kind in OUTSIDE else "top", math.nan))
 
 
 def _confusion(main: Sequence[Judged]) -> dict[str, dict[str, int]]:

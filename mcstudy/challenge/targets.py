@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from mcstudy.challenge.design import NOTHING_MISSING
+from mcstudy.challenge.design import NOTHING_MISSING, OTHER_FORM, OUTSIDE
 from mcstudy.challenge.grade import CONFIDENT, FAILED, SET_SIZES, WRONG, Judged
 from mcstudy.challenge.rates import PROBABILITY, Bounds, Estimate, mean, rate
 
@@ -73,12 +73,17 @@ def nothing(j: Judged) -> bool:
 
 def outside(j: Judged) -> bool:
     """Selects cases with an out-of-library effect."""
-    return j.kind == "outsider"
+    return j.kind in OUTSIDE
 
 
-def misshapen(j: Judged) -> bool:
+def other_form(j: Judged) -> bool:
     """Selects cases with a mechanism of the library in another form than it declares."""
-    return j.kind == "misshapen"
+    return j.kind in OTHER_FORM
+
+
+def of_kind(kind: str) -> Callable[[Judged], bool]:
+    """Selects cases of one kind."""
+    return lambda j: j.kind == kind
 
 
 def share(which: Callable[[Judged], bool], hit: Callable[[Judged], bool], ceiling: str | float = math.nan) -> Any:
@@ -114,6 +119,28 @@ AT_MOST_5 = Goal("≤ 5 % (upper limit ≤ 6.5 %)", high=0.05, certain_high=UPPE
 
 false_alarms = share(nothing, lambda j: j.detected, 0.05)
 
+
+def _form_targets(words: str, kind: str) -> tuple[Target, ...]:
+    """Goals for mechanisms of the library in another form, of one kind of cases."""
+    return (
+        Target(
+            f"{words}: right mechanism most probable at delta ≥ 6",
+            Goal("≥ 85 %", low=0.85),
+            share(between(6.0, math.inf, kind), lambda j: j.top),
+        ),
+        Target(
+            f"{words}: 95 % set contains the mechanism",
+            Goal("≥ 93 %", low=0.93),
+            share(of_kind(kind), lambda j: j.covered),
+        ),
+        Target(
+            f"{words}: more than 50 % outside the library",
+            Goal("≤ 8 %", high=0.08),
+            share(of_kind(kind), lambda j: j.wrong[WRONG[1]] > MOST or j.top_name == FAILED),
+        ),
+    )
+
+
 TARGETS: tuple[Target, ...] = (
     Target("false alarms", AT_MOST_5, false_alarms),
     Target(
@@ -144,30 +171,30 @@ TARGETS: tuple[Target, ...] = (
     Target(
         "false unknown",
         Goal("≤ 5 %", high=0.05),
-        share(lambda j: not (outside(j) or misshapen(j)), lambda j: j.flagged),
+        share(lambda j: not (outside(j) or other_form(j)), lambda j: j.flagged),
     ),
     Target(
         "confidently wrong name, out-of-library effect",
         Goal("≤ 10 %", high=0.10),
-        share(outside, lambda j: j.confident > CONFIDENT),
+        share(of_kind("outsider"), lambda j: j.confident > CONFIDENT),
     ),
     Target(
         "interval of the gap closed contains the truth",
         Goal("93 to 97 %", low=0.93, high=0.97),
-        share(lambda j: j.closed_inside is not None and not misshapen(j), lambda j: bool(j.closed_inside), 0.95),
+        share(lambda j: j.closed_inside is not None and not other_form(j), lambda j: bool(j.closed_inside), 0.95),
+    ),
+    *_form_targets("misshapen", "misshapen"),
+    Target("foreign body: false alarms", AT_MOST_5, share(of_kind("foreign"), lambda j: j.detected, 0.05)),
+    *_form_targets("foreign body", "foreign_mechanism"),
+    Target(
+        "foreign body: out-of-library effect recognized at delta ≥ 10",
+        Goal("≥ 80 %", low=0.80),
+        share(between(10.0, math.inf, "foreign_outsider"), lambda j: j.flagged, "flagged"),
     ),
     Target(
-        "misshapen: right mechanism most probable at delta ≥ 6",
-        Goal("≥ 85 %", low=0.85),
-        share(between(6.0, math.inf, "misshapen"), lambda j: j.top),
-    ),
-    Target(
-        "misshapen: 95 % set contains the mechanism", Goal("≥ 93 %", low=0.93), share(misshapen, lambda j: j.covered)
-    ),
-    Target(
-        "misshapen: more than 50 % outside the library",
-        Goal("≤ 8 %", high=0.08),
-        share(misshapen, lambda j: j.wrong[WRONG[1]] > MOST or j.top_name == FAILED),
+        "foreign body: confidently wrong name, out-of-library effect",
+        Goal("≤ 5 %", high=0.05),
+        share(of_kind("foreign_outsider"), lambda j: j.confident > CONFIDENT),
     ),
 )
 """The targets of the benchmark, in the order they are printed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from mcstudy.challenge.cases import Case, draw_body, draw_linear, pool, protocol_of, shared
 from mcstudy.challenge.design import NOTHING_MISSING, ChallengeFile, Series
+from mcstudy.challenge.foreign import draw_foreign, foreign_pool, simulate_foreign
 from mcstudy.challenge.forms import FORMS, Form
 from mcstudy.challenge.geometry import SIMILAR, Column, Geometry, Probe, best_fit, free
 from mcstudy.challenge.misshapen import draw_form
@@ -18,7 +19,7 @@ from mcstudy.challenge.oracle import Ceiling, Classifier, size_grid
 from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY
 from mcstudy.challenge.withheld import Drawn, draw_nonlinear, draw_out_of_library
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import simulate_recording
+from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import DesignError, InputError
 from mcstudy.gap.candidates.signatures import alike_groups, similarity
 from mcstudy.recordings.recording import Recording
@@ -70,11 +71,13 @@ def make_case(file: ChallengeFile, case: Case) -> tuple[Recording, dict[str, Any
     if case.kind in NOTHING_MISSING:
         near = case.kind == "near_unstable"
         theta = draw_near_unstable(series, rng) if near else draw_body(series, rng, case.kind == "shifted")
-        recording, more = _nothing(series, rng, theta)
+        recording, more = _nothing(series, rng, theta, simulate_foreign if case.kind == "foreign" else _own)
     elif case.kind == "outsider":
         recording, more = _out_of_library(series, rng)
     elif case.kind == "misshapen":
         recording, more = _misshapen(series, rng)
+    elif case.kind in ("foreign_mechanism", "foreign_outsider"):
+        recording, more = _foreign(series, rng, case.kind == "foreign_outsider")
     else:
         recording, more = _known(series, rng, 2 if case.kind == "pair" else 1)
     # The recording must not reveal how it was simulated.
@@ -101,14 +104,22 @@ def _entry(theta: np.ndarray, delta: float, effects: list[dict[str, Any]], **mor
     }
 
 
-def _nothing(series: Series, rng: np.random.Generator, theta: np.ndarray) -> tuple[Recording, dict[str, Any]]:
+def _own(protocol: Protocol, theta: np.ndarray, rng: np.random.Generator) -> Recording:
+    return simulate_recording(protocol, theta, rng)
+
+
+def _nothing(
+    series: Series,
+    rng: np.random.Generator,
+    theta: np.ndarray,
+    simulate: Callable[[Protocol, np.ndarray, np.random.Generator], Recording],
+) -> tuple[Recording, dict[str, Any]]:
     if sum(series.mix.of(k) for k in NOTHING_MISSING) == 1.0:  # no case has a cause
-        return simulate_recording(protocol_of(series), theta, rng), _entry(theta, 0.0, [])
+        return simulate(protocol_of(series), theta, rng), _entry(theta, 0.0, [])
     setting, probes = shared(series)
     around = Surroundings.of(Geometry(free(two_segment()), theta, setting, series.noise.sensor), probes)
-    ideal = _classifier(series, around).ceiling(rng, None, 0.0).rounded() if around.columns else {}
-    recording = simulate_recording(protocol_of(series), theta, rng)
-    return recording, _entry(theta, 0.0, [], ceiling=ideal)
+    ideal = classifier(series, around).ceiling(rng, None, 0.0).rounded() if around.columns else {}
+    return simulate(protocol_of(series), theta, rng), _entry(theta, 0.0, [], ceiling=ideal)
 
 
 def _known(series: Series, rng: np.random.Generator, number: int) -> tuple[Recording, dict[str, Any]]:
@@ -152,7 +163,7 @@ def _linear(series: Series, rng: np.random.Generator, names: list[str]) -> tuple
     if len(names) == 1:
         column = len(around.columns) - 1
         similar = [i for i, g in enumerate(around.groups) if set(g) & set(around.similar_to(names[0]))]
-        more["ceiling"] = _classifier(series, around).ceiling(rng, column, delta, similar).rounded()
+        more["ceiling"] = classifier(series, around).ceiling(rng, column, delta, similar).rounded()
     else:
         more["closable"]["+".join(names)] = 1.0
         more["ceiling"] = {"known_direction": Ceiling.power(delta)}
@@ -201,14 +212,34 @@ def _misshapen(series: Series, rng: np.random.Generator) -> tuple[Recording, dic
         drawn = draw_form(series, rng, form)
         done = None if drawn is None else _simulated(series, rng, drawn)
         if drawn is not None and done is not None:
-            recording, more = done
-            around = Surroundings.of(drawn.geometry, shared(series)[1])
-            delta = drawn.measured.delta
-            described: list[dict[str, Any]] = [{"effect": mechanism, "sizes": drawn.sizes, "delta": delta}]
-            more |= _similarity(around, described)
-            described[0]["group"] = [*described[0]["group"], *same_change(mechanism)]
-            return recording, _entry(drawn.theta, delta, described, form=form.name, **more)
+            return done[0], _other_form(series, drawn, mechanism, form.name, done[1])
     raise DesignError(f"sizes.forms: in {REDRAWS} draws, none of the required size was found with a stable body")
+
+
+def _other_form(series: Series, drawn: Drawn, mechanism: str, form: str, more: dict[str, Any]) -> dict[str, Any]:
+    """Entry of the key for a mechanism in another form than the library declares."""
+    around = Surroundings.of(drawn.geometry, shared(series)[1])
+    delta = drawn.measured.delta
+    described: list[dict[str, Any]] = [{"effect": mechanism, "sizes": drawn.sizes, "delta": delta}]
+    more = more | _similarity(around, described)
+    described[0]["group"] = [*described[0]["group"], *same_change(mechanism)]
+    return _entry(drawn.theta, delta, described, form=form, **more)
+
+
+def _foreign(series: Series, rng: np.random.Generator, outside: bool) -> tuple[Recording, dict[str, Any]]:
+    """A foreign body with one mechanism of the library in roughly its form, or with a cause outside the library."""
+    pool = foreign_pool(series, outside)
+    for _ in range(REDRAWS if pool else 0):
+        effect = pool[int(rng.integers(len(pool)))]
+        drawn = draw_foreign(series, rng, effect)
+        done = None if drawn is None else _simulated(series, rng, drawn)
+        if drawn is not None and done is not None:
+            recording, more = done
+            if not outside:
+                return recording, _other_form(series, drawn, effect.mechanism, effect.name, more)
+            cause = {"name": effect.name, "size": drawn.measured.size, "unit": effect.unit}
+            return recording, _entry(drawn.theta, drawn.measured.delta, [], outsider=cause, **more)
+    raise DesignError(f"sizes.foreign: in {REDRAWS} draws, none of the required size was found with a stable body")
 
 
 def same_change(name: str) -> list[str]:
@@ -281,7 +312,7 @@ def _similarity(around: Surroundings, described: list[dict[str, Any]]) -> dict[s
     return {"groups": [g for g in around.groups if len(g) > 1]}
 
 
-def _classifier(series: Series, around: Surroundings) -> Classifier:
+def classifier(series: Series, around: Surroundings) -> Classifier:
     """The ideal classifier of this body, with the shares of the challenge as prior."""
     S = np.column_stack([c.unit for c in around.columns])
     owner = np.array([next(i for i, g in enumerate(around.groups) if c.effect in g) for c in around.columns])

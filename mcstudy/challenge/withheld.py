@@ -13,10 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from mcstudy.challenge.cases import draw_body, draw_delta, shared
+from mcstudy.challenge.cases import NIMBLE, draw_body, draw_delta, shared
 from mcstudy.challenge.design import Series
 from mcstudy.challenge.geometry import Geometry, Setting, cycle_responses, free, scatter
 from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY, simulate_out_of_library
@@ -120,36 +121,51 @@ def _draw(
     named: bool,
     size: float,
     top: float,
+    nimble: bool = False,
 ) -> tuple[np.ndarray, Geometry, Measured, Simulate] | None:
+    """``nimble``: whether every further body has shorter delays."""
     setting: Setting = shared(series)[0]
-    for _ in range(BODIES):
-        theta = draw_body(series, rng, False)
+    for attempt in range(BODIES):
+        theta = draw_body(series, rng, False, 1.0 - (1.0 - NIMBLE) * attempt / BODIES if nimble else 1.0)
         geometry = Geometry(free(two_segment()), theta, setting, series.noise.sensor)
         simulate = make(theta)
-        found = Withheld(geometry, simulate, lasting, named).at_delta(size, top, draw_delta(series, rng))
-        if found is not None:
+        wanted = draw_delta(series, rng)
+        found = Withheld(geometry, simulate, lasting, named).at_delta(size, top, wanted)
+        if found is not None and (found.delta > wanted / 2 or not nimble):
             return theta, geometry, found, simulate
     return None
 
 
 def draw_out_of_library(series: Series, rng: np.random.Generator, name: str) -> Drawn | None:
     """A body and a size for which an out-of-library effect has about a drawn delta; None if no body is stable."""
-    effect = OUT_OF_LIBRARY[name]
-
-    def make(theta: np.ndarray) -> Simulate:
-        def simulate(size: float, protocol: Protocol, stream: np.random.Generator) -> Recording:
-            if size == 0.0:
-                return simulate_recording(protocol, theta, stream)
-            return simulate_out_of_library(name, size, protocol, theta, stream)
-
-        return simulate
-
-    low, high = effect.size
-    done = _draw(series, rng, make, effect.measure is None, False, float(np.sqrt(low * high)), 3 * high)
+    start, top = _usual(name)
+    lasting = OUT_OF_LIBRARY[name].measure is None
+    done = _draw(series, rng, partial(_outsider, name), lasting, False, start, top)
     if done is None:
         return None
     theta, geometry, found, simulate = done
     return Drawn(theta, geometry, found, {"size": found.size}, lambda p, r: simulate(found.size, p, r))
+
+
+def _outsider(name: str, theta: np.ndarray) -> Simulate:
+    def simulate(size: float, protocol: Protocol, stream: np.random.Generator) -> Recording:
+        if size == 0.0:
+            return simulate_recording(protocol, theta, stream)
+        return simulate_out_of_library(name, size, protocol, theta, stream)
+
+    return simulate
+
+
+def _usual(name: str) -> tuple[float, float]:
+    """First and largest size of an out-of-library effect."""
+    low, high = OUT_OF_LIBRARY[name].size
+    return float(np.sqrt(low * high)), 3 * high
+
+
+def out_of_library_on(geometry: Geometry, name: str, wanted: float) -> Measured | None:
+    """An out-of-library effect on one body at about a delta of ``wanted``; None if the body is not stable with it."""
+    lasting = OUT_OF_LIBRARY[name].measure is None
+    return Withheld(geometry, _outsider(name, geometry.theta), lasting, False).at_delta(*_usual(name), wanted)
 
 
 def draw_nonlinear(series: Series, rng: np.random.Generator, name: str) -> Drawn | None:
@@ -180,12 +196,16 @@ def draw_rule(
     top: float,
     name: str,
     shapes: Mapping[str, float],
+    named: bool = True,
+    nimble: bool = False,
 ) -> Drawn | None:
     """A body and a size, from ``start`` up to ``top``, for which what ``make`` simulates has about a drawn delta.
 
     ``lasting``: whether it is the same in every cycle. ``name``: of the size; ``shapes``: further values for the key.
+    ``named``: whether it is in the library. ``nimble``: whether another body, with shorter delays, is drawn until at
+    least half of that delta is reached.
     """
-    done = _draw(series, rng, make, lasting, True, start, top)
+    done = _draw(series, rng, make, lasting, named, start, top, nimble)
     if done is None:
         return None
     theta, geometry, found, simulate = done

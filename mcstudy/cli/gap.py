@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     report.add_argument(
         "-o", "--out", "--output", dest="output", type=Path, metavar="PAGE", help="page to write; default REC.html"
     )
+    report.add_argument("--next", action="store_true", help="also rank possible next trials (see gap next)")
     report.set_defaults(run=_report)
     for verb in (diagnose, report):
         add_recording_arguments(verb)
@@ -115,6 +116,9 @@ def _next_arguments(parser: argparse.ArgumentParser) -> None:
         "--trials", action="append", type=int, default=[], metavar="N", help="number of trials (default 1 and 2)"
     )
     parser.add_argument("--cycles", type=int, default=6, metavar="N", help="periods of a trial (default 6)")
+    parser.add_argument(
+        "--figure", type=Path, metavar="FILE", help="also draw which effects look alike before and after it (.svg, ...)"
+    )
     parser.set_defaults(run=_next)
 
 
@@ -200,6 +204,7 @@ def _diagnose(args: argparse.Namespace) -> Exit:
 
 
 def _next(args: argparse.Namespace) -> Exit:
+    from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
     from mcstudy.errors import InputError
     from mcstudy.gap.diagnose import diagnose_fast
     from mcstudy.gap.planned.choice import TRIALS
@@ -213,6 +218,7 @@ def _next(args: argparse.Namespace) -> Exit:
             amplitudes.setdefault(kind, []).append(float(value))
         except ValueError:
             raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {text!r}") from None
+    check_figure(args.figure, DRAWN)
     read = read_recordings(args)
     compile_kernels(DIAGNOSIS)
     with with_names(args):
@@ -220,6 +226,10 @@ def _next(args: argparse.Namespace) -> Exit:
         trials = args.trials or TRIALS
         found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
     tell(args, "next_trial", found.to_dict, found.text)
+    if args.figure:
+        from mcstudy.report.diagnosis.next_trial import twin_picture
+
+        write_figure(twin_picture(found), args.figure)
     return Exit.DONE
 
 
@@ -233,15 +243,18 @@ def _report(args: argparse.Namespace) -> Exit:
     output = args.output or beside(args.recordings[0])
 
     def text() -> str:
+        from mcstudy.gap.planned.next_trial import next_trial
         from mcstudy.report.diagnosis.page import gap_page
 
         diagnosis = _diagnosed(args)
-        options = [*("--fast" for _ in range(args.fast)), *(w for code in args.accept for w in ("--accept", code))]
+        planned = next_trial(diagnosis, seed=args.seed) if args.next else None
+        options = [f"--{name}" for name in ("fast", "next") if getattr(args, name)]
+        options += [w for code in args.accept for w in ("--accept", code)]
         for name, default in (("bootstrap", None), ("seed", 0), ("fmax", 8.0), ("discard", None), ("data", None)):
             if getattr(args, name) != default:
                 options += [f"--{name}", str(getattr(args, name))]
         command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(output)]
-        return gap_page(diagnosis, shlex.join(command))
+        return gap_page(diagnosis, shlex.join(command), planned)
 
     return write_and_tell(output, text)
 

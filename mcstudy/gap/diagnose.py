@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,7 +69,7 @@ def diagnose(
     """
     if bootstrap < LEAST_DRAWS:
         raise InputError(f"bootstrap: expected at least {LEAST_DRAWS} null samples, got {bootstrap}")
-    return _diagnose(recording, bootstrap, True, seed, model, fmax, discard, accept)
+    return _diagnose(recording, _Settings(bootstrap, True, seed, model, fmax, discard, accept))
 
 
 def diagnose_fast(
@@ -82,7 +82,7 @@ def diagnose_fast(
     accept: Iterable[str] = (),
 ) -> Diagnosis:
     """Diagnosis with asymptotic null distributions: simulated noise through the linearised fit. See `diagnose`."""
-    return _diagnose(recording, FAST_DRAWS, False, seed, model, fmax, discard, accept)
+    return _diagnose(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept))
 
 
 def detect_fast(
@@ -95,50 +95,52 @@ def detect_fast(
     accept: Iterable[str] = (),
 ) -> GapTest:
     """Only the test for a gap, identical to that of `diagnose_fast`, in half the time. See `diagnose`."""
-    return _tested(recording, FAST_DRAWS, False, seed, model, fmax, discard, accept)[2]
+    return _tested(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept))[2]
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """How a recording is diagnosed, see `diagnose`: ``draws`` null samples, with ``refits`` of the model or without."""
+
+    draws: int
+    refits: bool
+    seed: int
+    model: Model | None
+    fmax: float
+    discard: int | None
+    accept: Iterable[str]
+
+    def lines_and_test(
+        self, recording: AnyRecording | Sequence[Recording | FrfRecording], discard: Discard
+    ) -> tuple[AnyRecording, Lines, GapTest]:
+        """The recording without some cycles, its lines, and the test for a gap."""
+        one, lines = checked_lines(recording, self.fmax, discard, self.accept)
+        return one, lines, gap_test(lines, given_model(self.model, one, lines), self.draws, self.refits, self.seed)
 
 
 def _tested(
-    recording: AnyRecording | Sequence[Recording | FrfRecording],
-    draws: int,
-    refits: bool,
-    seed: int,
-    model: Model | None,
-    fmax: float,
-    discard: int | None,
-    accept: Iterable[str],
+    recording: AnyRecording | Sequence[Recording | FrfRecording], by: _Settings
 ) -> tuple[AnyRecording, Lines, GapTest, Discard]:
     """The recording, its lines, the test for a gap, and the number of discarded cycles."""
-    chosen: Discard = 1 if discard is None else discard
-    one, lines = checked_lines(recording, fmax, chosen, accept)
-    test = gap_test(lines, given_model(model, one, lines), draws, refits, seed)
-    needed = cycles_to_discard(one, test.base.model, test.base.theta) if discard is None else chosen
+    chosen: Discard = 1 if by.discard is None else by.discard
+    one, lines, test = by.lines_and_test(recording, chosen)
+    needed = cycles_to_discard(one, test.base.model, test.base.theta) if by.discard is None else chosen
     if longer(needed, chosen):
         chosen = needed
-        one, lines = checked_lines(recording, fmax, chosen, accept)
-        test = gap_test(lines, given_model(model, one, lines), draws, refits, seed)
+        one, lines, test = by.lines_and_test(recording, chosen)
     notes = (*lines.notes, *unsettled(one, test.base.model, test.base.theta, chosen))
     return one, replace(lines, notes=notes), test, chosen
 
 
-def _diagnose(
-    recording: AnyRecording | Sequence[Recording | FrfRecording],
-    draws: int,
-    refits: bool,
-    seed: int,
-    model: Model | None,
-    fmax: float,
-    discard: int | None,
-    accept: Iterable[str],
-) -> Diagnosis:
-    known = frozenset((accept,) if isinstance(accept, str) else accept)
-    one, lines, test, left_out = _tested(recording, draws, refits, seed, model, fmax, discard, known)
+def _diagnose(recording: AnyRecording | Sequence[Recording | FrfRecording], by: _Settings) -> Diagnosis:
+    known = frozenset((by.accept,) if isinstance(by.accept, str) else by.accept)
+    one, lines, test, left_out = _tested(recording, replace(by, accept=known))
     outcome = diagnose_lines(
         lines,
-        given_model(model, one, lines),
-        draws=draws,
-        refits=refits,
-        seed=seed,
+        given_model(by.model, one, lines),
+        draws=by.draws,
+        refits=by.refits,
+        seed=by.seed,
         test=test,
         name=one.name,
         labels=None if isinstance(one, FrfRecording) else _labels(one, lines, known),
@@ -151,7 +153,7 @@ def _diagnose(
         outcome,
         recording=one,
         warnings=(*warnings, *outcome.warnings),
-        method={**outcome.method, "fmax": fmax, "discard": left_out},
+        method={**outcome.method, "fmax": by.fmax, "discard": left_out},
     )
 
 

@@ -84,22 +84,23 @@ class GroupModel:
         J = as_real(model_points_jacobian(self.model, value, self.group)[1])
         return np.asarray(np.moveaxis(J, 0, -1) * steps[..., None, :])
 
-    def instability(self, z: np.ndarray) -> float:
-        """How far the rightmost root lies right of ``-MARGIN``, in 1 / (10 s); zero left of it.
+    def instability(self, z: np.ndarray) -> np.ndarray:
+        """How far the rightmost root lies right of ``-MARGIN``, in 1 / (10 s), (M,) of ``z`` (M, P); zero left of it.
 
         People stand, so a fit must be stable; unstable loops have FRFs that resemble measured ones.
         """
-        growth = float(growth_rate(self.model, self.theta(z)[0][None])[0])
-        return 10 * max(growth + MARGIN, 0.0)
+        return np.asarray(10 * np.maximum(growth_rate(self.model, self.theta(z)[0]) + MARGIN, 0.0))
 
     def instability_slope(self, z: np.ndarray) -> np.ndarray:
-        """Its derivatives (P,) by differences."""
-        here = self.instability(z)
-        if here == 0:
-            return np.zeros(z.size)
-        moved = np.array([self.theta(z + step)[0] for step in STEP * np.eye(z.size)])
-        return np.asarray((10 * (growth_rate(self.model, moved) + MARGIN) - here) / STEP)
+        """Its derivatives (M, P) by differences."""
+        here, out = self.instability(z), np.zeros(z.shape)
+        near = np.flatnonzero(here)
+        if near.size:
+            moved = self.theta(z[near, None] + STEP * np.eye(z.shape[1]))[0].reshape(-1, z.shape[1])
+            growth = growth_rate(self.model, moved).reshape(near.size, -1)
+            out[near] = (10 * (growth + MARGIN) - here[near, None]) / STEP
+        return out
 
-    def stable(self, z: np.ndarray) -> bool:
-        """Whether the closed loop is."""
-        return bool(growth_rate(self.model, self.theta(z)[0][None])[0] < 0)
+    def stable(self, z: np.ndarray) -> np.ndarray:
+        """Whether the closed loop is, (M,) bool."""
+        return np.asarray(growth_rate(self.model, self.theta(z)[0]) < 0)

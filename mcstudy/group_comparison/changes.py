@@ -11,13 +11,14 @@ differences of relabelled groups, which have no cause, do not speak for one (`in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
 
 from mcstudy.errors import InputError
+from mcstudy.fitting.together import minimised
 from mcstudy.group_comparison.base import GroupModel
 from mcstudy.group_comparison.sample import Sample
 from mcstudy.spectra.frf_groups import as_real
@@ -38,6 +39,9 @@ STARTS, CANDIDATES = 5, 200
 START_SD = 0.4
 """Of starts, in standard normal numbers."""
 
+ITERATIONS = 60
+"""Steps of a fit at most."""
+
 INFLATIONS = np.geomspace(1.0, 16.0, 25)
 """Factors tried for the error of the difference."""
 
@@ -54,7 +58,7 @@ class Fitted:
     Attributes
     ----------
     name: of the hypothesis. parts: parameters that differ. log_evidence: up to a constant of all hypotheses.
-    difference: (D,), predicted. a, b: (K,), values of the parts in both groups. z: where the fit ended.
+    difference: (D,), predicted. a, b: (K,), values of the parts in both groups. x: (2 P,), where the fit ended.
     """
 
     name: str
@@ -63,11 +67,11 @@ class Fitted:
     difference: np.ndarray
     a: np.ndarray
     b: np.ndarray
-    z: np.ndarray
+    x: np.ndarray
 
 
 def hypotheses(model: GroupModel) -> dict[str, tuple[str, ...]]:
-    """Names of the hypotheses and the parameters that differ in each, without those that name no parameter."""
+    """Names of the hypotheses and the parameters that differ in each."""
     names = model.model.names
     weights = tuple(n for n, of in zip(names, model.is_weight, strict=True) if of)
     active = tuple(n for n in names if n[0] in "KB" and "pas" not in n)
@@ -80,7 +84,7 @@ def hypotheses(model: GroupModel) -> dict[str, tuple[str, ...]]:
     }
     if weights:
         sets["weight and active gains"] = (*weights, *active)
-    return {**{n: (n,) for n in names}, **sets}
+    return {NOTHING: (), OTHER: (), **{n: (n,) for n in names}, **sets}
 
 
 def smooth(mean: np.ndarray, f: np.ndarray, relative: float) -> np.ndarray:
@@ -116,7 +120,11 @@ def _gauss(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 class Problem:
-    """Mean and difference of two groups, with their errors, to be explained by a model."""
+    """Mean and difference of two groups, with their errors, to be explained by a model.
+
+    Unknowns of a hypothesis are the standard normal numbers of the mean parameters and, of every parameter, the change
+    between the groups in units of its prior's SD, (2 P,); changes of parameters that do not differ stay zero.
+    """
 
     def __init__(self, model: GroupModel, sample: Sample, error: np.ndarray, mean_error: np.ndarray) -> None:
         """``error``, ``mean_error``: (D, D), covariances of the difference and of the mean."""
@@ -130,78 +138,85 @@ class Problem:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(self.error + spread)))
 
     def base(self, seed: int) -> np.ndarray:
-        """Standard normal numbers (P,) of the best stable fit without a difference; raises `InputError` if none is."""
-        candidates = stream(seed, "group_base").normal(0.0, START_SD, (CANDIDATES, self.model.median.size))
-        starts = [z for z in candidates if self.model.stable(z)][:STARTS]
-        found = [self._solve(z, (), np.zeros(0), 0.0) for z in starts]
-        stable = [r for r in found if self.model.stable(r.x)]
-        if not stable:
-            raise InputError("groups: no stable model was found for their mean response")
-        return np.asarray(min(stable, key=lambda r: r.cost).x)
-
-    def fit(self, name: str, parts: Sequence[str], z: np.ndarray, relative: float = DISCREPANCY) -> Fitted:
-        """The hypothesis that ``parts`` differ, from the base ``z`` or the end of an earlier fit of it."""
+        """Unknowns (2 P,) of the best stable fit without a difference; raises `InputError` if none is found."""
         P = self.model.median.size
-        at = [self.model.model.names.index(part) for part in parts]
-        scale = self._scale(at)
-        start = z if z.size == P + len(at) else np.concatenate([z, np.zeros(len(at))])
-        r = self._solve(start, at, scale, relative)
-        low, high = self._ends(r.x, at, scale)
-        whiten = self._whitener(relative)
-        _, half = np.linalg.slogdet(r.jac.T @ r.jac)
-        stable = self.model.stable(low) and self.model.stable(high)
-        evidence = -r.cost - 0.5 * half + np.log(np.diag(whiten)).sum() if stable else -np.inf
-        predicted = self.model.response(high) - self.model.response(low)
-        a, b = (self.model.theta(end)[0][at] for end in (low, high))
-        return Fitted(name, tuple(parts), float(evidence), predicted, a, b, r.x)
+        candidates = stream(seed, "group_base").normal(0.0, START_SD, (CANDIDATES, P))
+        starts = candidates[self.model.stable(candidates)][:STARTS]
+        x, cost = self._minima(np.hstack([starts, np.zeros_like(starts)]), np.zeros(starts.shape), [0.0] * len(starts))
+        stable = self.model.stable(x[:, :P])
+        if not stable.any():
+            raise InputError("groups: no stable model was found for their mean response")
+        return np.asarray(x[np.where(stable, cost, np.inf).argmin()])
 
-    def _scale(self, at: Sequence[int]) -> np.ndarray:
-        """SD of changes in standard normal numbers."""
+    def fits(self, hypotheses: Mapping[str, Sequence[str]], starts: np.ndarray) -> list[Fitted]:
+        """All hypotheses, names and parts, from ``starts`` (2 P,) or one for each, (H, 2 P)."""
+        H, P = len(hypotheses), self.model.median.size
+        differs = np.array([[n in parts for n in self.model.model.names] for parts in hypotheses.values()], dtype=float)
+        relative = [{NOTHING: 0.0, OTHER: ELSE}.get(name, DISCREPANCY) for name in hypotheses]
+        x, cost = self._minima(np.broadcast_to(starts, (H, 2 * P)), differs, relative)
+        ends = self._ends(x, differs)
+        whiten = np.stack([self._whitener(r) for r in relative])
+        J = self._slopes(x, differs, whiten)
+        _, half = np.linalg.slogdet(np.swapaxes(J, 1, 2) @ J)
+        size = np.log(np.einsum("hdd->hd", whiten)).sum(axis=1)
+        stable = self.model.stable(ends.reshape(-1, P)).reshape(H, 2).all(axis=1)
+        evidence = np.where(stable, -0.5 * cost - 0.5 * half + size, -np.inf)
+        low, high = np.moveaxis(self.model.response(ends), 1, 0)
+        theta = self.model.theta(ends)[0]
+        out = []
+        for k, (name, parts) in enumerate(hypotheses.items()):
+            at = [self.model.model.names.index(part) for part in parts]
+            a, b = theta[k][:, at]
+            out.append(Fitted(name, tuple(parts), float(evidence[k]), high[k] - low[k], a, b, x[k]))
+        return out
+
+    @cached_property
+    def _scale(self) -> np.ndarray:
+        """SD of changes in standard normal numbers, (P,)."""
         of_unit = {"s": DELAY, "": WEIGHT}
         change = np.array([of_unit.get(p.unit, GAIN) for p in self.model.model.parameters])
-        return np.asarray((change / self.model.sd)[list(at)])
+        return np.asarray(change / self.model.sd)
 
-    def _ends(self, x: np.ndarray, at: Sequence[int], scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of both groups: half of the change each way."""
-        P = self.model.median.size
-        low, high = x[:P].copy(), x[:P].copy()
-        low[list(at)] -= 0.5 * scale * x[P:]
-        high[list(at)] += 0.5 * scale * x[P:]
-        return low, high
+    def _ends(self, x: np.ndarray, differs: np.ndarray) -> np.ndarray:
+        """Numbers of both groups, half of the change each way, (H, 2, P) of unknowns (H, 2 P)."""
+        P = self._scale.size
+        half = 0.5 * self._scale * differs * x[:, P:]
+        return np.stack([x[:, :P] - half, x[:, :P] + half], axis=1)
 
-    def _solve(self, start: np.ndarray, at: Sequence[int], scale: np.ndarray, relative: float) -> OptimizeResult:
-        """The best fit from a start; where it is unstable, the best with a barrier against instability."""
-        found = self._minimum(start, at, scale, relative, barrier=False)
-        if all(self.model.instability(end) == 0 for end in self._ends(found.x, at, scale)):
-            return found
-        return self._minimum(start, at, scale, relative, barrier=True)
+    def _minima(
+        self, starts: np.ndarray, differs: np.ndarray, relative: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Unknowns (H, 2 P) and squared residuals (H,); a barrier keeps both groups stable."""
+        whiten = np.stack([self._whitener(r) for r in relative])
+        wide = np.full(starts.shape[1], np.inf)
 
-    def _minimum(
-        self, start: np.ndarray, at: Sequence[int], scale: np.ndarray, relative: float, *, barrier: bool
-    ) -> OptimizeResult:
-        P, whiten = self.model.median.size, self._whitener(relative)
+        def residual(x: np.ndarray, at: np.ndarray) -> np.ndarray:
+            return self._residuals(x, differs[at], whiten[at])
 
-        def residual(x: np.ndarray) -> np.ndarray:
-            low, high = self.model.response(np.stack(self._ends(x, at, scale)))
-            mean = self.of_mean @ ((low + high) / 2 - self.mean)
-            apart = whiten @ (high - low - self.difference)
-            unstable = [self.model.instability(end) for end in self._ends(x, at, scale)] if barrier else []
-            return np.concatenate([mean, apart, x, unstable])
+        def linearised(x: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return residual(x, at), self._slopes(x, differs[at], whiten[at])
 
-        def slope(x: np.ndarray) -> np.ndarray:
-            low, high = self.model.slope(np.stack(self._ends(x, at, scale)))
-            mean, apart = (low + high) / 2, high - low
-            if len(at):
-                step = 0.5 * scale * low[:, list(at)], 0.5 * scale * high[:, list(at)]
-                mean = np.concatenate([mean, (step[1] - step[0]) / 2], axis=1)
-                apart = np.concatenate([apart, step[1] + step[0]], axis=1)
-            rows = []
-            for sign, end in zip((-0.5, 0.5), self._ends(x, at, scale), strict=True) if barrier else ():
-                of_end = self.model.instability_slope(end)
-                rows.append(np.concatenate([of_end, sign * scale * of_end[list(at)]])[None])
-            return np.concatenate([self.of_mean @ mean, whiten @ apart, np.eye(P + len(at)), *rows])
+        return minimised(residual, linearised, starts, -wide, wide, ITERATIONS)
 
-        return least_squares(residual, start, jac=slope, x_scale="jac", max_nfev=60)
+    def _residuals(self, x: np.ndarray, differs: np.ndarray, whiten: np.ndarray) -> np.ndarray:
+        """Of the mean, of the difference, of the prior, and of the instability of both groups, (H, 2 D + 2 P + 2)."""
+        ends = self._ends(x, differs)
+        low, high = np.moveaxis(self.model.response(ends), 1, 0)
+        mean = ((low + high) / 2 - self.mean) @ self.of_mean.T
+        apart = np.einsum("hde,he->hd", whiten, high - low - self.difference)
+        falls = self.model.instability(ends.reshape(-1, ends.shape[-1])).reshape(-1, 2)
+        return np.concatenate([mean, apart, x, falls], axis=1)
+
+    def _slopes(self, x: np.ndarray, differs: np.ndarray, whiten: np.ndarray) -> np.ndarray:
+        """Derivatives of `_residuals`, (H, 2 D + 2 P + 2, 2 P)."""
+        ends, step = self._ends(x, differs), (0.5 * self._scale * differs)[:, None]
+        low, high = np.moveaxis(self.model.slope(ends), 1, 0)
+        mean = np.concatenate([(low + high) / 2, (high - low) / 2 * step], axis=2)
+        apart = np.concatenate([high - low, (low + high) * step], axis=2)
+        falls = self.model.instability_slope(ends.reshape(-1, ends.shape[-1])).reshape(ends.shape)
+        sides = np.concatenate([falls, falls * step * np.array([-1.0, 1.0])[:, None]], axis=2)
+        prior = np.broadcast_to(np.eye(x.shape[1]), (len(x), x.shape[1], x.shape[1]))
+        return np.concatenate([self.of_mean @ mean, whiten @ apart, prior, sides], axis=1)
 
 
 def posterior(fitted: Sequence[Fitted]) -> np.ndarray:

@@ -9,9 +9,6 @@ import xarray as xr
 
 from mcstudy.group_comparison.base import GroupModel
 from mcstudy.group_comparison.changes import (
-    ELSE,
-    NOTHING,
-    OTHER,
     Fitted,
     Problem,
     hypotheses,
@@ -46,12 +43,7 @@ def compare_groups(
     sample = sample_of(a, b, paired)
     f = a["f"].values
     found = detect(sample, f, stream(seed, "group_labels"), permutations)
-    factor = inflation(sample, f, stream(seed, "group_inflation"))
-    model = GroupModel(a)
-    problem = Problem(model, sample, factor * sample.error, sample.mean_error)
-    base = problem.base(seed)
-    fitted = [problem.fit(NOTHING, (), base, 0.0), problem.fit(OTHER, (), base, ELSE)]
-    fitted += [problem.fit(name, parts, base) for name, parts in hypotheses(model).items()]
+    factor, problem, fitted = hypotheses_fitted(a, sample, seed)
     probability = posterior(fitted)
     order = np.argsort(-probability, kind="stable")
     named = [k for k in order if fitted[k].parts]
@@ -81,6 +73,14 @@ def compare_groups(
     )
 
 
+def hypotheses_fitted(a: xr.Dataset, sample: Sample, seed: int) -> tuple[float, Problem, list[Fitted]]:
+    """Inflation of the error, the problem, and all hypotheses about ``sample``, at the points of ``a``."""
+    factor = inflation(sample, a["f"].values, stream(seed, "group_inflation"))
+    model = GroupModel(a)
+    problem = Problem(model, sample, factor * sample.error, sample.mean_error)
+    return factor, problem, problem.fits(hypotheses(model), problem.base(seed))
+
+
 def _standard_error(rows: np.ndarray) -> np.ndarray:
     """Of the mean response, (2, N)."""
     variance = rows.var(axis=0, ddof=1).reshape(2, 2, -1).sum(axis=0)
@@ -108,8 +108,8 @@ def _closed(
         own = Problem(problem.model, kept, more * problem.error, more * sample.mean_error)
         left = sample.part(out_a, out_b).difference
         whole[k] = kept.difference @ weight @ left
-        for row, one in enumerate(candidates):
-            p = own.fit(one.name, one.parts, one.z).difference
+        again = own.fits({one.name: one.parts for one in candidates}, np.stack([one.x for one in candidates]))
+        for row, p in enumerate(one.difference for one in again):
             taken[row, k] = 2 * p @ weight @ left - p @ weight @ p
     if whole.sum() <= 0:
         return {}

@@ -14,6 +14,7 @@ from mcstudy.identification.loop_stability import stability
 from mcstudy.identification.paper_cost import paper_estimate
 from mcstudy.identification.quantities import quantities
 from mcstudy.identification.result import FitResult
+from mcstudy.identification.simulated_coverage import nearest
 from mcstudy.identification.sway import predicted_sway
 from mcstudy.identification.trades import bodies, valleys
 from mcstudy.recordings.joint import AnyRecording, JointRecording
@@ -67,6 +68,7 @@ def complete(
         gap=gap,
         comparison=comparison,
         paper=paper_estimate(f.model, base, f.lines, seed),
+        coverage=nearest(f),
     )
 
 

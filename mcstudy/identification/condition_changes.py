@@ -22,14 +22,14 @@ from mcstudy.fitting.linearised import linearised
 from mcstudy.fitting.problem import ml_cost
 from mcstudy.fitting.solvers import fit as solve
 from mcstudy.fitting.starts import uniform
-from mcstudy.identification.conditions import Change, Conditions, best_of, fit, whitening_of
-from mcstudy.identification.fit import DELAY_S
+from mcstudy.identification.bounds import DELAY_S
+from mcstudy.identification.condition_fits import best_of, distinct, leaders, minima_of
+from mcstudy.identification.conditions import Change, Conditions, shifted, whitening_of
 from mcstudy.recordings.frf_group import body_of_group
 from mcstudy.spectra.frf_groups import as_complex, as_real, points_of, scatter
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
-from mcstudy.stance.stability import growth_rate
 
 WIDEST = 5.0
 """Largest gain of a fit, relative to the value that is typical of the body."""
@@ -37,14 +37,23 @@ WIDEST = 5.0
 LEAST = 1e-6
 """Least gain, likewise: not zero, so that a factor can change it."""
 
-LINEARISED, STARTS = 12, 600
+LINEARISED, STARTS = 12, 2000
 """Linearised and random starts of the fit of one mean."""
 
-ROUGH = 40
+ROUGH = 60
 """Distinct minima of the compiled solver that are fitted to the points exactly."""
 
 LEADERS = 6
-"""Distinct minima of a single condition from which fits of two conditions start."""
+"""Distinct minima of a single mean from which fits of two conditions start."""
+
+KEPT = 4
+"""Distinct minima of an account, the lowest ones: where larger accounts and fits to other means of people start."""
+
+TRIED = 0.25
+"""Changes of a single factor's logarithm, or shifts of a weight, with both signs, from which an account starts too."""
+
+AGAIN = 40
+"""Iterations of fits that start from those to all people."""
 
 PRIOR = 0.5
 """Spread of one person's parameters around those of the mean, relative to their size."""
@@ -81,10 +90,9 @@ def minima(model: Model, group: xr.Dataset, mean: np.ndarray, covariance: np.nda
     rough = ml_cost(model, f, joints, errors)
     starts = np.concatenate([linearised(rough, rng, LINEARISED), uniform(model, rng, STARTS)])
     first = solve(rough, starts)
-    near = first.estimate[_distinct(first.cost, ROUGH)]
-    exact = fit(problem_of(model, group, NOTHING, np.tile(mean, (len(near), 1, 1)), covariance), near)
-    falls = ~(growth_rate(model, exact.unknowns) < 0)
-    return exact.unknowns[_distinct(exact.cost + 1e9 * falls, LEADERS)]
+    near = first.estimate[distinct(first.cost, ROUGH)]
+    exact = minima_of(problem_of(model, group, NOTHING, mean[None, None], covariance), near, np.zeros(len(near), int))
+    return exact.unknowns[distinct(exact.cost, LEADERS)]
 
 
 def pooled_minima(model: Model, group: xr.Dataset, conditions: Sequence[int]) -> np.ndarray:
@@ -97,17 +105,6 @@ def pooled_minima(model: Model, group: xr.Dataset, conditions: Sequence[int]) ->
     return np.concatenate(out)
 
 
-def _distinct(cost: np.ndarray, most: int) -> list[int]:
-    """Positions of the lowest costs that are apart."""
-    kept: list[int] = []
-    for k in np.argsort(cost):
-        if np.isfinite(cost[k]) and all(cost[k] > cost[j] + 0.5 for j in kept):
-            kept.append(int(k))
-        if len(kept) == most:
-            break
-    return kept
-
-
 @dataclass(frozen=True)
 class Account:
     """An account of what differs, fitted to the means of two conditions.
@@ -115,13 +112,15 @@ class Account:
     Attributes
     ----------
     change: what may differ. unknowns: (Q,). sizes: (K,) factors, or shifts of weights. misfit: squared
-        residual in standard errors of the mean.
+        residual in standard errors of the mean. minima: (up to `KEPT`, Q), the lowest distinct ones, ``unknowns``
+        first.
     """
 
     change: Change
     unknowns: np.ndarray
     sizes: np.ndarray
     misfit: float
+    minima: np.ndarray
 
 
 class Pair:
@@ -130,7 +129,8 @@ class Pair:
     Parameters
     ----------
     model: the model. group: the group. first, second: positions of the conditions; the people who were recorded in both
-        are used. starts: (M, P), of the fits; `pooled_minima` of both conditions by default.
+        are used. starts: (M, P), of the fits besides minima of the mean of both conditions; `pooled_minima` of both
+        conditions by default.
     """
 
     def __init__(
@@ -142,30 +142,71 @@ class Pair:
         n = len(self.data)
         self.one = np.diag(np.diag(scatter(self.data.reshape(n, -1)).covariance))  # variances alone, see above
         self.mean = self.data.mean(axis=0)
-        self._starts = pooled_minima(model, group, (first, second)) if starts is None else starts
+        alone = pooled_minima(model, group, (first, second)) if starts is None else starts
+        variance = np.diag(self.one).reshape(2, -1) / n
+        both = 1 / (1 / variance).sum(axis=0)  # the best body without a change is that of the weighted mean
+        self._starts = np.concatenate(
+            [minima(model, group, both * (self.mean / variance).sum(axis=0), np.diag(both)), alone]
+        )
 
     def problem(self, change: Change, data: np.ndarray, people: int) -> Conditions:
         """The fit of means (B, 2, D) of ``people`` people each."""
         return problem_of(self.model, self.group, change, data, self.one / people)
 
-    def account(self, change: Change) -> Account:
-        """The change fitted to the means of all people."""
-        K, n = len(change.factors), len(self.data)
-        starts = np.hstack([self._starts, np.zeros((len(self._starts), K))])[:, None]
-        if K:
-            lower = starts[:LEADERS].copy()
-            lower[..., -K:] = -0.5
-            starts = np.concatenate([starts, lower])
-        found = best_of(self.problem(change, self.mean[None], n), starts)
-        q = found.unknowns[0]
-        return Account(change, q, change.sizes(self.model, q), float(found.misfit[0]))
+    def accounts(self, wanted: Sequence[Change]) -> list[Account]:
+        """Changes fitted to the means of all people.
 
-    def refitted(self, accounts: Sequence[Account], means: np.ndarray, people: int) -> list[np.ndarray]:
-        """Unknowns (B, Q) of every account, fitted again to means (B, 2, D) of ``people`` people each."""
-        return [
-            fit(self.problem(a.change, means, people), np.tile(a.unknowns, (len(means), 1)), iterations=40).unknowns
-            for a in accounts
-        ]
+        A change also starts from the minima of those among ``wanted`` that it contains, and is never worse than them.
+        """
+        found: dict[str, Account] = {}
+        for change in sorted(wanted, key=lambda c: len(c.factors)):
+            inner = [self._turned(a, change) for a in found.values()]
+            found[change.name] = self._account(change, np.concatenate([self._begin(change), *inner]))
+        return [found[change.name] for change in wanted]
+
+    def _account(self, change: Change, starts: np.ndarray) -> Account:
+        problem = self.problem(change, self.mean[None], len(self.data))
+        q = leaders(problem, starts, KEPT)
+        return Account(change, q[0], change.sizes(self.model, q[0]), float(problem.misfit(q[:1])[0]), q)
+
+    def _begin(self, change: Change) -> np.ndarray:
+        """Starts (S, Q) of an account: minima of single means without a change, and with one."""
+        K, P = len(change.factors), len(self.model.names)
+        starts = [np.hstack([self._starts, np.zeros((len(self._starts), K))])]
+        if K == P:
+            starts.append(self._apart())
+        for k in range(K if K < P else 0):
+            for size in (-TRIED, TRIED):
+                starts.append(starts[0][:LEADERS] + size * np.eye(P + K)[P + k])
+        return np.concatenate(starts)
+
+    def _apart(self) -> np.ndarray:
+        """Starts of the account in which every parameter differs: bodies that fit one condition, and the other."""
+        model, variance = self.model, np.diag(self.one).reshape(2, -1)
+        says = as_real(points_of(self.group, frf(model, self._starts, self.group["f_line"].values)))
+        misfit = ((says[:, None] - self.mean) ** 2 / variance).sum(axis=2)  # (starts, conditions)
+        near, far = (self._starts[np.argsort(own)[:KEPT]] for own in misfit.T)
+        near, far = np.repeat(near, len(far), axis=0), np.tile(far, (len(near), 1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.where(shifted(model), far - near, np.log(far / near))
+        return np.hstack([near, step])
+
+    def _turned(self, smaller: Account, change: Change) -> np.ndarray:
+        """The minima of a smaller account as starts (S, Q) of one that contains it; none of any other."""
+        P = len(self.model.names)
+        turn = smaller.change.within(change, self.model)
+        if turn is None:
+            return np.zeros((0, P + len(change.factors)))
+        return np.hstack([smaller.minima[:, :P], smaller.minima[:, P:] @ turn.T])
+
+    def refitted(
+        self, accounts: Sequence[Account], means: np.ndarray, people: int, most: int = KEPT
+    ) -> list[np.ndarray]:
+        """Unknowns (B, Q) of every account, fitted again to means (B, 2, D) of ``people`` people each.
+
+        The fits start from the ``most`` lowest minima for all people.
+        """
+        return [best_of(self.problem(a.change, means, people), a.minima[:most, None], AGAIN).unknowns for a in accounts]
 
     def halves(self, accounts: Sequence[Account], splits: int, seed: int = 0) -> np.ndarray:
         """Cross-validated misfit of accounts, (accounts, 2 ``splits``): 1 is the scatter between random halves.
@@ -194,32 +235,30 @@ class Pair:
     def held_out(self, accounts: Sequence[Account], *, reverse: bool = False) -> dict[str, np.ndarray]:
         """Misfit (people,) of every person's second condition, predicted from the first (or ``reverse``).
 
-        A person's parameters come from one condition alone, with a weak prior around those of the mean of that
-        condition; the sizes of an account come from the other people. Three predictions without a model are beside
-        them: the person's own response unchanged, times the ratio of the others' means, and the others' mean. The unit
-        is the variance between people: the others' mean scores 1 + 1/n.
+        An account is fitted to the means of the other people. A person's parameters come from one condition of that
+        person alone, with a weak prior around those of the account; the change of the account is applied to them.
+        Three predictions without a model are beside the accounts: the person's own response unchanged, times the ratio
+        of the others' means, and the others' mean. The unit is the variance between people: the others' mean scores
+        1 + 1/n.
         """
         n = len(self.data)
         known, wanted = (1, 0) if reverse else (0, 1)
-        D = self.mean.shape[1]
+        D, P = self.mean.shape[1], len(self.model.names)
         one = self.one[known * D : known * D + D, known * D : known * D + D]
-        centre = best_of(problem_of(self.model, self.group, NOTHING, self.mean[None, known : known + 1], one / n),
-                         self._starts[:, None]).unknowns[0]  # fmt: skip
-        spread = PRIOR * (np.abs(centre) + self.model.truth)
-        problem = problem_of(self.model, self.group, NOTHING, self.data[:, known : known + 1], one)
-        problem = replace(problem, centre=centre, spread=spread)
-        theta = best_of(problem, np.stack([centre, *self._starts[:3]])[:, None]).unknowns
         others = (n * self.mean - self.data) / (n - 1)
         unit = np.diag(self.one)[wanted * D : wanted * D + D]
+        alone = problem_of(self.model, self.group, NOTHING, self.data[:, known : known + 1], one)
 
         def score(predicted: np.ndarray) -> np.ndarray:
             return np.asarray(((predicted - self.data[:, wanted]) ** 2 / unit).mean(axis=1))
 
         out = {}
-        for a, q in zip(accounts, self.refitted(accounts, others, n - 1), strict=True):
-            change = a.change.undone if reverse else a.change.applied
-            there = np.clip(change(self.model, theta, q), self.model.lower, self.model.upper)
-            lines = frf(self.model, there, self.group["f_line"].values)
+        for a, q in zip(accounts, self.refitted(accounts, others, n - 1, 1), strict=True):
+            to_known, to_wanted = (a.change.applied, a.change.undone) if reverse else (None, a.change.applied)
+            centre = to_known(self.model, q[:, :P], q) if to_known else q[:, :P]
+            spread = PRIOR * (np.abs(centre.mean(axis=0)) + self.model.truth)
+            theta = best_of(replace(alone, centre=centre, spread=spread), centre[None], AGAIN).unknowns
+            lines = frf(self.model, to_wanted(self.model, theta, q), self.group["f_line"].values)
             out[a.change.name] = score(as_real(points_of(self.group, lines)))
         ratio = as_complex(others[:, wanted]) / as_complex(others[:, known])
         out["own response, unchanged"] = score(self.data[:, known])

@@ -1,9 +1,7 @@
 """Fits of one body to group FRFs in several conditions, of which a few parameters may differ: many at once.
 
 The numbers of a condition (`mcstudy.spectra.frf_groups.as_real`) have one covariance with all their correlations, since
-points overlap; the compiled kernel takes errors that are independent between frequencies, so these fits have a solver
-of their own, a bounded Levenberg-Marquardt method in numpy that steps all problems of a call together. A test compares
-its minima with those of `scipy.optimize.least_squares`.
+points overlap.
 """
 
 from __future__ import annotations
@@ -19,18 +17,15 @@ from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
 from mcstudy.stance.stability import growth_rate
 
-LARGEST_CHANGE = 1.0
-"""Largest logarithm of the factor by which a parameter may differ between conditions, and largest shift of a weight."""
+LARGEST_CHANGE = 3.0
+"""Largest logarithm of the factor by which a parameter may differ between conditions. Bounds of the parameters hold in
+all conditions; they limit the shift of a weight."""
 
-TOLERANCE = 1e-9
-"""Relative decrease of the cost below which a fit has converged."""
+MARGIN = 0.05
+"""Distance of the rightmost root of a loop from the imaginary axis, 1/s, from which on a barrier acts."""
 
-
-CALM = 1e-2
-"""Damping below which a small decrease means a minimum and not a short step."""
-
-SIDES = 6
-"""Rounds in which unknowns of a step are put on the sides that they would cross."""
+NUDGE = 1e-5
+"""Relative step of the derivative of the rightmost root by differences."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +48,36 @@ class Change:
         )
 
     def sizes(self, model: Model, unknowns: np.ndarray) -> np.ndarray:
-        """Factors, or shifts of weights, (..., K), of the unknowns of a fit of two conditions, (..., Q)."""
+        """Factors, or shifts of weights, (..., K), of the unknowns of a fit of two conditions, (..., Q).
+
+        A shift is the one that is left within the bounds of the weight.
+        """
         own = unknowns[..., len(model.names) :]
-        shifts = np.array([set(names) <= set(model.weights) for names in self.factors], dtype=bool)
-        return np.where(shifts, own, np.exp(own))
+        moved = self.applied(model, unknowns[..., : len(model.names)], unknowns) - unknowns[..., : len(model.names)]
+        out = np.exp(own)
+        for k, names in enumerate(self.factors):
+            if set(names) <= set(model.weights):
+                out[..., k] = moved[..., model.names.index(names[0])]
+        return out
 
     def applied(self, model: Model, theta: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
-        """Parameters (..., P) of the second condition for ``theta`` of the first, with the change of ``unknowns``."""
+        """Parameters (..., P) of the second condition for ``theta`` of the first, with the change of ``unknowns``.
+
+        They stay within the bounds of the model.
+        """
         step = unknowns[..., len(model.names) :] @ self.design(model).T
-        return np.asarray(np.where(shifted(model), theta + step, theta * np.exp(step)))
+        return np.clip(np.where(shifted(model), theta + step, theta * np.exp(step)), model.lower, model.upper)
 
     def undone(self, model: Model, theta: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
         """The inverse of `applied`: parameters of the first condition for ``theta`` of the second."""
         step = unknowns[..., len(model.names) :] @ self.design(model).T
-        return np.asarray(np.where(shifted(model), theta - step, theta / np.exp(step)))
+        return np.clip(np.where(shifted(model), theta - step, theta / np.exp(step)), model.lower, model.upper)
+
+    def within(self, other: Change, model: Model) -> np.ndarray | None:
+        """(K of other, K): what turns this change into the same one by ``other``; None if ``other`` is no larger."""
+        own, larger = self.design(model), other.design(model)
+        turn = np.linalg.pinv(larger) @ own
+        return turn if np.allclose(larger @ turn, own) else None
 
 
 def shifted(model: Model) -> np.ndarray:
@@ -103,7 +114,8 @@ class Conditions:
     model, group: the model, and the group whose points it is compared at. change: what may differ.
     data: (B, C, D). whitening: (C D, C D), inverse of the Cholesky factor of the covariance of the numbers of all C
         conditions. centre, spread: (P,) or (B, P) normal prior of the parameters; an infinite spread is none.
-    lower, upper: (P,) bounds of the parameters.
+    lower, upper: (P,) bounds of the parameters. barrier: weight, s, of the instability of every condition's loop, one
+        residual each; 0 for none.
     """
 
     model: Model
@@ -115,6 +127,7 @@ class Conditions:
     spread: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    barrier: float = 0.0
 
     def __post_init__(self) -> None:
         _, C, D = self.data.shape
@@ -129,7 +142,10 @@ class Conditions:
         return np.r_[self.lower, -wide], np.r_[self.upper, wide]
 
     def parameters(self, q: np.ndarray) -> np.ndarray:
-        """Parameters of every condition, (B, C, P), of unknowns (B, Q)."""
+        """Parameters of every condition, (B, C, P), of unknowns (B, Q), within their bounds."""
+        return np.clip(self._unbounded(q), self.lower, self.upper)
+
+    def _unbounded(self, q: np.ndarray) -> np.ndarray:
         P, C, A = len(self.model.names), self.data.shape[1], self.change.design(self.model)
         step = np.zeros((len(q), C, P))
         step[:, 1:] = q[:, P:].reshape(len(q), C - 1, A.shape[1]) @ A.T
@@ -141,18 +157,50 @@ class Conditions:
         return as_real(points_of(self.group, frf(self.model, self.parameters(q), self.group["f_line"].values)))
 
     def residual(self, q: np.ndarray) -> np.ndarray:
-        """Whitened residuals, then those of the prior, (B, C D + P)."""
+        """Whitened residuals, those of the prior, and with a barrier those of instability, (B, C D + P (+ C))."""
         r = (self.predicted(q) - self.data).reshape(len(q), -1) @ self.whitening.T
-        return np.concatenate([r, (q[:, : self.lower.size] - self.centre) / self.spread], axis=1)
+        parts = [r, (q[:, : self.lower.size] - self.centre) / self.spread]
+        if self.barrier:
+            parts.append(self.barrier * np.maximum(self.growth(q) + MARGIN, 0.0))
+        return np.concatenate(parts, axis=1)
+
+    def misfit(self, q: np.ndarray) -> np.ndarray:
+        """Whitened squared residual of the data, (B,)."""
+        r = (self.predicted(q) - self.data).reshape(len(q), -1) @ self.whitening.T
+        return np.asarray((r**2).sum(axis=1))
+
+    def cost(self, q: np.ndarray) -> np.ndarray:
+        """Squared residual with that of the prior, (B,)."""
+        return self.misfit(q) + (((q[:, : self.lower.size] - self.centre) / self.spread) ** 2).sum(axis=1)
+
+    def growth(self, q: np.ndarray) -> np.ndarray:
+        """Growth rate of the loop in every condition, 1/s, (B, C); negative is stable."""
+        theta = self.parameters(q)
+        return growth_rate(self.model, theta.reshape(-1, theta.shape[-1])).reshape(theta.shape[:2])
+
+    def barrier_slope(self, q: np.ndarray) -> np.ndarray:
+        """Derivatives (B, C, Q) of the residuals of instability, by differences."""
+        here = self.growth(q)
+        out = np.zeros((*here.shape, q.shape[1]))
+        near = np.flatnonzero((here > -MARGIN).any(axis=1))
+        if near.size:
+            step = np.full(q.shape[1], NUDGE)
+            step[: self.lower.size] *= self.upper - self.lower
+            moved = self.growth((q[near] + np.diag(step)[:, None]).reshape(-1, q.shape[1]))
+            slope = (moved.reshape(len(step), len(near), -1) - here[near]) / step[:, None, None]
+            out[near] = self.barrier * np.moveaxis(slope, 0, -1) * (here[near] > -MARGIN)[..., None]
+        return out
 
     def linearised(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`residual` and its exact derivatives (B, C D + P, Q)."""
+        """`residual` and its derivatives (B, C D + P (+ C), Q); those of the barrier are not exact."""
         B, (C, D), P = len(q), self.data.shape[1:], self.lower.size
         A = self.change.design(self.model)
         K, theta = A.shape[1], self.parameters(q)
+        inside = theta == self._unbounded(q)  # a parameter that a change would move beyond its bound stays there
         H, J = frf_jacobian(self.model, theta, self.group["f_line"].values)
         r = (as_real(points_of(self.group, H)) - self.data).reshape(B, -1)
         slope = np.moveaxis(as_real(points_of(self.group, np.moveaxis(J, -1, 2))), 2, -1)  # (B, C, D, P)
+        slope = slope * inside[:, :, None]
         whole = np.zeros((B, C, D, P + (C - 1) * K))
         adds = shifted(self.model)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -164,96 +212,17 @@ class Conditions:
         J = np.concatenate(
             [self.whitening @ whole.reshape(B, C * D, -1), np.broadcast_to(prior, (B, *prior.shape))], axis=1
         )
-        r = np.concatenate([r @ self.whitening.T, (q[:, :P] - self.centre) / self.spread], axis=1)
-        return r, J
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """Minima. unknowns: (B, Q). cost: (B,) with the prior. misfit: (B,) whitened squared residual of the data."""
-
-    unknowns: np.ndarray
-    cost: np.ndarray
-    misfit: np.ndarray
-
-
-def fit(problem: Conditions, starts: np.ndarray, iterations: int = 150) -> Fitted:
-    """Minima reached from ``starts`` (B, Q), by bounded Levenberg-Marquardt steps in units of the diagonal."""
-    lower, upper = problem.bounds
-    q = np.clip(starts, lower, upper)
-    cost = (problem.residual(q) ** 2).sum(axis=1)
-    damping = np.full(len(q), 1e-2)
-    going = np.isfinite(cost)
-    for _ in range(iterations):
-        at = np.flatnonzero(going)
-        if not at.size:
-            break
-        own = part(problem, at)
-        r, J = own.linearised(q[at])
-        gram, gradient = np.swapaxes(J, 1, 2) @ J, np.einsum("bmq,bm->bq", J, r)
-        held = ((q[at] <= lower) & (gradient > 0)) | ((q[at] >= upper) & (gradient < 0))
-        gradient[held] = 0.0
-        gram[held[:, :, None] | held[:, None, :]] = 0.0
-        diagonal = np.einsum("bqq->bq", gram)
-        size = np.maximum(diagonal, 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300)
-        for k in range(gram.shape[1]):
-            gram[:, k, k] += np.where(held[:, k], size[:, k], damping[at] * size[:, k])
-        step = _inside(gram, gradient, lower - q[at], upper - q[at])
-        trial = np.clip(q[at] + step, lower, upper)
-        with np.errstate(all="ignore"):
-            after = (own.residual(trial) ** 2).sum(axis=1)
-        better = after < cost[at]
-        done = better & (cost[at] - after < TOLERANCE * cost[at]) & (damping[at] < CALM)
-        q[at[better]] = trial[better]
-        cost[at[better]] = after[better]
-        damping[at] *= np.where(better, 0.2, 4.0)
-        going[at[done | (damping[at] > 1e9)]] = False
-        damping = np.maximum(damping, 1e-9)
-    P = problem.lower.size
-    return Fitted(q, cost, (problem.residual(q)[:, :-P] ** 2).sum(axis=1))
-
-
-def _inside(gram: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Steps (B, Q) to the minimum; unknowns that would cross a side are put on it and the others solved again."""
-    fixed, step = np.zeros(gradient.shape, dtype=bool), np.zeros_like(gradient)
-    diagonal = np.arange(gradient.shape[1])
-    for _ in range(SIDES):
-        matrix = np.where(fixed[:, :, None] | fixed[:, None, :], 0.0, gram)
-        matrix[:, diagonal, diagonal] = np.where(fixed, 1.0, gram[:, diagonal, diagonal])
-        pushed = -gradient - np.einsum("bqp,bp->bq", gram, np.where(fixed, step, 0.0))
-        solved = np.linalg.solve(matrix, np.where(fixed, step, pushed)[..., None])[..., 0]
-        crossing = ~fixed & ((solved < lower) | (solved > upper))
-        step = np.clip(solved, lower, upper)
-        if not crossing.any():
-            break
-        fixed |= crossing
-    return np.asarray(step)
+        parts = [r @ self.whitening.T, (q[:, :P] - self.centre) / self.spread]
+        if self.barrier:
+            parts.append(self.barrier * np.maximum(self.growth(q) + MARGIN, 0.0))
+            J = np.concatenate([J, self.barrier_slope(q)], axis=1)
+        return np.concatenate(parts, axis=1), J
 
 
 def part(problem: Conditions, at: np.ndarray) -> Conditions:
     """The problems ``at`` of many."""
     centre = problem.centre[at] if problem.centre.ndim == 2 else problem.centre
     return replace(problem, data=problem.data[at], centre=centre)
-
-
-def best_of(problem: Conditions, starts: np.ndarray, stable: bool = True) -> Fitted:
-    """The lowest of the minima from S starts for each of B problems.
-
-    Parameters
-    ----------
-    starts: (S, B, Q), or (S, 1, Q) for the same ones everywhere.
-    stable: whether to take the lowest at which the loop is stable in every condition, where there is one.
-    """
-    S, B = len(starts), len(problem.data)
-    every = np.broadcast_to(starts, (S, B, starts.shape[-1])).reshape(S * B, -1)
-    found = fit(part(problem, np.tile(np.arange(B), S)), every)
-    cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
-    if stable:
-        theta = problem.parameters(found.unknowns)
-        falls = np.array([not (growth_rate(problem.model, x) < 0).all() for x in theta])
-        cost = np.where(falls, cost + 1e12, cost)
-    pick = cost.reshape(S, B).argmin(axis=0) * B + np.arange(B)
-    return Fitted(found.unknowns[pick], found.cost[pick], found.misfit[pick])
 
 
 def whitening_of(covariance: np.ndarray) -> np.ndarray:

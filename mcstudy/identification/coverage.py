@@ -16,11 +16,13 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtri
 
+from mcstudy.effect_library.library import apply
 from mcstudy.effect_library.simulated import simulate
 from mcstudy.fitting.penalised import Fitter
 from mcstudy.identification.at_truth import judged, starts
+from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import Draws, simulated
-from mcstudy.identification.fit import bounded, fit_lines
+from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
 from mcstudy.identification.result import FitResult
@@ -69,10 +71,14 @@ class Condition:
 class Source:
     """Draws lines of recordings of one condition, with all that does not depend on the draw done once."""
 
-    def __init__(self, condition: Condition, theta: np.ndarray | None = None) -> None:
-        """``theta``: true parameters (P,) instead of those of the condition's body."""
-        model = two_segment()
+    def __init__(
+        self, condition: Condition, theta: np.ndarray | None = None, effects: Mapping[str, float] | None = None
+    ) -> None:
+        """``theta``: true parameters (12,) instead of those of the condition's body. ``effects``: sizes by name."""
+        sizes = dict(effects or {})
+        model = apply(two_segment(), *sizes)
         theta = np.array(list(body(condition.truth).values())) if theta is None else theta
+        theta = np.append(theta, list(sizes.values()))
         stimulus, self._period_s = _stimulus()
         excited = excited_lines(stimulus[None])
         self._wanted = excited[excited <= max(condition.fmax, NOISE_HZ) * self._period_s + 0.5]
@@ -172,13 +178,17 @@ def judgements(
     first: int,
     last: int,
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    effects: Mapping[str, float] | None = None,
 ) -> dict[float, np.ndarray]:
     """Whether intervals of realizations ``first`` ... ``last`` - 1 contain the truth, (R, K, len(JUDGED)) by fmax.
 
     Up to `NOISE_HZ` the recordings are those of `intervals`. ``bounds``: of the fits, as in `mcstudy.fit`.
+    ``effects``: sizes by name of linear effects that the body has and the fits estimate too.
     """
-    source, nominal = Source(Condition(truth, cycles, max(fmax))), two_segment()
-    model, theta = bounded(nominal, nominal, bounds or {}), np.array(list(body(truth).values()))
+    sizes = dict(effects or {})
+    source, nominal = Source(Condition(truth, cycles, max(fmax)), effects=sizes), two_segment()
+    model = bounded(apply(nominal, *sizes), nominal, bounds or {})
+    theta = np.array([*body(truth).values(), *sizes.values()])
     wanted, seeds = quantities(model), range(first, last)
     drawn = [source(stream(r, f"coverage {truth} {cycles}")) for r in seeds]
     found: dict[float, np.ndarray] = {}
@@ -187,7 +197,7 @@ def judgements(
         lines = [x.below(highest) for x in drawn]
         fitter = Fitter(model, without_prior(model, nominal), lines[0].f)
         further = starts(fitter, seeds, MANY if highest < LOW_HZ else FEW, before)
-        before = judged(fitter, lines, wanted, theta, source.draws(highest), LEVEL, further)
+        before = judged(fitter, lines, wanted, theta, _draws(cycles, max(fmax), highest), LEVEL, further)
         best = np.array([m.theta[0] for m in before.minima])
         estimate = np.array([[q.value(x) for q in wanted] for x in best])
         error = ndtri(0.5 + LEVEL / 2) * np.sqrt([n.variance for n in before.near])
@@ -196,9 +206,10 @@ def judgements(
     return found
 
 
-def truths(number: int, names: list[str]) -> np.ndarray:
-    """True values (K,) of quantities that are parameters or sums of them."""
-    values: Mapping[str, float] = body(number)
+def truths(number: int, names: list[str], effects: Mapping[str, float] | None = None) -> np.ndarray:
+    """True values (K,) of quantities that are parameters, sizes of ``effects`` (by their name) or sums of them."""
+    sizes = dict(effects or {})
+    values = dict(zip(apply(two_segment(), *sizes).names, [*body(number).values(), *sizes.values()], strict=True))
     return np.array([sum(values[part] for part in name.split(" + ")) for name in names])
 
 
@@ -220,6 +231,12 @@ def _stimulus() -> tuple[np.ndarray, float]:
     assert recording.period_s is not None
     highest = recording.rate_hz / 2.2
     return cycle_coefficients(recording, highest, DISCARD).stimulus[0], recording.period_s
+
+
+@lru_cache
+def _draws(cycles: int, widest: float, highest: float) -> Draws:
+    """`Source.draws` of lines up to ``highest``, Hz: they are the same for every body."""
+    return Source(Condition(0, cycles, widest)).draws(highest)
 
 
 def _contrasts(n: int) -> np.ndarray:

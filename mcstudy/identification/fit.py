@@ -15,12 +15,14 @@ from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
 from mcstudy.gap.questions.part_fits import PartFit, part_fits
 from mcstudy.gap.settling import cycles_to_discard, longer, unsettled
+from mcstudy.identification.bounds import bounded
 from mcstudy.identification.complete import complete
 from mcstudy.identification.correction import DRAWS, Draws, simulated
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
 from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities
 from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.identification.several_minima import factor
 from mcstudy.identification.tables import BANDS_HZ
 from mcstudy.identification.threshold import Threshold, threshold
 from mcstudy.recordings.frf import FrfRecording
@@ -31,12 +33,6 @@ from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
-
-GAIN_UPTO = 5.0
-"""Default upper bound of a gain, times its nominal value; the lower one is zero."""
-
-DELAY_S = (0.01, 0.3)
-"""Default bounds of a delay, s."""
 
 
 def fit(
@@ -125,7 +121,7 @@ def fit_lines(
         minima=minima,
         model=model,
         lines=lines,
-        warnings=(*_warnings(minima.missed), *lines.notes),
+        warnings=(*_warnings(minima.missed), *_widened(upto, of, level), *lines.notes),
         method={"cost": "ml", "seed": seed, "effects": list(effects)},
         without=_without(lines, nominal, bounds or {}, seed) if effects else None,
         part_fits=_part_fits(lines, data, theta, model, upto, seed) if len(lines.parts) > 1 else (),
@@ -151,41 +147,6 @@ def _without(lines: Lines, nominal: Model, given: Mapping[str, tuple[float, floa
 def _base(nominal: Model, given: Mapping[str, tuple[float, float]]) -> Model:
     """The model without effects, with the bounds of the fit."""
     return bounded(nominal, nominal, {name: ends for name, ends in given.items() if name in nominal.names})
-
-
-def bounded(model: Model, base: Model, given: Mapping[str, tuple[float, float]]) -> Model:
-    """The model with the bounds of a fit to a person, the ``given`` ones among them.
-
-    By default gains of ``base`` lie between zero and `GAIN_UPTO` times the nominal value, its delays in `DELAY_S`, and
-    sizes of effects within their own bounds. A nominal value outside its bounds is moved between them.
-
-    Raises `InputError` for an unknown parameter or impossible bounds.
-    """
-    for name, ends in given.items():
-        if name not in model.names:
-            raise InputError(f"bounds: expected parameters of the model ({', '.join(model.names)}), got {name!r}")
-        least = 0.0 if name in model.delays else -np.inf
-        if not (len(ends) == 2 and np.isfinite(ends).all() and least <= ends[0] < ends[1]):
-            raise InputError(f"bounds of {name}: expected a lower and a larger upper value, got {ends}")
-    bounds = {**_default_bounds(base), **given}
-    parameters = []
-    for p in model.parameters:
-        low, high = bounds.get(p.name, (p.lower, p.upper))
-        value = p.value if low <= p.value <= high else (low + high) / 2
-        parameters.append(replace(p, value=value, lower=low, upper=high))
-    return replace(model, parameters=tuple(parameters))
-
-
-def _default_bounds(model: Model) -> dict[str, tuple[float, float]]:
-    low, high = DELAY_S
-    return {
-        p.name: (min(low, p.value), max(high, p.value))
-        if p.name in model.delays
-        else (p.lower, p.upper)
-        if p.name in model.weights
-        else (min(0.0, GAIN_UPTO * p.value), max(0.0, GAIN_UPTO * p.value))
-        for p in model.parameters
-    }
 
 
 def _estimate(q: Quantity, theta: np.ndarray, p: Profile, error: float, share: np.ndarray) -> Estimate:
@@ -225,3 +186,13 @@ def _warnings(missed: float) -> tuple[str, ...]:
     if missed <= MISSED:
         return ()
     return (f"one start in {1 / missed:.0f} would end in a minimum not seen yet; a lower one may have been missed",)
+
+
+def _widened(upto: Threshold, of: Sequence[Quantity], level: float) -> tuple[str, ...]:
+    names = [q.name for q, several in zip(of, upto.several, strict=True) if several]
+    if not names:
+        return ()
+    return (
+        "another minimum fits almost as well, and chance decides which of them is the lower; the intervals of "
+        f"{', '.join(names)} are therefore wider: their threshold is {factor(level):.2f} times as high",
+    )

@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.effect_library import library
-from mcstudy.identification.condition_changes import LEADERS, NOTHING, pooled_minima, problem_of, split_means
-from mcstudy.identification.conditions import best_of, fit
+from mcstudy.identification.condition_changes import AGAIN, LEADERS, NOTHING, pooled_minima, problem_of
+from mcstudy.identification.condition_fits import best_of
 from mcstudy.spectra.frf_groups import as_real, scatter
 from mcstudy.stance.feedback import Model
 
@@ -23,21 +23,27 @@ BANDS_HZ = (0.0, 0.2, 0.5, 1.0, np.inf)
 class MeanGap:
     """The gap between a model and the mean of n people in one condition.
 
+    The gap is a squared residual in standard errors of the mean, cross-validated: the residual of people who were left
+    out of a fit times that of those who were not. Noise has no part in its expected value, so it is zero for a model
+    that is true, unlike the misfit. Errors are those of a jackknife over the folds of people.
+
     Attributes
     ----------
     theta: (P,), the stable fit. misfit: its squared residual in standard errors of the mean, with 4 N numbers.
-    share: (2, bands), misfit by segment (lower, upper) and band. held_out: (2 splits,), cross-validated misfit per
-        number, where 1 is the scatter between halves (`Pair.halves`). closes: (effects, 2 splits), share of the excess
-        over 1 that an effect closes for the other half; nan without an excess. sizes: per effect its parameters at the
-        fit of all people.
+    gap, gap_se: the gap. share, share_se: (2, bands), of it by segment (lower, upper) and band.
+    effects: names. closes, closes_se: (effects,), share of the gap that an effect closes for people left out.
+    sizes: per effect its parameters at the fit of all people.
     """
 
     theta: np.ndarray
     misfit: float
+    gap: float
+    gap_se: float
     share: np.ndarray
-    held_out: np.ndarray
+    share_se: np.ndarray
     effects: tuple[str, ...]
     closes: np.ndarray
+    closes_se: np.ndarray
     sizes: tuple[np.ndarray, ...]
 
 
@@ -48,31 +54,35 @@ def mean_gap(
     effects: Sequence[str] = (),
     *,
     starts: np.ndarray | None = None,
-    splits: int = 10,
+    folds: int = 7,
     seed: int = 0,
 ) -> MeanGap:
     """The gap of one condition, and what ``effects`` of the library close of it; see `MeanGap`.
 
-    ``starts``: (M, P), of the fits; `pooled_minima` of the condition by default.
+    ``starts``: (M, P), of the fits; `pooled_minima` of the condition by default. ``folds``: parts of the people; each
+    is left out once.
     """
     data = as_real(group["frf"].values[:, condition])
-    data = data[np.isfinite(data).all(axis=1)][:, None]
-    n = len(data)
-    variance = np.diag(np.diag(scatter(data[:, 0]).covariance))
-    mean, P = data.mean(axis=0), model.lower.size
+    data = data[np.isfinite(data).all(axis=1)]
+    n, P = len(data), model.lower.size
+    variance = np.diag(np.diag(scatter(data).covariance))
     starts = pooled_minima(model, group, [condition]) if starts is None else starts
-    first, second = split_means(data, splits, seed)
-    unit = 4 * np.diag(variance) / n
+    parts = np.array_split(np.random.default_rng(seed).permutation(n), folds)
+    left = np.stack([data[out].mean(axis=0) for out in parts])
+    kept = np.stack([np.delete(data, out, axis=0).mean(axis=0) for out in parts])
 
     def fitted(augmented: Model, begin: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-        found = best_of(problem_of(augmented, group, NOTHING, mean[None], variance / n), begin[:, None])
-        q = found.unknowns[0]
-        half = problem_of(augmented, group, NOTHING, first, variance / (n / 2))
-        again = fit(half, np.tile(q, (len(first), 1)), iterations=40).unknowns
-        far = (half.predicted(again) - second)[:, 0]
-        return q, float(found.misfit[0]), (far**2 / unit).mean(axis=1)
+        """Unknowns and misfit of all people, and the gap by fold and number, (folds, D)."""
+        found = best_of(
+            problem_of(augmented, group, NOTHING, data.mean(axis=0)[None, None], variance / n), begin[:, None]
+        )
+        others = problem_of(augmented, group, NOTHING, kept[:, None], variance / n)
+        again = best_of(others, found.unknowns[None], AGAIN).unknowns
+        says = others.predicted(again)[:, 0]
+        return found.unknowns[0], float(found.misfit[0]), (says - kept) * (says - left) * n / np.diag(variance)
 
-    theta, misfit, held_out = fitted(model, starts)
+    theta, misfit, base = fitted(model, starts)
+    whole = base.sum(axis=1)
     closes, sizes = [], []
     for name in effects:
         larger = library.apply(model, name)
@@ -80,13 +90,33 @@ def mean_gap(
         usual = [sum(s.published) / 2 for s in library.effect(name).sizes]
         near = np.concatenate([theta[None], starts[:LEADERS]])
         begin = np.concatenate([np.hstack([near, np.tile(x, (len(near), 1))]) for x in (own, usual)])
-        q, _, score = fitted(larger, begin)
-        excess = held_out.mean() - 1.0
-        closes.append((held_out.mean() - score) / excess if excess > 0 else np.full(score.size, np.nan))
+        q, _, rest = fitted(larger, begin)
+        closes.append(_jackknife(whole - rest.sum(axis=1), whole))
         sizes.append(q[P:])
-    residual = problem_of(model, group, NOTHING, mean[None], variance / n).residual(theta[None])[0, :-P]
-    parts = (residual**2).reshape(2, 2, -1).sum(axis=0)  # real and imaginary parts
     f = group["f"].values
     bands = [(f >= low) & (f < high) for low, high in pairwise(BANDS_HZ)]
-    share = np.array([[part[band].sum() for band in bands] for part in parts])
-    return MeanGap(theta, misfit, share, held_out, tuple(effects), np.array(closes), tuple(sizes))
+    of_point = base.reshape(folds, 2, 2, -1).sum(axis=1)  # real and imaginary parts
+    shares = np.array(
+        [[_jackknife(own[:, band].sum(axis=1), whole) for band in bands] for own in of_point.swapaxes(0, 1)]
+    )
+    size, error = _jackknife(whole, np.ones(folds))
+    share = np.array(closes).reshape(-1, 2)
+    return MeanGap(
+        theta,
+        misfit,
+        size,
+        error,
+        shares[..., 0],
+        shares[..., 1],
+        tuple(effects),
+        share[:, 0],
+        share[:, 1],
+        tuple(sizes),
+    )
+
+
+def _jackknife(part: np.ndarray, whole: np.ndarray) -> tuple[float, float]:
+    """Ratio of the sums over folds, and its standard error."""
+    without = (part.sum() - part) / (whole.sum() - whole)
+    error = np.sqrt((part.size - 1) / part.size * ((without - without.mean()) ** 2).sum())
+    return float(part.sum() / whole.sum()), float(error)

@@ -30,6 +30,17 @@ def noise_of(fitted: FitResult) -> TabulatedNoise:
 
     Raises `InputError` when the RMS of the sway that it evokes is not within `LIKE` of the measured one.
     """
+    noise, ratio = fitted_noise(fitted)
+    if (np.abs(np.log(ratio)) > np.log(LIKE)).any():
+        raise InputError(
+            f"{fitted.name}: noise: no sensor noise evokes the measured sway in the fitted body (RMS "
+            f"{ratio[0]:.2f} and {ratio[1]:.2f} times the measured one); use more lines (fmax) or more trials"
+        )
+    return noise
+
+
+def fitted_noise(fitted: FitResult) -> tuple[TabulatedNoise, np.ndarray]:
+    """The noise of `noise_of`, and the RMS of the sway that it evokes over the measured one, (2,) by angle."""
     lines, recording = fitted.lines, fitted.recording
     assert isinstance(recording, Recording)
     seconds = len(lines.repeats) * float(recording.period_s or 0.0)
@@ -53,10 +64,6 @@ def noise_of(fitted: FitResult) -> TabulatedNoise:
     log_density = found.x.reshape(-1, 2)
     level = np.einsum("nij,nj->ni", response, np.exp(basis @ log_density))
     ratio = np.sqrt(level.sum(axis=0) / measured.sum(axis=0))
-    if (np.abs(np.log(ratio)) > np.log(LIKE)).any():
-        raise InputError(
-            f"{fitted.name}: noise: no sensor noise evokes the measured sway in the fitted body (RMS "
-            f"{ratio[0]:.2f} and {ratio[1]:.2f} times the measured one); use more lines (fmax) or more trials"
-        )
     density = np.exp(log_density).T / DEG2_TO_RAD2
-    return TabulatedNoise(*(tuple(float(f"{x:.4g}") for x in values) for values in (knots, *density)))
+    table = (tuple(float(f"{x:.4g}") for x in values) for values in (knots, *density))
+    return TabulatedNoise(*table), ratio

@@ -16,6 +16,7 @@ from mcstudy.identification.forecast import Forecast
 from mcstudy.identification.loop_stability import Stability
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.profile import Profile
+from mcstudy.identification.simulated_coverage import Coverage, Covered
 from mcstudy.identification.sway import PredictedSway
 from mcstudy.identification.trades import Valley, moving
 from mcstudy.recordings.joint import AnyRecording, JointRecording, part_labels
@@ -129,6 +130,8 @@ class FitResult(Summary):
         (P,), estimates under the cost of Goodworth & Peterka (2018), for comparison; None without a period.
     part_fits
         Goodness of fit of each recording of a joint set (`PartFit`); empty for a single recording.
+    coverage
+        How often intervals of similar simulated recordings hold the truth (`Coverage`); None where none were simulated.
     """
 
     name: str
@@ -155,6 +158,7 @@ class FitResult(Summary):
     comparison: WithEffects | None = None
     paper: np.ndarray | None = None
     part_fits: tuple[PartFit, ...] = ()
+    coverage: Coverage | None = None
 
     more: ClassVar[str] = "text(), to_xarray(), to_dict()"
     """Further methods, named in the representation at a prompt."""
@@ -184,6 +188,10 @@ class FitResult(Summary):
     def forecast(self, name: str) -> Forecast | None:
         """The forecast for one quantity; None for lines alone."""
         return next((f for f in self.forecasts if f.name == name), None)
+
+    def covered(self, name: str) -> Covered | None:
+        """How often simulated intervals of one quantity hold the truth; None where this was not simulated."""
+        return None if self.coverage is None else self.coverage.quantities.get(name)
 
     def moving(self, name: str) -> dict[str, tuple[float, float]]:
         """Parameters that move along the profile of a quantity, with their values at its lower and upper end."""
@@ -255,6 +263,7 @@ class FitResult(Summary):
                         "paper_cost": self.paper_value(e.name),
                         "moves_with": self.moving(e.name),
                         "forecast": without_name(self.forecast(e.name)),
+                        "coverage": None if (c := self.covered(e.name)) is None else c.to_dict(),
                         "information": e.information,
                         "profile": {"value": e.profile.value, "rise": e.profile.rise},
                     }
@@ -288,6 +297,7 @@ class FitResult(Summary):
                 "valleys": [asdict(v) for v in self.valleys],
                 "stability": None if self.stability is None else asdict(self.stability),
                 "sway": None if self.sway is None else asdict(self.sway),
+                "coverage": None if self.coverage is None else self.coverage.to_dict(),
                 "gap": None if self.gap is None else asdict(self.gap),
                 "comparison": None if self.comparison is None else asdict(self.comparison),
                 "warnings": self.warnings,
@@ -326,6 +336,11 @@ class FitResult(Summary):
                     for c, name in numbers.items()
                 },
                 **{c: ("quantity", [getattr(e, c) for e in es], {"long_name": name}) for c, name in texts.items()},
+                "coverage": (
+                    "quantity",
+                    [np.nan if (c := self.covered(e.name)) is None else c.percent for e in es],
+                    {"long_name": "simulated intervals that hold the truth", "units": "percent"},
+                ),
                 "class": ("quantity", [e.verdict for e in es], {"long_name": "whether the data determine it"}),
                 "profile_value": (("quantity", "point"), padded("value"), {"long_name": "value on the profile", **own}),
                 "profile_rise": (

@@ -12,6 +12,7 @@ from mcstudy.identification.correction import Draws, correction
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.profile import Linearised
 from mcstudy.identification.quantities import Quantity
+from mcstudy.identification.several_minima import apart, factor
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf_jacobian
 
@@ -23,11 +24,13 @@ class Threshold:
     Attributes
     ----------
     rise: (K,) increase of the deviance up to which values belong to an interval.
+    several: (K,) whether it is raised because another minimum fits almost as well.
     near: the quantities to first order. jacobian: (4 N, P) whitened derivatives.
     null_chi2: (D,) deviances of fits to noise alone.
     """
 
     rise: np.ndarray
+    several: np.ndarray
     near: Linearised
     jacobian: np.ndarray
     null_chi2: np.ndarray
@@ -38,10 +41,15 @@ def threshold(
 ) -> Threshold:
     """The threshold of ``wanted`` quantities of a fit that found the ``minima``; ``draws``: of the noise of its lines.
 
-    A squared residual above that of noise multiplies it by their ratio (Birge 1932).
+    A squared residual above that of noise multiplies it by their ratio (Birge 1932), and another minimum that competes
+    with the lowest one by `mcstudy.identification.several_minima.factor`.
     """
     near = Linearised.at(model, minima, wanted)
     jacobian = whiten(data.weight, frf_jacobian(model, minima.theta[0], data.f)[1])
     corrected = correction(jacobian[:, near.free], near.gradients[:, near.free], draws)
     worse = max(1.0, float(minima.chi2[0] / corrected.null_chi2.mean()))
-    return Threshold(worse * corrected.threshold(level), near, jacobian, corrected.null_chi2)
+    rise = worse * corrected.threshold(level)
+    values = np.array([[q.value(theta) for q in wanted] for theta in minima.theta])
+    several = apart(values, (minima.chi2 - minima.chi2[0]) / worse, np.sqrt(rise * near.variance))
+    rise = np.where(several, factor(level) * rise, rise)
+    return Threshold(rise, several, near, jacobian, corrected.null_chi2)

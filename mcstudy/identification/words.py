@@ -31,6 +31,12 @@ STRONG, WEAK = 5.0, 1.0
 CLEAR = 2.0
 """Difference of unseen cycles, in standard errors, from which it counts."""
 
+COVERED = (
+    ("wider than needed", "a bound holds a parameter that trades for them"),
+    ("too narrow", "publish them with this remark"),
+)
+"""What is said about intervals that hold the truth too often, and too rarely."""
+
 SWAY_SD = 2.0
 """Distance of measured from predicted sway, in standard errors beyond its range, from which they differ."""
 
@@ -49,7 +55,7 @@ def text(r: FitResult) -> str:
 
 def sentences(r: FitResult) -> list[str]:
     """What the numbers mean, one entry per topic."""
-    first = [belief(r), by_recording(r), added(r), loop(r), sway(r), undetermined(r)]
+    first = [belief(r), by_recording(r), added(r), loop(r), sway(r), undetermined(r), coverage(r)]
     parts = [*first, *valleys(r), help_words(r), correlated(r), found(r)]
     return [*(part for part in parts if part), *r.warnings]
 
@@ -164,6 +170,23 @@ def undetermined(r: FitResult) -> str:
     return f"{' '.join(parts)} Their other limits are bounds of the fit, not findings."
 
 
+def coverage(r: FitResult) -> str:
+    """How often simulated intervals hold the truth, and which are wider than needed or too narrow; empty if unknown."""
+    c = r.coverage
+    if c is None:
+        return ""
+    percent = [x.percent for x in c.quantities.values()]
+    out = (
+        f"In simulated recordings ({c.condition}; {c.realizations} of three bodies) {100 * r.level:g} % intervals hold "
+        f"the truth in {sum(percent) / len(percent):.1f} % on average."
+    )
+    for remark, why in COVERED:
+        if names := c.with_remark(remark):
+            told = ", ".join(f"{n} ({c.quantities[n].percent:.1f} %)" for n in names)
+            out += f" {remark.capitalize()}: {told}; {why}."
+    return out
+
+
 def valleys(r: FitResult) -> list[str]:
     """What trades for what, and what is determined nevertheless."""
     out = []
@@ -225,7 +248,7 @@ def found(r: FitResult) -> str:
     out = (
         f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; the next start would find a new one "
         f"with an expected chance of {100 * m.missed:.1f} %. {MISSED[0].upper()}{MISSED[1:]}: "
-        f"{100 * m.missed_lowest:.2g} %."
+        f"{number(100 * m.missed_lowest, 2)} %."
     )
     if others:
         fit = "minimum fits" if others == 1 else "minima fit"

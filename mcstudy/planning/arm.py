@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mcstudy.planning.fits import FULL, TRUTH, Design, Fitter
+from mcstudy.planning.fits import FULL, LINEARISED, TRUTH, Design, Fitter
 from mcstudy.planning.local_model import Band, LocalModel, Prediction, scaled
 from mcstudy.planning.multilevel import Draws, Estimate, best_share, difference_of, estimated, relative_cost
 from mcstudy.planning.space import AMPLITUDE, CYCLES, Space
@@ -16,14 +16,20 @@ from mcstudy.planning.targets import Target
 FIRST = 64
 """Realizations of the first look at an Fmax, and fewest of any look."""
 
-RUNG = 128
-"""Draws of the control behind every value of the prediction."""
+RUNG = {TRUTH: 128, LINEARISED: 64}
+"""Draws behind every value of the prediction: fewer of those that cost more."""
 
 DRAWS_A_REALIZATION = 20
-"""Draws of the control for every realization, at most: with more, the error is that of the correction alone."""
+"""Draws of the control for every realization in a first look, at most."""
+
+ALIKE = 0.8
+"""Correlation of the errors at neighbouring designs that share realizations, as expected before a look."""
 
 RUNGS = 9
 """Signals at which a prediction is computed, from the control alone."""
+
+TRUSTED = 0.05
+"""Fits from the true values predict a measure if what they miss of it varies by less than this (`difference_of`)."""
 
 WORTH = 0.9
 """A control is used if it is expected to need less than this fraction of the fits."""
@@ -84,77 +90,130 @@ class Arm:
         """From values of a measure to ratios to its limit."""
         return target.factor / target.limit / (np.sqrt(self.realizations) if target.mcse else 1.0)
 
-    def predict(self) -> None:
-        """Predict every measure over the signal, from fits that start at the true values."""
+    def predict(self, kind: str = TRUTH) -> None:
+        """Predict every measure over the signal, from one kind of cheap fits."""
         low, high = (self.space.signal(c, a) for c, a in zip(self.space.cycles, self.space.amplitude, strict=True))
         cycles = int(np.clip(self.fitter.group.stimulus.cycles, *self.space.cycles))
         signals = np.geomspace(low, high, RUNGS if high > 1.02 * low else 1)
         rungs = [Design(cycles, float(s / self.space.signal(cycles, 1.0)), self.fmax) for s in signals]
         if self.fitter.controls:
-            draws = [self.fitter.draws(rung, TRUTH, RUNG) for rung in rungs]
+            draws = [self.fitter.draws(rung, kind, RUNG[kind]) for rung in rungs]
         else:
-            draws = [self.fitter.realizations(rung, TRUTH, FIRST) for rung in rungs]
+            draws = [self.fitter.realizations(rung, kind, FIRST) for rung in rungs]
+        self._predictions = []
         for target in self.targets:
             found = [self._of(target, x) for x in draws]
             values = scaled(np.array([e.value for e in found]), target.measure.signed)
             self._predictions.append(Prediction(np.log(signals), np.nan_to_num(values)))
         self._fit()
 
-    def look(self, design: Design, realizations: int) -> None:
-        """Fit a design and update the model."""
+    def look(self, design: Design, realizations: int, draws: int = 0) -> None:
+        """Fit a design and update the model; with at least so many draws of the control, if there is one."""
         full = self.fitter.realizations(design, FULL, realizations)
         if self.control is None:
             self._choose_control(design, full)
         control = sample = None
         if self.control != FULL:
             control = self.fitter.realizations(design, str(self.control), realizations)
-            each = min(DRAWS_A_REALIZATION, max(1.0, 1 / max(self.share, 1e-9)))
-            sample = self.fitter.draws(design, str(self.control), int(each * realizations))
+            sample = self.fitter.draws(design, str(self.control), max(draws, self.draws(realizations)))
         found = tuple(self._of(target, full, control, sample) for target in self.targets)
         self.looks = [look for look in self.looks if look.design != design]
         self.looks.append(Look(design, realizations, 0 if sample is None else len(sample), found))
         self._fit()
 
+    def draws(self, realizations: int) -> int:
+        """Draws of the control beside so many realizations, at least."""
+        if self.control in (None, FULL):
+            return 0
+        return int(min(DRAWS_A_REALIZATION, max(1.0, 1 / max(self.share, 1e-9))) * realizations)
+
     def _of(
         self, target: Target, full: np.ndarray, control: np.ndarray | None = None, sample: np.ndarray | None = None
     ) -> Estimate:
         others = (None if x is None else target.of(x) for x in (control, sample))
-        return estimated(Draws(target.of(full), target.truth, *others), target.measure).times(self.factor(target))
+        found = estimated(Draws(target.of(full), target.truth, *others), target.measure)
+        if control is not None and self.control == TRUTH:
+            plain = estimated(Draws(target.of(full), target.truth), target.measure)
+            found = found.with_unseen(float(np.abs(plain.own).max()))
+        return found.times(self.factor(target))
 
     def _choose_control(self, design: Design, full: np.ndarray) -> None:
-        """The control that costs least for the target it suits least."""
-        simulation = self.fitter.simulation(design.cycles)
-        best, self.control = WORTH, FULL
+        """Whether a control is worth its cost for the target it suits least; a new prediction where it needs one.
+
+        Fits that start at the true values do not end in far minima. Where the complete fits often do, they predict
+        neither how large a measure is nor where it falls. Where these rarely do, the realizations of a first look may
+        hold none of them, and the difference would seem to be zero. So such fits are the control only where there is
+        no linearised start.
+        """
+        missed = {}
         for kind in self.fitter.controls:
             cheap = self.fitter.realizations(design, kind, len(full))
-            costs = self.fitter.cost(kind), self.fitter.cost(FULL) + simulation
-            apart = max(difference_of(Draws(t.of(full), t.truth, t.of(cheap)), t.measure) for t in self.targets)
-            if (relative := relative_cost(apart, *costs)) < best:
-                best, self.control, self.share = relative, kind, best_share(apart, *costs)
-        self.relative_cost = 1.0 if self.control == FULL else best
+            missed[kind] = max(difference_of(Draws(t.of(full), t.truth, t.of(cheap)), t.measure) for t in self.targets)
+        self.control = FULL
+        for kind in self.fitter.controls[-1:]:
+            costs = self.fitter.cost(kind), self.fitter.cost(FULL) + self.fitter.simulation(design.cycles)
+            relative = relative_cost(missed[kind], *costs)
+            if relative < WORTH:
+                self.control, self.relative_cost, self.share = kind, relative, best_share(missed[kind], *costs)
+        if missed and missed[TRUTH] > TRUSTED and (kind := min(missed, key=missed.__getitem__)) != TRUTH:
+            self.predict(kind)
 
     def _fit(self) -> None:
-        points = self.points([k.design.cycles for k in self.looks], [k.design.amplitude for k in self.looks])
-        cycles = [k.design.cycles for k in self.looks]
-        self._models = [
-            LocalModel(prediction, target.measure.signed, points, [k.found[i] for k in self.looks], cycles)
+        self._models = self._fitted(self.looks)
+
+    def _fitted(self, looks: Sequence[Look]) -> list[LocalModel]:
+        points = self.points([k.design.cycles for k in looks], [k.design.amplitude for k in looks])
+        cycles = [k.design.cycles for k in looks]
+        return [
+            LocalModel(prediction, target.measure.signed, points, [k.found[i] for k in looks], cycles)
             for i, (target, prediction) in enumerate(zip(self.targets, self._predictions, strict=True))
         ]
+
+    def expected(self, design: Design, realizations: int, draws: int) -> list[LocalModel]:
+        """Every target's model after one more look, with the errors that it is expected to have.
+
+        Only the errors of these models mean something. The look is given the relative error of the nearest one, and
+        errors that are correlated with it.
+        """
+        signal = self.space.signal(design.cycles, design.amplitude)
+        nearest = min(
+            self.looks,
+            key=lambda k: (
+                k.design.cycles != design.cycles,
+                abs(np.log(self.space.signal(k.design.cycles, k.design.amplitude) / signal)),
+            ),
+        )
+        alike = 1.0 if nearest.design == design else ALIKE
+        found = tuple(e.with_draws(realizations, draws, alike) for e in nearest.found)
+        others = [k for k in self.looks if k.design != design]
+        return self._fitted([*others, Look(design, realizations, draws, found)])
 
     def points(self, cycles: Sequence[float] | np.ndarray, amplitude: Sequence[float] | np.ndarray) -> np.ndarray:
         """Coordinates (n, 2) of designs for the model."""
         used = np.asarray(cycles, dtype=float) - self.space.discard
         return np.stack([np.log(np.asarray(amplitude, dtype=float)), np.log(used)], axis=1).reshape(-1, 2)
 
-    def bands(self, cycles: np.ndarray, amplitude: np.ndarray) -> list[Band]:
-        """What every target's model says at designs."""
+    def bands(
+        self, cycles: np.ndarray, amplitude: np.ndarray, expected: Sequence[LocalModel] | None = None
+    ) -> list[Band]:
+        """What every target's model says at designs; with the errors of the ``expected`` models where given."""
         points = self.points(cycles, amplitude)
-        return [model.at(points) for model in self._models]
+        bands = [model.at(points) for model in self._models]
+        if expected is None:
+            return bands
+        return [replace(b, error=model.at(points).error) for b, model in zip(bands, expected, strict=True)]
 
-    def excess(self, cycles: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    def excess(
+        self, cycles: np.ndarray, amplitude: np.ndarray, expected: Sequence[LocalModel] | None = None
+    ) -> np.ndarray:
         """Lower end, middle and upper end of the largest excess over all targets, (3, n)."""
-        bands = self.bands(cycles, amplitude)
+        bands = self.bands(cycles, amplitude, expected)
         return np.stack([np.max([getattr(b, side) for b in bands], axis=0) for side in ("low", "middle", "high")])
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether no allowed design reaches the targets even at the lower ends of their 95 % intervals."""
+        return not self.cheapest(0).reached
 
     def cheapest(self, side: int = 1) -> Candidate:
         """The cheapest design whose excess is at most 0, at the lower end (0), middle (1) or upper end (2) of its band.
@@ -184,7 +243,9 @@ class Arm:
         k = int((excess <= 0).argmax()) if (excess <= 0).any() else fine.size - 1
         return float(fine[k]), float(excess[k])
 
-    def crossing(self, axis: str, at: Candidate) -> tuple[float, float, float]:
+    def crossing(
+        self, axis: str, at: Candidate, expected: Sequence[LocalModel] | None = None
+    ) -> tuple[float, float, float]:
         """Lower end, best estimate and upper end of an axis where the target is met, with the others as ``at``.
 
         NaN where the target is met nowhere on the axis; the axis' end where it is met everywhere.
@@ -194,7 +255,7 @@ class Arm:
         cycles = values if axis == CYCLES else np.full(values.size, float(at.cycles))
         amplitude = values if axis == AMPLITUDE else np.full(values.size, at.amplitude)
         ends = []
-        for excess in self.excess(cycles, amplitude):
+        for excess in self.excess(cycles, amplitude, expected):
             fine = np.flatnonzero(excess <= 0)
             ends.append(float(values[fine[0]]) if fine.size else np.nan)
         return ends[0], ends[1], ends[2]

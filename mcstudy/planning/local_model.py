@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -58,7 +59,11 @@ class Prediction:
         if len(self.values) < 2:
             return np.full(np.shape(log_signal), self.values[0])
         inside = np.clip(log_signal, self.log_signal[0], self.log_signal[-1])
-        return np.asarray(PchipInterpolator(self.log_signal, self.values)(inside))
+        return np.asarray(self._curve(inside))
+
+    @cached_property
+    def _curve(self) -> PchipInterpolator:
+        return PchipInterpolator(self.log_signal, self.values)
 
 
 def scaled(value: np.ndarray, signed: bool) -> np.ndarray:

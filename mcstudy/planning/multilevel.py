@@ -86,9 +86,32 @@ class Estimate:
         """Monte Carlo standard error."""
         return float(np.sqrt(np.sum(self.own**2) + np.sum(self.sampled**2)))
 
+    def with_draws(self, realizations: int, others: int, alike: float = 1.0) -> Estimate:
+        """The same value with the contributions that other numbers of realizations and draws are expected to have.
+
+        ``alike``: correlation of the contributions of the same realizations and draws with those of this estimate.
+        """
+        own, sampled = _resized(self.own, realizations, alike), _resized(self.sampled, others, alike)
+        return Estimate(self.value, own, sampled)
+
+    def with_unseen(self, part: float) -> Estimate:
+        """The same with an error that counts one more realization, whose difference from its control is ``part``."""
+        return Estimate(self.value, np.append(self.own, part), self.sampled)
+
     def times(self, factor: float) -> Estimate:
         """The same in another unit."""
         return Estimate(self.value * factor, self.own * factor, self.sampled * factor)
+
+
+def _resized(parts: np.ndarray, n: int, alike: float) -> np.ndarray:
+    """Contributions of n draws, inversely proportional to n. The last number stands for all that is new in them."""
+    if not parts.size or not n:
+        return np.zeros(0)
+    shared = np.zeros(max(parts.size, n) + 1)
+    shared[: min(parts.size, n)] = alike * parts[:n]
+    every = np.sum(parts**2) * n / parts.size
+    shared[-1] = np.sqrt(max(every - np.sum(shared**2), 0.0))
+    return shared * parts.size / n
 
 
 def _bias(moments: np.ndarray, truth: float) -> np.ndarray:

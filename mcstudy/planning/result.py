@@ -72,7 +72,8 @@ class Reading:
 class Row:
     """The cheapest design with one Fmax, or the nearest to the targets; ends of its cost, NaN where out of reach.
 
-    ``control``: kind of the cheap fits. ``relative_cost``: expected cost of the estimates, relative to complete fits.
+    ``hopeless``: no design reaches them at 95 %. ``control``: kind of the cheap fits. ``relative_cost``: expected cost
+    of the estimates, relative to complete fits.
     """
 
     fmax: float
@@ -82,6 +83,7 @@ class Row:
     lowest_cost: float
     highest_cost: float
     reached: bool
+    hopeless: bool
     control: str
     relative_cost: float
 
@@ -112,6 +114,8 @@ class Solution(Summary):
         Every design that was fitted.
     decided
         Whether the answer is as precise as was asked; false where the budget was spent before.
+    flat
+        Whether the measure changes so little along the axis that it is known well, but not where it meets the target.
     arm
         The model of the measures at the Fmax of the answer.
     spent
@@ -129,6 +133,7 @@ class Solution(Summary):
     rows: tuple[Row, ...]
     looks: tuple[Look, ...]
     decided: bool
+    flat: bool
     arm: Arm | None
     spent: Spent
 
@@ -216,6 +221,7 @@ class Solution(Summary):
             },
             "reached": self.answer is not None,
             "decided": self.decided,
+            "flat": self.flat,
             "design": self.design,
             "cost": None if self.answer is None else self.answer.cost,
             "recording_s": self.nearest.cycles * self.space.period_s,

@@ -13,8 +13,9 @@ from mcstudy.planning.arm import FIRST, Arm, Candidate
 from mcstudy.planning.fits import Design, Fitter
 from mcstudy.planning.linear import linear_values
 from mcstudy.planning.local_model import QUANTILE
+from mcstudy.planning.next_look import width
 from mcstudy.planning.result import Answer, Crossing, Reading, Row, Solution
-from mcstudy.planning.search import Rules, next_design, search, width
+from mcstudy.planning.search import Rules, next_design, search
 from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS, Space, space_of
 from mcstudy.planning.targets import Target, parse_targets
 from mcstudy.study.checks import check_group
@@ -45,7 +46,8 @@ def solve_study(
     ----------
     targets: see `mcstudy.planning.targets`. over: axes, see `mcstudy.planning.space.space_of`.
     group: name of the group, needed if there are several. cost: formula; the recording time when None.
-    precision: half-width of the 95 % interval of the answer, relative, at which the search ends.
+    precision: half-width of the 95 % interval of the answer, relative, at which the search ends. Where the measure is
+    flat, the search ends when the measure is known to half of that (`mcstudy.planning.next_look.Width`).
     budget: fits at which it ends in any case. threads: that fit. say: called with a line for every step.
 
     Raises `InputError`, one line, for a target, axis or study that cannot be used.
@@ -69,11 +71,12 @@ def solve_study(
     rows: tuple[Row, ...] = ()
     readings: tuple[Reading, ...] = ()
     design = Design(space.cycles[0], space.amplitude[0], space.fmax[0])
-    decided = True
+    decided, flat = True, False
     if by_design:
         going = search(arms, rules, say)
         best, found = min(((arm, arm.cheapest()) for arm in going), key=_rank(space))
-        design, decided = _exactly(best, found), width(best, found) <= precision
+        design, known = _exactly(best, found), width(best, found)
+        decided, flat = known.relative <= precision, known.flat and known.axis > precision
         rows = tuple(_row(arm) for arm in arms if arm.looks)
         readings = _readings(best, design, fitter)
         if found.reached:
@@ -99,6 +102,7 @@ def solve_study(
         rows=rows,
         looks=tuple(look for arm in arms for look in arm.looks),
         decided=decided,
+        flat=flat,
         arm=next((arm for arm in arms if arm.fmax == design.fmax and arm.looks), None),
         spent=fitter.spent,
     )
@@ -194,6 +198,7 @@ def _row(arm: Arm) -> Row:
         low,
         high,
         found.reached,
+        arm.hopeless,
         str(arm.control),
         arm.relative_cost,
     )

@@ -6,7 +6,7 @@ import math
 
 from mcstudy.planning.fits import FULL, TRUTH
 from mcstudy.planning.result import Crossing, Reading, Solution
-from mcstudy.planning.space import REALIZATIONS
+from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS
 from mcstudy.text_tables import counted, fill, number, table
 
 CONTROL = {TRUTH: "one fit from the true values", FULL: "none"}
@@ -30,8 +30,9 @@ def statement(found: Solution) -> str:
     where = f"{counted(d.cycles, 'cycle')} at {d.amplitude:g} {unit}, Fmax {d.fmax:g} Hz"
     if found.answer is None:
         worst = max(found.readings, key=lambda r: abs(r.value) / r.target.limit)
-        surely = "is not reached by any allowed design" if _surely(worst) else "is probably not reached"
+        surely = "is not reached by any allowed design" if _surely(found, worst) else "is probably not reached"
         words = f"{targets} {surely}: the nearest is {where}, with {_measure(worst)}."
+        words += _binds(found)
         if math.isfinite(worst.bound):
             words += (
                 f" Without bounds on the parameters no unbiased estimator has less than {_value(worst, worst.bound)} "
@@ -45,14 +46,42 @@ def statement(found: Solution) -> str:
     words += "."
     for crossing in found.answer.crossings:
         words += f" {_crossing(crossing)}"
+    if found.flat:
+        words += f" {_flat(found)}"
     if not found.decided:
         words += " The budget of fits was spent before the answer was as precise as asked."
     return words
 
 
-def _surely(r: Reading) -> bool:
-    nearest = min(abs(r.low), abs(r.high)) if r.low * r.high > 0 else 0.0
-    return nearest > r.target.limit
+def _binds(found: Solution) -> str:
+    """Which end of a range keeps the targets out of reach; empty where the measure is lowest inside."""
+    space, d = found.space, found.nearest
+    if space.realizations is not None and found.realizations > space.realizations[1]:
+        most = space.realizations[1]
+        return f" What binds is the largest number of realizations, {most}: {found.realizations} are needed."
+    ends = []
+    if CYCLES in space.over and d.cycles == space.cycles[1]:
+        ends.append(f"number of cycles, {d.cycles}")
+    if AMPLITUDE in space.over and d.amplitude >= 0.995 * space.amplitude[1]:
+        ends.append(f"amplitude, {d.amplitude:g} {_unit(found)}")
+    return f" What binds is the largest {' and '.join(ends)}." if ends else ""
+
+
+def _flat(found: Solution) -> str:
+    """Why the interval is wide."""
+    worst = max(found.readings, key=lambda r: abs(r.value) / r.target.limit)
+    axis = next(c.axis for c in found.answer.crossings) if found.answer else ""
+    known = 50 * (worst.high - worst.low) / abs(worst.value)
+    return (
+        f"{worst.target.name} depends little on the {axis} there: it is known to ±{known:.1f} % of its value, "
+        f"which leaves that interval."
+    )
+
+
+def _surely(found: Solution, worst: Reading) -> bool:
+    """Whether no allowed design is within reach at 95 %."""
+    nearest = min(abs(worst.low), abs(worst.high)) if worst.low * worst.high > 0 else 0.0
+    return nearest > worst.target.limit and all(r.hopeless for r in found.rows)
 
 
 def _crossing(c: Crossing) -> str:

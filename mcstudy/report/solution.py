@@ -9,8 +9,8 @@ import numpy as np
 from mcstudy.planning.arm import Arm
 from mcstudy.planning.fits import Design
 from mcstudy.planning.local_model import QUANTILE
+from mcstudy.planning.next_look import leading
 from mcstudy.planning.result import Solution
-from mcstudy.planning.search import leading
 from mcstudy.planning.space import CYCLES
 from mcstudy.report.svg_document import svg_document
 

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 
+from mcstudy.scheduler.beside import beside
 from mcstudy.scheduler.display import Display
 from mcstudy.scheduler.progress import duration
 
@@ -36,10 +37,10 @@ def activity(what: str) -> Iterator[None]:
     if sys.stderr is None or not sys.stderr.isatty():
         yield
         return
-    ended, display = threading.Event(), Display(sys.stderr)
+    display = Display(sys.stderr)
     _now.append(what)
 
-    def show() -> None:
+    def show(ended: threading.Event) -> None:
         begun = time.monotonic()
         pause = SILENT_S
         while not ended.wait(pause):
@@ -47,11 +48,8 @@ def activity(what: str) -> Iterator[None]:
             pause = EVERY_S
         display.clear()
 
-    thread = threading.Thread(target=show, name="mcstudy-activity", daemon=True)
-    thread.start()
     try:
-        yield
+        with beside(show, "mcstudy-activity"):
+            yield
     finally:
-        ended.set()
-        thread.join()
         _now.pop()

@@ -13,6 +13,7 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,6 +28,7 @@ from mcstudy.files.plain_errors import validated
 from mcstudy.files.sections import Section
 from mcstudy.files.toml_files import parse_toml, read_text
 from mcstudy.files.unfinished import scratch_folder
+from mcstudy.scheduler.beside import beside
 
 EXTRA = "pip install 'mcstudy[slurm]'"
 
@@ -102,7 +104,8 @@ def slurm_client(options: SlurmOptions) -> Iterator[Client]:
         _cluster(options, private) as cluster,
     ):
         _accepted(cluster.job_script())
-        with Client(cluster, set_as_default=False) as client, _replacing(cluster, options.jobs):
+        replaced = partial(_replaced, cluster, options.jobs)
+        with Client(cluster, set_as_default=False) as client, beside(replaced, "slurm jobs"):
             yield client
 
 
@@ -196,22 +199,10 @@ def _accepted(script: str) -> None:
         raise InputError(f"--slurm: expected jobs that sbatch accepts ({said})")
 
 
-@contextlib.contextmanager
-def _replacing(cluster: Any, jobs: int) -> Iterator[None]:
+def _replaced(cluster: Any, jobs: int, over: threading.Event) -> None:
     """Submit the jobs, and submit those again that have ended, until the end."""
-    over = threading.Event()
-
-    def keep() -> None:
-        while True:
-            with contextlib.suppress(Exception):  # the cluster is closing, or sbatch does not answer: next time
-                cluster.scale(jobs=jobs)
-            if over.wait(REPLACE_S):
-                return
-
-    thread = threading.Thread(target=keep, name="slurm jobs", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
+    while True:
+        with contextlib.suppress(Exception):  # the cluster is closing, or sbatch does not answer: next time
+            cluster.scale(jobs=jobs)
+        if over.wait(REPLACE_S):
+            return

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
+from mcstudy.effect_library import library
 from mcstudy.group_comparison.changes import NOTHING
 from mcstudy.group_comparison.compare import compare_groups
 from mcstudy.group_comparison.detection import detect, name
@@ -40,12 +41,19 @@ CHANGES: dict[str, dict[str, float]] = {
 
 
 def people(
-    n: int, seed: int, change: Mapping[str, float] | None = None, *, noise: float = 0.3, again: int = 0
+    n: int,
+    seed: int,
+    change: Mapping[str, float] | None = None,
+    *,
+    noise: float = 0.3,
+    again: int = 0,
+    effect: tuple[str, float] | None = None,
 ) -> xr.Dataset:
     """One condition of ``n`` people.
 
     ``change``: factors of parameters, the same for everybody. ``noise``: SD of the responses at 0.5 Hz; it falls with
-    frequency. ``again``: number of the recording; another one of the same ``seed`` has other noise.
+    frequency. ``again``: number of the recording; another one of the same ``seed`` has other noise. ``effect``: of the
+    library, with the value of its parameter.
     """
     model = two_segment(stimulus="surface_tilt")
     sheet = TableSheet(file="", gain="*", phase="*", period_s=20.0, points=POINTS, prts_state_s=0.25)
@@ -53,6 +61,9 @@ def people(
     theta = model.truth * np.exp(0.05 * np.random.default_rng([seed, 0]).normal(size=(n, len(model.truth))))
     for parameter, factor in (change or {}).items():
         theta[:, model.names.index(parameter)] *= factor
+    if effect:
+        model = library.apply(model, effect[0])
+        theta = np.column_stack([theta, np.full(n, effect[1])])
     rng = np.random.default_rng([seed, 1, again])
     lines = in_space(frf(model, theta, f_line))
     size = noise * (0.5 / np.maximum(f_line, 0.2))[None, :, None] / np.sqrt(2)

@@ -5,18 +5,21 @@
 Recordings are drawn in the frequency domain (`mcstudy.identification.coverage`). Whether an interval contains the true
 value is decided by a fit with the quantity at that value (`mcstudy.identification.at_truth`). ``--ends`` does what
 ``mcstudy fit`` does, the search for all minima and both ends of every interval, at ten times the cost, and counts how
-often the two answers differ. ``--open`` shows what the bounds of the fit do. ``--time-domain`` also simulates and
+often the two answers differ. ``--open`` shows what the bounds of the fit do. ``--with EFFECT=SIZE`` gives the bodies an
+effect, which the fits estimate as ``mcstudy fit --with`` does. ``--time-domain`` also simulates and
 measures the recordings sample by sample.
 
 Every block of realizations is a file in the output folder, so the same command resumes. At the end ``coverage.nc``
 (``coverage_ends.nc``, ``coverage_open.nc``) holds everything by label, and a table is printed: percentage of intervals
 that contain the truth, and for all quantities the same with the threshold of a known noise ("uncorrected").
+``--csv FILE`` writes what ``mcstudy fit`` tells of coverage (`mcstudy.identification.simulated_coverage`).
 The standard error of 95 % among n intervals is sqrt(0.95 x 0.05 / n).
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import os
 import time
 import tomllib
@@ -31,6 +34,7 @@ import numpy as np
 import xarray as xr
 from scipy.stats import chi2
 
+from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError
 from mcstudy.files.durable import replacing
 from mcstudy.fitting.compilers import cores
@@ -46,6 +50,7 @@ from mcstudy.identification.coverage import (
     truths,
 )
 from mcstudy.identification.quantities import quantities
+from mcstudy.identification.simulated_coverage import Covered
 from mcstudy.stance.body import two_segment
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
@@ -76,9 +81,16 @@ Job = tuple[int, int, int, int]
 """Number of the body, cycles, first realization, and the one after the last."""
 
 
-def block(job: Job, fmax: list[float], folder: Path, kind: str, time_domain: bool = False) -> float:
+def block(
+    job: Job,
+    fmax: list[float],
+    folder: Path,
+    kind: str,
+    time_domain: bool = False,
+    effects: dict[str, float] | None = None,
+) -> float:
     """Fit one block of a `KINDS` and write it; returns the CPU seconds it took."""
-    path = place(folder, job, kind)
+    path = place(folder, job, kind, effects)
     if path.exists():
         return 0.0
     began = time.process_time()
@@ -90,29 +102,32 @@ def block(job: Job, fmax: list[float], folder: Path, kind: str, time_domain: boo
             found |= {f"{highest:g} {name}": values for name, values in one.items()}
     if not time_domain:
         bounds = opened() if kind == "open" else None
-        answers = judgements(truth, cycles, fmax, first, last, bounds)
+        answers = judgements(truth, cycles, fmax, first, last, bounds, effects)
         found |= {f"{highest:g} judged": x for highest, x in answers.items()}
     with replacing(path) as file:
         np.savez(file, **found)
     return time.process_time() - began
 
 
-def place(folder: Path, job: Job, kind: str) -> Path:
+def place(folder: Path, job: Job, kind: str, effects: dict[str, float] | None = None) -> Path:
     """The file of a block."""
     truth, cycles, first, last = job
-    return folder / f"{kind}_truth{truth}_cycles{cycles}_{first}_{last}.npz"
+    added = "".join(f"_{name}_{size:g}" for name, size in (effects or {}).items())
+    return folder / f"{kind}{added}_truth{truth}_cycles{cycles}_{first}_{last}.npz"
 
 
-def collect(settings: dict[str, Any], folder: Path, jobs: list[Job], kind: str) -> xr.Dataset:
+def collect(
+    settings: dict[str, Any], folder: Path, jobs: list[Job], kind: str, effects: dict[str, float] | None = None
+) -> xr.Dataset:
     """Everything in the blocks, by (truth, cycles, fmax, realization, quantity), with the true values."""
-    names = [q.name for q in quantities(two_segment())]
+    names = [q.name for q in quantities(apply(two_segment(), *(effects or {})))]
     axes = [settings[a] for a in ("truths", "cycles", "fmax")]
     shape = *map(len, axes), settings["realizations"]
     kept = {"intervals": COLUMNS, "about": ABOUT, "judged": JUDGED}
     found: dict[str, np.ndarray] = {}
     for job in jobs:
         truth, cycles, first, last = job
-        with np.load(place(folder, job, kind)) as stored:
+        with np.load(place(folder, job, kind, effects)) as stored:
             for (f, highest), (part, columns) in product(enumerate(axes[2]), kept.items()):
                 if (values := stored.get(f"{highest:g} {part}")) is None:
                     continue
@@ -124,7 +139,7 @@ def collect(settings: dict[str, Any], folder: Path, jobs: list[Job], kind: str) 
                     whole[at] = values[..., i]
     dims = ("truth", "cycles", "fmax", "realization", "quantity")
     data: dict[str, Any] = {name: (dims[: values.ndim], values) for name, values in found.items()}
-    data["true_value"] = (("truth", "quantity"), np.array([truths(t, names) for t in axes[0]]))
+    data["true_value"] = (("truth", "quantity"), np.array([truths(t, names, effects) for t in axes[0]]))
     coords = {"truth": axes[0], "cycles": axes[1], "fmax": axes[2], "quantity": names}
     return xr.Dataset(data, coords, attrs={"level": LEVEL})
 
@@ -166,6 +181,24 @@ def table(data: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
+def _effect(text: str) -> dict[str, float]:
+    name, _, size = text.partition("=")
+    return {name: float(size)}
+
+
+def write_csv(data: xr.Dataset, path: Path) -> None:
+    """Percent of intervals that contain the truth by condition and quantity: all bodies, and the extreme ones."""
+    by_body = 100 * data.contained.mean("realization")
+    cells = by_body.mean("truth"), by_body.min("truth"), by_body.max("truth")
+    n = data.sizes["realization"] * data.sizes["truth"]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["cycles", "fmax", "realizations", "quantity", *Covered._fields])
+        for c, f, q in product(data.cycles.values, data.fmax.values, data.quantity.values):
+            percent = [f"{float(x.sel(cycles=c, fmax=f, quantity=q)):.2f}" for x in cells]
+            rows.writerow([c, f"{f:g}", n, q, *percent])
+
+
 def main() -> None:
     """Fit what is missing, collect, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -174,7 +207,11 @@ def main() -> None:
     parser.add_argument("--realizations", type=int, help="fewer (or more) than the file says")
     parser.add_argument("--ends", action="store_true", help="search the ends of every interval, as mcstudy fit does")
     parser.add_argument("--open", action="store_true", help="with bounds so wide that a fit rarely ends on one")
+    parser.add_argument(
+        "--with", dest="effect", type=_effect, metavar="EFFECT=SIZE", help="bodies with an effect, which is fitted too"
+    )
     parser.add_argument("--time-domain", action="store_true", help="with --ends: simulate sample by sample")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="also write the coverage of each quantity as a table")
     parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one per core)")
     args = parser.parse_args()
     try:
@@ -187,17 +224,25 @@ def main() -> None:
         parser.error("--time-domain: expected --ends as well")
     if args.ends and args.open:
         parser.error("--open: expected no --ends")
+    if args.effect and args.ends:
+        parser.error("--with: expected no --ends")
+    if args.csv and (args.ends or args.open or args.effect):
+        parser.error("--csv: expected none of --ends, --open and --with")
     kind = "ends" if args.ends else "open" if args.open else "judged"
     n, size = settings["realizations"], settings["block"]
     bodies = list(product(settings["truths"], settings["cycles"]))
     jobs = [(truth, cycles, k, min(k + size, n)) for k in range(0, n, size) for truth, cycles in bodies]
     args.output.mkdir(parents=True, exist_ok=True)
-    run = partial(block, fmax=settings["fmax"], folder=args.output, kind=kind, time_domain=args.time_domain)
+    run = partial(
+        block, fmax=settings["fmax"], folder=args.output, kind=kind, time_domain=args.time_domain, effects=args.effect
+    )
     os.environ |= dict.fromkeys(ONE_THREAD, "1")  # read by the new processes
     with ProcessPoolExecutor(args.workers, get_context("spawn")) as pool:
         seconds = sum(pool.map(run, jobs))
-    data = collect(settings, args.output, jobs, kind)
-    data.to_netcdf(args.output / f"{KINDS[kind]}.nc")
+    data = collect(settings, args.output, jobs, kind, args.effect)
+    data.to_netcdf(args.output / f"{KINDS[kind]}{'_with' if args.effect else ''}.nc")
+    if args.csv:
+        write_csv(data, args.csv)
     print(table(data))
     if seconds:
         print(f"CPU time: {seconds:.0f} s, {1000 * seconds / data.estimate[..., 0].size:.1f} ms per recording")

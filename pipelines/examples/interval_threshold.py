@@ -26,9 +26,9 @@ import numpy as np
 from mcstudy.fitting.arguments import Restraint
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.identification.at_truth import STIFF, judged, starts
+from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import Draws
 from mcstudy.identification.coverage import FEW, LEVEL, LOW_HZ, MANY, Condition, Source, body
-from mcstudy.identification.fit import bounded
 from mcstudy.identification.minimum import ITERATIONS, TOLERANCE, without_prior
 from mcstudy.identification.quantities import Quantity, quantities
 from mcstudy.stance.body import two_segment

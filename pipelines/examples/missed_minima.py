@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.identification.bounds import bounded
 from mcstudy.identification.coverage import Condition, Source
-from mcstudy.identification.fit import bounded
 from mcstudy.identification.minimum import APART, search, without_prior
 from mcstudy.stance.body import two_segment
 from mcstudy.streams import stream

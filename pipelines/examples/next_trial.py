@@ -2,39 +2,68 @@
 
     python pipelines/examples/next_trial.py pipelines/examples/next_trial.toml -o results/next_trial
 
-Every case is a body with one effect of the library, of a size with delta = 6 in a first recording of ankle torque, or
-with none. The recordings come from the time-domain simulator; the diagnosis knows nothing of the case. After the first
-recording another one of equal duration follows: the same again, one drawn from all others that `mcstudy gap next`
-considers, or the one it ranks first; and the same again for three times as long. All are diagnosed together with the
-first. Printed for each: probability of the true cause, logarithmic loss, number of causes in the 95 % set, how often it
-holds the truth, and false alarms among sound bodies, with 95 % intervals. Effects with exactly the same responses under
-every stimulus (`EXACT`) count as one. ``cases.jsonl`` keeps every case; a stopped command resumes.
+Every case is a body with one effect of the library, of a size with delta = 6 in a first recording of ankle torque, with
+none, or with a cause outside the library. The recordings come from the time-domain simulator; the diagnosis knows
+nothing of the case. After the first recording another one of equal duration follows, and both are diagnosed together:
+what `mcstudy gap next` ranks first, and in turn the same again, the same again for three times as long, or one drawn
+from all other single kinds that it considers. Printed for each: probability of the true cause, logarithmic loss, number
+of causes in the 95 % set, how often it holds the truth, and false alarms among sound bodies, with 95 % intervals.
+
+Effects with exactly the same responses under every stimulus (`EXACT`) count as one. Bodies whose start rings for longer
+than a cycle are left out: where a stimulus evokes much more sway than noise does, the rest of the start would look like
+a cause. Mislabelling does not compete. ``cases.jsonl`` keeps every case; a stopped command resumes.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import time
 import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import betaincinv
 
+from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY, OutOfLibraryEffect, simulate_out_of_library
 from mcstudy.effect_library.library import LIBRARY
-from mcstudy.errors import FallsError, RecordingError
+from mcstudy.effect_library.simulate import Protocol, body_with_effects
+from mcstudy.errors import FallsError, InputError, RecordingError
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
-from mcstudy.gap.diagnose import diagnose_fast
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.checked_lines import checked_lines, given_model
+from mcstudy.gap.diagnosis import LEVEL
 from mcstudy.gap.fits.priors import opened
-from mcstudy.gap.planned.choice import Situation, possible_trials, ranked
+from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
+from mcstudy.gap.planned.next_trial import described
 from mcstudy.gap.planned.record import simulated
-from mcstudy.gap.planned.trials import PlannedTrial
+from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
+from mcstudy.gap.questions.any_gap import GapTest, gap_test
+from mcstudy.gap.questions.posterior import Explanation, explain
+from mcstudy.gap.settling import OVER
+from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.joint import JointRecording
+from mcstudy.recordings.recording import Recording
+from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.information import expected_line_covariance
 from mcstudy.stance.noise import SensorNoise
+from mcstudy.stance.stability import rightmost_root
 from mcstudy.streams import stream
+
+Cause = Signature | OutOfLibraryEffect | None
+"""An effect of the library at one size, a cause outside it, or nothing."""
+
+KINDS = ("effect", "sound", "outsider")
+
+OUTSIDERS = ("split_delay", "washout", "leg_wobble", "lumbar_relaxation", "sensor_crosstalk", "wandering_clock")
+"""Causes outside the library that do not need an iteration of the simulator, at their largest size."""
+
+DRAWS = 200
+"""Null samples of a test. The test rejects from p = 0.036 on, which 200 samples give to 0.013."""
 
 EXACT = ({"stimulus_lag", "sensor_lag_both"},)
 """A filter of the stimulus is the same filter of both angles, whatever the stimulus is."""
@@ -45,7 +74,7 @@ LEAST = 1e-4
 """Probability below which the logarithmic loss does not grow."""
 
 
-CONDITIONS = ("first", "same", "other", "chosen", "longer")
+CONDITIONS = ("first", "same", "longer", "other", "chosen")
 
 
 def same_cause(effect: str) -> set[str]:
@@ -54,16 +83,16 @@ def same_cause(effect: str) -> set[str]:
     return {e.name for e in LIBRARY.values() if any(e.cause == LIBRARY[n].cause for n in exact)}
 
 
-def drawn(given: dict[str, Any], k: int) -> tuple[np.ndarray, Signature | None, PlannedTrial]:
-    """Parameters, effect (None for a sound body) and first trial of case ``k``."""
+def drawn(given: dict[str, Any], k: int) -> tuple[np.ndarray, Cause, PlannedTrial]:
+    """Parameters, cause and first trial of case ``k``."""
     rng = stream(given["seed"] + k, "next trial case")
     model, first = (
         two_segment(),
         PlannedTrial("ankle_torque", given["amplitude"], "prts", given["trials"], given["cycles"], 1, given["fmax"]),
     )
     theta = model.truth * rng.uniform(1 - given["spread"], 1 + given["spread"], model.truth.size)
-    if k >= given["cases"]:
-        return theta, None, first
+    if (kind := kind_of(given, k)) != "effect":
+        return theta, None if kind == "sound" else outsider(k), first
     seconds = first.duration_s * (first.cycles - 1) / first.cycles
     C = expected_line_covariance(model, theta, SensorNoise(), first.f, first.drive, seconds)
     e = applicable(opened(model))[int(rng.integers(len(applicable(opened(model)))))]
@@ -71,91 +100,166 @@ def drawn(given: dict[str, Any], k: int) -> tuple[np.ndarray, Signature | None, 
     own = [s for s in found if abs(s.delta / given["delta"] - 1) < 0.25]
     if not own:
         raise FallsError(f"case {k}: {e.name} cannot be so visible")
-    return theta, own[int(rng.integers(len(own)))], first
+    cause = own[int(rng.integers(len(own)))]
+    root = rightmost_root(*body_with_effects(model, theta, (cause.effect,), cause.sizes)).root
+    if root.imag and np.exp(root.real * PERIOD_S) > OVER:
+        raise FallsError(f"case {k}: with {e.name} the start of a recording rings for longer than a cycle")
+    return theta, cause, first
 
 
-def outcome(d: Diagnosis, effect: str | None) -> dict[str, Any]:
-    """What is scored of one diagnosis."""
-    true = set() if effect is None else same_cause(effect)
-    named = sum(q for h, q in d.hypotheses if h.effects and set(h.effects) <= true)
-    p = d.none_probability if effect is None else named
-    causes = {"unknown": d.unknown_probability}
-    for h, q in d.hypotheses:
-        mine = bool(h.effects) and set(h.effects) <= true
-        key = "true" if mine else " and ".join(sorted(LIBRARY[n].cause if n in LIBRARY else n for n in h.effects))
-        causes[key] = causes.get(key, 0.0) + q
-    ordered = sorted(causes, key=lambda c: -causes[c])
-    size = 1 + int((np.cumsum([causes[c] for c in ordered]) < CREDIBLE).sum())
-    return {
-        "detected": d.detected,
-        "p": float(p),
-        "set": size,
-        "held": ("true" if true else "") in ordered[:size],
-    }
+def outsider(k: int) -> OutOfLibraryEffect:
+    """The cause outside the library of the ``k``-th case of that kind."""
+    return OUT_OF_LIBRARY[OUTSIDERS[k % len(OUTSIDERS)]]
 
 
-def case(given: dict[str, Any], k: int) -> dict[str, Any] | None:
-    """All diagnoses of one case; None for one without a stable body."""
-    try:
-        theta, s, first = drawn(given, k)
-        effects, sizes = ((), {}) if s is None else ((s.effect,), s.sizes)
-        rng = stream(given["seed"] + k, "next trial noise")
-        recorded = simulated(first, theta, rng, effects, sizes)
-        d = diagnose_fast(recorded, fmax=given["fmax"])
-        options = possible_trials(Situation.of(d), trials=(given["trials"],), cycles=given["cycles"])
-        chosen = ranked(Situation.of(d), options)[0].trial
-        others = [t for t in options if t != first]
-        longer = PlannedTrial(
-            first.kind, first.amplitude, first.spectrum, given["longer"] * first.trials, first.cycles, 1, first.fmax
-        )
-        after = {"same": first, "other": others[int(rng.integers(len(others)))], "chosen": chosen, "longer": longer}
-        effect = None if s is None else s.effect
-        out = {
-            "case": k,
-            "effect": effect,
-            "trials": {n: f"{t.kind} {t.amplitude:g} {t.spectrum}" for n, t in after.items()},
+def recorded(plan: Plan, theta: np.ndarray, rng: np.random.Generator, cause: Cause) -> list[Recording]:
+    """The recordings of planned trials of a body with this cause."""
+    return [_recorded(trial, theta, rng, cause) for trial in plan]
+
+
+def _recorded(trial: PlannedTrial, theta: np.ndarray, rng: np.random.Generator, cause: Cause) -> Recording:
+    """The recording of a trial of a body with this cause, from the time-domain simulator."""
+    if isinstance(cause, OutOfLibraryEffect):
+        protocol = Protocol(trial.kind, trial.waveform, (trial.amplitude,) * trial.trials, trial.cycles)
+        return simulate_out_of_library(cause.name, cause.size[1], protocol, theta, rng)
+    effects, sizes = ((), {}) if cause is None else ((cause.effect,), cause.sizes)
+    return simulated(trial, theta, rng, effects, sizes)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a diagnosis says of the cause, without its other questions, which take a third of its time."""
+
+    recording: Recording | JointRecording
+    test: GapTest
+    explanation: Explanation
+    lines: Lines
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], fmax: float) -> Answer:
+        """The answer to recordings of one person."""
+        one, lines = checked_lines(recordings, fmax)
+        assert not isinstance(one, FrfRecording)
+        t = gap_test(lines, given_model(None, one, lines), DRAWS, False, 0)
+        parts = t.base, t.minima, t.data, t.effects, t.signatures, t.groups, t.scores, t.detection.unstructured
+        return cls(one, t, explain(*parts, t.contrasts), lines)
+
+    def situation(self, fmax: float) -> Situation:
+        """What is known before the next trial."""
+        e = self.explanation
+        return Situation.after(self.recording, self.lines, self.test.base, e.hypotheses, e.unknown, fmax)
+
+    def outcome(self, cause: Cause) -> dict[str, Any]:
+        """What is scored."""
+        true = same_cause(cause.effect) if isinstance(cause, Signature) else set()
+        causes = {"unknown": self.explanation.unknown}
+        for h, q in self.explanation.hypotheses:
+            mine = bool(h.effects) and set(h.effects) <= true
+            key = "true" if mine else " and ".join(sorted(LIBRARY[n].cause for n in h.effects)) or "nothing"
+            causes[key] = causes.get(key, 0.0) + float(q)
+        right = "true" if true else "nothing" if cause is None else "unknown"
+        ordered = sorted(causes, key=lambda c: -causes[c])
+        size = 1 + int((np.cumsum([causes[c] for c in ordered]) < CREDIBLE).sum())
+        return {
+            "detected": self.test.p_value < LEVEL,
+            "p": causes.get(right, 0.0),
+            "pairs": sum(q for h, q in self.explanation.hypotheses if len(h.effects) == 2 and set(h.effects) & true),
+            "unknown": causes["unknown"],
+            "set": size,
+            "held": right in ordered[:size],
         }
-        out["first"] = outcome(d, effect)
-        for name, t in after.items():
-            further = simulated(t, theta, rng, effects, sizes)
-            out[name] = outcome(diagnose_fast([recorded, further], fmax=given["fmax"]), effect)
-    except (FallsError, RecordingError) as error:
-        return {"case": k, "left_out": str(error)}
+
+
+def case(given: dict[str, Any], k: int) -> dict[str, Any]:
+    """The answers after the first recording, after the chosen trial, and after one of the others in turn."""
+    fmax = given["fmax"]
+    try:
+        theta, cause, first = drawn(given, k)
+        rng = stream(given["seed"] + k, "next trial noise")
+        before = recorded((first,), theta, rng, cause)
+        now = Answer.of(before, fmax)
+        options = possible_trials(now.situation(fmax), trials=(given["trials"],), cycles=given["cycles"])
+        order = ranked(now.situation(fmax), options)
+        others = [p for p in options if len(p) == 1 and p != (first,)]
+        more = (replace(first, trials=given["longer"] * first.trials),)
+        random = others[int(rng.integers(len(others)))]
+        against = {"same": (first,), "longer": more, "other": random} if cause is not None else {"same": (first,)}
+        name = tuple(against)[k % len(against)]
+        after = {"chosen": order[0].plan, name: against[name]}
+        known = getattr(cause, "effect", getattr(cause, "name", None))
+        out: dict[str, Any] = {"case": k, "kind": kind_of(given, k), "cause": known, "first": now.outcome(cause)}
+        out["trials"] = {n: described(plan) for n, plan in after.items()}
+        out["expected"] = {described(o.plan): round(o.told.bits, 3) for o in order}
+        for n, plan in after.items():
+            out[n] = Answer.of([*before, *recorded(plan, theta, rng, cause)], fmax).outcome(cause)
+    except (FallsError, InputError, RecordingError) as error:
+        return {"case": k, "kind": kind_of(given, k), "left_out": str(error)}
     return out
 
 
-def in_turn(cases: int, sound: int) -> list[int]:
-    """Numbers of all cases, the sound ones among the others, so that a stopped run has its share of both."""
-    place = {k: k / cases for k in range(cases)} | {cases + k: (k + 0.5) / sound for k in range(sound)}
-    return sorted(place, key=lambda k: place[k])
+def kind_of(given: dict[str, Any], k: int) -> str:
+    """Whether case ``k`` has an effect of the library, nothing, or a cause outside the library."""
+    ends = np.cumsum([given["cases"], given["sound"], given["outsiders"]])
+    return KINDS[int(np.searchsorted(ends, k, side="right"))]
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """The table of all cases."""
-    rng = np.random.default_rng(0)
+def in_turn(given: dict[str, Any]) -> list[int]:
+    """Numbers of all cases, the kinds mixed, so that a stopped run has its share of each."""
+    number = [given["cases"], given["sound"], given["outsiders"]]
+    place = [(k + 0.5) / n for n in number for k in range(n)]
+    return sorted(range(len(place)), key=lambda k: (place[k], k))
 
-    def mean(x: list[float]) -> str:
-        a = np.array(x, dtype=float)
-        low, high = np.quantile(a[rng.integers(a.size, size=(2000, a.size))].mean(axis=1), (0.025, 0.975))
-        return f"{a.mean():.2f} [{low:.2f}, {high:.2f}]"
 
-    ill = [r for r in rows if "first" in r and r["effect"]]
-    sound = [r for r in rows if "first" in r and not r["effect"]]
-    lines = [f"{len(ill)} cases with an effect, {len(sound)} without; means with 95 % bootstrap intervals"]
-    header = ("after", "P(true)", "log loss (nat)", "causes in 95 % set", "set holds truth", "detected")
+def mean(x: Sequence[float]) -> str:
+    """Mean with a 95 % bootstrap interval."""
+    a, rng = np.array(x, dtype=float), np.random.default_rng(0)
+    low, high = np.quantile(a[rng.integers(a.size, size=(4000, a.size))].mean(axis=1), (0.025, 0.975))
+    return f"{a.mean():.2f} [{low:.2f}, {high:.2f}]"
+
+
+def share(hits: int, n: int) -> str:
+    """Percentage with an exact 95 % interval (Clopper & Pearson)."""
+    low, high = (betaincinv(hits + a, n - hits + 1 - a, q) for a, q in ((0, 0.025), (1, 0.975)))
+    return f"{hits} of {n} [{100 * low if hits else 0:.0f}, {100 * high if hits < n else 100:.0f} %]"
+
+
+def loss(outcome: dict[str, Any]) -> float:
+    """Logarithmic loss, nat."""
+    return -float(np.log(max(outcome["p"], LEAST)))
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """The tables of all cases."""
+    made = [r for r in rows if "first" in r]
+    effect, sound, outside = ([r for r in made if r["kind"] == kind] for kind in KINDS)
+    lines = [
+        f"{len(effect)} cases with an effect, {len(sound)} without, {len(outside)} with a cause outside the library, "
+        f"{len(rows) - len(made)} left out; means with 95 % bootstrap intervals"
+    ]
+    header = ("after", "cases", "P(true)", "log loss (nat)", "causes in 95 % set", "set holds truth", "P > 0.95")
     lines.append(" ".join(f"{h:19}" for h in header))
     for name in CONDITIONS:
-        of = [r[name] for r in ill]
-        loss = [-np.log(max(o["p"], LEAST)) for o in of]
-        cells = [
-            mean([o["p"] for o in of]),
-            mean(loss),
-            *(mean([o[k] for o in of]) for k in ("set", "held", "detected")),
-        ]
-        lines.append(" ".join(f"{c:19}" for c in (name, *cells)))
-    if sound:
-        alarms = {n: sum(r[n]["detected"] for r in sound) for n in CONDITIONS}
-        lines.append(f"false alarms of {len(sound)}: " + ", ".join(f"{n} {a}" for n, a in alarms.items()))
+        of = [r[name] for r in effect if name in r]
+        if of:
+            cells = [name, str(len(of)), mean([o["p"] for o in of]), mean([loss(o) for o in of])]
+            cells += [mean([o[k] for o in of]) for k in ("set", "held")] + [mean([o["p"] > CREDIBLE for o in of])]
+            lines.append(" ".join(f"{c:19}" for c in cells))
+    for name in CONDITIONS:
+        pairs = [loss(r[name]) - loss(r["chosen"]) for r in effect if name in r and name not in ("first", "chosen")]
+        if pairs:
+            lines.append(f"log loss of {name} minus that of chosen, {len(pairs)} cases with both: {mean(pairs)}")
+    if effect:
+        rest = [mean([r["chosen"][k] for r in effect]) for k in ("pairs", "unknown")]
+        lines.append(f"after chosen: P(true and another effect) {rest[0]}, P(outside the library) {rest[1]}")
+    for name in ("first", "same", "chosen"):
+        if sound:
+            of = [r[name]["detected"] for r in sound if name in r]
+            lines.append(f"false alarms after {name}: {share(sum(of), len(of))}")
+        if of := [r[name]["p"] for r in outside if name in r]:
+            lines.append(
+                f"outside the library after {name}: P(unknown) {mean(of)}, "
+                f"above one half in {share(sum(p > 0.5 for p in of), len(of))}"
+            )
     return "\n".join(lines)
 
 
@@ -164,14 +268,20 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("file", type=Path)
     parser.add_argument("-o", "--out", type=Path, required=True)
+    parser.add_argument("--seconds", type=float, default=np.inf, help="start no further case after so much CPU time")
     args = parser.parse_args(arguments)
     given = tomllib.loads(args.file.read_text(encoding="utf-8"))
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
     rows = [json.loads(x) for x in kept.read_text(encoding="utf-8").splitlines()] if kept.exists() else []
-    for k in in_turn(given["cases"], given["sound"]):
-        if k not in {r["case"] for r in rows}:
-            rows.append(case(given, k) or {})
+    known = {r["case"] for r in rows}
+    for k in in_turn(given):
+        start = time.process_time()
+        if start > args.seconds:
+            break
+        if k not in known:
+            row = case(given, k)
+            rows.append(row | {"cpu_s": round(time.process_time() - start, 2)})
             with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
     print(table(rows))

@@ -19,8 +19,9 @@ import xarray as xr
 
 from mcstudy.effect_library import library
 from mcstudy.identification.condition_changes import NOTHING, Account, Pair, model_of_group, pooled_minima, problem_of
-from mcstudy.identification.conditions import Change, best_of, changes
-from mcstudy.identification.mean_gap import BANDS_HZ, mean_gap
+from mcstudy.identification.condition_fits import best_of
+from mcstudy.identification.conditions import changes
+from mcstudy.identification.mean_gap import BANDS_HZ, MeanGap, mean_gap
 from mcstudy.recordings.frf_group import read_frf_group
 from mcstudy.spectra.frf_groups import as_complex, as_real, scatter
 from mcstudy.stance.body import Body
@@ -30,7 +31,13 @@ from mcstudy.text_tables import table
 RESAMPLES = 2000
 """Of the scores of people, for intervals."""
 
+MOST_SIZES = 2
+"""Changes of an account whose sizes are printed, and whose account predicts people."""
+
 HEIGHT_M, WEIGHT_KG = 1.75, 72.0
+
+NEAREST = ("sensor_lag_theta1", "stimulus_delay", "biarticular_coupling")
+"""Effects that lead in a condition with the body as described; only these are fitted to other bodies."""
 
 BODIES = {
     "as described": Body.from_person(HEIGHT_M, WEIGHT_KG),
@@ -64,24 +71,22 @@ def pairs(group: xr.Dataset) -> dict[str, tuple[int, int]]:
     }
 
 
-def accounts_of(pair: Pair, wanted: list[Change]) -> list[Account]:
-    """The accounts of a pair, one after the other."""
-    return [pair.account(change) for change in wanted]
-
-
 def accounts_table(pair: Pair, accounts: list[Account], splits: int, draws: int) -> str:
     """Misfit, cross-validated misfit and sizes of every account."""
     scores = pair.halves(accounts, splits)
-    factors = pair.resampled(accounts, draws)
+    few = [a for a in accounts if len(a.change.factors) <= MOST_SIZES]
+    sizes = dict(zip([a.change.name for a in few], pair.resampled(few, draws), strict=True))
     rows = []
-    for a, score, own in zip(accounts, scores, factors, strict=True):
-        low, high = np.quantile(own, [0.025, 0.975], axis=0)
-        words = [f"{f:.2f} [{x:.2f}, {y:.2f}]" for f, x, y in zip(a.sizes, low, high, strict=True)]
-        better = (score < scores[0]).mean()
-        rows.append(
-            [a.change.name, f"{a.misfit:.0f}", f"{score.mean():.2f}", f"{100 * better:.0f} %", "; ".join(words[:3])]
-        )
-    header = ["what differs", "misfit", "left-out half", "better than nothing", "factor, or shift of the weight [95 %]"]
+    for a, score in zip(accounts, scores, strict=True):
+        words = []
+        if (own := sizes.get(a.change.name)) is not None:
+            low, high = np.quantile(own, [0.025, 0.975], axis=0)
+            words = [f"{f:.2f} [{x:.2f}, {y:.2f}]" for f, x, y in zip(a.sizes, low, high, strict=True)]
+        gained = (scores[0] - score).reshape(splits, 2).mean(axis=1)
+        low, high = np.quantile(gained, [0.025, 0.975])
+        better = f"{gained.mean():.2f} [{low:.2f}, {high:.2f}]"
+        rows.append([a.change.name, f"{a.misfit:.0f}", f"{score.mean():.2f}", better, "; ".join(words)])
+    header = ["what differs", "misfit", "left-out half", "better by [splits]", "factor, or shift of the weight [95 %]"]
     return table(header, rows)
 
 
@@ -97,29 +102,37 @@ def held_out_table(pair: Pair, accounts: list[Account]) -> str:
     return table(["prediction", "second from first", "minus nothing", "first from second", "minus nothing"], rows)
 
 
-def gap_text(group: xr.Dataset, condition: int, model: Model, starts: np.ndarray, splits: int) -> str:
+def gap_text(group: xr.Dataset, condition: int, gap: MeanGap) -> str:
     """Where the model fails in one condition, and what closes how much of it."""
-    effects = list(library.LIBRARY.linear)
-    gap = mean_gap(model, group, condition, effects, starts=starts, splits=splits)
     edges = [f"{a:g} to {b:g} Hz" if np.isfinite(b) else f"above {a:g} Hz" for a, b in pairwise(BANDS_HZ)]
-    share = 100 * gap.share / gap.misfit
-    rows = [[name, *(f"{x:.0f} %" for x in own)] for name, own in zip(("lower", "upper"), share, strict=True)]
+    rows = [
+        [name, *(f"{100 * x:.0f} ± {100 * e:.0f}" for x, e in zip(own, error, strict=True))]
+        for name, own, error in zip(("lower", "upper"), gap.share, gap.share_se, strict=True)
+    ]
     out = [
         f"{group['condition'].values[condition]}: misfit {gap.misfit:.0f} with {4 * group.sizes['point']} numbers; "
-        f"left-out half {gap.held_out.mean():.2f} (1: scatter between halves)",
-        table(["share of the misfit", *edges], rows),
+        f"gap {gap.gap:.0f} ± {gap.gap_se:.0f} (0: none)",
+        table(["share of the gap (%)", *edges], rows),
     ]
-    if gap.held_out.mean() <= 1:
-        return "\n".join([*out, "no gap beyond the scatter between halves"])
     best = []
-    for k in np.argsort(-gap.closes.mean(axis=1))[:6]:
-        low, high = np.quantile(gap.closes[k], [0.1, 0.9])
-        sizes = ", ".join(
-            f"{n} {x:.3g}" for n, x in zip(library.effect(effects[k]).parameters, gap.sizes[k], strict=True)
-        )
-        best.append([effects[k], f"{100 * gap.closes[k].mean():.0f} % [{100 * low:.0f}, {100 * high:.0f}]", sizes])
-    out.append(table(["effect", "closes, left-out half [80 % of splits]", "size"], best))
+    for k in np.argsort(-gap.closes)[:6]:
+        names = library.effect(gap.effects[k]).parameters
+        sizes = ", ".join(f"{n} {x:.3g}" for n, x in zip(names, gap.sizes[k], strict=True))
+        best.append([gap.effects[k], f"{100 * gap.closes[k]:.0f} ± {100 * gap.closes_se[k]:.0f}", sizes])
+    out.append(table(["effect", "closes, people left out (%)", "size"], best))
     return "\n".join(out)
+
+
+def gap_table(group: xr.Dataset, label: str, model: Model, starts: np.ndarray) -> str:
+    """The gap of every condition, where most of it is, and what the effects `NEAREST` close of it."""
+    rows = []
+    for c, name in enumerate(group["condition"].values):
+        gap = mean_gap(model, group, c, NEAREST, starts=starts)
+        segment, band = np.unravel_index(gap.share.argmax(), gap.share.shape)
+        edge = f"{('lower', 'upper')[segment]} body from {BANDS_HZ[band]:g} Hz, {100 * gap.share.max():.0f} %"
+        closed = [f"{100 * x:.0f} ± {100 * e:.0f}" for x, e in zip(gap.closes, gap.closes_se, strict=True)]
+        rows.append([str(name), f"{gap.gap:.0f} ± {gap.gap_se:.0f}", edge, *closed])
+    return table([label, "gap", "largest share", *NEAREST], rows)
 
 
 def hip_reading(group: xr.Dataset) -> xr.Dataset:
@@ -173,7 +186,7 @@ def fitted_points(group: xr.Dataset, body: Body) -> tuple[dict[int, np.ndarray],
     return points, misfits
 
 
-PARTS = ("accounts", "held-out", "gap", "bodies", "reading", "figure")
+PARTS = ("accounts", "held-out", "gap", "bodies", "figure")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -182,6 +195,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("description", type=Path, help="TOML of a group of FRFs with columns eyes and tilt_pp_deg")
     parser.add_argument("--data", type=Path, help="folder of its table")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), help="parts to print")
+    parser.add_argument("--pairs", default="", help="only pairs of conditions whose name contains this, as vision")
     parser.add_argument("--splits", type=int, default=10, help="random halves, each used both ways (default 10)")
     parser.add_argument("--draws", type=int, default=40, help="draws of people for the factors (default 40)")
     parser.add_argument("-o", "--out", type=Path, default=Path("."), help="folder for the figure")
@@ -194,33 +208,25 @@ def main(arguments: list[str] | None = None) -> None:
         f"{group.sizes['person']} people, {group.sizes['condition']} conditions, body of {HEIGHT_M} m, {WEIGHT_KG} kg"
     )
     for name, (first, second) in pairs(group).items():
-        if not {"accounts", "held-out"} & set(args.only):
-            break
+        if args.pairs not in name or not {"accounts", "held-out"} & set(args.only):
+            continue
         pair = Pair(model, group, first, second, starts)
-        accounts = accounts_of(pair, list(changes(model)))
+        accounts = pair.accounts(changes(model))
         if "accounts" in args.only:
             print(f"\n{name}\n{accounts_table(pair, accounts, args.splits, args.draws)}", flush=True)
+        few = [a for a in accounts if len(a.change.factors) <= MOST_SIZES]
         if "held-out" in args.only:
-            print(f"\n{name}: people predicted\n{held_out_table(pair, accounts)}", flush=True)
+            print(f"\n{name}: people predicted\n{held_out_table(pair, few)}", flush=True)
     if "gap" in args.only:
         for c in range(group.sizes["condition"]):
-            print(f"\n{gap_text(group, c, model, starts, args.splits)}", flush=True)
-    if "reading" in args.only:
-        rows = []
-        for label, read in (("in space", group), ("hip", hip_reading(group))):
-            rows.append([label, *(f"{x:.0f}" for x in fitted_points(read, body)[1])])
-        print("\n" + table(["upper angle read as", *group["condition"].values], rows), flush=True)
+            found = mean_gap(model, group, c, list(library.LIBRARY.linear), starts=starts)
+            print(f"\n{gap_text(group, c, found)}", flush=True)
     if "bodies" in args.only:
-        few = [c for c in changes(model) if len(c.factors) < 2]
-        rows = []
-        for label, other in BODIES.items():
-            own = model_of_group(group, other)
-            near = pooled_minima(own, group, range(group.sizes["condition"]))
-            for name, (first, second) in pairs(group).items():
-                pair = Pair(own, group, first, second, near)
-                accounts = accounts_of(pair, few)
-                rows.append([f"{label}; {name}", *(f"{a.misfit:.0f}" for a in accounts), f"{accounts[1].sizes[0]:.2f}"])
-        print("\n" + table(["misfit", *(c.name for c in few), "shift of the weight"], rows), flush=True)
+        for label, other in list(BODIES.items())[1:]:
+            print(f"\n{gap_table(group, label, model_of_group(group, other), starts)}", flush=True)
+        read = hip_reading(group)
+        own = pooled_minima(model, read, range(read.sizes["condition"]))
+        print(f"\n{gap_table(read, 'upper angle is the hip', model, own)}", flush=True)
     if "figure" in args.only:
         figure(group, fitted_points(group, body)[0], args.out / "people_tilt.svg")
         print(f"\n{args.out / 'people_tilt.svg'}")

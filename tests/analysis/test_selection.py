@@ -124,3 +124,21 @@ def test_best_fits_read_in_slabs_are_those_read_at_once(make_cube: Cube, monkeyp
     assert read == [6, 6, 6, 5]
     xr.testing.assert_identical(found, selection.best(cube))
     assert slabs.in_slabs(cube, of).sizes["realization"] == read[-1] == 23
+
+
+def test_counts_summed_over_slabs_are_those_of_all_at_once(make_cube: Cube, monkeypatch: pytest.MonkeyPatch) -> None:
+    cube = make_cube(realizations=23, starts=4, spread=0.3)
+    cube["status"][:, :, 3] = 0
+    monkeypatch.setattr(slabs, "FITS_A_SLAB", cube["cost"].size // 3)
+    found = slabs.summed(cube.chunk(amplitude=1, realization=3), selection.realizations)
+    xr.testing.assert_identical(found, selection.realizations(cube))
+    assert int(found["not_run"].min()) == 1
+
+
+def test_sums_that_are_read_in_parts_are_the_combined_ones(make_cube: Cube) -> None:
+    cells = selection.best(make_cube(realizations=7))
+    ten, lazy = selection.combined(cells), selection.combined_when_read(cells)
+    xr.testing.assert_identical(lazy, ten)
+    for part in ({"realization": slice(2, 5), "parameter": 0}, {"parameter": [9, 1], "fmax": 0}):
+        xr.testing.assert_identical(lazy["estimate"].isel(part), ten["estimate"].isel(part))
+    assert not lazy["estimate"].variable._in_memory

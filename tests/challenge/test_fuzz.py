@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import copy
 import json
-import os
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from fuzzing import FUZZ
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from refusals import or_refused
 
@@ -25,14 +25,6 @@ from mcstudy.challenge.table import score_text
 from mcstudy.files import json_files
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
-
-FUZZ = settings(
-    max_examples=int(os.environ.get("MCSTUDY_FUZZ", "60")),
-    deadline=None,
-    derandomize="MCSTUDY_FUZZ" not in os.environ,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-"""Longer, and with new random numbers: ``MCSTUDY_FUZZ=5000 pytest tests/gap/test_challenge_fuzz.py``."""
 
 CHALLENGE = """
 [challenge]

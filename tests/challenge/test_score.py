@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mcstudy.challenge.design import NOTHING_MISSING, Stratum
+from mcstudy.challenge.design import NOTHING_MISSING, OTHER_FORM, OUTSIDE, Stratum
 from mcstudy.challenge.grade import judge
 from mcstudy.challenge.oracle import FLOOR, Classifier, log_evidence, size_grid
 from mcstudy.challenge.rates import mean, rate
@@ -25,19 +25,20 @@ from mcstudy.files import schema
 EFFECTS = ("head_mode", "stimulus_gain", "leg_inertia_error", "force_feedback")
 GROUPS = [["stimulus_gain", "leg_inertia_error"]]
 SIZES = {"head_mode": "m_head", "stimulus_gain": "eps_stim", "leg_inertia_error": "eps_leg", "force_feedback": "Gforce"}
-CASES = 420
+CASES = 520
 
 
 def make_key(rng: np.random.Generator) -> dict[str, Any]:
     """A key of cases that were never simulated."""
     kinds = ["none"] * 100 + ["known"] * 180 + ["outsider"] * 60 + ["pair"] * 40 + ["misshapen"] * 20
-    kinds += ["shifted"] * 10 + ["near_unstable"] * 10
+    kinds += ["shifted"] * 10 + ["near_unstable"] * 10 + ["foreign"] * 60
+    kinds += ["foreign_mechanism"] * 20 + ["foreign_outsider"] * 20
     cases = []
     for k, kind in enumerate(kinds):
         case: dict[str, Any] = {"name": f"case{k:03d}", "series": "main", "kind": kind, "parameters": {"K11": 1.0}}
         case |= {"delta": 0.0, "effects": [], "groups": GROUPS}
         names: Any = {"known": rng.choice(EFFECTS, 1), "pair": ("force_feedback", "head_mode")}.get(kind, ())
-        if kind == "misshapen":
+        if kind in OTHER_FORM:
             names, case["form"] = ("head_mode",), "head_damped"
         for name in map(str, names):
             group = next((g for g in GROUPS if name in g), [name])
@@ -48,7 +49,7 @@ def make_key(rng: np.random.Generator) -> dict[str, Any]:
             case["delta"] = float(rng.choice([4.0, 6.0, 12.0]))
             case |= {"closable": dict.fromkeys(EFFECTS, 0.3), "nearest": "head_mode", "residual_delta": case["delta"]}
             case["closable"]["+".join(sorted(e["effect"] for e in case["effects"]))] = 1.0
-        if kind == "outsider":
+        if kind in OUTSIDE:
             case["outsider"] = {"name": "wobble", "size": 1.0, "unit": "kg"}
         cases.append(case)
     key = {"schema": schema.identifier("challenge_key"), "challenge": "synthetic", "fingerprint": "0" * 64}
@@ -77,7 +78,7 @@ def oracle(case: dict[str, Any], k: int) -> dict[str, Any]:
     """Knows the truth; its intervals hold it in 95 of 100 cases, as they should."""
     if case["kind"] in NOTHING_MISSING:
         return plain(none_probability=1.0)
-    if case["kind"] == "outsider":
+    if case["kind"] in OUTSIDE:
         return plain(detected=True, p_value=0.0, unknown_probability=1.0, credible_set=["unknown"])
     names = [e["effect"] for e in case["effects"]]
     label = "+".join(sorted(names))
@@ -345,7 +346,7 @@ def test_answers_that_cannot_be_believed_are_refused(
 
 def test_an_identical_second_answer_is_refused_too(key: dict[str, Any]) -> None:
     given = answers(key, "oracle", oracle)
-    with pytest.raises(StoreError, match="case419: name: expected one answer per case, found 2"):
+    with pytest.raises(StoreError, match=f"case{CASES - 1}: name: expected one answer per case, found 2"):
         score(key, given | {"answers": [*given["answers"], given["answers"][-1]]})
 
 
@@ -381,7 +382,7 @@ def test_leaving_out_hard_cases_gains_nothing(key: dict[str, Any], give: Any) ->
         return {"error": "too hard"} if k % 2 else give(case, k)
 
     tried, gave_up = score(key, answers(key, "tried", give)), score(key, answers(key, "gave up", gives_up))
-    assert len(gave_up["errors"]) == 210
+    assert len(gave_up["errors"]) == CASES // 2
     for target, a, b in zip(TARGETS, tried["targets"], gave_up["targets"], strict=True):
         assert b["n"] >= a["n"], target.name
         low_is_good = math.isinf(target.goal.low)

@@ -5,6 +5,8 @@
   everything imported.
 - The study files they name are cut down to a few realizations and starts, so that a page takes seconds.
 - A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
+- The build of the site (`test_site.py`) runs the blocks of `docs/`, too. Where it follows, ``MCSTUDY_TEST_SITE=1`` says
+  so, and they are not run here (.ci/run).
 - A block is left out only below a comment ``<!-- Not run by the tests: REASON. -->``: it is for us, not for readers.
 """
 
@@ -37,6 +39,8 @@ PLACES = (
 PAGES = sorted({page.relative_to(ROOT).as_posix() for place in PLACES for page in ROOT.glob(place)})
 FENCE = re.compile(r"^```(\w*|\{[\w-]+\})\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_RUN = re.compile(r"^<!-- Not run by the tests: \S.{5,}\. -->$")
+BUILT = "docs/" if "MCSTUDY_TEST_SITE" in os.environ else None
+"""Folder of the pages whose blocks the build of the site runs."""
 PROSE = ("", "text")
 """Blocks that hold no code: what a program printed, a formula."""
 SECONDS = 900
@@ -123,6 +127,8 @@ def run_bash(text: str, block: Block, where: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_block_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if BUILT and page.startswith(BUILT):
+        pytest.skip("the build of the site runs them (tests/docs/test_site.py)")
     shutil.copytree(ROOT / "pipelines", tmp_path / "pipelines")
     for study in (tmp_path / "pipelines").glob("*.toml"):
         cut_down(study)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from google_crc32c import value as crc32c
+from json_edits import edit
 from numcodecs import zstd
 
 from mcstudy.analysis.results import open_results
@@ -101,20 +102,6 @@ def test_a_study_that_asks_for_too_much_is_refused_before_it_is_planned(
 )
 def test_text_that_nests_or_repeats_without_end_is_one_line(text: str) -> None:
     refused(lambda: parse_study(text))
-
-
-def edit(place: str, value: object) -> Callable[[Path], None]:
-    def change(file: Path) -> None:
-        document = json.loads(file.read_text())
-        *parents, last = place.split(".")
-        inner = document
-        for key in parents:
-            inner = inner[key]
-        assert inner.get(last) != value
-        inner[last] = value
-        file.write_text(json.dumps(document))
-
-    return change
 
 
 METADATA = [

@@ -14,6 +14,7 @@ from mcstudy.errors import InputError, RecordingError
 from mcstudy.files import schema
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose, diagnose_fast
+from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.labels import refuse
 from mcstudy.gap.questions.parameters import (
     MOSTLY_PRIOR,
@@ -42,8 +43,12 @@ def lagging() -> Recording:
     )
 
 
-def test_json_conforms_to_its_schema_and_says_what_the_object_says(lagging: Recording) -> None:
-    out = diagnose_fast(lagging, seed=3)
+@pytest.fixture(scope="module")
+def out(lagging: Recording) -> Diagnosis:
+    return diagnose_fast(lagging, seed=3)
+
+
+def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: Diagnosis) -> None:
     plain = json.loads(json.dumps(out.to_dict(), allow_nan=False))
     schema.validate("diagnosis", plain, "diagnosis")
     assert plain["detected"] is True
@@ -62,8 +67,8 @@ def test_json_conforms_to_its_schema_and_says_what_the_object_says(lagging: Reco
     assert "<table>" in out._repr_html_()
 
 
-def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording) -> None:
-    first, again = diagnose_fast(lagging, seed=3).to_dict(), diagnose_fast(lagging, seed=3).to_dict()
+def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording, out: Diagnosis) -> None:
+    first, again = out.to_dict(), diagnose_fast(lagging, seed=3).to_dict()
     assert first == again
     slow = diagnose(lagging, bootstrap=100, seed=3)
     assert slow.detected
@@ -77,8 +82,7 @@ def test_exchanged_channels_are_refused(lagging: Recording) -> None:
         diagnose_fast(exchanged)
 
 
-def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recording) -> None:
-    out = diagnose_fast(lagging, seed=3)
+def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recording, out: Diagnosis) -> None:
     lines = measure(lagging)
     assert lines.even is not None
     parts = (out, out.detection, out.causes[0], out.causes[0].fitted, lines, lines.even, detect_fast(lagging), lagging)
@@ -92,29 +96,29 @@ def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recor
     assert re.search(r"sensor_lag_theta1 \d+ %", shown_text)
 
 
-def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging: Recording) -> None:
+def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging: Recording, out: Diagnosis) -> None:
     """At 1.2 Hz the data say little about delays and the passive ankle; the prior's values must not pass as theirs."""
-    out = diagnose_fast(lagging, fmax=1.2)
-    base = detect_fast(lagging, fmax=1.2).base
+    low = diagnose_fast(lagging, fmax=1.2)
+    base = low.base
     alone = replace(base, prior=base.prior._replace(scale=1e4 * base.prior.scale))
     share = 1 - np.diag(base.covariance) / np.diag(alone.covariance)
-    by_name = {s.name: s for s in out.shifts}
+    by_name = {s.name: s for s in low.shifts}
     expected = {n: "prior" if x >= MOSTLY_PRIOR else "data" for n, x in zip(base.model.names, share, strict=True)}
     assert {n: s.without_from for n, s in by_name.items()} == expected
     assert by_name["Kpas1"].without_from == "prior"
-    assert (by_name["K11"].added_from is None) == (out.leading is None)  # without a gap there is no leading cause
-    assert {s.added_from for s in diagnose_fast(lagging, seed=3).shifts} <= set(SOURCES)
-    assert re.search(r"Kpas1 .* mostly prior +N m/rad", text(out))
-    shown = " ".join(text(out).split())
+    assert (by_name["K11"].added_from is None) == (low.leading is None)  # without a gap there is no leading cause
+    assert {s.added_from for s in out.shifts} <= set(SOURCES)
+    assert re.search(r"Kpas1 .* mostly prior +N m/rad", text(low))
+    shown = " ".join(text(low).split())
     assert SOURCES_EXPLAINED["prior"] in shown
     assert PRIOR_EXPLAINED in shown
     assert SOURCES_EXPLAINED["bound"] not in shown  # explained only where it occurs
-    assert "mostly prior" in out._repr_html_()
-    plain = out.to_dict()
+    assert "mostly prior" in low._repr_html_()
+    plain = low.to_dict()
     schema.validate("diagnosis", plain, "diagnosis")
     assert plain["parameters"][8]["without_from"] == "prior"
     # What a profile without a prior leaves open must not pass as the data's: active stiffness trades for passive one.
-    whole = detect_fast(lagging).base
+    whole = out.base
     assert dict(zip(whole.model.names, sources(whole), strict=True))["K11"] == "prior"
     assert prior_share(whole)[whole.model.names.index("K21")] < MOSTLY_PRIOR
     tight = base.model.with_bounds({"K11": (base.theta[0], 5000.0)})

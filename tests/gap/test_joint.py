@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import module
 
 import mcstudy as mc
 from mcstudy.files import schema
 from mcstudy.fitting.penalised import Data
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.planned.trials import PlannedTrial
 from mcstudy.gap.questions.closure import energy
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.joint_lines import joined
@@ -97,6 +99,26 @@ def test_one_mislabelled_recording_of_a_set_is_named() -> None:
     assert found.place["recording"] > 0.9
     seen = found.parts[1].causes[0].fitted
     assert np.abs(seen.residual(Data.of(found.parts[1].lines))).mean() < 1.2  # the reading explains its recording
+
+
+def test_the_comparison_of_one_and_three_stimuli_takes_equal_time_and_counts_both() -> None:
+    module("next_trial")  # the other example imports it
+    example = module("joint_power")
+    ankle = PlannedTrial("ankle_torque", 5.0, "prts", 7, 6, 1, 2.0)
+    compared = example.plans(ankle)
+    assert {sum(t.duration_s for t in plan) for plan in compared.values()} == {3 * 6 * ankle.duration_s / 42}
+    platform = next(t for t in compared["joint"] if t.kind == "platform_translation")
+    whole = replace(platform, fmax=8.0)
+    assert np.sqrt(2 * (np.abs(whole.drive) ** 2).sum()) == pytest.approx(example.PLATFORM_RMS_M)
+    found, missed = ({"detected": d, "p": p, "set": 2, "held": True} for d, p in ((True, 1.0), (False, 0.5)))
+    rows = [
+        {"case": 0, "cause": "head_mode", "ankle": missed, "joint": found},
+        {"case": 1, "cause": None, "ankle": missed, "joint": missed},
+        {"case": 2, "left_out": "unstable"},
+    ]
+    table = example.table(rows)
+    assert table.startswith("1 cases with an effect, 1 without, 1 left out\nankle: detected 0 of 1")
+    assert f"minus that of joint: {np.log(2):.2f}" in table
 
 
 def test_a_body_that_lacks_nothing_is_called_sound() -> None:

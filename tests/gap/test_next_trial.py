@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import runpy
 import tomllib
@@ -22,10 +23,12 @@ from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.choice import Situation, possible_trials
 from mcstudy.gap.planned.gain import told
 from mcstudy.gap.planned.next_trial import NextTrial, next_trial
-from mcstudy.gap.planned.predictions import Belief, Predictions
+from mcstudy.gap.planned.predictions import Belief, Predictions, predictions
 from mcstudy.gap.planned.record import simulated
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
+from mcstudy.report.diagnosis.next_trial import next_figure
+from mcstudy.report.figure import figure
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
 
@@ -92,7 +95,7 @@ def test_causes_that_predict_the_same_are_not_told_apart() -> None:
 
 
 def test_the_same_trial_again_tells_least_of_causes_that_it_cannot_tell_apart(answer: NextTrial) -> None:
-    bits = {(o.trial.kind, o.trial.spectrum): o.told.bits for o in answer.options}
+    bits = {(o.plan[0].kind, o.plan[0].spectrum): o.told.bits for o in answer.options if len(o.plan) == 1}
     assert bits["ankle_torque", "prts"] < 0.5 * answer.best.told.bits
     decided = answer.decides(answer.best)
     assert decided is not None
@@ -103,8 +106,43 @@ def test_the_same_trial_again_tells_least_of_causes_that_it_cannot_tell_apart(an
 def test_text_and_json_say_what_the_object_says(answer: NextTrial) -> None:
     plain = json.loads(json.dumps(answer.to_dict(), allow_nan=False))
     schema.validate("next_trial", plain, "next_trial")
-    assert plain["options"][0]["stimulus"] == answer.best.trial.kind
-    assert answer.best.trial.kind in answer.text().split("Recommended:")[1].split(".")[0]
+    assert plain["options"][0]["stimulus"] == answer.best.plan[0].kind
+    assert plain["options"][0]["beside"] is None  # one trial cannot be of two kinds
+    assert plain["similarity_after"] == answer.after.cosine.tolist()
+    assert answer.best.plan[0].kind in answer.text().split("Recommended:")[1].split(".")[0]
+
+
+def test_the_page_shows_which_effects_look_alike_before_and_after(answer: NextTrial) -> None:
+    shown = figure(next_figure(answer), "", "mcstudy gap report REC --next")
+    assert 'id="next"' in shown
+    assert all(name in shown for name in answer.before.effects)
+    assert answer.sentence(answer.best) in html.unescape(shown)
+
+
+def test_causes_with_the_same_responses_to_every_stimulus_are_said_to_be_inseparable(answer: NextTrial) -> None:
+    """A filter of the stimulus is the same filter of both angles."""
+    pair = next(p for p in answer.inseparable if set(p) == {"stimulus_lag", "sensor_lag_both"})
+    assert " and ".join(pair) in " ".join(answer.text().split("None of these trials tells apart:")[1].split())
+
+
+def test_trials_of_two_kinds_are_considered_and_predicted_as_one_experiment(delayed: Diagnosis) -> None:
+    now = Situation.of(delayed)
+    plans = possible_trials(now, trials=(2,), cycles=4)
+    assert sum(len(p) == 2 for p in plans) == 15  # pairs of three kinds with two spectra
+    assert {p.trials for plan in plans if len(plan) == 2 for p in plan} == {1}
+    ankle, hip = (next(p for p in plans if p[0].kind == k)[0] for k in ("ankle_torque", "hip_torque"))
+    one, other, both = (
+        predictions(plan, now.noise, now.expected)
+        for plan in (
+            (ankle,),
+            (hip,),
+            (ankle, hip),
+        )
+    )
+    apart = [np.sum((p.mean[1:] - p.mean[0]) ** 2, axis=1) for p in (one, other, both)]
+    np.testing.assert_allclose(apart[0] + apart[1], apart[2], rtol=1e-3, atol=1e-3)
+    spread = [np.array([(root**2).sum() for root in p.root]) for p in (one, other, both)]
+    np.testing.assert_allclose(spread[0] + spread[1], spread[2], rtol=1e-3)
 
 
 def test_the_most_informative_trial_separates_twins(answer: NextTrial) -> None:
@@ -115,7 +153,7 @@ def test_the_most_informative_trial_separates_twins(answer: NextTrial) -> None:
 def test_a_new_stimulus_evokes_no_more_sway_than_was_recorded(delayed: Diagnosis) -> None:
     now = Situation.of(delayed)
     body = np.append(delayed.base.theta, [])
-    for trial in possible_trials(now, trials=(1,), cycles=4):
+    for (trial,) in possible_trials(now, trials=(1,), cycles=4):
         if trial.kind in now.amplitudes and trial.spectrum == "prts":
             assert trial.amplitude == now.amplitudes[trial.kind]
             continue
@@ -149,9 +187,11 @@ def test_further_stimuli_leave_fewer_twins() -> None:
 def test_the_command_ranks_trials(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = mc.write_recording(mc.simulate(cycles=3, rate_hz=50, seed=1), tmp_path / "r.nc")
     options = ["--fmax", "1.2", "--kind", "hip_torque", "--amplitude", "hip_torque=2", "--trials", "1", "--json"]
+    options += ["--figure", str(tmp_path / "twins.svg")]
     assert main(["gap", "next", str(file), *options]) == Exit.DONE
     out = json.loads(capsys.readouterr().out)
     assert {(o["stimulus"], o["amplitude"], o["trials"]) for o in out["options"]} == {("hip_torque", 2.0, 1)}
+    assert "head_mode" in (tmp_path / "twins.svg").read_text()
     assert main(["gap", "next", str(file), "--amplitude", "hip_torque"]) == Exit.BAD_INPUT
 
 
@@ -162,11 +202,17 @@ def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_con
     assert signature.delta == pytest.approx(given["delta"], rel=0.25)
     assert first.duration_s == pytest.approx(2 * 6 * 43.72)
     assert example["drawn"](given, given["cases"])[1] is None
-    assert sorted(example["in_turn"](5, 2)) == list(range(7))
-    scored = {"detected": True, "p": 0.5, "set": 2, "held": True}
-    rows = [{"case": k, "effect": e, **dict.fromkeys(example["CONDITIONS"], scored)} for k, e in ((0, "x"), (1, None))]
-    table = example["table"]([*rows, {"case": 2, "left_out": "unstable"}]).splitlines()
-    assert table[0].startswith("1 cases with an effect, 1 without")
-    assert table[2].split()[1:3] == ["0.50", "[0.50,"]
-    assert table[2].split()[4] == f"{np.log(2):.2f}"
-    assert table[-1].startswith("false alarms of 1: first 1")
+    small = given | {"cases": 5, "sound": 2, "outsiders": 1}
+    assert [example["kind_of"](small, k) for k in range(8)] == ["effect"] * 5 + ["sound"] * 2 + ["outsider"]
+    assert sorted(example["in_turn"](small)) == list(range(8))
+    scored = {"detected": True, "p": 0.5, "set": 2, "held": True, "pairs": 0.0, "unknown": 0.1}
+    rows = [
+        {"case": 0, "kind": "effect", "first": scored, "same": scored, "chosen": scored | {"p": 1.0}},
+        {"case": 5, "kind": "sound", "first": scored, "chosen": scored},
+        {"case": 1, "kind": "effect", "left_out": "unstable"},
+    ]
+    table = example["table"](rows).splitlines()
+    assert table[0].startswith("1 cases with an effect, 1 without, 0 with a cause outside the library, 1 left out")
+    assert table[2].split()[2:4] == ["0.50", "[0.50,"]
+    assert f"log loss of same minus that of chosen, 1 cases with both: {np.log(2):.2f}" in table[5]
+    assert table[-1].startswith("false alarms after chosen: 1 of 1")

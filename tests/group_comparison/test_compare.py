@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from simulated_groups import people
 
 import mcstudy as mc
@@ -15,7 +16,7 @@ from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.group_comparison.base import GroupModel
-from mcstudy.group_comparison.changes import Problem, inflation, smooth
+from mcstudy.group_comparison.changes import DISCREPANCY, NOTHING, Problem, inflation, smooth
 from mcstudy.group_comparison.sample import sample_of
 from mcstudy.spectra.frf_groups import model_points
 from mcstudy.spectra.frf_points import group_of
@@ -56,16 +57,28 @@ def test_what_is_written_fits_the_schema_and_is_drawn(changed: mc.Comparison) ->
     np.testing.assert_allclose(drawn[0], np.abs(changed.mean_a[0]))
 
 
-def test_the_derivatives_of_the_problem_are_those_of_differences() -> None:
-    a, b = people(6, 1), people(6, 2)
+def test_the_fits_of_all_hypotheses_are_those_of_scipy() -> None:
+    a, b = people(6, 1), people(6, 2, {"K11": 1.2})
     sample, model = sample_of(a, b), GroupModel(a)
     problem = Problem(model, sample, sample.error, sample.mean_error)
-    z = np.random.default_rng(0).normal(0, 0.1, model.median.size)
-    base = problem.fit("K11", ("K11",), z)
-    assert base.difference.shape == sample.difference.shape
-    step = 1e-6 * np.eye(z.size)
-    numeric = np.array([(model.response(z + s) - model.response(z - s)) / 2e-6 for s in step]).T
-    np.testing.assert_allclose(model.slope(z), numeric, rtol=1e-5, atol=1e-6)
+    wanted = {NOTHING: (), "K11": ("K11",), "delays": ("Td1", "Td2")}
+    start = np.zeros(2 * model.median.size)
+    for one in problem.fits(wanted, start):
+        differs = np.array([[n in one.parts for n in model.model.names]], dtype=float)
+        whiten = problem._whitener(0.0 if one.name == NOTHING else DISCREPANCY)[None]
+        reference = least_squares(
+            lambda x, d=differs, w=whiten: problem._residuals(x[None], d, w)[0],
+            start,
+            jac=lambda x, d=differs, w=whiten: problem._slopes(x[None], d, w)[0],
+            x_scale="jac",
+            ftol=1e-12,
+        )
+        cost = (problem._residuals(one.x[None], differs, whiten) ** 2).sum()
+        assert cost <= 2 * reference.cost * (1 + 1e-6)
+        step = 1e-6 * np.eye(start.size)
+        numeric = [problem._residuals((one.x + s)[None], differs, whiten)[0] for s in step]
+        numeric = (np.array(numeric) - problem._residuals(one.x[None], differs, whiten)).T / 1e-6
+        np.testing.assert_allclose(problem._slopes(one.x[None], differs, whiten)[0], numeric, rtol=1e-3, atol=1e-3)
 
 
 def test_errors_are_inflated_only_where_they_are_too_small() -> None:

@@ -1,5 +1,7 @@
 """Fits of group FRFs in two conditions, and what they say of simulated people whose weights are known."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,18 +11,18 @@ from scipy.optimize import least_squares
 from mcstudy.effect_library import library
 from mcstudy.identification import condition_changes
 from mcstudy.identification.condition_changes import Account, Pair, model_of_group
-from mcstudy.identification.conditions import Change, Conditions, changes, fit, whitening_of
+from mcstudy.identification.condition_fits import best_of, fit, leaders
+from mcstudy.identification.conditions import Change, Conditions, changes, whitening_of
 from mcstudy.identification.mean_gap import mean_gap
 from mcstudy.recordings.frf_group import group_dataset
 from mcstudy.spectra.frf_groups import as_real, model_points, points_of
 from mcstudy.stance.body import Body, two_segment
-from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 
 HARMONICS = np.arange(1, 51, 2)
 POINTS = [[1], [3], [5, 7], [7, 9], [9, 11, 13], [13, 15, 17], [17, 19, 21, 23], [23, 27, 31], [31, 37, 43, 49]]
 WEIGHT_IN = 0.6, 0.36
-PEOPLE = 16
+PEOPLE = 10
 
 
 def simulated(spread: float = 0.06, noise: float = 0.04, lag: float = 0.0, seed: int = 1) -> xr.Dataset:
@@ -47,21 +49,35 @@ def simulated(spread: float = 0.06, noise: float = 0.04, lag: float = 0.0, seed:
     return group
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_starts() -> Iterator[None]:
+    """Simulated people have few minima."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (
+            ("LINEARISED", 1),
+            ("STARTS", 40),
+            ("ROUGH", 4),
+            ("LEADERS", 2),
+            ("KEPT", 2),
+            ("AGAIN", 12),
+        ):
+            patch.setattr(condition_changes, name, value)
+        yield
+
+
 @pytest.fixture(scope="module")
 def pair() -> Pair:
     group = simulated()
-    patch = pytest.MonkeyPatch()
-    patch.setattr(condition_changes, "STARTS", 100)
-    try:
-        return Pair(model_of_group(group), group, 0, 1)
-    finally:
-        patch.undo()
+    return Pair(model_of_group(group), group, 0, 1)
+
+
+WANTED = ("weight and active gains", "nothing", "weight", "active gains")
 
 
 @pytest.fixture(scope="module")
 def accounts(pair: Pair) -> dict[str, Account]:
-    wanted = ("nothing", "weight", "active gains", "delays", "weight and active gains")
-    return {c.name: pair.account(c) for c in changes(pair.model) if c.name in wanted}
+    own = {c.name: c for c in changes(pair.model)}
+    return {a.change.name: a for a in pair.accounts([own[name] for name in WANTED])}
 
 
 def two_conditions(change: Change, B: int = 3) -> Conditions:
@@ -110,19 +126,73 @@ def test_minima_are_those_of_scipy() -> None:
         assert ((found.unknowns[b] >= lower) & (found.unknowns[b] <= upper)).all()
 
 
+def test_a_fit_never_ends_above_a_stable_start_and_is_stable_where_one_is() -> None:
+    problem = two_conditions(Change("weight", (("Wprop",),)), 2)
+    lower, upper = problem.bounds
+    rng = np.random.default_rng(0)
+    starts = rng.uniform(lower[:-1], upper[:-1], (3, 1, len(lower) - 1))
+    starts = np.concatenate([starts, problem.model.truth[None, None]])
+    starts = np.concatenate([starts, np.zeros((4, 1, 1))], axis=2)
+    found = best_of(problem, starts, iterations=3)
+    begun = np.array([problem.cost(np.tile(start, (2, 1))) for start in starts])
+    stable = np.array([(problem.growth(np.tile(start, (2, 1))) < 0).all(axis=1) for start in starts])
+    assert stable.any()
+    assert not stable.all()
+    assert (found.cost <= np.where(stable, begun, np.inf).min(axis=0)).all()
+    assert (problem.growth(found.unknowns) < 0).all()
+
+
+def test_an_unstable_minimum_is_led_to_the_limit_of_stability() -> None:
+    """Data of a body that falls: the lowest fit falls too, and the best one that stands is beside the limit."""
+    group = simulated()
+    model = model_of_group(group)
+    weak = model.truth.copy()
+    weak[[model.names.index(n) for n in ("K11", "Kpas1")]] *= 0.72
+    points = np.tile(as_real(model_points(model, weak, group)), (1, 1, 1))
+    problem = condition_changes.problem_of(model, group, Change("nothing"), points, np.eye(points.size))
+    assert problem.growth(weak[None])[0, 0] > 0
+    free = fit(problem, weak[None])
+    assert free.misfit[0] < 1e-12
+    best = leaders(problem, weak[None], 2)[0]
+    assert -0.1 < problem.growth(best[None])[0, 0] < 0
+    assert problem.misfit(best[None])[0] < 0.1 * problem.misfit(model.truth[None])[0]
+
+
+def test_no_account_is_worse_than_one_that_it_contains(pair: Pair, accounts: dict[str, Account]) -> None:
+    pairs = [
+        (a, b)
+        for a in accounts.values()
+        for b in accounts.values()
+        if b.change.within(a.change, pair.model) is not None
+    ]
+    assert len(pairs) == 4 + 3 + 2  # itself, nothing, and the parts of two
+    for larger, smaller in pairs:
+        assert larger.misfit <= smaller.misfit * (1 + 1e-9), (larger.change.name, smaller.change.name)
+
+
+def test_parameters_stay_within_their_bounds_in_every_condition(pair: Pair) -> None:
+    model = pair.model
+    weight = next(c for c in changes(model) if c.name == "weight")
+    problem = pair.problem(weight, pair.mean[None], PEOPLE)
+    q = np.append(model.truth, -3.0)[None]
+    assert problem.parameters(q)[0, 1, -1] == 0.0
+    assert weight.sizes(model, q)[0, 0] == -model.truth[-1]  # the shift that is left
+    assert weight.applied(model, model.truth, q[0])[-1] == 0.0
+    assert not problem.linearised(q)[1][0, :, -1].any()
+
+
 def test_the_account_that_is_true_predicts_the_left_out_half(pair: Pair, accounts: dict[str, Account]) -> None:
-    names = list(accounts)
-    score = dict(zip(names, pair.halves(list(accounts.values()), 8), strict=True))
+    score = dict(zip(accounts, pair.halves(list(accounts.values()), 4), strict=True))
     assert score["weight"].mean() < 1.5
-    for false in ("nothing", "active gains", "delays"):
-        assert (score[false] > score["weight"]).mean() > 0.9, false
+    for false in ("nothing", "active gains"):
+        assert (score[false] > score["weight"]).mean() > 0.8, false
     # What is not needed does not help, and costs little
     assert score["weight and active gains"].mean() > 0.95 * score["weight"].mean()
 
 
 def test_the_shift_of_the_weight_has_an_interval_near_it(pair: Pair, accounts: dict[str, Account]) -> None:
     (estimate,), true = accounts["weight"].sizes, WEIGHT_IN[1] - WEIGHT_IN[0]
-    (drawn,) = pair.resampled([accounts["weight"]], 30)
+    (drawn,) = pair.resampled([accounts["weight"]], 20)
     low, high = np.quantile(drawn, [0.025, 0.975])
     assert low < estimate < high
     # The mean of responses is not the response of a mean person, hence the margin.
@@ -134,21 +204,20 @@ def test_people_are_predicted_from_their_other_condition_by_the_others_change(
     pair: Pair, accounts: dict[str, Account]
 ) -> None:
     for reverse in (False, True):
-        scores = pair.held_out(list(accounts.values()), reverse=reverse)
+        scores = pair.held_out([accounts[name] for name in ("nothing", "weight")], reverse=reverse)
         mean = {name: score.mean() for name, score in scores.items()}
         assert mean["weight"] < 0.5 * mean["nothing"]
         assert mean["weight"] < mean["mean of the others"]
         assert mean["mean of the others"] == pytest.approx(1.0, abs=0.15)
 
 
-def test_the_gap_of_a_mean_names_the_effect_that_was_put_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(condition_changes, "STARTS", 100)
+def test_the_gap_of_a_mean_names_the_effect_that_was_put_in() -> None:
     group = simulated(spread=0.03, noise=0.03, lag=0.08)
-    effects = ["sensor_lag_theta1", "passive_damping_hip", "stimulus_gain"]
-    gap = mean_gap(model_of_group(group), group, 0, effects, splits=4)
-    assert gap.share.sum() == pytest.approx(gap.misfit, rel=1e-9)
-    assert gap.held_out.mean() > 1.5
-    closes = dict(zip(gap.effects, gap.closes.mean(axis=1), strict=True))
+    effects = ["sensor_lag_theta1", "passive_damping_hip"]
+    gap = mean_gap(model_of_group(group), group, 0, effects, folds=4)
+    assert gap.gap > 4 * gap.gap_se
+    assert gap.share.sum() == pytest.approx(1, rel=1e-9)
+    closes = dict(zip(gap.effects, gap.closes, strict=True))
     assert closes["sensor_lag_theta1"] > 0.7
     assert max(closes, key=lambda e: closes[e]) == "sensor_lag_theta1"
     assert gap.sizes[0][0] == pytest.approx(0.08, abs=0.03)
@@ -157,10 +226,10 @@ def test_the_gap_of_a_mean_names_the_effect_that_was_put_in(monkeypatch: pytest.
 @needs_comtest
 def test_the_weight_falls_when_people_open_their_eyes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Group figure of the people on the platform at 1.0 deg (pipelines/people.md)."""
-    monkeypatch.setattr(condition_changes, "STARTS", 200)
+    for name, value in (("LINEARISED", 2), ("STARTS", 200), ("ROUGH", 10), ("LEADERS", 4), ("KEPT", 4)):
+        monkeypatch.setattr(condition_changes, name, value)
     group = comtest()
-    model: Model = model_of_group(group)
-    own = Pair(model, group, 1, 3)
-    nothing, weight, gains = (own.account(c) for c in changes(model)[:3])
+    own = Pair(model_of_group(group), group, 1, 3)
+    nothing, weight = own.accounts(changes(own.model)[:2])
     assert weight.sizes[0] < -0.1
-    assert weight.misfit < 0.8 * min(nothing.misfit, gains.misfit)
+    assert weight.misfit < 0.8 * nothing.misfit

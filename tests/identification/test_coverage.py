@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import runpy
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.identification import coverage
 from mcstudy.identification.at_truth import judged, starts
+from mcstudy.identification.bounds import bounded
 from mcstudy.identification.coverage import JUDGED, Condition, Source, body, truths
-from mcstudy.identification.fit import bounded
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
 from mcstudy.spectra.measure import measure
@@ -77,6 +79,12 @@ def test_a_stopped_study_goes_on_and_counts_every_test(example: dict[str, Any], 
     np.testing.assert_array_equal(data.rise.sel(fmax=3.1).values[0, 0], whole[:, :, JUDGED.index("rise")])
     row = next(line for line in example["table"](data).splitlines() if line.startswith("mean"))
     assert float(row.split()[3]) == pytest.approx(100 * float(data.contained.sel(fmax=3.1).mean()), abs=0.06)
+    example["write_csv"](data, tmp_path / "coverage.csv")
+    rows = list(csv.DictReader((tmp_path / "coverage.csv").read_text().splitlines()))
+    assert len(rows) == 2 * data.sizes["quantity"]
+    last = 100 * float(data.contained.isel(fmax=-1, quantity=-1).mean())
+    assert [float(rows[-1][c]) for c in ("percent", "lowest", "highest")] == pytest.approx([last] * 3, abs=0.01)
+    assert rows[-1]["quantity"] == data.quantity.values[-1]
 
 
 def test_intervals_contain_the_truth_where_the_test_at_the_truth_says_so(
@@ -133,6 +141,16 @@ def test_the_bodies_differ_lie_within_their_spread_and_stand() -> None:
     assert (np.abs(ratio - 1) <= 0.2).all()
     assert len(np.unique(ratio[:, 0])) == 4
     assert (growth_rate(nominal, ratio * nominal.truth) < 0).all()
+
+
+def test_an_effect_of_the_body_is_a_quantity_like_the_others() -> None:
+    effects = {"passive_damping_ankle": 60.0}
+    names = [q.name for q in quantities(apply(two_segment(), *effects))]
+    assert truths(1, names, effects)[names.index("Bpas1")] == 60.0
+    found = coverage.judgements(0, 3, [1.2], 0, 2, effects=effects)[1.2]
+    assert found.shape == (2, len(names), len(JUDGED))
+    with_effect, without = (Source(Condition(0, 3, 3.1), effects=e)(stream(0, "a test")).y for e in (effects, None))
+    assert np.abs(with_effect / without - 1).max() > 0.05
 
 
 def test_true_values_of_sums_are_sums() -> None:

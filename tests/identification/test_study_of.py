@@ -116,3 +116,17 @@ def test_an_experiment_that_a_study_cannot_express_is_refused(fitted: mc.FitResu
     for given, said in cases:
         with pytest.raises(InputError, match=said):
             mc.study_from(given)
+
+
+def test_the_example_prints_how_far_noise_is_explained(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "pipelines" / "examples")
+    import study_noise
+
+    monkeypatch.setattr(study_noise, "AMPLITUDES", {"surface_tilt": 0.02})
+    monkeypatch.setattr("sys.argv", ["study_noise.py", "--seeds", "201"])
+    study_noise.main()
+    said = capsys.readouterr().out
+    assert "seed 201, body 0, surface_tilt: factor 1.04, largest error 0.07" in said
+    assert "0 of 2 recordings refused" in said

@@ -104,6 +104,14 @@ def test_realizations_follow_from_their_monte_carlo_error(tmp_path: Path) -> Non
     assert low < number < high
 
 
+def test_a_range_that_is_too_small_names_the_end_that_binds() -> None:
+    found = mc.solve(STUDY, "mcse(bias(K12)) <= 0.01%", over="realizations=10:20", workers=1)
+    words = found.text().replace("\n", " ")
+    assert found.design is None
+    assert f"What binds is the largest number of realizations, 20: {found.realizations} are needed." in words
+    assert found.realizations > 1000
+
+
 def test_an_easy_target_is_met_by_the_smallest_design() -> None:
     found = mc.solve(STUDY, "cv(K11 + Kpas1) <= 50%", over=["cycles=3:8"], workers=1)
     assert found.design["cycles"] == 3

@@ -14,7 +14,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from fuzzing import FUZZ
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mcstudy.errors import InputError, RecordingError
@@ -23,14 +24,6 @@ from mcstudy.recordings import recording as limits
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.netcdf_zarr import ANGLES, read_dataset, to_dataset
 from mcstudy.recordings.recording import Recording, Trial
-
-FUZZ = settings(
-    max_examples=int(os.environ.get("MCSTUDY_FUZZ", "60")),
-    deadline=None,
-    derandomize="MCSTUDY_FUZZ" not in os.environ,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-"""Longer, and with new random numbers: ``MCSTUDY_FUZZ=5000 pytest tests/gap/test_stranger.py``."""
 
 FORMATS = ("a.nc", "a.zarr", "a")
 

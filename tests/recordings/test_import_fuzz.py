@@ -12,21 +12,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from fuzzing import FUZZ
+from hypothesis import given
 from hypothesis import strategies as st
 from lab_files import write_c3d, write_mat73
 from scipy.io import savemat
 
 from mcstudy.errors import InputError
 from mcstudy.recordings.importing import import_files
-
-FUZZ = settings(
-    max_examples=int(os.environ.get("MCSTUDY_FUZZ", "25")),
-    deadline=None,
-    derandomize="MCSTUDY_FUZZ" not in os.environ,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-"""Longer, and with new random numbers: ``MCSTUDY_FUZZ=5000 pytest tests/recordings/test_import_fuzz.py``."""
 
 SHEET = {
     "rate_hz": 100.0,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from fuzzing import FUZZ
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from refusals import or_refused
 
@@ -22,15 +22,6 @@ from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study, read_study
 from mcstudy.study.verify import verify
-
-FUZZ = settings(
-    max_examples=int(os.environ.get("MCSTUDY_FUZZ", "60")),
-    deadline=None,
-    derandomize="MCSTUDY_FUZZ" not in os.environ,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-"""Longer, and with new random numbers: ``MCSTUDY_FUZZ=5000 pytest tests/study/test_fuzz.py``."""
-
 
 changes = st.lists(
     st.tuples(

@@ -3,6 +3,9 @@
 The cube is the smallest that has every kind of file: metadata of root, group and array, coordinates, constants, text,
 and two chunks of every result with their checksums. Runs are those of a worker, without a cluster around it: what is
 repaired and what is computed again is decided before one is started.
+
+Every file is damaged in some of the ways, and every way is tried on files of every kind; ``MCSTUDY_FUZZ=1 pytest
+tests/study/test_mutations.py`` damages every file in every way.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from typing import Any
 
 import pytest
 import xarray as xr
+from fuzzing import MANY
 from two_chunks import TWO_CHUNKS
 
 from mcstudy.analysis.results import open_results
@@ -119,13 +123,12 @@ def swap_with_neighbour(file: Path) -> None:
     swap(file, neighbour(file, files_of(next(p for p in file.parents if p.name == "out.zarr"))))
 
 
+ALIKE = {"initial": "estimate", "estimate": "initial", "cost": "growth_rate", "growth_rate": "cost"}
+"""Arrays that are alike in all but their names."""
+
+
 def swap_with_another_array(file: Path) -> None:
-    """The same chunk of the array that is alike in all but its name."""
-    alike = {"initial": "estimate", "estimate": "initial", "cost": "growth_rate", "growth_rate": "cost"}
-    array = file.parent.name
-    if array not in alike or file.name == "zarr.json":
-        return
-    swap(file, file.parent.parent / alike[array] / file.name)
+    swap(file, file.parent.parent / ALIKE[file.parent.name] / file.name)
 
 
 def replace_by_neighbour(file: Path) -> None:
@@ -143,6 +146,13 @@ MUTATIONS = [
     swap_with_another_array,
     replace_by_neighbour,
 ]
+
+
+def damaged_by(mutation: Callable[[Path], None], files: list[Path]) -> list[Path]:
+    """Files on which a mutation is tried."""
+    if mutation is swap_with_another_array:
+        return [file for file in files if file.parent.name in ALIKE and file.name != "zarr.json"]
+    return files[MUTATIONS.index(mutation) % EVERY :: EVERY]
 
 
 def read(out: Path) -> dict[str, xr.Dataset] | str:
@@ -172,6 +182,9 @@ def unnamed(out: Path, sound: Path) -> str:
     missed = [str(file) for file in changed if str(file) not in said]
     return f"verify does not name {missed}, but says {said}" if missed else ""
 
+
+EVERY = 1 if MANY else 3
+"""Of so many neighbouring files one is damaged in each way, in the next way the next one."""
 
 REPAIRED = ("zarr.json", "noisy/zarr.json", "noisy/fmax", "noisy/parameter", "noisy/estimate", "noisy/status")
 """Files, or folders of files, that a run repairs here: of metadata and constants one of each kind, since what is wrong
@@ -204,7 +217,7 @@ def test_a_mutated_file_is_never_other_numbers_is_named_and_is_repaired(
 ) -> None:
     before, digest = read(sound), tree_digest(sound)
     wrong, tried = [], 0
-    for k, original in enumerate(files_of(sound)):
+    for k, original in enumerate(damaged_by(mutation, files_of(sound))):
         out = shutil.copytree(sound, tmp_path / str(k) / "out.zarr")
         shutil.copytree(log_folder(sound), log_folder(out))
         file = out / original.relative_to(sound)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -11,6 +10,7 @@ from types import UnionType
 from typing import Annotated, Any, get_args, get_origin
 
 import pytest
+from fuzzing import MANY
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -149,7 +149,7 @@ def test_a_number_no_body_has_is_refused_in_one_line(case: tuple[Place, tuple[fl
 WORST = ("amplitude", "model.truth.K11", "model.body.A2", "model.bounds.absolute.K11", "noise.psd")
 """Fields whose ends once broke a table; every field is run with ``MCSTUDY_FUZZ`` set, which takes minutes."""
 
-RUN = [case for case in FIELDS if "MCSTUDY_FUZZ" in os.environ or name(case) in WORST]
+RUN = [case for case in FIELDS if MANY or name(case) in WORST]
 
 
 @pytest.mark.parametrize("case", RUN, ids=name)
@@ -158,7 +158,7 @@ def test_a_study_at_the_ends_of_what_is_accepted_plans_runs_and_shows(
 ) -> None:
     monkeypatch.setattr("mcstudy.study.plan.PILOT_REALIZATIONS", {"spectral": 3, "time_domain": 3})
     place, kind = case
-    for i, value in enumerate(dict.fromkeys((*ANY, *kind) if "MCSTUDY_FUZZ" in os.environ else kind)):
+    for i, value in enumerate(dict.fromkeys((*ANY, *kind) if MANY else kind)):
         study = study_of(place, value)
         if study is None or study.fits > 1000:
             continue

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from json_edits import edit
 
 from mcstudy.errors import StoreError
 from mcstudy.files.durable import log_folder, tree_digest
@@ -38,22 +39,6 @@ def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Path:
 def copy(tmp_path: Path, sound: Path) -> Path:
     shutil.copytree(log_folder(sound), tmp_path / "out.zarr.log")
     return shutil.copytree(sound, tmp_path / "out.zarr")
-
-
-def edit(place: str, value: object) -> Callable[[Path], None]:
-    """Set one value of a JSON document."""
-
-    def change(file: Path) -> None:
-        document = json.loads(file.read_text())
-        *parents, last = place.split(".")
-        inner = document
-        for key in parents:
-            inner = inner[key]
-        assert inner[last] != value
-        inner[last] = value
-        file.write_text(json.dumps(document))
-
-    return change
 
 
 def flip(file: Path) -> None:

@@ -74,7 +74,7 @@ def _on_bounds(fmax: float) -> Reason:
 def _percent_on_bound(view: GroupView, fmax: float) -> dict[str, float]:
     if view.fmax(fmax) is None or "at_bound" not in view.cells:
         return {}
-    cells = view.at(view.cells, [fmax], AMPLITUDES_NM)
+    cells = view.at(view.cells[["at_bound", "cost"]], [fmax], AMPLITUDES_NM)
     used = cells["cost"].notnull()
     on = 100 * ((cells["at_bound"] != 0) & used).sum(["amplitude", "fmax", "realization"]) / max(int(used.sum()), 1)
     return {str(name): float(x) for name, x in zip(on["parameter"].values, on.values, strict=True)}
@@ -86,7 +86,7 @@ def _trade_off(view: GroupView) -> str:
         return ""
 
     def sd(cells: str, name: str) -> float:
-        x = view.at(getattr(view, cells), [1.2], AMPLITUDES_NM)["estimate"].sel(parameter=name)
+        x = view.at(getattr(view, cells)[["estimate"]].sel(parameter=name), [1.2], AMPLITUDES_NM)["estimate"]
         return float(x.std("realization", ddof=1).mean())
 
     active, passive, total = sd("cells", "K22"), sd("cells", "Kpas2"), sd("combined", "K22+Kpas2")

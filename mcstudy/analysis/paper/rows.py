@@ -169,7 +169,7 @@ class _Floors:
         cells = None if view is None else view.cells if len(names) == len(accuracy_rows.TWELVE) else view.combined
         if view is None or cells is None:
             return float("nan")
-        cells = view.at(cells, [fmax], AMPLITUDES_NM).sel(parameter=list(names))
+        cells = view.at(cells[["estimate", "truth"]].sel(parameter=list(names)), [fmax], AMPLITUDES_NM)
         n = cells["estimate"].notnull().sum("realization").max()
         scale = np.sqrt(np.maximum(n / published.REALIZATIONS, 1.0))  # the floor of a block
         return float(accuracy.floor_percent(cells).mean() * scale)

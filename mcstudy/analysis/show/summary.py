@@ -116,7 +116,7 @@ def _comparison(c: Comparison) -> dict[str, Any]:
 
 def _group(view: GroupView) -> dict[str, Any]:
     g = view.group
-    fits = selection.outcomes(view.cube).sum(["amplitude", "fmax"]).compute()
+    fits = view.counts["fits"].sum(["amplitude", "fmax"])
     return {
         "design": {
             "simulator": g.simulator,
@@ -145,7 +145,7 @@ def _group(view: GroupView) -> dict[str, Any]:
 
 def _cells(view: GroupView) -> list[dict[str, Any]]:
     cells = view.cells
-    account = selection.realizations(view.cube).compute()
+    account = view.counts.drop_vars("fits").drop_dims("outcome", errors="ignore")
     needed = view.needed
     quantile = starts_needed_quantiles(needed)
     whole = {
@@ -217,10 +217,11 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     entries = _entries(view.cells, list(view.model.names), units, single)
     if view.combined is not None:
         new = [str(n) for n in view.combined["parameter"].values if str(n) not in units]
-        sums = _measures(view.combined)
+        together = view.combined.sel(parameter=new)
+        sums = _measures(together)
         if view.combined_bounds_on_sd is not None:
-            sums["efficiency"] = efficiency(view.combined, view.combined_bounds_on_sd)
-        entries += _entries(view.combined, new, units, sums)
+            sums["efficiency"] = efficiency(together, view.combined_bounds_on_sd.sel(parameter=new))
+        entries += _entries(together, new, units, sums)
     return entries
 
 

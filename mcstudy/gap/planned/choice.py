@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -11,14 +12,15 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.gain import Told, told
-from mcstudy.gap.planned.predictions import Belief, Recorded, moved, predictions
+from mcstudy.gap.planned.predictions import Belief, Expected, Recorded, moved, predictions
 from mcstudy.gap.planned.trials import SPECTRA, PlannedTrial, SwayNoise
+from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import JointRecording
-from mcstudy.recordings.recording import AMPLITUDE
+from mcstudy.recordings.recording import AMPLITUDE, Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import STIMULI
-from mcstudy.stance.joint import under
+from mcstudy.stance.joint import members, under
 from mcstudy.streams import stream
 
 KINDS = ("ankle_torque", "hip_torque", "platform_translation")
@@ -30,8 +32,14 @@ TRIALS = (1, 2)
 CYCLES = 6
 """Periods of a planned trial."""
 
+Plan = tuple[PlannedTrial, ...]
+"""What is recorded next."""
+
 ALIKE = 0.02
 """Difference of expected information, bits, below which trials count as equally informative."""
+
+LEADERS = 2
+"""Single kinds of trials that are also considered together with every other one."""
 
 DIGITS = 2
 """Significant digits of an amplitude that is chosen."""
@@ -43,23 +51,27 @@ class Option:
 
     Attributes
     ----------
-    trial
-        The trial (`PlannedTrial`).
+    plan
+        The trials (`PlannedTrial`): one kind of them, or two that are recorded one after the other.
     told
-        What is expected after it (`Told`).
+        What is expected after them (`Told`).
     """
 
-    trial: PlannedTrial
+    plan: Plan
     told: Told
+
+    @property
+    def duration_s(self) -> float:
+        """Time of recording, s."""
+        return sum(t.duration_s for t in self.plan)
 
 
 @dataclass(frozen=True)
 class Situation:
-    """What is known before the trial: causes, noise, the model on its body, and how far the person sways."""
+    """What is known before the trial: what causes make expect, noise, and how far the person sways."""
 
-    belief: Belief
+    expected: Expected
     noise: SwayNoise
-    recorded: Recorded
     sway: np.ndarray
     amplitudes: Mapping[str, float]
     fmax: float
@@ -70,15 +82,30 @@ class Situation:
         recording = d.recording
         if recording is None or isinstance(recording, FrfRecording):
             raise InputError(f"{d.name}: expected recordings of sway over time, whose noise a new trial would have")
+        return cls.after(recording, d.lines, d.base, d.hypotheses, d.unknown_probability, float(d.method["fmax"]))
+
+    @classmethod
+    def after(
+        cls,
+        recording: Recording | JointRecording,
+        lines: Lines,
+        base: Fitted,
+        hypotheses: Sequence[tuple[Hypothesis, float]],
+        unknown: float,
+        fmax: float,
+    ) -> Situation:
+        """From what a diagnosis finds out of the causes: ``lines``, base fit, ``hypotheses`` and ``unknown`` cause."""
         parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
-        belief = Belief.of(d.hypotheses, d.unknown_probability, d.base, Data.of(d.lines))
+        fits = [replace(base, model=m) for m in members(base.model)]
         return cls(
-            belief,
-            SwayNoise.of(d.lines, d.name),
-            Recorded(d.base, d.lines, recording.body, tuple(p.stimulus for p in parts)),
-            np.max([_sway(part.lines, part.base) for part in d.parts], axis=0),
+            Expected(
+                Belief.of(hypotheses, unknown, base, Data.of(lines)),
+                Recorded(base, lines, recording.body, tuple(p.stimulus for p in parts)),
+            ),
+            SwayNoise.of(lines, recording.name),
+            np.max([_sway(part, fit) for part, fit in zip(lines.parts, fits, strict=True)], axis=0),
             {p.stimulus: float(np.median(p.amplitudes)) for p in parts},
-            float(d.method["fmax"]),
+            fmax,
         )
 
     def amplitude(self, kind: str, spectrum: str) -> float:
@@ -86,7 +113,8 @@ class Situation:
         if kind in self.amplitudes and spectrum == "prts":
             return self.amplitudes[kind]
         unit = PlannedTrial(kind, 1.0, spectrum, 1, CYCLES, 1, self.fmax)
-        base = moved(self.recorded.base, under(self.recorded.base.model, kind, self.recorded.body))[0]
+        recorded = self.expected.recorded
+        base = moved(recorded.base, under(recorded.base.model, kind, recorded.body))[0]
         evoked = _rms(np.abs(unit.drive) ** 2, base.response(unit.f))
         most = float((self.sway / evoked).min())
         step = 10.0 ** (np.floor(np.log10(most)) + 1 - DIGITS)
@@ -110,8 +138,11 @@ def possible_trials(
     spectra: Sequence[str] = SPECTRA,
     trials: Sequence[int] = TRIALS,
     cycles: int = CYCLES,
-) -> list[PlannedTrial]:
-    """Trials that could be recorded; raises `InputError` for a kind, amplitude, spectrum or number that cannot."""
+) -> list[Plan]:
+    """What could be recorded next: so many trials of one kind, or half of them of one kind and half of another.
+
+    Raises `InputError` for a kind, amplitude, spectrum or number that cannot be recorded.
+    """
     chosen = tuple(kinds) or tuple(dict.fromkeys((*KINDS, *now.amplitudes)))
     given = dict(amplitudes or {})
     for name, known in (*((k, STIMULI) for k in (*chosen, *given)), *((s, SPECTRA) for s in spectra)):
@@ -123,19 +154,34 @@ def possible_trials(
                 raise InputError(f"next trial: amplitude of {kind}: {fault}")
     if not all(1 <= n <= 100 for n in trials) or not 2 <= cycles <= 100:
         raise InputError("next trial: expected 1 to 100 trials of 2 to 100 cycles")
-    return [
-        PlannedTrial(kind, a, spectrum, n, cycles, 1, now.fmax)
+    alone = [
+        PlannedTrial(kind, a, spectrum, 1, cycles, 1, now.fmax)
         for kind in chosen
         for spectrum in spectra
         for a in given.get(kind, (now.amplitude(kind, spectrum),))
-        for n in trials
     ]
+    single: list[Plan] = [(replace(t, trials=n),) for t in alone for n in trials]
+    halves = [n // 2 for n in trials if n % 2 == 0]
+    mixed = [(replace(a, trials=n), replace(b, trials=n)) for a, b in combinations(alone, 2) for n in halves]
+    return [*single, *mixed]
 
 
-def ranked(now: Situation, trials: Sequence[PlannedTrial], seed: int = 0) -> tuple[Option, ...]:
-    """The trials with what each is expected to tell, the most informative first, of those alike the shortest."""
-    options = []
-    for t in trials:
-        found = predictions(t, now.noise, now.belief, now.recorded)
-        options.append(Option(t, told(found, now.belief, stream(seed, "gap next"))))
-    return tuple(sorted(options, key=lambda o: (-np.floor(o.told.bits / ALIKE), o.trial.duration_s, -o.told.bits)))
+def ranked(now: Situation, plans: Sequence[Plan], seed: int = 0) -> tuple[Option, ...]:
+    """The plans with what each is expected to tell, the most informative first, of those alike the shortest.
+
+    Plans of two kinds are valued only if one of them is among the `LEADERS` most informative single kinds of ``plans``.
+    """
+    belief = now.expected.belief
+
+    def valued(some: Iterable[Plan]) -> list[Option]:
+        expected = ((p, predictions(p, now.noise, now.expected)) for p in some)
+        return [Option(p, told(found, belief, stream(seed, "gap next"))) for p, found in expected]
+
+    single = valued(p for p in plans if len(p) == 1)
+    leading: list[PlannedTrial] = []
+    for o in sorted(single, key=lambda o: -o.told.bits):
+        kind = replace(o.plan[0], trials=1)
+        if kind not in leading:
+            leading.append(kind)
+    mixed = valued(p for p in plans if len(p) > 1 and any(replace(t, trials=1) in leading[:LEADERS] for t in p))
+    return tuple(sorted([*single, *mixed], key=lambda o: (-np.floor(o.told.bits / ALIKE), o.duration_s, -o.told.bits)))

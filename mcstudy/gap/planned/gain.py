@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from mcstudy.gap.planned.predictions import Belief, Predictions
 
-DRAWS = 60
+DRAWS = 40
 """Drawn responses per hypothesis and trial."""
 
 CREDIBLE = 0.95
@@ -57,7 +57,7 @@ def told(found: Predictions, belief: Belief, rng: np.random.Generator, draws: in
             for m, root in zip(found.mean, found.root, strict=True)
         ]
     )
-    log = np.array([_log_density(y - m, root) for m, root in zip(found.mean, found.root, strict=True)])  # (H, H D)
+    log = _log_densities(y, found)  # (H, H D)
     joint = log + np.log(p)[:, None]
     posterior = member.T @ np.exp(joint - logsumexp(joint, axis=0))  # (K, H D)
     weight = np.repeat(p / draws, draws)
@@ -74,13 +74,19 @@ def told(found: Predictions, belief: Belief, rng: np.random.Generator, draws: in
     )
 
 
-def _log_density(away: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """ln of a normal density with covariance 1 + root root^T at distances (D, R) from its mean, up to a constant."""
-    inner = np.eye(root.shape[1]) + root.T @ root
-    lower = np.linalg.cholesky(inner)
-    across = np.linalg.solve(lower, root.T @ away.T)
-    square = (away**2).sum(axis=1) - (across**2).sum(axis=0)
-    return np.asarray(-0.5 * square - np.log(np.diag(lower)).sum())
+def _log_densities(y: np.ndarray, found: Predictions) -> np.ndarray:
+    """ln of the density (H, D) that every hypothesis gives data ``y`` (D, R), up to a constant.
+
+    With covariance 1 + root root^T; the products with the data are matrix products (Woodbury identity).
+    """
+    lower = [np.linalg.cholesky(np.eye(root.shape[1]) + root.T @ root) for root in found.root]
+    across = [root @ np.linalg.inv(low).T for root, low in zip(found.root, lower, strict=True)]
+    ends = np.cumsum([x.shape[1] for x in across])[:-1]
+    parts = np.split(y @ np.concatenate(across, axis=1), ends, axis=1)  # one product for all hypotheses
+    away = (y**2).sum(axis=1) - 2 * (found.mean @ y.T) + (found.mean**2).sum(axis=1)[:, None]
+    for k, (m, x, part) in enumerate(zip(found.mean, across, parts, strict=True)):
+        away[k] -= ((part - m @ x) ** 2).sum(axis=1)
+    return -0.5 * away - np.array([np.log(np.diag(low)).sum() for low in lower])[:, None]
 
 
 def _entropy(p: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from mcstudy.files import schema
 from mcstudy.files.json_files import plain
 from mcstudy.fitting.penalised import Data
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.planned.choice import CYCLES, TRIALS, Option, Situation, possible_trials, ranked
+from mcstudy.gap.planned.choice import CYCLES, TRIALS, Option, Plan, Situation, possible_trials, ranked
 from mcstudy.gap.planned.trials import SPECTRA, PlannedTrial
 from mcstudy.gap.planned.twins import Twins, twins, twins_after
 from mcstudy.short_repr import Summary, shortened
@@ -23,6 +23,9 @@ LEADING = 6
 
 DECIDED = 0.6
 """Chance of naming the right one of two causes below which a trial does not decide between them."""
+
+SHOWN = 12
+"""Most trials that a table lists."""
 
 OPEN = 0.05
 """Entropy over the causes, bits, below which nothing is left to decide."""
@@ -77,9 +80,35 @@ class NextTrial(Summary):
         """What a trial would decide, in words."""
         decided = self.decides(option)
         if decided is None:
-            return f"{described(option.trial)}: would decide between none of these causes"
+            return f"{described(option.plan)}: would decide between none of these causes"
         first, second, chance = decided
-        return f"{described(option.trial)}: would tell {first} from {second} with {100 * chance:.0f} %"
+        return f"{described(option.plan)}: would tell {first} from {second} with {100 * chance:.0f} %"
+
+    def decision(self, option: Option) -> str:
+        """What a trial would tell apart, for a table."""
+        decided = self.decides(option)
+        return "nothing" if decided is None else f"{decided[0]}, {decided[1]}: {100 * decided[2]:.0f} %"
+
+    @property
+    def leading(self) -> tuple[Option, ...]:
+        """The options of the tables: the most informative ones."""
+        return self.options[:SHOWN]
+
+    @property
+    def inseparable(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of the leading causes that none of the options tells apart."""
+        return tuple(
+            (self.causes[j][0], self.causes[i][0])
+            for i in range(min(LEADING, len(self.causes)))
+            for j in range(i)
+            if max(o.told.separated[i, j] for o in self.options) < DECIDED
+        )
+
+    @property
+    def twin_sentence(self) -> str:
+        """How many effects have a twin, before and after."""
+        before, after, effects = self.before.count, self.after.count, len(self.before.effects)
+        return f"Of {effects} effects {before} cannot be told from another one in what was recorded, {after} with it."
 
     def text(self) -> str:
         """What `mcstudy gap next` prints."""
@@ -89,26 +118,28 @@ class NextTrial(Summary):
         if now < OPEN:
             lines.append("The cause is known from these recordings: no further trial is needed to name it.")
         lines.append(f"Recommended: {self.sentence(self.best)}.")
-        before, after, effects = self.before.count, self.after.count, len(self.before.effects)
-        lines.append(
-            f"Of {effects} effects {before} cannot be told from another one in what was recorded, {after} with it."
-        )
+        lines.append(self.twin_sentence)
+        if self.inseparable:
+            pairs = "; ".join(" and ".join(pair) for pair in self.inseparable)
+            lines.append(f"None of these trials tells apart: {pairs}.")
         header = ("trial", "minutes", "bits", "P(true)", "95 % set", "would tell apart")
         rows = [
             (
-                described(o.trial),
-                f"{o.trial.duration_s / 60:.1f}",
+                described(o.plan),
+                f"{o.duration_s / 60:.1f}",
                 f"{o.told.bits:.2f}",
                 f"{o.told.probability:.2f}",
                 f"{o.told.set_size:.1f}",
-                "nothing" if (d := self.decides(o)) is None else f"{d[0]}, {d[1]}: {100 * d[2]:.0f} %",
+                self.decision(o),
             )
-            for o in self.options
+            for o in self.leading
         ]
+        left = len(self.options) - len(rows)
         note = (
             "bits: expected information about the cause. P(true), 95 % set: expected posterior probability of the true "
             "cause, and number of causes in the 95 % set. Amplitudes are peaks; where none was recorded or given, the "
             "one that evokes no more sway than was recorded."
+            + (f" {left} less informative ones are left out; --json lists them." if left else "")
         )
         return "\n".join([*(fill(x) for x in lines), "", table(header, rows, of_text=True), fill(note)])
 
@@ -122,13 +153,9 @@ class NextTrial(Summary):
                 "entropy_bits": self.best.told.entropy,
                 "options": [
                     {
-                        "stimulus": o.trial.kind,
-                        "amplitude": o.trial.amplitude,
-                        "unit": o.trial.unit,
-                        "spectrum": o.trial.spectrum,
-                        "trials": o.trial.trials,
-                        "cycles": o.trial.cycles,
-                        "duration_s": o.trial.duration_s,
+                        **_planned(o.plan[0]),
+                        "beside": None if len(o.plan) == 1 else _planned(o.plan[1]),
+                        "duration_s": o.duration_s,
                         "bits": o.told.bits,
                         "probability": o.told.probability,
                         "set_size": o.told.set_size,
@@ -138,16 +165,33 @@ class NextTrial(Summary):
                     }
                     for o in self.options
                 ],
+                "inseparable": self.inseparable,
+                "effects": self.before.effects,
+                "similarity_before": self.before.cosine,
+                "similarity_after": self.after.cosine,
                 "twins_before": self.before.groups,
                 "twins_after": self.after.groups,
             }
         )
 
 
-def described(trial: PlannedTrial) -> str:
-    """``hip_torque 1.2 N m prts, 2 trials``."""
-    many = "1 trial" if trial.trials == 1 else f"{trial.trials} trials"
-    return f"{trial.kind} {trial.amplitude:g} {trial.unit} {trial.spectrum}, {many}"
+def described(plan: Plan) -> str:
+    """``hip_torque 1.2 N m prts, 2 trials``; ``... and ..., 1 trial each`` of two kinds."""
+    many = "1 trial" if plan[0].trials == 1 else f"{plan[0].trials} trials"
+    kinds = " and ".join(f"{t.kind} {t.amplitude:g} {t.unit} {t.spectrum}" for t in plan)
+    return f"{kinds}, {many}{' each' if len(plan) > 1 else ''}"
+
+
+def _planned(trial: PlannedTrial) -> dict[str, Any]:
+    """A planned trial as plain data."""
+    return {
+        "stimulus": trial.kind,
+        "amplitude": trial.amplitude,
+        "unit": trial.unit,
+        "spectrum": trial.spectrum,
+        "trials": trial.trials,
+        "cycles": trial.cycles,
+    }
 
 
 def next_trial(
@@ -162,12 +206,12 @@ def next_trial(
     """Possible next trials after a diagnosis of recordings; see `mcstudy.next_trial`."""
     now = Situation.of(diagnosis)
     options = ranked(now, possible_trials(now, kinds, amplitudes, spectra, trials, cycles), seed)
-    prior = now.belief.membership.T @ now.belief.probability
-    recorded = now.recorded
+    belief, recorded = now.expected.belief, now.expected.recorded
+    prior = belief.membership.T @ belief.probability
     return NextTrial(
         diagnosis.name,
-        tuple(zip(now.belief.labels, map(float, np.asarray(prior)), strict=True)),
+        tuple(zip(belief.labels, map(float, np.asarray(prior)), strict=True)),
         options,
         twins(recorded.base, Data.of(recorded.lines)),
-        twins_after(recorded.base, recorded.lines, options[0].trial, now.noise, recorded.body),
+        twins_after(recorded.base, recorded.lines, options[0].plan, now.noise, recorded.body),
     )

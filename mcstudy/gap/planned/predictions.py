@@ -121,25 +121,84 @@ class Predictions:
     root: tuple[np.ndarray, ...]
 
 
-def predictions(trial: PlannedTrial, noise: SwayNoise, belief: Belief, recorded: Recorded) -> Predictions:
-    """The predictions of every hypothesis for one planned trial."""
-    weight = LineNoise(C := trial.covariance(noise), np.full(len(C), KNOWN_DOF)).whitener
-    base = under(recorded.base.model, trial.kind, recorded.body)
-    means, roots = [], []
-    for cause, fitted in zip(belief.causes, belief.fits, strict=True):
-        own, covariance = moved(fitted, base)
-        H, J = frf_jacobian(own.model, own.theta, trial.f)
-        mean, root = whiten(weight, H), whiten(weight, J) @ _root(covariance)
-        if cause == UNKNOWN:
-            seen = recorded.of(trial.kind)
-            further, root = _unknown(own, covariance, Data(trial.f, H, weight), seen, belief.variance)
-            mean = mean + further
-        means.append(mean)
-        roots.append(root)
-    away = np.array([m - means[0] for m in means])
+def predictions(plan: Sequence[PlannedTrial], noise: SwayNoise, now: Expected) -> Predictions:
+    """The predictions of every hypothesis for planned trials, all of them together."""
+    several = [now.under(trial, noise) for trial in plan]
+    means = np.array([np.concatenate([part.mean[k] for part in several]) for k in range(len(several[0].mean))])
+    shared = [np.concatenate([part.shared[k] for part in several]) for k in range(len(means))]
+    roots = [
+        np.concatenate([own, *_apart([part.alone[k] for part in several])], axis=1) for k, own in enumerate(shared)
+    ]
+    away = means - means[0]
     own_columns = np.cumsum([len(away), *(root.shape[1] for root in roots)])[:-1]
     mean, *placed = np.split(_coordinates(np.concatenate([away.T, *roots], axis=1)), own_columns, axis=1)
     return Predictions(mean.T, tuple(placed))
+
+
+def _apart(columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Columns (M_k, K_k) of single trials as columns of all of them, (sum of M_k, K_k)."""
+    ends = np.cumsum([0, *(len(c) for c in columns)])
+    out = []
+    for c, first in zip(columns, ends, strict=False):
+        wide = np.zeros((int(ends[-1]), c.shape[1]))
+        wide[first : first + len(c)] = c
+        out.append(wide)
+    return out
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Whitened predictions of one trial by every hypothesis: ``mean`` H arrays (M,), ``shared`` H arrays (M, P).
+
+    ``shared`` is the root of the covariance that all trials have in common, that of the fitted parameters; ``alone`` H
+    arrays (M, K) that of what is independent between trials: sensory weights that were not fitted, and the torques of a
+    cause outside the library together with the parameters beside them.
+    """
+
+    mean: list[np.ndarray]
+    shared: list[np.ndarray]
+    alone: list[np.ndarray]
+
+
+class Expected:
+    """What every hypothesis expects under any stimulus; responses of a kind are worked out once.
+
+    Parameters
+    ----------
+    belief: the hypotheses. recorded: what was recorded.
+    """
+
+    def __init__(self, belief: Belief, recorded: Recorded) -> None:
+        self.belief, self.recorded = belief, recorded
+        self._known: dict[tuple[str, bytes], list[tuple[Fitted, np.ndarray, np.ndarray, np.ndarray]]] = {}
+
+    def under(self, trial: PlannedTrial, noise: SwayNoise) -> _Part:
+        """The predictions for one trial."""
+        weight = LineNoise(C := trial.covariance(noise), np.full(len(C), KNOWN_DOF)).whitener
+        mean, shared, alone = [], [], []
+        for h, (own, covariance, H, J) in enumerate(self._responses(trial)):
+            m = whiten(weight, H)
+            if self.belief.causes[h] == UNKNOWN:
+                seen = self.recorded.of(trial.kind)
+                further, free = _unknown(own, covariance, Data(trial.f, H, weight), seen, self.belief.variance)
+                m, common = m + further, free[:, :0]
+            else:
+                root = whiten(weight, J) @ _root(covariance)
+                fitted = np.isin(own.model.names, self.belief.fits[h].model.names)
+                common, free = root[:, fitted], root[:, ~fitted]
+            mean.append(m)
+            shared.append(common)
+            alone.append(free)
+        return _Part(mean, shared, alone)
+
+    def _responses(self, trial: PlannedTrial) -> list[tuple[Fitted, np.ndarray, np.ndarray, np.ndarray]]:
+        """Fit, covariance (P, P), responses (N, 2) and derivatives (N, 2, P) by hypothesis."""
+        key = trial.kind, trial.f.tobytes()
+        if key not in self._known:
+            base = under(self.recorded.base.model, trial.kind, self.recorded.body)
+            moves = [moved(fitted, base) for fitted in self.belief.fits]
+            self._known[key] = [(own, C, *frf_jacobian(own.model, own.theta, trial.f)) for own, C in moves]
+        return self._known[key]
 
 
 def _coordinates(columns: np.ndarray) -> np.ndarray:

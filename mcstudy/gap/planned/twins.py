@@ -62,14 +62,16 @@ def twins(base: Fitted, data: Data) -> Twins:
     return Twins(tuple(names), cosine)
 
 
-def twins_after(base: Fitted, lines: Lines, trial: PlannedTrial, noise: SwayNoise, body: Body) -> Twins:
-    """Twins with the lines of a planned trial beside the recorded ones."""
-    added = under(base.model, trial.kind, body)
-    theta = moved(base, added)[0].theta
-    models = [replace(m, parameters=added.parameters) for m in members(base.model)]
-    model = joined([*models, added], (*lines.counts, trial.f.size))
-    f = np.concatenate([lines.f, trial.f])
-    weight = np.concatenate([lines.noise.whitener, _whitener(trial.covariance(noise))])
+def twins_after(base: Fitted, lines: Lines, plan: Sequence[PlannedTrial], noise: SwayNoise, body: Body) -> Twins:
+    """Twins with the lines of planned trials beside the recorded ones."""
+    kinds = [under(base.model, t.kind, body) for t in plan]
+    names = tuple(dict.fromkeys(p for m in kinds for p in m.parameters))
+    added = [replace(m, parameters=names) for m in kinds]
+    theta = moved(base, added[0])[0].theta
+    models = [replace(m, parameters=names) for m in members(base.model)]
+    model = joined([*models, *added], (*lines.counts, *(t.f.size for t in plan)))
+    f = np.concatenate([lines.f, *(t.f for t in plan)])
+    weight = np.concatenate([lines.noise.whitener, *(_whitener(t.covariance(noise)) for t in plan)])
     return twins(*_at(model, theta, f, weight))
 
 

@@ -116,7 +116,7 @@ def z_map(data: GapData, ax: Axes | None = None) -> Axes:
     ax.set_yticks(range(len(rows)), [label for label, _ in rows])
     ax.grid(visible=False)
     keys = [
-        Patch(facecolor=BEFORE, alpha=a, edgecolor=COLOURS["muted"], label=t)
+        Patch(facecolor=(BEFORE, a), edgecolor=COLOURS["muted"], linewidth=0.6, label=t)
         for a, t in zip(SHADES, texts, strict=True)
     ]
     ax.legend(

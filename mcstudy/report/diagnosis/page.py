@@ -8,10 +8,12 @@ from dataclasses import replace
 from mcstudy.effect_library.library import LIBRARY, size_text
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.planned.next_trial import NextTrial
 from mcstudy.gap.tables import closing, evidence, tables
 from mcstudy.gap.verdict import added_name, effects_of, sentences
 from mcstudy.recordings.joint import part_labels
 from mcstudy.report.diagnosis.data import GapData
+from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.diagnosis.sections import (
     evidence_figure,
     page_table,
@@ -28,8 +30,13 @@ from mcstudy.report.labels import with_units
 from mcstudy.report.origin import recording_rows
 
 
-def gap_page(diagnosis: Diagnosis, command: str = "mcstudy gap report REC -o page.html") -> str:
-    """The page of a diagnosis; ``command``: the command that makes this page, as displayed on it."""
+def gap_page(
+    diagnosis: Diagnosis, command: str = "mcstudy gap report REC -o page.html", planned: NextTrial | None = None
+) -> str:
+    """The page of a diagnosis; ``command``: the command that makes this page, as displayed on it.
+
+    ``planned``: possible next trials, which then have a section.
+    """
     data = GapData(diagnosis)
     printed = _diagnose_command(command)
     parts = [GapData(part) for part in diagnosis.parts]
@@ -38,6 +45,7 @@ def gap_page(diagnosis: Diagnosis, command: str = "mcstudy gap report REC -o pag
         ("gap", "Is there a gap", _figures([evidence_figure(diagnosis)], command)),
         ("responses", "Measured and modelled responses", _figures(where, command)),
         ("which", "Which effect, where, and how far", _figures(which_figures(diagnosis), command)),
+        ("next", "Which trial next", "" if planned is None else _figures([next_figure(planned)], command)),
         ("sway", "Sway", _figures(_times(diagnosis, parts), command)),
         ("numbers", "In numbers", _numbers(diagnosis) + f'<p class="how">Made by <code>{escape(printed)}</code></p>'),
         ("made", "How this was made", _provenance(data, command)),

@@ -8,6 +8,7 @@ from scipy.special import ndtri
 
 from mcstudy.errors import InputError
 from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.identification.simulated_coverage import LEAST, MOST
 from mcstudy.identification.tables import band_names
 from mcstudy.report.axes import axes, legend_below, log_axis
 from mcstudy.report.figures.pairs import draw_correlations
@@ -102,6 +103,27 @@ def waterfall(fit: FitResult, ax: Axes | None = None) -> Axes:
     ax.set_xlabel("random start, best first")
     ax.set_ylabel("squared residual above lowest")
     legend_below(ax, 2)
+    return ax
+
+
+def coverage(fit: FitResult, ax: Axes | None = None) -> Axes:
+    """Percent of simulated intervals of every quantity that hold the truth: all bodies, and worst to best body.
+
+    Raises `InputError` where no similar recordings were simulated.
+    """
+    c = fit.coverage
+    if c is None:
+        raise InputError(f"{fit.name}: expected a kind of recording whose intervals were simulated (fit.coverage)")
+    ax = axes(ax, (6.4, 4.6))
+    ax.axvspan(LEAST, MOST, color=OTHER, alpha=0.15, linewidth=0, label=f"goal, {LEAST:g} to {MOST:g} %")
+    for y, one in enumerate(c.quantities.values()):
+        ax.plot([one.lowest, one.highest], [y, y], color=PROFILE, linewidth=2.2, label=_once(ax, "worst to best body"))
+        ax.plot(one.percent, y, "D", color=COLOURS["ink"], markersize=4.5, label=_once(ax, "all bodies"))
+    ax.set_yticks(range(len(c.quantities)), list(c.quantities))
+    ax.set_ylim(len(c.quantities) - 0.4, -0.6)
+    ax.set_xlim(min(90.0, *(one.lowest - 1 for one in c.quantities.values())), 100.2)
+    ax.set_xlabel(f"simulated {100 * fit.level:g} % intervals that hold the truth (%)")
+    legend_below(ax, 3, -0.12)
     return ax
 
 

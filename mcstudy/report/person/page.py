@@ -25,7 +25,7 @@ TILES = 4
 def fit_page(fit: FitResult, command: str = "mcstudy fit REC --html page.html") -> str:
     """The page of a fit; ``command``: the command that makes this page, as displayed on it."""
     parts = [
-        ("estimates", "Estimates and intervals", _table(fit) + _shown([_intervals(fit)], command)),
+        ("estimates", "Estimates and intervals", _table(fit) + _shown([_intervals(fit), *_coverage(fit)], command)),
         ("profiles", "What the data determine", _listed(_open(fit)) + _shown(_profiles(fit), command)),
         ("model", "Can the model be believed?", _listed(_belief(fit)) + _shown(_model(fit), command)),
         ("help", "What would help", _shown([_information(fit)], command)),
@@ -127,6 +127,24 @@ def _intervals(fit: FitResult) -> Figure:
         [Panel("intervals", partial(figures.intervals, fit), WIDE)],
         python="fit.plot.intervals()",
     )
+
+
+def _coverage(fit: FitResult) -> list[Figure]:
+    if fit.coverage is None:
+        return []
+    drawn = Figure(
+        "coverage",
+        "",
+        "How often such intervals hold the truth",
+        [
+            words.coverage(fit),
+            "Diamond: all simulated recordings. Line: from the body with the fewest to that with the most. Grey: the "
+            "goal. The simulated condition is the nearest one in number of cycles and highest frequency.",
+        ],
+        [Panel("coverage", partial(figures.coverage, fit), WIDE)],
+        python="fit.plot.coverage()",
+    )
+    return [drawn]
 
 
 def _profiles(fit: FitResult) -> list[Figure]:

@@ -54,6 +54,10 @@ class FitPlots:
         """Correlations of the errors near the estimate."""
         return self._estimates.correlations(self._fit, ax)
 
+    def coverage(self, ax: Axes | None = None) -> Axes:
+        """Percent of intervals of simulated recordings that hold the truth; `InputError` where none were simulated."""
+        return self._estimates.coverage(self._fit, ax)
+
     def information(self, ax: Axes | None = None) -> Axes:
         """Share of the information on every quantity that each band of frequencies carries."""
         return self._estimates.information(self._fit, ax)

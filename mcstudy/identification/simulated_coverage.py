@@ -1,0 +1,121 @@
+"""How often intervals of simulated recordings hold the truth, for the kind of recording that was fitted.
+
+``interval_coverage.csv`` holds the answers of the coverage study (``pipelines/examples/interval_coverage.py --table``):
+percent of 95 % intervals that hold the true value, over all bodies, and of the body with the fewest and the most.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, NamedTuple
+
+from mcstudy.identification.bounds import bounded
+from mcstudy.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from mcstudy.identification.result import FitResult
+
+FILE = "interval_coverage.csv"
+
+LEAST, MOST = 93.0, 97.0
+"""Percent of 95 % intervals that should hold the truth."""
+
+LEVEL = 0.95
+"""Of the simulated intervals."""
+
+TRIALS, DISCARD, AMPLITUDE = 2, 1, 5.0
+"""Of the simulated recordings: trials, cycles left out of each, and amplitude, N m."""
+
+
+class Covered(NamedTuple):
+    """Percent of simulated intervals of one quantity that hold the truth: all bodies, worst and best body."""
+
+    percent: float
+    lowest: float
+    highest: float
+
+    @property
+    def remark(self) -> str:
+        """ "wider than needed", "too narrow", or empty between `LEAST` and `MOST`."""
+        return "wider than needed" if self.percent > MOST else "too narrow" if self.percent < LEAST else ""
+
+    def to_dict(self) -> dict[str, float | str]:
+        """Plain data for ``fit.json``."""
+        return {**self._asdict(), "remark": self.remark}
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Coverage in the simulated condition that is nearest to a recording.
+
+    Attributes
+    ----------
+    cycles
+        Stimulus periods in each of the two simulated trials.
+    fmax
+        Highest frequency of the simulated fits, Hz.
+    realizations
+        Simulated recordings in this condition.
+    quantities
+        Name to `Covered`.
+    """
+
+    cycles: int
+    fmax: float
+    realizations: int
+    quantities: dict[str, Covered]
+
+    def with_remark(self, remark: str) -> list[str]:
+        """Names of the quantities with a remark."""
+        return [name for name, covered in self.quantities.items() if covered.remark == remark]
+
+    def to_dict(self) -> dict[str, float]:
+        """The condition as plain data for ``fit.json``."""
+        return {"cycles": self.cycles, "fmax": self.fmax, "realizations": self.realizations}
+
+    @property
+    def condition(self) -> str:
+        """The simulated recordings in words."""
+        return f"two trials of {self.cycles} cycles at {AMPLITUDE:g} N m, up to {self.fmax:g} Hz"
+
+
+@cache
+def simulated() -> tuple[Coverage, ...]:
+    """All simulated conditions."""
+    found: dict[tuple[int, float, int], dict[str, Covered]] = {}
+    text = files("mcstudy.identification").joinpath(FILE).read_text(encoding="utf-8")
+    for row in csv.DictReader(text.splitlines()):
+        key = int(row["cycles"]), float(row["fmax"]), int(row["realizations"])
+        covered = Covered(*(float(row[c]) for c in Covered._fields))
+        found.setdefault(key, {})[row["quantity"]] = covered
+    return tuple(Coverage(*key, quantities) for key, quantities in found.items())
+
+
+def nearest(fitted: FitResult) -> Coverage | None:
+    """The condition that is nearest to a fit in cycles and highest frequency, on logarithmic scales.
+
+    None where the study says nothing: another stimulus, level, model or bounds, several recordings with stimuli of
+    their own, or published responses.
+    """
+    recording, model = fitted.recording, fitted.model
+    alike = (
+        isinstance(recording, Recording)
+        and recording.stimulus == "ankle_torque"
+        and recording.period_s is not None
+        and fitted.level == LEVEL
+        and not fitted.method["effects"]
+        and bounded(model, model, {}) == model
+    )
+    if not alike:
+        return None
+    repeats = len(fitted.lines.repeats)
+
+    def away(c: Coverage) -> float:
+        longer = math.log(TRIALS * (c.cycles - DISCARD) / repeats)
+        return math.hypot(longer, math.log(c.fmax / float(fitted.lines.f.max())))
+
+    return min(simulated(), key=away)

@@ -1,0 +1,74 @@
+"""Which trial to record next, as a section of the page of a diagnosis and as a picture of its own."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
+from matplotlib.patches import Patch
+
+from mcstudy.gap.planned.next_trial import NextTrial, described
+from mcstudy.gap.planned.twins import Twins
+from mcstudy.report.axes import axes
+from mcstudy.report.figure import Figure, Panel
+from mcstudy.report.html import Table
+from mcstudy.report.style import COLOURS
+
+STEPS = (0.5, 0.8, 0.95)
+"""Limits of the shades of \\|cosine\\|; effects above the last one are twins."""
+
+SHADES = (0.08, 0.3, 0.55, 1.0)
+
+
+def twin_map(before: Twins, after: Twins, ax: Axes | None = None) -> Axes:
+    """Similarity of all effects: below the diagonal in what was recorded, above it with the recommended trial."""
+    ax = axes(ax, (8.8, 6.4))
+    names = before.effects
+    row, column = np.indices(before.cosine.shape)
+    similar = np.where(row > column, before.cosine, after.cosine)
+    shade = np.searchsorted(STEPS, similar, side="right")
+    for step, alpha in enumerate(SHADES):
+        y, x = np.nonzero((shade == step) & (row != column))
+        ax.barh(y, 0.9, 0.9, left=x - 0.45, color=COLOURS["blue"], alpha=alpha, linewidth=0)
+    ax.plot([-0.5, len(names) - 0.5], [-0.5, len(names) - 0.5], color=COLOURS["muted"], linewidth=0.8)
+    ax.set_xticks(range(len(names)), names, rotation=60, ha="right")
+    ax.set_yticks(range(len(names)), names)
+    ax.set_xlim(-0.5, len(names) - 0.5)
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.grid(visible=False)
+    texts = [f"< {STEPS[0]:g}", *(f"> {s:g}" for s in STEPS)]
+    keys = [Patch(facecolor=COLOURS["blue"], alpha=a, label=t) for a, t in zip(SHADES, texts, strict=True)]
+    ax.legend(handles=keys, title="|cosine|", loc="center left", bbox_to_anchor=(1.01, 0.5))
+    return ax
+
+
+def next_figure(found: NextTrial) -> Figure:
+    """The section of the page: the map before and after, and the table of trials."""
+    rows = [
+        [described(o.plan), f"{o.duration_s / 60:.1f}", f"{o.told.bits:.2f}", f"{o.told.probability:.2f}", d]
+        for o, d in ((o, found.decision(o)) for o in found.leading)
+    ]
+    return Figure(
+        "next",
+        "",
+        "Which trial next",
+        [
+            f"Recommended: {found.sentence(found.best)}. {found.twin_sentence}",
+            "A square is darker the more alike two effects are (|cosine| of the residuals that they would leave): "
+            "below the diagonal in what was recorded, above it with the recommended trial beside it. The darkest pairs "
+            "cannot be told apart.",
+        ],
+        [Panel("effects that look alike", partial(twin_map, found.before, found.after), (8.8, 6.4))],
+        [Table("Possible trials", ["trial", "minutes", "bits", "P(true)", "would tell apart"], rows, "wide")],
+    )
+
+
+def twin_picture(found: NextTrial) -> Picture:
+    """The map alone, on a new figure."""
+    picture = Picture(figsize=(8.8, 6.8), layout="constrained")
+    ax = picture.subplots()
+    twin_map(found.before, found.after, ax)
+    ax.set_title(f"Below: {found.name}. Above: with\n{described(found.best.plan)}", fontsize="medium")
+    return picture

@@ -4,7 +4,7 @@
 
 Every recording is of a body with one mechanism of the library (every second one) and a torque with a drawn transfer
 function of 0 to 3 poles and 10 to 40 % of the active torque of its joint, simulated in time. The model is fitted with
-the mechanism, then the torque is estimated. Three CPU seconds per case; 40 cases by default.
+the mechanism, then the torque is estimated. Two to three CPU seconds per case; 40 cases by default.
 """
 
 from __future__ import annotations

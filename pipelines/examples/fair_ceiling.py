@@ -4,8 +4,8 @@ The method is that of mcstudy.challenge.fair_ceiling.
 
     python pipelines/examples/fair_ceiling.py [BODIES]
 
-Bodies (4) and out-of-library effects are drawn as in gap_challenge.toml, from another seed. Beside it stands the ideal
-method of the keys, which knows that there is no effect or one of the library. Some 30 CPU seconds per body; +- is the
+Bodies (2) and out-of-library effects are drawn as in gap_challenge.toml, from another seed. Beside it stands the ideal
+method of the keys, which knows that there is no effect or one of the library. Some 40 CPU seconds per body; +- is the
 standard error over bodies.
 """
 
@@ -60,4 +60,4 @@ def _text(values: np.ndarray, percent: bool) -> str:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 4)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 2)

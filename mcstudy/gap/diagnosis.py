@@ -293,7 +293,7 @@ def _nearest(near: Nearest) -> dict[str, Any]:
         "remaining": {
             **_of(left, "row sense probability path_probability poles poles_weight unit numerator denominator"),
             "rms": left.rms and _of(left.rms, "estimate low high"),
-            "share": _of(left.share, "estimate low high"),
+            "share": left.share and _of(left.share, "estimate low high"),
             **_of(left, "clearest_hz chi2 f gain gain_low gain_high phase phase_low phase_high"),
         },
     }

@@ -63,11 +63,11 @@ def leaves(near: Nearest, noise: tuple[float, float]) -> str:
         return said + (f" Its residual exceeds noise {place}." if place else "")
     acts = f"a torque at the {left.row} that depends on {_sense(left.sense)}"
     sure = f"probability {_chance(left.probability)}, among such torques {_chance(left.path_probability)}"
-    size = f"{percent(left.share)} of the active torque there" + (
-        "" if left.rms is None else f", {bracketed(left.rms, 'N m')} RMS"
-    )
+    sizes = [] if left.share is None else [f"{percent(left.share)} of the active torque there"]
+    sizes += [] if left.rms is None else [f"{bracketed(left.rms, 'N m')} RMS"]
+    size = f": {', '.join(sizes)}" if sizes else ""
     gain, phase = left.at(left.clearest_hz)
-    out = f"What it leaves{', ' + place + ',' if place else ''} is described by {acts} ({sure}): {size}."
+    out = f"What it leaves{', ' + place + ',' if place else ''} is described by {acts} ({sure}){size}."
     out += (
         f" Its transfer function, {counted_poles(left.poles)}, is {formula(left)} {left.unit}; at "
         f"{left.clearest_hz:.2g} Hz, where the data show it best, {bracketed(gain, left.unit)} with a phase of "

@@ -224,7 +224,7 @@ def _nearest(d: Diagnosis) -> Table:
     rows = [
         ["mechanism", " and ".join(d.nearest.effects)],
         ["acts at, depends on", f"{left.row}, {left.sense} ({100 * left.path_probability:.0f} %)"],
-        ["share of the active torque", nearest_words.percent(left.share)],
+        *([] if left.share is None else [["share of the active torque", nearest_words.percent(left.share)]]),
         *([] if left.rms is None else [["RMS (N m)", nearest_words.bracketed(left.rms)]]),
         ["poles", ", ".join(f"{k} ({100 * p:.0f} %)" for k, p in enumerate(left.poles_weight) if p >= SHOWN)],
         [f"G(s) ({left.unit})", nearest_words.formula(left)],

@@ -15,6 +15,8 @@ from mcstudy.gap.questions.remaining_torque import _candidates, remaining_torque
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, system
+from mcstudy.stance.stability import growth_rate
+from tests.helpers.examples import module
 
 BASE = opened(two_segment())
 ADDED = {
@@ -131,3 +133,20 @@ def test_a_known_torque_is_found_with_its_interval_and_nothing_without_one(low: 
     nothing = remaining_torque(at_truth(low), low, np.full(low.f.size, np.nan), rng, [path])
     assert not nothing.found
     assert nothing.rms is None
+
+
+def test_the_coverage_study_draws_a_body_that_stands_and_counts() -> None:
+    example = module("remaining_torque")
+    model, values, added, path, poles = example.drawn(3)
+    assert poles == 3
+    np.testing.assert_array_equal(values[-len(path.names(3)) :], added)
+    assert growth_rate(model, values) < 0
+    keys = ("rms", *(f"{what} {at}" for what in ("gain", "phase") for at in ("0.3", "1", "3", "clearest")))
+    cases = [
+        {"found": k > 0, "path": k > 1, "path_probability": 0.5, "poles": 1, "poles_found": k, **dict.fromkeys(keys, k)}
+        for k in range(4)
+    ]
+    said = example.table(cases)
+    assert "4 recordings, in 3 of them a torque is found" in said
+    assert "true path, among those found: 66.7 %" in said
+    assert "interval of gain clearest holds the truth, path given: 75.0 %" in said

@@ -130,12 +130,13 @@ class Loop:
 
     Attributes
     ----------
-    H: (N, 2) angles of the body itself. torque: (N, 2) complex, active torque by row. reply: (N, 2, 2), measured angles
-        per unit of torque by row.
+    H: (N, 2) angles of the body itself. torque: (N, 2) complex, active torque by row. drive: (N,) largest torque of the
+        stimulus itself. reply: (N, 2, 2), measured angles per unit of torque by row.
     """
 
     H: np.ndarray
     torque: np.ndarray
+    drive: np.ndarray
     reply: np.ndarray
 
     @classmethod
@@ -146,7 +147,7 @@ class Loop:
         H = np.linalg.solve(A, b[..., None])[..., 0]
         measured = fitted.response(f) / H
         torque = np.einsum("nij,nj->ni", active(fitted.model, fitted.theta, s), H)
-        return cls(H, torque, np.linalg.inv(A) * measured[:, :, None])
+        return cls(H, torque, np.abs(b).max(axis=1), np.linalg.inv(A) * measured[:, :, None])
 
     def change(self, path: Path, model: Model) -> np.ndarray:
         """(N, 2) change of the measured angles per unit of the transfer function of a path, to first order."""
@@ -154,11 +155,12 @@ class Loop:
         return np.asarray(-self.reply[:, :, k] * path.signal(self.H, model.angles)[:, None])
 
     def scale(self, path: Path, model: Model) -> float:
-        """Median over the lines of active torque of the row per unit of what the path senses."""
-        k = model.rows.index(path.row)
-        return float(
-            np.median(np.abs(self.torque[:, k]) / np.maximum(np.abs(path.signal(self.H, model.angles)), 1e-300))
-        )
+        """Median over the lines of the torque of the row per unit of what the path senses.
+
+        It is the active torque and a tenth of that of the stimulus, as of `mcstudy.gap.candidates.unknown`.
+        """
+        torque = np.abs(self.torque[:, model.rows.index(path.row)]) + 0.1 * self.drive
+        return float(np.median(torque / np.maximum(np.abs(path.signal(self.H, model.angles)), 1e-300)))
 
 
 def extended(fitted: Fitted, path: Path, poles: int, f: np.ndarray, scale: float) -> tuple[Model, Prior]:

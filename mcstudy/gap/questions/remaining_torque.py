@@ -1,12 +1,12 @@
 """What a mechanism leaves of the gap, as a torque with a rational transfer function.
 
 Every path (`mcstudy.gap.candidates.rational_torque`) with 0 to 3 poles is added to the model with the mechanism and
-fitted with all other parameters. Whether a torque remains, and by which path, is decided by evidence (Laplace's
-approximation). Half of the prior probability is that of no further torque, the other half is shared by the candidates.
+fitted with all other parameters. Whether a torque remains is decided by evidence (Laplace's approximation). Half of the
+prior probability is that of no further torque, the other half is shared by the candidates.
 
-The numbers of poles of the best path are weighted by Akaike's criterion, which estimates how well each predicts new
-lines (Akaike 1978; for many lines it is that of leaving out one after the other, Stone 1977). Evidence is too sure of
-few poles: where a pole is not determined, Laplace's approximation counts one of many places where it could be.
+Paths and numbers of poles are weighted by Akaike's criterion, which estimates how well each predicts new lines (Akaike
+1978; for many lines it is that of leaving out one after the other, Stone 1977). Evidence is too sure here: where a pole
+is not determined, Laplace's approximation counts one of many places where it could be.
 
 Intervals are those of samples from the normal approximations of the posterior, shared among the numbers of poles by
 their weights. So they include the uncertainty of all other parameters and of the number of poles, but not that of the
@@ -27,14 +27,14 @@ from mcstudy.gap.questions.interval import Interval
 NOTHING = 0.5
 """Prior probability that the mechanism leaves no torque."""
 
-STARTS = 3
+STARTS = 2
 """Start values of a further fraction."""
 
 SMALL = 15.0
 """Squared residual beyond noise that data of less weight have."""
 
-LEAST = 100.0
-"""Squared residual beyond noise that is assumed at least, because its noise is large."""
+LARGE = 50.0
+"""Squared residual beyond noise from which fits start with data of less weight."""
 
 STEP = 2.5
 """Factor between the weights of successive fits."""
@@ -57,7 +57,7 @@ class RemainingTorque:
     probability
         Probability that a torque remains at all.
     path_probability
-        Probability of this row and sense among all, if one remains.
+        Akaike weight of this row and sense among all, if one remains.
     poles
         The number of poles of this path with the largest Akaike weight, 0 to 3.
     poles_weight
@@ -77,7 +77,7 @@ class RemainingTorque:
         Root mean square of the torque, N m, in these recordings (`Interval`); None without time series. The lower
         limit is 0 if no torque is found.
     share
-        The same relative to the active torque of that joint (`Interval`).
+        The same relative to the active torque of that joint (`Interval`); None for a joint without active torque.
     clearest_hz
         The line that the torque changes most, in standard errors, after all other parameters have been refitted, Hz.
     chi2
@@ -101,7 +101,7 @@ class RemainingTorque:
     phase_low: np.ndarray = field(repr=False)
     phase_high: np.ndarray = field(repr=False)
     rms: Interval | None
-    share: Interval
+    share: Interval | None
     clearest_hz: float
     chi2: float
 
@@ -148,10 +148,13 @@ def remaining_torque(
     total = np.logaddexp.reduce(log)
     nothing = np.log(NOTHING) + fitted.log_evidence
     found = bool(total > nothing)
-    by_path = {c.path: np.logaddexp.reduce([d.log_weight for d in candidates if d.path == c.path]) for c in candidates}
+    weight = _akaike_weights(candidates)
+    by_path: dict[Path, float] = {}
+    for c, w in zip(candidates, weight, strict=True):
+        by_path[c.path] = by_path.get(c.path, 0.0) + float(w)
     path = max(by_path, key=lambda p: by_path[p])
     own = [c for c in candidates if c.path == path]
-    share = _shares(own)
+    share = weight[[c.path == path for c in candidates]] / by_path[path]
     best = own[int(share.argmax())]
     by_poles = np.zeros(MOST_POLES + 1)
     by_poles[[c.poles for c in own]] = share
@@ -165,16 +168,16 @@ def remaining_torque(
     quantiles = np.quantile(gain, (0.5, 0.025, 0.975), axis=0)
     turns = np.quantile(phase, (0.5, 0.025, 0.975), axis=0)
     seen = _seen(fitted, data, loop, path, G.mean(axis=0))
-    open_ = ~_from_zero(G)
-    quantiles[1, open_] = 0.0
-    turns[1:, open_] = turns[0, open_] + np.array([[-180.0], [180.0]])
+    doubtful = ~_from_zero(G)
+    quantiles[1, doubtful] = 0.0
+    turns[1:, doubtful] = turns[0, doubtful] + np.array([[-180.0], [180.0]])
     numerator, denominator = path.fraction(best.poles, best.fitted.theta[fitted.theta.size :])
     unit = "N m/rad" if path.sense != "stimulus" else f"N m per {fitted.model.stimulus_unit}"
     return RemainingTorque(
         row=path.row,
         sense=path.sense,
         probability=float(np.exp(total - np.logaddexp(total, nothing))),
-        path_probability=float(np.exp(by_path[path] - total)),
+        path_probability=by_path[path],
         poles=best.poles,
         poles_weight=by_poles,
         numerator=numerator,
@@ -188,7 +191,7 @@ def remaining_torque(
         phase_low=turns[1],
         phase_high=turns[2],
         rms=_size(torque, found) if timed else None,
-        share=_size(torque / active, found),
+        share=_size(torque / active, found) if active > 0 else None,
         clearest_hz=float(data.f[int(seen.argmax())]),
         chi2=best.fitted.chi2,
     )
@@ -202,8 +205,9 @@ def _candidates(fitted: Fitted, data: Data, loop: Loop, every: Sequence[Path]) -
     """
     prior = float(np.log((1 - NOTHING) / (len(every) * (MOST_POLES + 1))))
     steps = [(fitted, data)]
-    weight = np.sqrt(SMALL / max(fitted.chi2 - 4 * data.f.size, LEAST))
-    while weight < 1 / STEP:
+    excess = fitted.chi2 - 4 * data.f.size
+    weight = np.sqrt(SMALL / excess) if excess > LARGE else 1.0
+    while weight < 1.5 / STEP:
         softer = Data(data.f, data.y, data.weight * weight)
         starts = np.array([fitted.theta, fitted.prior.mean])
         steps.insert(-1, (Fitter(fitted.model, fitted.prior, data.f).best(softer, starts), softer))
@@ -239,9 +243,9 @@ def _poles(path: Path, added: int) -> int:
     return next(k for k in range(MOST_POLES + 1) if len(path.names(k)) == added)
 
 
-def _shares(own: list[_Candidate]) -> np.ndarray:
-    """Akaike weights of the numbers of poles of one path."""
-    aic = np.array([c.fitted.chi2 + c.fitted.penalty + 2 * len(c.path.names(c.poles)) for c in own])
+def _akaike_weights(candidates: list[_Candidate]) -> np.ndarray:
+    """Akaike weights of all candidates."""
+    aic = np.array([c.fitted.chi2 + c.fitted.penalty + 2 * len(c.path.names(c.poles)) for c in candidates])
     weight = np.exp(-0.5 * (aic - aic.min()))
     return np.asarray(weight / weight.sum())
 
@@ -260,7 +264,7 @@ def _samples(own: list[_Candidate], share: np.ndarray, f: np.ndarray, rng: np.ra
     for c, n in zip(own, rng.multinomial(SAMPLES, share), strict=True):
         m = len(c.path.names(c.poles))
         covariance = c.fitted.covariance[-m:, -m:] * max(1.0, c.fitted.chi2 / (4 * f.size))
-        theta = rng.multivariate_normal(c.fitted.theta[-m:], (covariance + covariance.T) / 2, n, method="cholesky")
+        theta = rng.multivariate_normal(c.fitted.theta[-m:], (covariance + covariance.T) / 2, n, check_valid="ignore")
         theta = np.clip(theta, c.fitted.model.lower[-m:], c.fitted.model.upper[-m:])
         out += [c.path.transfer(c.poles, x, f) for x in theta]
     return np.array(out)

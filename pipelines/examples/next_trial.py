@@ -34,7 +34,6 @@ from mcstudy.effect_library.simulate import Protocol, body_with_effects
 from mcstudy.errors import FallsError, InputError, RecordingError
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
 from mcstudy.gap.checked_lines import checked_lines, given_model
-from mcstudy.gap.diagnosis import LEVEL
 from mcstudy.gap.fits.priors import opened
 from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
 from mcstudy.gap.planned.next_trial import described
@@ -42,6 +41,7 @@ from mcstudy.gap.planned.record import simulated
 from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
+from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.posterior import Explanation, explain
 from mcstudy.gap.settling import OVER
 from mcstudy.recordings.frf import FrfRecording

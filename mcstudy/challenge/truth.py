@@ -179,7 +179,8 @@ def _ruled(series: Series, rng: np.random.Generator, name: str) -> tuple[Recordi
     if done is None:
         return None
     recording, more = done
-    described = [{"effect": name, "sizes": drawn.sizes, "delta": drawn.measured.delta, "group": [name], "kin": [name]}]
+    group = [name, *same_change(name)]
+    described = [{"effect": name, "sizes": drawn.sizes, "delta": drawn.measured.delta, "group": group, "kin": group}]
     more["closable"][name] = 1.0
     return recording, _entry(drawn.theta, drawn.measured.delta, described, **more)
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mcstudy.identification.bounds import bounded
 from mcstudy.recordings.recording import Recording
+from mcstudy.stance.body import two_segment
 
 if TYPE_CHECKING:
     from mcstudy.identification.result import FitResult
@@ -108,6 +109,7 @@ def nearest(fitted: FitResult) -> Coverage | None:
         and recording.period_s is not None
         and fitted.level == LEVEL
         and not fitted.method["effects"]
+        and model.names == two_segment().names
         and bounded(model, model, {}) == model
     )
     if not alike:

@@ -9,6 +9,7 @@ import numpy as np
 from mcstudy.errors import InputError
 from mcstudy.identification.noise_of import noise_of
 from mcstudy.identification.result import FitResult
+from mcstudy.recordings.joint import JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd
 from mcstudy.stance.stimulus import RECURRENCES, Prts
@@ -33,6 +34,10 @@ HIGHEST_HZ = 8.0
 def study_of(fitted: FitResult, name: str, *, realizations: int = 100, starts: int = 10, seed: int = 1) -> Study:
     """The study of the experiment in which a person was fitted; see `mcstudy.study_from`."""
     recording = fitted.recording
+    if isinstance(recording, JointRecording):
+        raise InputError(
+            f"{fitted.name}: expected one stimulus, because a study has one, got {' and '.join(recording.labels)}"
+        )
     if not isinstance(recording, Recording) or recording.period_s is None:
         raise InputError(
             f"{fitted.name}: expected a recording with a periodic stimulus, whose experiment can be repeated"

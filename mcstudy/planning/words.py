@@ -56,7 +56,8 @@ def statement(found: Solution) -> str:
 def _binds(found: Solution) -> str:
     """Which end of a range keeps the targets out of reach; empty where the measure is lowest inside."""
     space, d = found.space, found.nearest
-    if space.realizations is not None and found.realizations > space.realizations[1]:
+    by_design = not found.rows or any(r.reached for r in found.rows)
+    if by_design and space.realizations is not None and found.realizations > space.realizations[1]:
         most = space.realizations[1]
         return f" What binds is the largest number of realizations, {most}: {found.realizations} are needed."
     ends = []
@@ -74,7 +75,7 @@ def _flat(found: Solution) -> str:
     known = 50 * (worst.high - worst.low) / abs(worst.value)
     return (
         f"{worst.target.name} depends little on the {axis} there: it is known to ±{known:.1f} % of its value, "
-        f"which leaves that interval."
+        "which leaves that interval."
     )
 
 

@@ -1,11 +1,11 @@
-"""Does sensor noise explain the measured noise of a fitted person, and is the limit of `study-from` a wise one?
+"""Does sensor noise explain the measured noise of a fitted person, and which recordings does `study-from` refuse?
 
     python pipelines/examples/study_noise.py
 
 ``mcstudy study-from`` refuses a recording when the sensor noise that it finds evokes an RMS of the sway that is not
 within a factor of 1.5 of the measured one. Recordings (two trials of six cycles, lines up to 3.1 Hz) of two bodies and
-every kind of stimulus are fitted. Printed: this factor (the larger of both angles) and the largest relative error
-among quantities that the data determine, of each recording; and the factors on either side of the limit.
+every kind of stimulus are fitted. Printed for each recording: this factor (the larger of both angles) and the largest
+error (natural logarithm) among quantities that the data determine; then the factors on either side of the limit.
 """
 
 from __future__ import annotations

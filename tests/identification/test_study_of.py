@@ -13,6 +13,7 @@ from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.identification.noise_of import noise_of
+from mcstudy.recordings.joint import JointRecording
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.study.measure import stimulus as stimulus_of_group
@@ -99,9 +100,11 @@ def test_an_experiment_that_a_study_cannot_express_is_refused(fitted: mc.FitResu
     wild = replace(fitted.lines, noise=replace(fitted.lines.noise, C=fitted.lines.noise.C * [[1e-6, 1e-3], [1e-3, 1]]))
     recording = fitted.recording
     assert isinstance(recording, mc.Recording)
+    hip = replace(recording, stimulus="hip_torque")
     even = [replace(t, stimulus=t.stimulus + 0.1 * np.abs(t.stimulus)) for t in recording.trials]
     cases = (
         (replace(fitted, recording=None), "expected a recording with a periodic stimulus"),
+        (replace(fitted, recording=JointRecording((recording, hip))), "expected one stimulus, .* ankle_torque and hip"),
         (replace(fitted, lines=wild), "no sensor noise evokes the measured sway"),
         (
             replace(

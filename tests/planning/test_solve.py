@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,9 @@ def test_everything_found_is_written(found: Any) -> None:
     assert found.table["value"].shape == (len(found.looks), 1)
     assert "95 % interval of the amplitude" in found.text()
     assert "amplitude" in repr(found)
+    assert not found.flat
+    words = replace(found, flat=True).text().replace("\n", " ")
+    assert "cv(K11 + Kpas1) depends little on the amplitude there: it is known to ±" in words
     svg = solution_svg(found)
     assert svg.count("<circle") == len(found.looks)
     assert "cv(K11 + Kpas1)" in svg

@@ -129,6 +129,8 @@ def test_bars_are_the_truth_and_the_means_of_the_best_fits(paper_tree: xr.DataTr
     expected = [float(cells["truth"]), *cells["estimate"].mean("realization").values.ravel()]
     heights = [patch.get_height() for patch in ax.patches]  # type: ignore[attr-defined]
     assert heights == pytest.approx(expected)
+    first, second = (ax.patches[1 + 3 * i].get_x() for i in range(2))  # type: ignore[attr-defined]
+    assert second < first, "5 N m stands left of 3 N m, as in the paper"
 
 
 def test_a_combined_stiffness_is_drawn_by_its_name(paper_tree: xr.DataTree, ax: Axes) -> None:

@@ -152,7 +152,8 @@ def damaged_by(mutation: Callable[[Path], None], files: list[Path]) -> list[Path
     """Files on which a mutation is tried."""
     if mutation is swap_with_another_array:
         return [file for file in files if file.parent.name in ALIKE and file.name != "zarr.json"]
-    return files[MUTATIONS.index(mutation) % EVERY :: EVERY]
+    first = MUTATIONS.index(mutation)
+    return [file for i, file in enumerate(files) if (first + i + i // EVERY) % EVERY == 0]
 
 
 def read(out: Path) -> dict[str, xr.Dataset] | str:
@@ -184,7 +185,8 @@ def unnamed(out: Path, sound: Path) -> str:
 
 
 EVERY = 1 if MANY else 3
-"""Of so many neighbouring files one is damaged in each way, in the next way the next one."""
+"""Of so many neighbouring files one is damaged in each way: another one in the next way, and of the next neighbours,
+since many arrays have three files."""
 
 REPAIRED = ("zarr.json", "noisy/zarr.json", "noisy/fmax", "noisy/parameter", "noisy/estimate", "noisy/status")
 """Files, or folders of files, that a run repairs here: of metadata and constants one of each kind, since what is wrong

@@ -19,7 +19,7 @@ from mcstudy.stance.feedback import Model
 
 
 def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> Axes:
-    """One panel of Fig. 5 or 6: true value, then mean ± SD of the best fits by Fmax and amplitude.
+    """One panel of Fig. 5 or 6: true value, then mean ± SD of the best fits by Fmax and amplitude, the largest first.
 
     ``parameter`` may be a sum of stiffnesses, e.g. ``"K11+Kpas1"``. Raises `InputError` when there is no such
     parameter.
@@ -33,7 +33,7 @@ def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> A
     width = 0.8 / len(amplitudes)
     ax.bar(-1, truth, width=0.6, color=COLOURS["muted"])
     for i, a in enumerate(amplitudes):
-        x = np.arange(cells.sizes["fmax"]) + (i - (len(amplitudes) - 1) / 2) * width
+        x = np.arange(cells.sizes["fmax"]) + ((len(amplitudes) - 1) / 2 - i) * width
         mean, sd = means.sel(amplitude=a).values, sds.sel(amplitude=a).values
         ax.bar(
             x,

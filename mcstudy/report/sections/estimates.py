@@ -99,13 +99,14 @@ def _fig_4_noise(view: GroupView) -> Figure | Missing:
 
 
 def _amplitude_keys(view: GroupView) -> list[tuple[str, str]]:
+    """In the order of the bars: as in the paper's Fig. 5, the largest amplitude comes first."""
     palette = ("blue", "orange", "green", "purple", "ochre", "sky")
     labels = [f"{a:g} {unit(view)}" for a in view.cube["amplitude"].values]
     keys = [
         (palette[i % len(palette)] + (" hatched" if HATCHES[i % len(HATCHES)] else ""), label)
         for i, label in enumerate(labels)
     ]
-    return [("muted", "true value"), *keys]
+    return [("muted", "true value"), *reversed(keys)]
 
 
 def _fig_5(context: Context, view: GroupView, suffix: str) -> Figure | Missing:

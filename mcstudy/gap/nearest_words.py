@@ -49,8 +49,8 @@ def resembles(near: Nearest, named: str) -> str:
     """One sentence: the nearest mechanism, ``named`` as in the verdict, and its likeness."""
     assert near.cause.likeness is not None
     return (
-        f"The nearest mechanism of the library is {named}: fitted without them, it predicts "
-        f"{percent(near.cause.likeness)} of the gap at left-out lines."
+        f"The nearest mechanism of the library is {named}. It predicts {percent(near.cause.likeness)} of the gap at "
+        "lines left out of its fit."
     )
 
 

@@ -127,7 +127,11 @@ def test_no_share_closed_is_stated_without_its_interval_and_what_noise_leaves_of
         assert (share is None) == (d.added is None), case
         assert ("share of the gap closed" in rows) == (d.added is not None), case
         if share is None:
-            said = verdict(d).replace("share of the gap closed and no better", "").replace("of the gap at left-out", "")
+            said = (
+                verdict(d)
+                .replace("share of the gap closed and no better", "")
+                .replace("of the gap at lines left out", "")
+            )
             assert "of the gap" not in said, case
             continue
         stated += 1

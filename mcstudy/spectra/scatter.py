@@ -5,7 +5,7 @@ assumption behind this: its noise is confined to one or two lines, and what is l
 at its frequency with another phase in every cycle. In both cases the cycles differ at that line by more than its
 neighbours say. `with_scatter` finds such lines and enlarges their covariance. Leakage at the ends of cycles also makes
 cycles differ, but it cancels in their mean and is equal over many lines, so each line is compared with the median of
-those around it. Derived; `pipelines/near_unstable.md` states how often sound recordings are widened.
+those around it. Derived; `pipelines/gap_challenge.md` states false alarms near the limit of stability.
 """
 
 from __future__ import annotations

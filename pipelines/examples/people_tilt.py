@@ -124,15 +124,15 @@ def gap_text(group: xr.Dataset, condition: int, gap: MeanGap) -> str:
 
 
 def gap_table(group: xr.Dataset, label: str, model: Model, starts: np.ndarray) -> str:
-    """The gap of every condition, where most of it is, and what the effects `NEAREST` close of it."""
+    """Misfit and gap of every condition, where most of the gap is, and what the effects `NEAREST` close of it."""
     rows = []
     for c, name in enumerate(group["condition"].values):
         gap = mean_gap(model, group, c, NEAREST, starts=starts)
         segment, band = np.unravel_index(gap.share.argmax(), gap.share.shape)
         edge = f"{('lower', 'upper')[segment]} body from {BANDS_HZ[band]:g} Hz, {100 * gap.share.max():.0f} %"
         closed = [f"{100 * x:.0f} ± {100 * e:.0f}" for x, e in zip(gap.closes, gap.closes_se, strict=True)]
-        rows.append([str(name), f"{gap.gap:.0f} ± {gap.gap_se:.0f}", edge, *closed])
-    return table([label, "gap", "largest share", *NEAREST], rows)
+        rows.append([str(name), f"{gap.misfit:.0f}", f"{gap.gap:.0f} ± {gap.gap_se:.0f}", edge, *closed])
+    return table([label, "misfit", "gap", "largest share", *NEAREST], rows)
 
 
 def hip_reading(group: xr.Dataset) -> xr.Dataset:

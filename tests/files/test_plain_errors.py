@@ -53,7 +53,7 @@ def test_a_mistake_is_told_in_plain_words(model: Any, change: dict[str, Any], me
 @pytest.mark.parametrize(
     ("sheet", "message"),
     [
-        ("period = 3", "period: unknown key, expected one of name, provenance, "),
+        ("period = 3", "period: unknown key, expected one of stimulus, name, provenance, "),
         ("[[trials]]\nfil = 'a'", "trials.0.fil: unknown key, expected one of file, amplitude, "),
         ("[[trials]]\ntheta1 = 3.5", "trials.0.theta1: expected a table, got 3.5"),
         ("[[trials]]\ntheta1 = {column = []}", "trials.0.theta1.column: expected a whole number or a string, got []"),

@@ -115,7 +115,7 @@ def test_where_it_converges_the_minimum_is_that_of_levenberg_marquardt(kind: str
     assert done.sum() >= 8
     polished = lm(problem, own.estimate[done], 1e-12, 1000)
     assert (polished.cost <= own.cost[done]).all()
-    assert np.median(own.cost[done] / polished.cost) < 1 + 1e-4  # forward differences limit it
+    assert np.median(own.cost[done] / polished.cost) < 1 + 1e-3  # forward differences limit it
     assert own.cost.min() == pytest.approx(other.cost.min(), rel=1e-4)
 
 

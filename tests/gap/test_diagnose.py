@@ -185,7 +185,7 @@ def test_what_cannot_be_diagnosed_gets_one_line(lagging: Recording) -> None:
         (with_trials(replace(trial, stimulus=pulse, amplitude=None)), {}, "one that varies throughout the trial"),
         (with_trials(trial, short), {}, "the shortest trial has 0.2 s"),
         (aperiodic, {"fmax": 60.0}, "100 Hz does not reach lines up to 60 Hz"),
-        (aperiodic, {"fmax": 0.01}, "hold 0 lines up to 0.01 Hz; expected at least 4"),
+        (aperiodic, {"fmax": 0.01}, "at least 4 lines up to fmax = 0.01 Hz, got 0"),
         (lagging, {"fmax": float("nan")}, "fmax: expected a positive number of Hz, got nan"),
         (lagging, {"fmax": 0.01}, "at least 4 lines up to fmax = 0.01 Hz, got 0"),
         ([], {}, "recordings: expected at least one"),

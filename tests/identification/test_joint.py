@@ -80,7 +80,7 @@ def test_text_page_and_json_tell_of_every_recording(fitted: FitResult, tmp_path:
 
 
 def test_a_study_of_several_stimuli_is_refused(fitted: FitResult) -> None:
-    with pytest.raises(InputError, match="expected a recording with a periodic stimulus"):
+    with pytest.raises(InputError, match="one stimulus, because a study has one, got ankle_torque and hip"):
         mc.study_from(fitted, "mine")
 
 

@@ -240,7 +240,7 @@ def sheet(folder: Path, text: str = "", rows: str | None = None) -> Path:
     ("text", "message"),
     [
         ("rate_hz = 50\nbody = {reference = 'goodworth2018'}\n[[trials]]\nfile = 'a.csv'\n", "rate_hz: stated 50 Hz"),
-        ("rate = 50\n", r"a\.toml: rate: unknown key, expected one of name, "),
+        ("rate = 50\n", r"a\.toml: rate: unknown key, expected one of stimulus, name, "),
         ("[[trials]]\nfile = 'a.csv'\n", "body: expected J1"),
         ("body = {J1 = 50}\n[[trials]]\nfile = 'a.csv'\n", "body: J2, C1, C2, A1, A2 missing"),
         ("body = {reference = 'goodworth2018'}\n", "trials: expected at least one"),

@@ -21,7 +21,7 @@ from scipy.stats import binomtest
 
 from mcstudy.challenge.calibration import calibration
 from mcstudy.group_comparison.base import GroupModel
-from mcstudy.group_comparison.changes import DELAY, GAIN, NOTHING, OTHER, WEIGHT, hypotheses
+from mcstudy.group_comparison.changes import DELAY, GAIN, NOTHING, OTHER, POWER, WEIGHT, hypotheses, posterior
 from mcstudy.group_comparison.compare import hypotheses_fitted
 from mcstudy.group_comparison.sample import sample_of
 from mcstudy.stance.body import two_segment
@@ -60,7 +60,7 @@ def drawn(rng: np.random.Generator, parts: tuple[str, ...], common: bool) -> tup
             return dict(zip(model.names, base, strict=True)), dict(zip(model.names, other, strict=True))
 
 
-def answer(k: int, shares: tuple[float, float], common: bool) -> tuple[str, dict[str, float]]:
+def answer(k: int, shares: tuple[float, float], common: bool, power: float = POWER) -> tuple[str, dict[str, float]]:
     """The cause of pair ``k``, and the probability of every cause."""
     rng = stream(17, "group_calibration", k)
     named, none = shares
@@ -74,22 +74,22 @@ def answer(k: int, shares: tuple[float, float], common: bool) -> tuple[str, dict
     a = people(n, 2 * k, before)
     b = people(n, 2 * k + (not paired), after, again=1, effect=effect)
     _, _, fitted = hypotheses_fitted(a, sample_of(a, b), 0)
-    prior = {NOTHING: none, OTHER: 1 - named - none}
-    log = np.array([one.log_evidence + np.log(prior.get(one.name, named / len(kinds))) for one in fitted])
-    probability = np.exp(log - log.max())
-    return truth, dict(zip([one.name for one in fitted], probability / probability.sum(), strict=True))
+    probability = posterior(fitted, none, 1 - named - none, power)
+    return truth, dict(zip([one.name for one in fitted], probability, strict=True))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Calibration of the causes named by a comparison of two groups.")
     parser.add_argument("--pairs", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0, help="number of the first pair")
+    parser.add_argument("--power", type=float, default=POWER, help=f"of the evidence (default {POWER})")
     parser.add_argument("--named", type=float, default=0.7)
     parser.add_argument("--none", type=float, default=0.2)
     parser.add_argument("--common", action="store_true", help="one factor for all parameters of a set")
     args = parser.parse_args()
     stated, right, sets, of_truth, kinds = [], [], [], [], []
-    for k in range(args.pairs):
-        truth, probability = answer(k, (args.named, args.none), args.common)
+    for k in range(args.first, args.first + args.pairs):
+        truth, probability = answer(k, (args.named, args.none), args.common, args.power)
         order = sorted(probability, key=lambda name: -probability[name])
         best = order[0]
         until = int(np.searchsorted(np.cumsum([probability[name] for name in order]), 0.95)) + 1

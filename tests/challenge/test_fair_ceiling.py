@@ -11,7 +11,7 @@ import pytest
 from mcstudy.challenge.challenge_file import resolve
 from mcstudy.challenge.design import Series
 from mcstudy.challenge.fair_ceiling import Ideal, ideal
-from tests.helpers.examples import module
+from tests.helpers.examples import run_with_file
 
 RAW: dict[str, Any] = {
     "challenge": {"name": "tiny", "seed": 5, "cases": 1},
@@ -58,13 +58,10 @@ def test_where_nothing_else_is_to_be_expected_both_methods_are_one() -> None:
 def test_the_example_prints_both_bounds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "tiny.toml"
-    file.write_text(
+    text = (
         '[challenge]\nname = "tiny"\nseed = 5\ncases = 1\n[sizes]\neffects = ["stimulus_gain", "integral_ankle"]\n'
         'outsiders = ["lumbar_relaxation"]\n[protocol]\namplitudes = [5.0]\ncycles = 3\n'
     )
-    example = module("fair_ceiling")
-    monkeypatch.setattr(example, "FILE", file)
-    example.main(2)
+    example = run_with_file("fair_ceiling", tmp_path / "tiny.toml", text, monkeypatch, 2)
     said = capsys.readouterr().out
     assert said.count("+-") == 2 * len(example.ROWS)

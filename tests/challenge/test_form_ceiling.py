@@ -10,7 +10,7 @@ import pytest
 from mcstudy.challenge.challenge_file import resolve
 from mcstudy.challenge.design import Mix
 from mcstudy.challenge.form_ceiling import Imagined, imagine, reached
-from tests.helpers.examples import module
+from tests.helpers.examples import run_with_file
 
 
 def drawn(angle_deg: float, delta: float) -> Imagined:
@@ -62,17 +62,14 @@ def test_draws_are_those_of_the_challenge() -> None:
 def test_the_example_prints_both_limits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "tiny.toml"
     zero = "".join(f"{name} = 0.0\n" for name in Mix.model_fields if name != "misshapen")
-    file.write_text(
+    text = (
         f'[challenge]\nname = "tiny"\nseed = 5\ncases = 1\n[mix]\n{zero}misshapen = 1.0\n[sizes]\n'
         'effects = ["acceleration_feedback", "integral_ankle"]\n'
         'forms = ["acceleration_smoothed", "integral_of_both_joints"]\n'
         "strata = [{share = 1.0, low = 6.0, high = 9.0}]\n"
     )
-    example = module("misshapen_ceiling")
-    monkeypatch.setattr(example, "FILE", file)
-    example.main(2)
+    run_with_file("misshapen_ceiling", tmp_path / "tiny.toml", text, monkeypatch, 2)
     said = capsys.readouterr().out
     assert "forms of 2 mechanisms" in said
     assert said.count("right mechanism first at delta >= 6: ") == 2

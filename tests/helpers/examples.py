@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import pytest
+
 EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
 
 
@@ -19,3 +21,12 @@ def module(name: str) -> ModuleType:
     sys.modules[name] = loaded  # dataclasses look their module up by name
     spec.loader.exec_module(loaded)
     return loaded
+
+
+def run_with_file(name: str, file: Path, text: str, monkeypatch: pytest.MonkeyPatch, *arguments: int) -> ModuleType:
+    """The example after its ``main(*arguments)``, with ``text`` in place of the file that it reads (its ``FILE``)."""
+    file.write_text(text)
+    example = module(name)
+    monkeypatch.setattr(example, "FILE", file)
+    example.main(*arguments)
+    return example

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -237,7 +237,7 @@ class Diagnosis(Summary):
                         **_of(c, "effects alternatives probability"),
                         "size": {s.name: _of(s, "estimate se low high unit") for s in c.sizes},
                         **({"advice": c.advice} if c.advice else {}),
-                        "likeness": c.likeness and _of(c.likeness, "estimate low high"),
+                        "likeness": c.likeness and asdict(c.likeness),
                     }
                     for c in self.causes
                     if c.probability > SHOWN or c is self.causes[0]
@@ -287,13 +287,13 @@ def _nearest(near: Nearest) -> dict[str, Any]:
     c, left = near.cause, near.remaining
     return {
         **_of(c, "effects alternatives probability"),
-        "likeness": c.likeness and _of(c.likeness, "estimate low high"),
+        "likeness": c.likeness and asdict(c.likeness),
         "chi2": near.chi2,
         "bands": [_of(b, "angle low_hz high_hz level limit beyond") for b in near.bands],
         "remaining": {
             **_of(left, "row sense probability path_probability poles poles_weight unit numerator denominator"),
-            "rms": left.rms and _of(left.rms, "estimate low high"),
-            "share": left.share and _of(left.share, "estimate low high"),
+            "rms": left.rms and asdict(left.rms),
+            "share": left.share and asdict(left.share),
             **_of(left, "clearest_hz chi2 f gain gain_low gain_high phase phase_low phase_high"),
         },
     }

@@ -27,6 +27,7 @@ from mcstudy.fitting.small_linear import orthonormal
 from mcstudy.gap.candidates.unstructured import Unstructured
 from mcstudy.gap.questions.detection import as_complex, linear_null
 from mcstudy.gap.questions.evidence import Hypothesis
+from mcstudy.gap.questions.interval import Interval
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.response import frf_jacobian
 
@@ -135,10 +136,10 @@ def close(
     beside = max(float(residual @ residual) - smooth_square, 0.0)
     unstructured = Unstructured.of(belief.null_chi2, taken=k).samples(beside, rng, SAMPLES)
     fraction = _shares(base, added, data, belief, explained, _left(smooth_square, k, rng), unstructured, rng)
-    low, middle, high = (float(x) for x in np.quantile(fraction, (0.025, 0.5, 0.975)))
+    share = Interval.of(fraction)
     trials = int(np.unique(lines.trial).size)
-    needed = int(np.ceil(trials * max(1.0, (high - low) / 2 / WANTED_HALF_WIDTH)))
-    return Closure(middle, low, high, 1 - low < FLOOR, before, after, needed)
+    needed = int(np.ceil(trials * max(1.0, (share.high - share.low) / 2 / WANTED_HALF_WIDTH)))
+    return Closure(share.estimate, share.low, share.high, 1 - share.low < FLOOR, before, after, needed)
 
 
 def _shares(

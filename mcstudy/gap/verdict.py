@@ -138,7 +138,7 @@ def shown_causes(d: Diagnosis) -> list[Cause]:
 
 def nearest(d: Diagnosis) -> str:
     """The nearest mechanism, how much of the gap it predicts at left-out lines, and what it leaves."""
-    if d.leading is None:
+    if d.leading is None or not d.asked.nearest:
         return ""
     if d.nearest is None:  # a gap only between amplitudes or in time has no mechanism to be compared with
         said = "No mechanism of the library comes near with a size that a body can have."

@@ -254,9 +254,10 @@ def found(r: FitResult) -> str:
     if m.missed_lowest is None:
         out = f"No random start of {m.starts} ended in the lowest minimum; {FOUND_FROM[m.lowest_from]} found it."
     else:
+        chance = f"of {100 * m.missed_lowest:.1f} %" if m.missed_lowest >= 1e-3 else "below 0.1 %"
         out = (
             f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; as many new ones alone would miss "
-            f"it with a chance of {number(100 * m.missed_lowest, 2)} %, which is why the search has other starts too."
+            f"it with a chance {chance}."
         )
     out += (
         f" The next random start would end in a minimum not seen yet with an expected chance of {100 * m.missed:.1f} %."

@@ -43,13 +43,14 @@ def test_the_delta_of_a_camera_is_that_of_linear_theory_even_where_it_is_far_fas
     assert measured.delta == pytest.approx(theory, rel=0.1)
 
 
-def test_noise_does_not_change_the_delta_of_a_linear_cause() -> None:
+def test_noise_does_not_change_the_mean_response_of_a_linear_cause() -> None:
     silent, noisy = (
         Withheld(GEOMETRY, foreign("slow_bias"), True, True, noisy).measure(20.0) for noisy in (False, True)
     )
-    assert noisy.delta == pytest.approx(silent.delta, rel=0.1)
+    assert np.linalg.norm(GEOMETRY.unexplained(noisy.response)) == pytest.approx(silent.delta, rel=0.1)
+    assert noisy.delta == pytest.approx(silent.delta, rel=0.3)  # the noise is estimated from few cycles
     assert noisy.louder is not None
-    assert np.trace(noisy.louder, axis1=1, axis2=2).real / 2 == pytest.approx(1.0, abs=0.5)
+    assert np.trace(noisy.louder, axis1=1, axis2=2).real / 2 == pytest.approx(1.0, abs=0.2)
 
 
 def test_a_threshold_far_below_the_noise_is_invisible_although_it_is_not_without_noise() -> None:

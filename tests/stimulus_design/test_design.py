@@ -117,7 +117,7 @@ def test_every_kind_of_stimulus_can_be_designed(kind: str) -> None:
         ({"limits": {"sway": 0.6}}, "limits.sway: what is kept of the sequence alone is"),
         ({"limits": {"rate": 0.3}}, "limits.rate: what is kept of the sequence alone is"),
         ({"limits": {"crest_factor": 1.1}}, "limits.crest_factor: the lowest found in 2 starts is"),
-        ({"limits": {"peak": 1.0}}, "limits.peak: the power that is kept"),
+        ({"limits": {"peak": 1.0}}, "limits.peak: what is kept of the sequence alone is"),
         ({"limits": {"duration_s": 20.0}}, "limits.duration_s: expected room for 2 cycles"),
         ({"design": {"criterion": "c"}}, "design.parameter: expected a parameter for criterion 'c'"),
         ({"design": {"criterion": "c", "parameter": "K99"}}, "design.parameter: expected one of K11"),

@@ -94,17 +94,17 @@ def waveform(design: StimulusDesign, ax: Axes | None = None) -> Axes:
 
 def _errors(design: StimulusDesign, command: str) -> str:
     found = design.spreads_at_fmax if design.spreads else None
-    panels = [Panel("predicted, with the bounds of the fit", partial(cv_bars, design, design.bounded_cv), (5.8, 3.4))]
+    panels = [Panel("predicted, with the bounds of the fit", partial(cv_bars, design, design.bounded_cv), (4.3, 5.0))]
     if found is not None:
-        panels.append(Panel(f"bounded fits up to {found.fmax:g} Hz", partial(cv_bars, design, found.cv), (5.8, 3.4)))
+        panels.append(Panel(f"bounded fits up to {found.fmax:g} Hz", partial(cv_bars, design, found.cv), (4.3, 5.0)))
     both = [*design.bounded_cv, *(found.cv if found is not None else ())]
-    header = ["parameter", "sequence, predicted", "design, predicted", "lower by"]
+    header = ["", "predicted: sequence", "design", "lower by"]
     rows = [
         [name, f"{100 * a:.3g} %", f"{100 * b:.3g} %", f"×{a / b:.3g}"]
         for name, a, b in zip(design.names, *both[:2], strict=True)
     ]
     if found is not None:
-        header += ["sequence, fits", "design, fits", "lower by (± MCSE)"]
+        header += ["fits: sequence", "design", "lower by (± MCSE)"]
         for k, row in enumerate(rows):
             row += [f"{100 * cv[k]:.3g} %" for cv in found.cv]
             row.append(f"×{with_error(found.ratio[k], found.ratio_error[k])}")
@@ -125,13 +125,14 @@ def _errors(design: StimulusDesign, command: str) -> str:
 
 def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None) -> Axes:
     """Coefficients of variation (2, P) of sequence and design as pairs of bars."""
-    ax, at = axes(ax, (5.8, 3.4)), np.arange(len(design.names))
+    ax, at = axes(ax, (4.3, 5.0)), np.arange(len(design.names))
     low = 10 ** np.floor(np.log10(100 * cv.min()))
     for k, (colour, hatch, label) in enumerate(((SEQUENCE, HATCHES[0], "sequence"), (DESIGN, HATCHES[1], "design"))):
         where = at + 0.4 * (k - 0.5)
-        ax.bar(where, 100 * cv[k] - low, 0.38, bottom=low, color=colour, hatch=hatch, edgecolor="white", label=label)
-    ax.set_yscale("log")
-    ax.set_ylim(low, 1.3 * 100 * cv.max())
-    ax.set_xticks(at, design.names, rotation=45, ha="right")
-    ax.set_ylabel("CV (%)")
+        ax.barh(where, 100 * cv[k] - low, 0.38, left=low, color=colour, hatch=hatch, edgecolor="white", label=label)
+    ax.set_xlim(low, 1.3 * 100 * cv.max())
+    ax.set_yticks(at, design.names)
+    ax.set_ylim(at.size - 0.4, -0.6)
+    ax.set_xlabel("CV (%)")
+    log_axis(ax.xaxis)
     return ax

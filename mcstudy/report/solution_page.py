@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from mcstudy.planning import words
 from mcstudy.planning.next_look import leading
@@ -26,7 +27,7 @@ def solution_page(found: Solution, command: str = "mcstudy solve STUDY --html pa
     made = f"<pre><code>{escape(command)}    # this page\n"
     made += f"{escape(command.split(' --html ')[0])} --json    # every number of it</code></pre>"
     parts = [
-        ("measures", "The measures at the answer", _measures(found, command)),
+        ("measures", "Measures and target", _measures(found, command)),
         ("spent", "Designs that were fitted", _fitted(found)),
         ("made", "How this was made", made),
     ]
@@ -88,7 +89,6 @@ def _measures(found: Solution, command: str) -> str:
         ],
         [Panel(t.name, partial(measure_along, found, k)) for k, t in enumerate(arm.targets)],
         python="found.to_html('page.html')",
-        legend=[("orange", "measure"), ("blue", "target and interval of the answer")],
     )
     return figure(drawn, "", command) + shown
 
@@ -115,6 +115,7 @@ def measure_along(found: Solution, k: int, ax: Axes | None = None) -> Axes:
     ax.set_ylabel(f"{target.name} ({with_units(target.unit)})")
     ax.set_xlim(curve.values[0], curve.values[-1])
     log_axis(ax.xaxis)
+    ax.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     legend_below(ax, 3, -0.2)
     return ax
 

@@ -60,8 +60,8 @@ class Allowed:
         worst = int(used.argmax())
         if used[worst] >= 1:
             raise InputError(
-                f"{self.names[worst]}: the power that is kept of the sequence alone uses {used[worst]:.3g} of this "
-                "limit (in power); expected less than 1: raise the limit or lower design.keep"
+                f"{self.names[worst]}: what is kept of the sequence alone is {np.sqrt(used[worst]):.3g} times this "
+                "limit; raise the limit or lower design.keep"
             )
 
 

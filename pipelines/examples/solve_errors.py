@@ -32,6 +32,7 @@ from mcstudy.identification.quantities import expression
 from mcstudy.planning.fits import LINEARISED, TRUTH, Design
 from mcstudy.planning.multilevel import MEASURES, Draws, difference_of, estimated, relative_cost
 from mcstudy.planning.solve import solve_study
+from mcstudy.planning.space import CYCLES
 from mcstudy.text_tables import number, table
 
 BLOCK = 64
@@ -157,6 +158,26 @@ def coverage(grid: Grid, seeds: int, precision: float, folder: Path | None) -> s
     return table(head, out)
 
 
+def spread(text: str, over: str, fmax: float, seeds: int, precision: float, starts: int) -> str:
+    """How much the answers of searches with other seeds scatter, and how much their intervals say; needs no grid."""
+    rows = []
+    for seed in range(FIRST_SEED, FIRST_SEED + seeds):
+        found = solve_study(study_of(seed, starts, [fmax]), [text], [over], precision=precision)
+        if found.answer is not None:
+            (c,) = found.answer.crossings
+            discarded = found.space.discard if c.axis == CYCLES else 0  # errors follow the cycles that are used
+            rows.append(np.log(np.array([c.value, c.low, c.high]) - discarded))
+            print(seed, *(f"{v:.4g}" for v in np.exp(rows[-1])), found.spent.fits, flush=True)
+    value, low, high = np.array(rows).T
+    n, middle, sd = len(rows), float(value.mean()), float(value.std(ddof=1))
+    holds = int(((low <= middle) & (middle <= high)).sum())
+    return (
+        f"{text} over {over}, {fmax:g} Hz: {n} answers, mean {number(math.exp(middle))} ± "
+        f"{100 * sd / math.sqrt(n):.1f} %; SD {100 * sd:.1f} ± {100 * sd / math.sqrt(2 * (n - 1)):.1f} %, as stated "
+        f"{100 * float(np.median(high - low)) / 3.92:.1f} %; {holds} of {n} intervals hold the mean"
+    )
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -166,7 +187,12 @@ def main() -> None:
     parser.add_argument("--fmax", type=float, nargs="+", default=list(FMAX), help="of the first two tables, Hz")
     parser.add_argument("--seeds", type=int, default=60, help="searches for every target of the third table")
     parser.add_argument("--precision", type=float, default=10.0, help="of these searches, percent")
+    parser.add_argument("--target", help="only repeat searches for this target over --over and at the first --fmax")
+    parser.add_argument("--over", default="amplitude=1.77:14.1", help="axis of --target with its range")
     args = parser.parse_args()
+    if args.target is not None:
+        print(spread(args.target, args.over, args.fmax[0], args.seeds, args.precision / 100, args.starts))
+        return
     grid = Grid(args.output and args.output / "grid", args.realizations, args.starts)
     kinds = [(f, kind) for f in args.fmax for kind in (LINEARISED, TRUTH)]
     print(controls(grid, kinds), flush=True)

@@ -21,6 +21,7 @@ from mcstudy.planning.multilevel import MEASURES, Draws, Estimate, estimated
 from mcstudy.planning.space import space_of
 from mcstudy.planning.targets import parse_targets
 from mcstudy.report.solution import solution_svg
+from mcstudy.report.solution_page import solution_page
 from mcstudy.stance.body import two_segment
 
 STUDY = mc.Study("small", seed=2).group(
@@ -73,6 +74,10 @@ def test_everything_found_is_written(found: Any) -> None:
     svg = solution_svg(found)
     assert svg.count("<circle") == len(found.looks)
     assert "cv(K11 + Kpas1)" in svg
+    page = solution_page(found)
+    assert 'id="curve"' in page
+    assert all(f"{look.design.amplitude:.4g}" in page for look in found.looks)
+    assert "target at most 4.00 %" in page
 
 
 def test_the_command_prints_and_writes_what_python_returns(found: Any, tmp_path: Path, capsys: Any) -> None:

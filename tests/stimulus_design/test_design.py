@@ -15,6 +15,7 @@ from mcstudy.cli import main
 from mcstudy.errors import DesignError, InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
+from mcstudy.report.design_page import design_page
 from mcstudy.report.stimulus_design import stimulus_design_svg
 from mcstudy.stance.body import STIMULI
 from mcstudy.stance.information import expected_line_covariance
@@ -112,11 +113,11 @@ def test_every_kind_of_stimulus_can_be_designed(kind: str) -> None:
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        ({"limits": {"rms": 0.5}}, "limits.rms: the power that is kept of the sequence alone uses"),
-        ({"limits": {"sway": 0.6}}, "limits.sway: the power that is kept of the sequence alone uses"),
-        ({"limits": {"rate": 0.3}}, "limits.rate: the power that is kept"),
+        ({"limits": {"rms": 0.5}}, "limits.rms: what is kept of the sequence alone is 1.34 times this limit"),
+        ({"limits": {"sway": 0.6}}, "limits.sway: what is kept of the sequence alone is"),
+        ({"limits": {"rate": 0.3}}, "limits.rate: what is kept of the sequence alone is"),
         ({"limits": {"crest_factor": 1.1}}, "limits.crest_factor: the lowest found in 2 starts is"),
-        ({"limits": {"peak": 1.0}}, "limits.peak: the power that is kept"),
+        ({"limits": {"peak": 1.0}}, "limits.peak: what is kept of the sequence alone is"),
         ({"limits": {"duration_s": 20.0}}, "limits.duration_s: expected room for 2 cycles"),
         ({"design": {"criterion": "c"}}, "design.parameter: expected a parameter for criterion 'c'"),
         ({"design": {"criterion": "c", "parameter": "K99"}}, "design.parameter: expected one of K11"),
@@ -207,6 +208,14 @@ def test_fewer_cycles_give_larger_errors_as_their_number_says() -> None:
 
 def test_a_picture_of_a_prediction_says_so(found: Any) -> None:
     assert "predicted CV" in stimulus_design_svg(found)
+
+
+def test_the_page_shows_both_spectra_and_the_errors_side_by_side(found: Any) -> None:
+    page = design_page(found)
+    assert all(f'id="{key}"' in page for key in ("spectrum", "cv"))
+    ratio = found.bounded_cv[0] / found.bounded_cv[1]
+    assert all(f"×{r:.3g}" in page for r in ratio)
+    assert ("lower by (± MCSE)" in page) == bool(found.spreads)
 
 
 def test_a_waveform_at_an_unsuitable_rate_is_refused(found: Any) -> None:

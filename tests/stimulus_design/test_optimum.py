@@ -70,7 +70,7 @@ def test_at_the_optimum_no_line_has_a_larger_variance_than_there_are_parameters(
 
 def test_a_limit_that_the_kept_power_breaks_is_named() -> None:
     allowed = Allowed(np.ones((2, 12)) * [[0.1], [0.3]], np.full(12, 0.5), ("limits.rms", "limits.rate"))
-    with pytest.raises(InputError, match=r"^limits\.rate: the power that is kept .* uses 1\.8 of this limit"):
+    with pytest.raises(InputError, match=r"^limits\.rate: what is kept .* is 1\.34 times this limit"):
         maximum(problem(), allowed)
 
 

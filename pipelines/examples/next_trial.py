@@ -4,9 +4,9 @@
 
 Every case is a body with one effect of the library, of a size with delta = 6 in a first recording of ankle torque, with
 none, or with a cause outside the library. The recordings come from the time-domain simulator; the diagnosis knows
-nothing of the case. After the first recording another one of equal duration follows, and both are diagnosed together:
-what `mcstudy gap next` ranks first, and in turn the same again, the same again for three times as long, or one drawn
-from all other single kinds that it considers. Printed for each: probability of the true cause, logarithmic loss, number
+nothing of the case. After the first recording another one follows, and both are diagnosed together: what `mcstudy gap
+next` ranks first, one drawn from all other single kinds that it considers, and the same again, for as long and for two
+and three times as long. Printed for each: probability of the true cause, logarithmic loss, number
 of causes in the 95 % set, how often it holds the truth, and false alarms among sound bodies, with 95 % intervals.
 
 Effects with exactly the same responses under every stimulus (`EXACT`) count as one. Bodies whose start rings for longer
@@ -174,7 +174,7 @@ class Answer:
 
 
 def case(given: dict[str, Any], k: int) -> dict[str, Any]:
-    """The answers after the first recording, after the chosen trial, and after one of the others in turn."""
+    """The answers after the first recording, and after the chosen trial and each of the others."""
     fmax = given["fmax"]
     try:
         theta, cause, first = drawn(given, k)
@@ -257,9 +257,14 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
             cells += [mean([o[k] for o in of]) for k in ("set", "held")] + [mean([o["p"] > CREDIBLE for o in of])]
             lines.append(" ".join(f"{c:19}" for c in cells))
     for name in CONDITIONS:
-        pairs = [loss(r[name]) - loss(r["chosen"]) for r in effect if name in r and name not in ("first", "chosen")]
-        if pairs:
-            lines.append(f"log loss of {name} minus that of chosen, {len(pairs)} cases with both: {mean(pairs)}")
+        both = [(r[name], r["chosen"]) for r in effect if name in r and name not in ("first", "chosen")]
+        if both:
+            worse = mean([loss(x) - loss(y) for x, y in both])
+            p, size = (mean([y[k] - x[k] for x, y in both]) for k in ("p", "set"))
+            lines.append(
+                f"log loss of {name} minus that of chosen, {len(both)} cases with both: {worse}; "
+                f"chosen minus {name}: P(true) {p}, causes in the set {size}"
+            )
     if effect:
         rest = [mean([r["chosen"][k] for r in effect]) for k in ("pairs", "unknown")]
         lines.append(f"after chosen: P(true and another effect) {rest[0]}, P(outside the library) {rest[1]}")

@@ -23,7 +23,10 @@ SHADES = (0.08, 0.3, 0.55, 1.0)
 
 
 def twin_map(before: Twins, after: Twins, ax: Axes | None = None) -> Axes:
-    """Similarity of all effects: below the diagonal in what was recorded, above it with the recommended trial."""
+    """Similarity of all effects: below the diagonal in what was recorded, above it with the recommended trial.
+
+    Columns have the numbers of the rows; names would not fit beside each other.
+    """
     ax = axes(ax, (8.8, 6.4))
     names = before.effects
     row, column = np.indices(before.cosine.shape)
@@ -33,14 +36,14 @@ def twin_map(before: Twins, after: Twins, ax: Axes | None = None) -> Axes:
         y, x = np.nonzero((shade == step) & (row != column))
         ax.barh(y, 0.9, 0.9, left=x - 0.45, color=COLOURS["blue"], alpha=alpha, linewidth=0)
     ax.plot([-0.5, len(names) - 0.5], [-0.5, len(names) - 0.5], color=COLOURS["muted"], linewidth=0.8)
-    ax.set_xticks(range(len(names)), names, rotation=60, ha="right")
-    ax.set_yticks(range(len(names)), names)
-    ax.set_xlim(-0.5, len(names) - 0.5)
+    ax.set_xticks(range(len(names)), [str(k + 1) for k in range(len(names))])
+    ax.set_yticks(range(len(names)), [f"{name}  {k + 1}" for k, name in enumerate(names)])
+    ax.set_xlim(-0.5, 1.2 * len(names))  # room for the legend
     ax.set_ylim(len(names) - 0.5, -0.5)
     ax.grid(visible=False)
     texts = [f"< {STEPS[0]:g}", *(f"> {s:g}" for s in STEPS)]
     keys = [Patch(facecolor=COLOURS["blue"], alpha=a, label=t) for a, t in zip(SHADES, texts, strict=True)]
-    ax.legend(handles=keys, title="|cosine|", loc="center left", bbox_to_anchor=(1.01, 0.5))
+    ax.legend(handles=keys, title="|cosine|", loc="center right")
     return ax
 
 
@@ -51,14 +54,14 @@ def next_figure(found: NextTrial) -> Figure:
         for o, d in ((o, found.decision(o)) for o in found.leading)
     ]
     return Figure(
-        "next",
+        "twins",
         "",
-        "Which trial next",
+        "Effects that look alike, before and with the recommended trial",
         [
             f"Recommended: {found.sentence(found.best)}. {found.twin_sentence}",
             "A square is darker the more alike two effects are (|cosine| of the residuals that they would leave): "
             "below the diagonal in what was recorded, above it with the recommended trial beside it. The darkest pairs "
-            "cannot be told apart.",
+            "cannot be told apart. Columns have the numbers of the rows.",
         ],
         [Panel("effects that look alike", partial(twin_map, found.before, found.after), (8.8, 6.4))],
         [Table("Possible trials", ["trial", "minutes", "bits", "P(true)", "would tell apart"], rows, "wide")],

@@ -94,7 +94,9 @@ def draw_foreign(series: Series, rng: np.random.Generator, effect: ForeignEffect
         return simulate
 
     start, named = sign * effect.start, bool(effect.mechanism)
-    return draw_rule(series, rng, make, effect.lasting, start, effect.top, "size", shapes, named, nimble=True)
+    return draw_rule(
+        series, rng, make, effect.lasting, start, effect.top, "size", shapes, named, nimble=True, noisy=effect.bends
+    )
 
 
 def foreign_pool(series: Series, outside: bool) -> list[ForeignEffect]:

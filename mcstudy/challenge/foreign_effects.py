@@ -2,7 +2,8 @@
 
 Each is written as physiology or mechanics has it, as a change of the constants of `mcstudy.challenge.foreign_body`, not
 as a change of the library's equations. As there, nothing of the models and effects of a diagnosis is imported; the
-library's names are mere words here. Sizes change a response visibly; none is a published value.
+library's names are mere words here. Sizes change a response visibly; only those of the threshold are
+published ones (0.05 to 0.2 deg).
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class ForeignEffect:
         every shape constant, drawn uniformly on a log scale. change: makes the person with the mechanism; None: the
         recorded angles are those of a camera whose filter has this size (`recorded`). both: whether both signs occur.
         lasting: whether it is the same in every cycle. contrast: whether it shows only where trials have different
-        amplitudes.
+        amplitudes. bends: whether noise of the senses changes its mean response, because it depends on the sway in more
+        than proportion, or whether it changes that noise itself.
     """
 
     name: str
@@ -47,6 +49,7 @@ class ForeignEffect:
     both: bool = False
     lasting: bool = True
     contrast: bool = False
+    bends: bool = False
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
         """Random shape constants."""
@@ -56,10 +59,18 @@ class ForeignEffect:
 def recorded(angles: np.ndarray, rate_hz: float, lag_s: float) -> np.ndarray:
     """Angles (n, 2) behind the filter of a camera: Butterworth of 2nd order that delays slow signals by ``lag_s``.
 
-    The lag may be far shorter than a sample. The record is taken as one period, so its first few lags are wrong.
+    The lag may be far shorter than a sample. The filter works on a period, so the record is led back from its end to
+    its start without a jump or a kink: a jump would ring at half the sampling rate through the last cycle.
     """
-    s = 2j * np.pi * np.fft.rfftfreq(len(angles), 1 / rate_hz) * lag_s
-    return np.fft.irfft(np.fft.rfft(angles, axis=0) / (1 + s + s**2 / 2)[:, None], len(angles), axis=0)
+    n = len(angles)
+    back = 20 + int(np.ceil(20 * lag_s * rate_hz))
+    first, last = angles[1] - angles[0], angles[-1] - angles[-2]
+    x = (np.arange(1, back + 1) / (back + 1))[:, None]
+    values = angles[-1] * (1 + 2 * x) * (1 - x) ** 2 + angles[0] * x**2 * (3 - 2 * x)
+    slopes = (back + 1) * (last * x * (1 - x) ** 2 - first * x**2 * (1 - x))
+    period = np.concatenate([angles, values + slopes])
+    s = 2j * np.pi * np.fft.rfftfreq(len(period), 1 / rate_hz) * lag_s
+    return np.fft.irfft(np.fft.rfft(period, axis=0) / (1 + s + s**2 / 2)[:, None], len(period), axis=0)[:n]
 
 
 def _leg_length(p: Person) -> float:
@@ -112,7 +123,7 @@ _MECHANISMS = (
         "muscle", "active torque through two lags, the first slower while the torque falls", "activation_dynamics",
         0.004, 0.15, "s",
         lambda p, a, s: p._replace(rise=a, fall=a * s["fall"]),
-        {"fall": (1.0, 2.5)},
+        {"fall": (1.0, 2.5)}, bends=True,
     ),
     ForeignEffect(
         "neck", "the head turns on a neck, as a third segment of the chain", "loose_head",
@@ -122,13 +133,13 @@ _MECHANISMS = (
         "soft_ankle", "passive damping of the ankle that falls with speed", "passive_damping_ankle",
         15.0, 140.0, "N m s/rad",
         lambda p, a, s: p._replace(tissue_ankle=a, tissue_rate=s["rate"]),
-        {"rate": (0.01, 0.1)},
+        {"rate": (0.01, 0.1)}, bends=True,
     ),
     ForeignEffect(
         "soft_hip", "passive damping of the hip that falls with speed", "passive_damping_hip",
         3.0, 40.0, "N m s/rad",
         lambda p, a, s: p._replace(tissue_hip=a, tissue_rate=s["rate"]),
-        {"rate": (0.01, 0.1)},
+        {"rate": (0.01, 0.1)}, bends=True,
     ),
     ForeignEffect(
         "calf_reflex", "stretch reflex of the ankle that is weaker for shortening", "short_latency_reflex",
@@ -136,7 +147,7 @@ _MECHANISMS = (
         lambda p, a, s: p._replace(
             reflex_gain=a, reflex_delay=s["delay"], reflex_share=s["share"], reflex_lag=s["lag"]
         ),
-        {"delay": (0.04, 0.06), "share": (0.3, 0.8), "lag": (0.005, 0.02)},
+        {"delay": (0.04, 0.06), "share": (0.3, 0.8), "lag": (0.005, 0.02)}, bends=True,
     ),
     ForeignEffect(
         "strap", "a passive muscle over both joints, with unequal levers", "biarticular_coupling",
@@ -148,7 +159,7 @@ _MECHANISMS = (
         "load_receptors", "positive feedback of the ankle's torque that saturates", "force_feedback",
         0.6, 2.2, "",
         lambda p, a, s: p._replace(load_gain=a, load_time=s["time"], load_limit=s["limit"]),
-        {"time": (10.0, 25.0), "limit": (4.0, 20.0)},
+        {"time": (10.0, 25.0), "limit": (4.0, 20.0)}, bends=True,
     ),
     ForeignEffect(
         "slow_bias", "feedback of the ankle's integral, which is forgotten", "integral_ankle",
@@ -168,9 +179,9 @@ _MECHANISMS = (
     ),
     ForeignEffect(
         "soft_threshold", "small angles and rates are sensed weakly", "dead_zone",
-        0.0005, 0.01, "rad",
+        0.001, 0.0035, "rad",
         lambda p, a, s: p._replace(blind_angle=a, blind_rate=a * s["rate"]),
-        {"rate": (2.0, 6.0)}, contrast=True,
+        {"rate": (2.0, 6.0)}, contrast=True, bends=True,
     ),
     ForeignEffect(
         "fatigue", "active torque changes over the record, first fast, then slowly", "gain_drift",
@@ -185,7 +196,7 @@ _MECHANISMS = (
 _OUTSIDE = (
     ForeignEffect(
         "ankle_friction", "dry friction of the ankle", "",
-        0.3, 5.0, "N m", lambda p, a, _: p._replace(friction=a, friction_rate=0.003),
+        0.3, 5.0, "N m", lambda p, a, _: p._replace(friction=a, friction_rate=0.003), bends=True,
     ),
     ForeignEffect(
         "arms", "the arms swing from the shoulders", "",
@@ -198,7 +209,7 @@ _OUTSIDE = (
     ),
     ForeignEffect(
         "hip_stiffening", "stiffness of the hip grows with its angle", "",
-        1e4, 1e7, "N m/rad^3", lambda p, a, _: p._replace(stiffening=a),
+        1e4, 1e7, "N m/rad^3", lambda p, a, _: p._replace(stiffening=a), bends=True,
     ),
     ForeignEffect(
         "ringing_motor", "the motor of the stimulus resonates within the band", "",
@@ -212,7 +223,7 @@ _OUTSIDE = (
     ),
     ForeignEffect(
         "held_command", "commands are renewed at intervals only", "",
-        0.02, 0.3, "s", lambda p, a, _: p._replace(hold=a), lasting=False,
+        0.02, 0.3, "s", lambda p, a, _: p._replace(hold=a), bends=True,
     ),
 )  # fmt: skip
 

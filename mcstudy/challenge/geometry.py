@@ -147,17 +147,25 @@ class Column:
 
 @dataclass(frozen=True)
 class Geometry:
-    """The space of one body: base model (its bounds are those of the refits), true parameters (12,), lines, noise."""
+    """The space of one body: base model (its bounds are those of the refits), true parameters (12,), lines, noise.
+
+    ``louder`` (N, 2, 2): covariance of the noise, whitened by that of the base model, for a cause that changes it.
+    """
 
     base: Model
     theta: np.ndarray
     setting: Setting
     noise: SensorNoise
+    louder: np.ndarray | None = None
 
     @cached_property
     def C(self) -> np.ndarray:
         """Covariance of the mean FRF, (N, 2, 2)."""
-        return self.setting.covariance(self.base, self.theta, self.noise)
+        C = self.setting.covariance(self.base, self.theta, self.noise)
+        if self.louder is None:
+            return C
+        root = np.linalg.cholesky(C)
+        return np.asarray(root @ self.louder @ root.conj().swapaxes(1, 2))
 
     @cached_property
     def _weight(self) -> np.ndarray:
@@ -193,6 +201,11 @@ class Geometry:
         _, J = frf_jacobian(model, self.theta, self.setting.f)
         columns += [self.whiten(J[..., p]) for p in range(J.shape[-1])]
         return np.asarray(np.linalg.qr(np.column_stack([x / np.linalg.norm(x) for x in columns]))[0])
+
+    def smoothed(self, r: np.ndarray) -> np.ndarray:
+        """The part of a deviation (N, 2) that the model's parameters and a smooth torque can produce."""
+        z = (self._smooth @ (self._smooth.T @ self.whiten(r))).reshape(2, *r.shape)
+        return np.asarray(np.einsum("nij,nj->ni", np.linalg.cholesky(self.C), z[0] + 1j * z[1]) / np.sqrt(2))
 
     def smooth_delta(self, x: np.ndarray) -> float:
         """Delta of the part of a whitened residual (4 N,) of a refit that a smooth torque can produce."""

@@ -36,6 +36,10 @@ often from a new lowest one."""
 PATIENCE = 160
 """Random starts after which a search ends that found no stable minimum within `REACH` of the lowest."""
 
+SEARCHES = 300
+"""Simulated recordings in which searches with ten times the random starts looked for a lower minimum, and found none
+(``pipelines/examples/missed_minima.py --recordings 100``)."""
+
 REACH = 20.0
 """Rise of the deviance above the lowest minimum up to which minima count one by one, and all higher ones as one."""
 
@@ -51,7 +55,8 @@ class Minima:
     ----------
     theta: (K, P). chi2: (K,). information: (K, P, P), J^T J of the whitened data. hits: (K,) random starts that ended
     there; a minimum found only from a linearised start has none. starts: S. found: minima that they reached, unstable
-    ones among them; all above `REACH` count as one. waterfall: (S,) deviances, ascending.
+    ones among them; all above `REACH` count as one. waterfall: (S,) deviances, ascending. linear: deviance at which
+    the start from the linear structure of the equations ended; inf without one.
     """
 
     theta: np.ndarray
@@ -61,6 +66,7 @@ class Minima:
     starts: int
     found: int
     waterfall: np.ndarray
+    linear: float = np.inf
 
     @property
     def missed(self) -> float:
@@ -68,9 +74,17 @@ class Minima:
         return unseen(self.found, self.starts)
 
     @property
-    def missed_lowest(self) -> float:
-        """Chance that as many new random starts miss the lowest minimum (`mcstudy.fitting.certainty`)."""
-        return float(missed(self.hits[0] / self.starts, self.starts))
+    def lowest_from(self) -> str:
+        """Which starts ended in the lowest minimum: "random", "linear" or, if neither did, "across" (see `_across`)."""
+        return "random" if self.hits[0] else "linear" if self.linear < self.chi2[0] + APART else "across"
+
+    @property
+    def missed_lowest(self) -> float | None:
+        """Chance that as many new random starts alone miss the lowest minimum; None if none of these ended there.
+
+        This is not the chance that the search missed it, see `SEARCHES`.
+        """
+        return float(missed(self.hits[0] / self.starts, self.starts)) if self.hits[0] else None
 
 
 def without_prior(model: Model, base: Model) -> Prior:
@@ -86,6 +100,7 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
     model, drawn = fitter.model, drawn_starts(fitter.model, seed, MOST)
     aimed = linearised_starts(model, data, seed, 1)
     fits = [_converged(fitter, data, aimed)] if len(aimed) else []
+    linear = float(np.nan_to_num(fits[0].chi2, nan=np.inf).min()) if fits else np.inf
     begun = len(aimed)  # starts that are not random; their fits come first
     for first in range(0, MOST, BATCH):
         fits.append(
@@ -114,7 +129,7 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
     information = np.concatenate([f.information for f in fits])
     if stood.any():
         best, hits = best[stood], hits[stood]
-    return Minima(theta[best], chi2[best], information[best], hits, waterfall.size, found, waterfall)
+    return Minima(theta[best], chi2[best], information[best], hits, waterfall.size, found, waterfall, linear)
 
 
 def _minima(fits: list[PenalisedFits], begun: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -287,7 +287,8 @@ class FitResult(Summary):
                 "search": {
                     "starts": m.starts,
                     "missed": m.missed,
-                    "missed_lowest": m.missed_lowest,
+                    "lowest_from": m.lowest_from,
+                    **({} if m.missed_lowest is None else {"missed_lowest": m.missed_lowest}),
                     "minima": [
                         {"rise": c - m.chi2[0], "hits": h, "parameters": t}
                         for c, h, t in zip(m.chi2, m.hits, m.theta, strict=True)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcstudy.fitting.certainty import MISSED
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.part_fits import told
 from mcstudy.gap.verdict import p_words
+from mcstudy.identification.minimum import SEARCHES
 from mcstudy.identification.tables import as_text, estimates, help_needed, interval, relative
 from mcstudy.text_tables import number, with_error
 
@@ -36,6 +36,12 @@ COVERED = (
     ("too narrow", "publish them with this remark"),
 )
 """What is said about intervals that hold the truth too often, and too rarely."""
+
+FOUND_FROM = {
+    "linear": "the start from the linear structure of the equations",
+    "across": "starts from the ends of the parameters' ranges around a minimum nearly as low",
+}
+"""What found a lowest minimum in which no random start ended."""
 
 SWAY_SD = 2.0
 """Distance of measured from predicted sway, in standard errors beyond its range, from which they differ."""
@@ -245,11 +251,23 @@ def found(r: FitResult) -> str:
     """How the lowest minimum was found."""
     m = r.minima
     others = int((m.chi2[1:] - m.chi2[0] < REACH).sum())
-    out = (
-        f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; the next start would find a new one "
-        f"with an expected chance of {100 * m.missed:.1f} %. {MISSED[0].upper()}{MISSED[1:]}: "
-        f"{number(100 * m.missed_lowest, 2)} %."
+    if m.missed_lowest is None:
+        out = f"No random start of {m.starts} ended in the lowest minimum; {FOUND_FROM[m.lowest_from]} found it."
+    else:
+        chance = f"of {100 * m.missed_lowest:.1f} %" if m.missed_lowest >= 1e-3 else "below 0.1 %"
+        out = (
+            f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; as many new ones alone would miss "
+            f"it with a chance {chance}."
+        )
+    out += (
+        f" The next random start would end in a minimum not seen yet with an expected chance of {100 * m.missed:.1f} %."
     )
+    if r.coverage is not None:
+        most = 1 - (1 - r.level) ** (1 / SEARCHES)
+        out += (
+            f" In {SEARCHES} simulated recordings ten times the random starts found no lower minimum than this search "
+            f"(chance of a miss below {100 * most:.1f} %)."
+        )
     if others:
         fit = "minimum fits" if others == 1 else "minima fit"
         out += f" {others} other {fit} almost as well (squared residual at most {REACH:g} higher)."

@@ -4,7 +4,7 @@
 
 For both ends of every quantity that the data set: fix the quantity by eliminating a parameter, minimise the deviance
 over the others by scipy's bounded least squares (its own trust-region method, model and derivatives from the closed
-form, several starts), and find where the minimum reaches the threshold by Brent's method.
+form, 20 starts), and find where the minimum reaches the threshold by Brent's method.
 
 One line is printed after each recording, so that ``--first`` can go on with a stopped comparison. For every end that is
 not the same within 1e-6 of the width it is printed who is right. An end is right if there are parameters with the
@@ -63,6 +63,9 @@ class End(NamedTuple):
 
 DEVIANCE = 1e-6
 """Error of a deviance that two implementations may differ by."""
+
+NEAR = 1.0
+"""Rise of the deviance above the lowest up to which a start that converged to a relative 1e-6 is converged further."""
 
 
 class ClosedForm:
@@ -126,22 +129,24 @@ class Constrained:
 
     def least(self, value: float, starts: np.ndarray) -> tuple[float, np.ndarray]:
         """Least deviance with the quantity at ``value``, from parameters ``starts`` (S, P), and where it is."""
+        rough = [self._fit(value, start, 1e-6) for start in starts] if len(starts) > 1 else [(0.0, starts[0])]
+        lowest = min(deviance for deviance, _ in rough)
+        near = [theta for deviance, theta in rough if deviance < lowest + NEAR]
+        return min((self._fit(value, theta, 1e-14) for theta in near), key=lambda found: found[0])
+
+    def _fit(self, value: float, start: np.ndarray, tolerance: float) -> tuple[float, np.ndarray]:
         low, high = self._bounds(value)
-        best = np.inf, starts[0]
-        for start in starts:
-            found = least_squares(
-                lambda x: self._both(x, value)[0],
-                np.clip(start[self._free] / self._scale, low + 1e-9 * (high - low), high - 1e-9 * (high - low)),
-                jac=lambda x: self._both(x, value)[1],
-                bounds=(low, high),
-                xtol=1e-14,
-                ftol=1e-14,
-                gtol=1e-12,
-                max_nfev=300,
-            )
-            if 2 * found.cost < best[0]:
-                best = 2 * found.cost, self._theta(found.x, value)
-        return best
+        found = least_squares(
+            lambda x: self._both(x, value)[0],
+            np.clip(start[self._free] / self._scale, low + 1e-9 * (high - low), high - 1e-9 * (high - low)),
+            jac=lambda x: self._both(x, value)[1],
+            bounds=(low, high),
+            xtol=tolerance,
+            ftol=tolerance,
+            gtol=1e-12,
+            max_nfev=300,
+        )
+        return 2 * found.cost, self._theta(found.x, value)
 
     def deviance(self, theta: np.ndarray) -> float:
         """Deviance of parameters (P,)."""
@@ -187,7 +192,7 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=50)
     parser.add_argument("--first", type=int, default=0, help="number of the first recording (default 0)")
     parser.add_argument("--fmax", type=float, default=3.1)
-    parser.add_argument("--starts", type=int, default=5)
+    parser.add_argument("--starts", type=int, default=20)
     args = parser.parse_args()
     source, model = Source(Condition(0, 6, args.fmax)), two_segment()
     found: list[End] = []

@@ -19,7 +19,7 @@ START_S = 60
 GOES_WITH_US = """
 import os, runpy, sys, threading
 def wait():
-    sys.stdin.buffer.read()
+    os.read(0, 1)  # of sys.stdin it would hold a lock that Python wants when it ends
     os._exit(1)
 threading.Thread(target=wait, daemon=True).start()
 runpy.run_module(sys.argv.pop(1), run_name="__main__", alter_sys=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import InputError
+from mcstudy.gap.asked import CAUSE_ONLY
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
 from mcstudy.gap.planned.next_trial import NextTrial
@@ -131,7 +132,7 @@ def next_trial(
     """
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
-    found = diagnose_fast(read, seed=seed, fmax=fmax, discard=discard, accept=accept)
+    found = diagnose_fast(read, seed=seed, fmax=fmax, discard=discard, accept=accept, asked=CAUSE_ONLY)
     return planned_next(found, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
 
 

@@ -33,16 +33,18 @@ NEGLIGIBLE = 1e-5
 
 def fast(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its asymptotic statistics."""
+    from mcstudy.gap.asked import Asked
     from mcstudy.gap.diagnose import diagnose_fast
 
-    return diagnose_fast(recording).to_dict()
+    return diagnose_fast(recording, asked=Asked(nearest=False)).to_dict()
 
 
 def bootstrap(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its bootstrap."""
+    from mcstudy.gap.asked import Asked
     from mcstudy.gap.diagnose import diagnose
 
-    return diagnose(recording).to_dict()
+    return diagnose(recording, asked=Asked(nearest=False)).to_dict()
 
 
 def detect_only(recording: Recording | FrfRecording) -> Mapping[str, Any]:

@@ -232,11 +232,12 @@ def _size_inside(case: Mapping[str, Any], answer: Mapping[str, Any]) -> bool | N
 
 
 def _closed_inside(case: Mapping[str, Any], answer: Mapping[str, Any]) -> bool | None:
-    """Whether the interval of the gap closed by the named cause contains the share that it closes without noise."""
+    """Whether the interval of the gap closed by the named cause contains the share that it closes without noise, in
+    the form in which it closes most."""
     closed = answer["closed"]
     if case["kind"] in NOTHING_MISSING or not answer["detected"]:
         return None
-    closable = case.get("closable", {})
+    closable = {**case.get("closable", {}), **case.get("any_form", {}).get("closable", {})}
     if closed is None:
         if not answer["causes"]:
             return None

@@ -14,7 +14,7 @@ from mcstudy.challenge.answer_checks import check_answers, check_key
 from mcstudy.challenge.calibration import calibration
 from mcstudy.challenge.challenge_file import resolved
 from mcstudy.challenge.design import KINDS, MAIN, OTHER_FORM, OUTSIDE
-from mcstudy.challenge.grade import ANSWERED, SCORES, SET_SIZES, WRONG, Judged, judge, true_name
+from mcstudy.challenge.grade import ANSWERED, CONFIDENT, SCORES, SET_SIZES, WRONG, Judged, judge, true_name
 from mcstudy.challenge.rates import Estimate, mean, rate
 from mcstudy.challenge.targets import (
     AT_MOST_5,
@@ -25,6 +25,7 @@ from mcstudy.challenge.targets import (
     between,
     false_alarms,
     known,
+    left,
     nothing,
     other_form,
     outside,
@@ -145,8 +146,20 @@ FIGURES = {
     "pairs: detected": share(between(0.0, math.inf, "pair"), lambda j: j.detected, "known_direction"),
     "outsiders: detected": share(outside, lambda j: j.detected, "detected"),
     "outsiders: flagged": share(outside, lambda j: j.flagged, "flagged"),
-    "outsiders no effect imitates (delta left >= 6): flagged": share(
+    "outsiders no declared effect imitates (delta left >= 6): flagged": share(
         lambda j: outside(j) and j.case.get("smooth_residual", 0.0) >= 6.0, lambda j: j.flagged, "flagged"
+    ),
+    "outsiders no form of an effect imitates (delta left >= 6): flagged": share(
+        lambda j: outside(j) and left(j) >= 6.0, lambda j: j.flagged, "flagged_any_form"
+    ),
+    "outsiders no form of an effect imitates (delta left >= 6): confidently wrong name": share(
+        lambda j: outside(j) and left(j) >= 6.0, lambda j: j.confident > CONFIDENT
+    ),
+    "outsiders a form of an effect imitates (delta left < 3, delta >= 6): flagged": share(
+        lambda j: outside(j) and j.delta >= 6.0 and left(j) < 3.0, lambda j: j.flagged, "flagged_any_form"
+    ),
+    "outsiders a form of an effect imitates (delta left < 3, delta >= 6): confidently wrong name": share(
+        lambda j: outside(j) and j.delta >= 6.0 and left(j) < 3.0, lambda j: j.confident > CONFIDENT
     ),
     "false unknown, nothing missing": share(nothing, lambda j: j.flagged),
     "false unknown, known causes": share(known, lambda j: j.flagged),

@@ -81,6 +81,12 @@ def other_form(j: Judged) -> bool:
     return j.kind in OTHER_FORM
 
 
+def left(j: Judged) -> float:
+    """Delta that the nearest effect of the library leaves in any of its forms, as far as a smooth torque can produce
+    it; 0 where the key does not know it."""
+    return float(j.case.get("any_form", {}).get("smooth_residual", 0.0))
+
+
 def of_kind(kind: str) -> Callable[[Judged], bool]:
     """Selects cases of one kind."""
     return lambda j: j.kind == kind

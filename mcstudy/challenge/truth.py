@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from mcstudy.errors import DesignError, InputError
 from mcstudy.gap.candidates.signatures import alike_groups, similarity
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import two_segment
+from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 
 REDRAWS = 40
@@ -272,8 +274,10 @@ def _simulated(series: Series, rng: np.random.Generator, drawn: Drawn) -> tuple[
         "known_direction": Ceiling.power(m.delta),
         "detected": Ceiling.omnibus(m.delta, drawn.geometry.smooth_dof),
     }
-    if "smooth_residual" in more:
-        ceiling["flagged"] = Ceiling.omnibus(more["smooth_residual"], drawn.geometry.smooth_dof)
+    if "any_form" in more:
+        dof = drawn.geometry.smooth_dof
+        ceiling["flagged"] = Ceiling.omnibus(more["smooth_residual"], dof)
+        ceiling["flagged_any_form"] = Ceiling.omnibus(more["any_form"]["smooth_residual"], dof)
     more |= {"ceiling": {k: round(v, 4) for k, v in ceiling.items()}, "total_delta": round(m.total, 4)}
     return recording, more
 
@@ -283,27 +287,44 @@ LEAST_GAP = 1.0
 
 
 def _explained(geometry: Geometry, probes: Sequence[Probe], y: np.ndarray) -> dict[str, Any]:
-    """Share of the gap in noise-free mean FRFs that each effect of the library closes, the best one, and the rest."""
-    closable: dict[str, float] = {}
-    left: dict[str, np.ndarray] = {}
-    f, C, theta = geometry.setting.f, geometry.C, geometry.theta
+    """Share of the gap in noise-free mean FRFs that each effect of the library closes, the best one, and the rest; the
+    same where the shape constants of the effects are free."""
     gap = float(np.linalg.norm(geometry.unexplained(y)))
     if gap < LEAST_GAP or not probes:  # a series may draw from nonlinear effects alone
         return {"closable": {}}
+    declared: dict[str, tuple[float, np.ndarray]] = {}
+    any_form: dict[str, tuple[float, np.ndarray]] = {}
     for name in dict.fromkeys(p.effect for p in probes):
-        model = library.apply(geometry.base, name)
-        own = library.effect(name).sizes
-        starts = [[s.parameter.value for s in own]]
-        starts += [[p.sizes[s.name] for s in own] for p in probes if p.effect == name]
-        noncentrality, fitted = best_fit(model, np.array([[*theta, *s] for s in starts]), f, y, C)
-        left[name] = geometry.whiten(y - fitted)
-        closable[name] = round(float(np.clip(1 - noncentrality / gap**2, 0.0, 1.0)), 5)
-    nearest = max(closable, key=lambda n: closable[n])
+        effect = library.effect(name)
+        starts = [[s.parameter.value for s in effect.sizes]]
+        starts += [[p.sizes[s.name] for s in effect.sizes] for p in probes if p.effect == name]
+        at = np.array([[*geometry.theta, *s] for s in starts])
+        declared[name] = any_form[name] = _left(geometry, y, library.apply(geometry.base, name), at)
+        if effect.forms:
+            ends = product(*((c.low, c.high) for c in effect.forms))
+            shapes = [tuple(effect.nominal_form.values()), *ends]
+            opened = np.array([[*x, *c] for x in at for c in shapes])
+            other = _left(geometry, y, library.apply(geometry.base, name, opened=[name]), opened)
+            any_form[name] = min(any_form[name], other, key=lambda done: done[0])
+    return {**_nearest(geometry, gap, declared), "any_form": _nearest(geometry, gap, any_form)}
+
+
+def _left(geometry: Geometry, y: np.ndarray, model: Model, starts: np.ndarray) -> tuple[float, np.ndarray]:
+    """What the best fit of a model to noise-free FRFs leaves: noncentrality, and whitened residual (4 N,)."""
+    noncentrality, fitted = best_fit(model, starts, geometry.setting.f, y, geometry.C)
+    return noncentrality, geometry.whiten(y - fitted)
+
+
+def _nearest(geometry: Geometry, gap: float, left: Mapping[str, tuple[float, np.ndarray]]) -> dict[str, Any]:
+    """Part of an entry: what every effect closes of a gap of delta ``gap``, the one that closes most, and the rest."""
+    closable = {n: round(float(np.clip(1 - x / gap**2, 0.0, 1.0)), 5) for n, (x, _) in left.items()}
+    nearest = min(left, key=lambda n: left[n][0])
+    rest = left[nearest][1]
     return {
         "closable": closable,
         "nearest": nearest,
-        "residual_delta": round(float(np.linalg.norm(left[nearest])), 4),
-        "smooth_residual": round(geometry.smooth_delta(left[nearest]), 4),
+        "residual_delta": round(float(np.linalg.norm(rest)), 4),
+        "smooth_residual": round(geometry.smooth_delta(rest), 4),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 
 from mcstudy.cli.options import add_scheduler_arguments, cluster_options
@@ -19,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-verify", action="store_true", help="only predict: leave out the Monte Carlo study of design and sequence"
     )
     parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw spectra and errors before and after")
+    parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
     add_scheduler_arguments(parser)
 
 
@@ -29,6 +31,10 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.stimulus_design.design_file import read_design
 
     check_figure(args.figure)
+    if args.html is not None:
+        from mcstudy.report.style import require_matplotlib
+
+        require_matplotlib()
     file, options = read_design(args.file), cluster_options(args)
     from mcstudy.stimulus_design.run import design_stimulus  # Dask is slow to import; report a bad file first
     from mcstudy.text_tables import folded
@@ -42,4 +48,10 @@ def main(args: argparse.Namespace) -> Exit:
         from mcstudy.report.stimulus_design import stimulus_design_svg
 
         write_figure(stimulus_design_svg(found), args.figure)
+    if args.html is not None:
+        from mcstudy.report.design_page import design_page
+        from mcstudy.report.document import write_page
+
+        words = ["mcstudy", "design", str(args.file), "-o", str(args.out), *["--no-verify"] * args.no_verify]
+        write_page(args.html, lambda: design_page(found, shlex.join([*words, "--html", str(args.html)])))
     return Exit.DONE

@@ -206,6 +206,7 @@ def _diagnose(args: argparse.Namespace) -> Exit:
 def _next(args: argparse.Namespace) -> Exit:
     from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
     from mcstudy.errors import InputError
+    from mcstudy.gap.asked import CAUSE_ONLY
     from mcstudy.gap.diagnose import diagnose_fast
     from mcstudy.gap.planned.choice import TRIALS
     from mcstudy.gap.planned.next_trial import next_trial
@@ -222,7 +223,8 @@ def _next(args: argparse.Namespace) -> Exit:
     read = read_recordings(args)
     compile_kernels(DIAGNOSIS)
     with with_names(args):
-        d = diagnose_fast(read, seed=args.seed, fmax=args.fmax, discard=args.discard, accept=args.accept)
+        by = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
+        d = diagnose_fast(read, **by, asked=CAUSE_ONLY)
         trials = args.trials or TRIALS
         found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
     tell(args, "next_trial", found.to_dict, found.text)

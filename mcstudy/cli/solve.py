@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import positive, stable_study
 from mcstudy.exits import Exit
+
+if TYPE_CHECKING:
+    from mcstudy.planning.result import Solution
+
+PRECISION, BUDGET = 10.0, 200_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,17 +45,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--precision",
         type=float,
-        default=10.0,
+        default=PRECISION,
         metavar="PERCENT",
         help="half-width of the 95 %% interval of the answer at which the search ends; default 10",
     )
-    parser.add_argument("--budget-fits", type=positive, default=200_000, metavar="N", help="fits at which it ends")
+    parser.add_argument("--budget-fits", type=positive, default=BUDGET, metavar="N", help="fits at which it ends")
     parser.add_argument("--workers", type=positive, help="threads; default one per core")
     parser.add_argument(
         "-o", "--out", "--output", dest="out", type=Path, metavar="FILE", help="write the study (.toml)"
     )
     parser.add_argument("--json", action="store_true", help="print JSON (schema solution)")
     parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw the measures against the design")
+    parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
     parser.set_defaults(allow_unstable=False)
 
 
@@ -56,8 +65,11 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.cli.figure_file import check_figure, write_figure
 
     check_figure(args.figure)
+    if args.html is not None:
+        from mcstudy.report.style import require_matplotlib
+
+        require_matplotlib()
     study = stable_study(args)
-    from mcstudy.errors import InputError
     from mcstudy.planning.solve import solve_study
     from mcstudy.scheduler.activity import activity, doing
     from mcstudy.scheduler.compiling import compile_kernels
@@ -87,8 +99,34 @@ def main(args: argparse.Namespace) -> Exit:
         from mcstudy.report.solution import solution_svg
 
         write_figure(solution_svg(found), args.figure)
+    if args.html is not None:
+        from mcstudy.report.document import write_page
+        from mcstudy.report.solution_page import solution_page
+
+        write_page(args.html, lambda: solution_page(found, _command(args)))
     if args.out is not None:
         if found.answer is None:
-            raise InputError(f"{args.out}: not written, because no allowed design reaches the targets")
-        found.write_study(args.out)
-    return Exit.DONE
+            print(f"{args.out}: not written, because no allowed design reaches the targets", file=sys.stderr)
+        else:
+            found.write_study(args.out)
+    return _exit(found)
+
+
+def _command(args: argparse.Namespace) -> str:
+    """The command that makes the page, as displayed on it."""
+    words = ["mcstudy", "solve", str(args.study), *(w for t in args.target for w in ("--target", t))]
+    words += ["--over", args.over]
+    given = {"group": args.group, "cost": args.cost}
+    words += [w for name, value in given.items() if value is not None for w in (f"--{name}", value)]
+    if args.precision != PRECISION:
+        words += ["--precision", f"{args.precision:g}"]
+    if args.budget_fits != BUDGET:
+        words += ["--budget-fits", str(args.budget_fits)]
+    return shlex.join([*words, "--html", str(args.html)])
+
+
+def _exit(found: Solution) -> Exit:
+    """A script must not record a design that does not reach its target, nor take a rough answer for a precise one."""
+    if not found.decided:
+        return Exit.NOT_REACHED
+    return Exit.DONE if found.answer is not None else Exit.UNREACHABLE

@@ -12,6 +12,7 @@ import numpy as np
 
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.gap.asked import EVERYTHING, Asked
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
 from mcstudy.gap.diagnosis import Diagnosis
@@ -51,6 +52,7 @@ def diagnose(
     fmax: float = 8.0,
     discard: int | None = None,
     accept: Iterable[str] = (),
+    asked: Asked = EVERYTHING,
 ) -> Diagnosis:
     """Diagnosis with a parametric bootstrap: the base model is refitted to each of ``bootstrap`` null samples.
 
@@ -63,13 +65,14 @@ def diagnose(
     fmax: highest frequency, Hz. discard: transient cycles left out at the start of every trial; None for one, or as
         many as the slowest oscillation of the fitted body needs (`mcstudy.gap.settling`).
     accept: codes of suspicions about mislabelled channels. For these the labels are kept.
+    asked: the questions that are answered; the results of the others are None.
 
     Raises `RecordingError` for a recording that cannot be analysed or whose channels are mislabelled, `InputError` for
     too small a ``bootstrap``.
     """
     if bootstrap < LEAST_DRAWS:
         raise InputError(f"bootstrap: expected at least {LEAST_DRAWS} null samples, got {bootstrap}")
-    return _diagnose(recording, _Settings(bootstrap, True, seed, model, fmax, discard, accept))
+    return _diagnose(recording, _Settings(bootstrap, True, seed, model, fmax, discard, accept, asked))
 
 
 def diagnose_fast(
@@ -80,9 +83,10 @@ def diagnose_fast(
     fmax: float = 8.0,
     discard: int | None = None,
     accept: Iterable[str] = (),
+    asked: Asked = EVERYTHING,
 ) -> Diagnosis:
     """Diagnosis with asymptotic null distributions: simulated noise through the linearised fit. See `diagnose`."""
-    return _diagnose(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept))
+    return _diagnose(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept, asked))
 
 
 def detect_fast(
@@ -109,6 +113,7 @@ class _Settings:
     fmax: float
     discard: int | None
     accept: Iterable[str]
+    asked: Asked = EVERYTHING
 
     def lines_and_test(
         self, recording: AnyRecording | Sequence[Recording | FrfRecording], discard: Discard
@@ -144,6 +149,7 @@ def _diagnose(recording: AnyRecording | Sequence[Recording | FrfRecording], by: 
         test=test,
         name=one.name,
         labels=None if isinstance(one, FrfRecording) else _labels(one, lines, known),
+        asked=by.asked,
     )
     if not isinstance(one, FrfRecording):
         warnings = tuple(s.message for s in one.suspicions)
@@ -176,11 +182,12 @@ def diagnose_lines(
     name: str = "lines",
     labels: Labels | None = None,
     test: GapTest | None = None,
+    asked: Asked = EVERYTHING,
 ) -> Diagnosis:
     """Diagnosis of measured lines. ``nominal``: base model with values of the order of magnitude of a person's.
 
     ``labels``: what is known about the labels; with them, and a gap, mislabelling is among the possible causes.
-    ``test``: the test of these lines with these settings, if it was made before.
+    ``test``: the test of these lines with these settings, if it was made before. ``asked``: see `diagnose`.
     """
     t = test or gap_test(lines, nominal, draws, refits, seed)
     base, data, detection, compared = t.base, t.data, t.detection, t.contrasts
@@ -198,7 +205,7 @@ def diagnose_lines(
         mislabelled(lines, base, t.minima, labels, seed) if detected and labels is not None else (),
     )
     causes, near = explanation.causes, None
-    if detected and detection.p_value < LEVEL:
+    if asked.nearest and detected and detection.p_value < LEVEL:
         causes = with_likeness(base, causes, data, _space(t.scores), detection, seed)
         near = nearest(base, causes, data, lines, seed)
     leading = causes[0] if detected and causes else None
@@ -217,7 +224,7 @@ def diagnose_lines(
         none_probability=explanation.none,
         unknown_probability=explanation.unknown,
         credible_set=credible_set(explanation),
-        closed=None if added is None else _closed(base, added, data, lines, t.scores, belief, seed),
+        closed=None if added is None or not asked.closed else _closed(base, added, data, lines, t.scores, belief, seed),
         sway_rms_deg=_sway(base, added, data, lines),
         undetectable=undetectable(t.signatures, compared, trials),
         detection=detection,
@@ -238,6 +245,7 @@ def diagnose_lines(
         base=base,
         hypotheses=explanation.hypotheses,
         nearest=near,
+        asked=asked,
     )
 
 

@@ -13,6 +13,7 @@ from mcstudy.files import schema
 from mcstudy.files.json_files import plain
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap import tables, verdict
+from mcstudy.gap.asked import EVERYTHING, Asked
 from mcstudy.gap.fits.relabelled import of_part
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast
@@ -96,6 +97,8 @@ class Diagnosis(Summary):
     nearest
         The nearest mechanism of the library, whatever the verdict, and what it leaves (`Nearest`). None without a gap
         in the mean response, or when no mechanism comes near with a size that a body can have.
+    asked
+        Which of the slow questions were answered (`Asked`); None in ``closed`` or ``nearest`` may mean not asked.
     """
 
     name: str
@@ -124,6 +127,7 @@ class Diagnosis(Summary):
     recording: AnyRecording | None = None
     hypotheses: tuple[tuple[Hypothesis, float], ...] = field(default=(), repr=False)
     nearest: Nearest | None = None
+    asked: Asked = EVERYTHING
 
     more: ClassVar[str] = "verdict(), to_xarray(), to_dict()"
     """Further methods, named in the representation at a prompt."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap import nearest_words
 from mcstudy.gap.questions.detection import LEVEL
@@ -25,6 +26,9 @@ WIDE = 0.3
 
 NEARLY_ALL = 0.95
 """A gap of which less is closed, at the upper limit, is said to remain in part."""
+
+FAR = 2.0
+"""Factor by which a size must lie outside its usual range to be called small or large."""
 
 ON_BOUNDS = 2
 """Number of parameters on bounds from which the fit is said to describe no body."""
@@ -99,7 +103,7 @@ def sentences(d: Diagnosis) -> list[str]:
     else:
         parts = [f"No gap beyond noise ({p}): the model without further effects describes this recording."]
     if d.leading is not None:
-        parts += [_cause(d, d.leading), share_closed(d), nearest(d), sway(d)]
+        parts += [_cause(d, d.leading), unusual(d.leading), share_closed(d), nearest(d), sway(d)]
     parts.append(not_a_body(d))
     corrected = d.leading is not None and d.leading.advice
     for contrast in d.contrasts if not corrected else ():  # trials that are labelled differently differ
@@ -134,7 +138,7 @@ def shown_causes(d: Diagnosis) -> list[Cause]:
 
 def nearest(d: Diagnosis) -> str:
     """The nearest mechanism, how much of the gap it predicts at left-out lines, and what it leaves."""
-    if d.leading is None:
+    if d.leading is None or not d.asked.nearest:
         return ""
     if d.nearest is None:  # a gap only between amplitudes or in time has no mechanism to be compared with
         said = "No mechanism of the library comes near with a size that a body can have."
@@ -190,6 +194,29 @@ def _and(names: list[str]) -> str:
 def _unnamed(d: Diagnosis) -> bool:
     """Whether a cause outside the library is more probable than every named cause."""
     return d.unknown_probability > d.causes[0].probability
+
+
+def unusual(cause: Cause) -> str:
+    """A warning about each effect of a cause whose size is far from those in people; empty when there is none.
+
+    Such a size is known well: its whole 95 % interval lies below half or above twice the usual range. Mass under the
+    feet, for example, acts like a loose head of 1 kg.
+    """
+    own = {} if cause.advice else {library.effect(e).size.name: e for e in cause.effects}
+    parts = []
+    for s in cause.sizes:
+        usual = library.usual_size(s.name) if s.name in own else None
+        if usual is None:
+            continue
+        most = max(abs(s.low), abs(s.high))
+        least = 0.0 if s.low < 0 < s.high else min(abs(s.low), abs(s.high))
+        if most < usual[0] / FAR or least > usual[1] * FAR:
+            value, side = f"{number(s.estimate)} {s.unit}".strip(), "small" if most < usual[0] / FAR else "large"
+            parts.append(
+                f"{s.name} = {value} is {side} for {own[s.name]} (usual size {usual[0]:.3g} to {usual[1]:.3g}): "
+                "another mechanism may act like it."
+            )
+    return " ".join(parts)
 
 
 def share_closed(d: Diagnosis) -> str:

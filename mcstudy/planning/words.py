@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from mcstudy.planning.fits import FULL, TRUTH
 from mcstudy.planning.result import Crossing, Reading, Solution
@@ -15,18 +16,32 @@ CONTROL = {TRUTH: "one fit from the true values", FULL: "none"}
 def text(found: Solution) -> str:
     """Everything that ``mcstudy solve`` prints."""
     head = f"study {found.study.study.name}, group {found.group}; cost: {found.space.cost_words}"
-    parts = [head, fill(statement(found)), _readings(found)]
+    readings = readings_table(found)
+    parts = [head, fill(statement(found)), table(readings.header, readings.rows)]
     if len(found.rows) > 1:
-        parts.append(_rows(found))
+        parts.append(_titled(by_fmax_table(found)))
     if found.looks:
-        parts.append(_looks(found))
-    return "\n\n".join([*parts, fill(_spent(found))])
+        parts.append(_titled(looks_table(found)))
+    return "\n\n".join([*parts, fill(spent_words(found))])
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A table as text cells."""
+
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+
+
+def _titled(cells: Cells) -> str:
+    return f"{cells.title}\n{table(cells.header, cells.rows)}"
 
 
 def statement(found: Solution) -> str:
     """The answer in sentences."""
     targets = " and ".join(t.text for t in found.targets)
-    d, unit = found.nearest, _unit(found)
+    d, unit = found.nearest, stimulus_unit(found)
     where = f"{counted(d.cycles, 'cycle')} at {d.amplitude:g} {unit}, Fmax {d.fmax:g} Hz"
     if found.answer is None:
         worst = max(found.readings, key=lambda r: abs(r.value) / r.target.limit)
@@ -64,7 +79,7 @@ def _binds(found: Solution) -> str:
     if CYCLES in space.over and d.cycles == space.cycles[1]:
         ends.append(f"number of cycles, {d.cycles}")
     if AMPLITUDE in space.over and d.amplitude >= 0.995 * space.amplitude[1]:
-        ends.append(f"amplitude, {d.amplitude:g} {_unit(found)}")
+        ends.append(f"amplitude, {d.amplitude:g} {stimulus_unit(found)}")
     return f" What binds is the largest {' and '.join(ends)}." if ends else ""
 
 
@@ -95,7 +110,7 @@ def _crossing(c: Crossing) -> str:
     return words
 
 
-def _unit(found: Solution) -> str:
+def stimulus_unit(found: Solution) -> str:
     kind = found.study.groups[found.group].stimulus.kind
     return {"platform_translation": "m", "surface_tilt": "rad", "visual_tilt": "rad"}.get(kind, "N m")
 
@@ -104,11 +119,17 @@ def _value(r: Reading, value: float) -> str:
     return f"{number(value)} {r.target.unit}".strip()
 
 
+def limit_text(r: Reading) -> str:
+    """The limit of a target with its unit."""
+    return _value(r, r.target.limit)
+
+
 def _measure(r: Reading) -> str:
     return f"{r.target.name} = {_value(r, r.value)} [{number(r.low)}, {number(r.high)}]"
 
 
-def _readings(found: Solution) -> str:
+def readings_table(found: Solution) -> Cells:
+    """Every target's measure at the answer, with its interval and what linear theory says."""
     rows = [
         [
             r.target.name,
@@ -120,10 +141,12 @@ def _readings(found: Solution) -> str:
         ]
         for r in found.readings
     ]
-    return table(["measure", "target", "there", "95 % interval", "linear theory", "Cramér-Rao"], rows)
+    header = ["measure", "target", "there", "95 % interval", "linear theory", "Cramér-Rao"]
+    return Cells("The measures at the answer", header, rows)
 
 
-def _rows(found: Solution) -> str:
+def by_fmax_table(found: Solution) -> Cells:
+    """The cheapest design with each Fmax."""
     rows = [
         [
             f"{r.fmax:g} Hz",
@@ -134,16 +157,15 @@ def _rows(found: Solution) -> str:
         ]
         for r in found.rows
     ]
-    return "The cheapest design with each Fmax\n" + table(
-        ["Fmax", "cycles", "amplitude", "cost", "95 % interval"], rows
-    )
+    return Cells("The cheapest design with each Fmax", ["Fmax", "cycles", "amplitude", "cost", "95 % interval"], rows)
 
 
 def _end(cost: float) -> str:
     return f"{cost:.4g}" if math.isfinite(cost) else "out of range"
 
 
-def _looks(found: Solution) -> str:
+def looks_table(found: Solution) -> Cells:
+    """Every design that was fitted."""
     targets = [r.target for r in found.readings][: len(found.looks[0].found)]
     rows = [
         [
@@ -160,10 +182,11 @@ def _looks(found: Solution) -> str:
         for k in found.looks
     ]
     head = ["cycles", "amplitude", "Fmax", "realizations", "draws", *(t.name for t in targets)]
-    return "Designs that were fitted (± one MCSE)\n" + table(head, rows)
+    return Cells("Designs that were fitted (± one MCSE)", head, rows)
 
 
-def _spent(found: Solution) -> str:
+def spent_words(found: Solution) -> str:
+    """The fits that the search made."""
     starts = found.study.groups[found.group].starts
     words = f"{found.spent.fits} fits. Realizations are fitted from {counted(starts, 'start')}"
     kinds = {r.control for r in found.rows} - {FULL}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,7 +36,23 @@ def solution_svg(found: Solution) -> str:
     return svg_document("Measures against the design", name, size, LEFT, [line for panel in panels for line in panel])
 
 
-def _panel(found: Solution, arm: Arm, axis: str, k: int, x: float) -> list[str]:
+@dataclass(frozen=True)
+class Curve:
+    """A measure along an axis, in its target's unit, with the others as in the answer.
+
+    Attributes
+    ----------
+    values: of the axis, (n,). curves: lower end, middle and upper end of the local model's 95 % band, (3, n).
+    looks: fitted designs on the axis: its value, the measure, one standard error.
+    """
+
+    values: np.ndarray
+    curves: np.ndarray
+    looks: list[tuple[float, float, float]]
+
+
+def curve_of(found: Solution, arm: Arm, axis: str, k: int) -> Curve:
+    """The measure of target ``k`` along ``axis``."""
     target, d = arm.targets[k], found.nearest
     low, high = map(float, found.space.cycles if axis == CYCLES else found.space.amplitude)
     values = np.geomspace(low, high, POINTS)
@@ -49,6 +66,13 @@ def _panel(found: Solution, arm: Arm, axis: str, k: int, x: float) -> list[str]:
         for look in arm.looks
         if (at := _along(look.design.cycles, look.design.amplitude, axis, d)) is not None
     ]
+    return Curve(values, curves, looks)
+
+
+def _panel(found: Solution, arm: Arm, axis: str, k: int, x: float) -> list[str]:
+    target, curve = arm.targets[k], curve_of(found, arm, axis, k)
+    values, curves, looks = curve.values, curve.curves, curve.looks
+    low, high = float(values[0]), float(values[-1])
     every = np.concatenate([curves.ravel(), [target.limit], [v for _, v, _ in looks]])
     bottom, top = _limits(every, target.measure.signed)
 

@@ -26,15 +26,16 @@ CRITERIA = {"D": "D-optimal", "A": "A-optimal", "c": "optimal for"}
 
 def text(design: StimulusDesign) -> str:
     """What was designed, what it promises, and what the Monte Carlo study found."""
-    parts = [_heading(design), _size(design), _parameters(design)]
+    parts = [fill(heading(design)), _size(design), _parameters(design)]
     if design.spreads:
         parts += [_verified(design), *(_fits(design, s) for s in design.spreads)]
     if design.bodies:
-        parts.append(_bodies(design))
+        parts.append(fill(bodies_words(design)))
     return "\n\n".join(parts)
 
 
-def _heading(design: StimulusDesign) -> str:
+def heading(design: StimulusDesign) -> str:
+    """What was designed and what it promises."""
     d, s = design.designed, design.designed.file.design
     kind = d.file.stimulus.kind.replace("_", " ")
     what = f"{CRITERIA[s.criterion]} {s.parameter}".strip()
@@ -43,7 +44,7 @@ def _heading(design: StimulusDesign) -> str:
     empty = f", {counted(int(d.empty.sum()), 'detection line')} empty" if d.empty.any() else ""
     largest = float((d.after / d.after.sum()).max())
     convention = d.stimulus.convention.replace("_", " ")
-    return fill(
+    return (
         f"{s.name}: {what} stimulus ({kind}), {counted(len(d.stimulus.harmonic), 'odd line')} up to {d.f[-1]:.3g} Hz"
         f"{empty}, {d.file.cycles} cycles of {d.stimulus.period_s:g} s, amplitude {d.stimulus.amplitude:.4g} "
         f"{d.model.stimulus_unit} ({convention}). Predicted: standard deviations lower by x{gain:.3g} (geometric "
@@ -54,6 +55,12 @@ def _heading(design: StimulusDesign) -> str:
 
 def _size(design: StimulusDesign) -> str:
     """Sizes of both stimuli, and the limits."""
+    rows = table(["", "sequence", "design", "ratio"], size_rows(design))
+    return "\n".join([rows, "", fill(limits_used(design))])
+
+
+def size_rows(design: StimulusDesign) -> list[list[str]]:
+    """Sizes of sequence and design, and their ratio."""
     unit, (one, other) = design.designed.model.stimulus_unit, design.sizes
     rows = [
         [f"RMS of the stimulus ({unit})", number(one.rms), number(other.rms), number(other.rms / one.rms)],
@@ -67,9 +74,13 @@ def _size(design: StimulusDesign) -> str:
         rows[-1].append(number(float(b / a)))
         rows.append([f"the same with the noise sway, theta{k + 1} (deg)"])
         rows[-1] += [number(float(np.degrees(np.hypot(v, noise)))) for v in (a, b)] + [number(float(total))]
+    return rows
+
+
+def limits_used(design: StimulusDesign) -> str:
+    """How near every limit is."""
     limits = [f"{LIMITS[name]} {100 * np.sqrt(share):.0f} %" for name, share in sorted(design.designed.limits.items())]
-    used = "Used of the limits (in amplitude; sway: of the body whose limit is nearest): " + ", ".join(limits) + "."
-    return "\n".join([table(["", "sequence", "design", "ratio"], rows), "", fill(used)])
+    return "Used of the limits (in amplitude; sway: of the body whose limit is nearest): " + ", ".join(limits) + "."
 
 
 def _parameters(design: StimulusDesign) -> str:
@@ -118,7 +129,7 @@ def _fits(design: StimulusDesign, s: Spread) -> str:
     return f"{title}\n{table(head, rows)}"
 
 
-def _bodies(design: StimulusDesign) -> str:
+def bodies_words(design: StimulusDesign) -> str:
     """Bodies that the design did not know: predicted and found reduction of the errors, and sway."""
     file, n = design.designed.file, len(design.bodies)
     said, sway = (np.array([getattr(b, name) for b in design.bodies]) for name in ("predicted", "sway"))
@@ -136,7 +147,7 @@ def _bodies(design: StimulusDesign) -> str:
             f" Bounded fits: lower by x{_mean(found):.3g} (x{found.min():.3g} to x{found.max():.3g}, each ± about "
             f"{error:.2g})."
         )
-    return fill(words)
+    return words
 
 
 def _mean(values: np.ndarray) -> float:

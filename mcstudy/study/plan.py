@@ -49,6 +49,9 @@ PILOT_REALIZATIONS = {"spectral": 48, "time_domain": 12}
 PILOT_STARTS = 24
 """Number of random starts for each of them, in addition to the truth."""
 
+Spreads = dict[str, np.ndarray]
+"""Standard deviations of the best fits (P,), percent, by settings; groups often differ in nothing but their size."""
+
 LOADING_S = 1.0
 """Upper limit for the time to load the compiled solvers; if they are compiled now, a later run need not compile."""
 
@@ -185,7 +188,8 @@ def plan(study: Study, imports: float = 0.0, *, workers: int | None = None, allo
         start_up = imports + min(loading, LOADING_S) + (watch.cpu() - loading)
         metadata = _size(cube.path)
         watch = _Watch()
-        plans = tuple(_plan_group(name, study, cube.groups[name]) for name in study.groups)
+        spreads: Spreads = {}
+        plans = tuple(_plan_group(name, study, cube.groups[name], spreads) for name in study.groups)
         at_disk = sum(g.waiting / g.chunks for g in plans)
         slowdown = max(1.0, (watch.wall() - at_disk) / watch.cpu())
     return StudyPlan(study, plans, start_up, slowdown, metadata, threads, extent(study, threads), libraries)
@@ -232,7 +236,7 @@ def _load(store: GroupStore) -> float:
     return watch.cpu()
 
 
-def _plan_group(name: str, study: Study, store: GroupStore) -> GroupPlan:
+def _plan_group(name: str, study: Study, store: GroupStore, spreads: Spreads) -> GroupPlan:
     """Measure time and size of the pilot of one group, and scale them to the whole group."""
     doing(f"timing a few fits of group {name}")
     group, pilot, experiment = study.groups[name], store.experiment.group, store.experiment
@@ -257,9 +261,8 @@ def _plan_group(name: str, study: Study, store: GroupStore) -> GroupPlan:
     seconds = group.realizations * (first + again * (len(group.amplitude) - 1)) + fits_cpu * share + chunks * write_cpu
     waiting = chunks * max(write_wall - write_cpu, 0.0)
     doing(f"predicting the precision of group {name}")
-    full = Experiment(group, study.study.seed)
     fits = round(group.fits * starts / group.starts)
-    return GroupPlan(name, fits, starts, chunks, round(size), seconds, waiting, _precision(full))
+    return GroupPlan(name, fits, starts, chunks, round(size), seconds, waiting, _precision(group, experiment, spreads))
 
 
 def _time_data(experiment: Experiment, n: int) -> tuple[float, float]:
@@ -277,20 +280,28 @@ def _size(folder: Path) -> int:
     return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
 
 
-def _precision(experiment: Experiment) -> tuple[Precision, ...]:
-    group, model = experiment.group, experiment.model
+def _precision(group: Group, pilot: Experiment, spreads: Spreads) -> tuple[Precision, ...]:
+    """Expected precision of ``group``, from more realizations of its pilot's data; adds to ``spreads``."""
     if group.simulator == "none":
         return ()
-    found = []
-    pilot = range(PILOT_REALIZATIONS[group.simulator])
-    random = [uniform(model, start_stream(experiment.seed, r), min(group.starts, PILOT_STARTS)) for r in pilot]
-    starts = np.stack([np.vstack([model.truth[None], one]) for one in random])
+    found, model, number = [], pilot.model, min(group.starts, PILOT_STARTS)
     for amplitude in group.amplitude:
-        data = [experiment.measure(amplitude, r) for r in pilot]
         for fmax in group.fmax:
-            fits = fit_many([experiment.problem(one, fmax) for one in data], starts)
-            best = [f.estimate[f.best] for f in fits if np.isfinite(f.cost).any()]
-            error = 100 * np.std(best, axis=0, ddof=1) / np.abs(model.truth) / math.sqrt(group.realizations)
+            alike = {"amplitude": (amplitude,), "fmax": (fmax,), "realizations": 1, "starts": number}
+            key = group.model_copy(update={**alike, "most_starts": None}).model_dump_json()
+            if key not in spreads:
+                spreads[key] = _spread(pilot, amplitude, fmax, number)
+            error = spreads[key] / math.sqrt(group.realizations)
             worst = int(np.argmax(error))
             found.append(Precision(amplitude, fmax, float(error.mean()), float(error[worst]), model.names[worst]))
     return tuple(found)
+
+
+def _spread(experiment: Experiment, amplitude: float, fmax: float, number: int) -> np.ndarray:
+    """Standard deviation of the best fits (P,), in percent of the true values; ``number`` of random starts."""
+    model, realizations = experiment.model, range(PILOT_REALIZATIONS[experiment.group.simulator])
+    random = [uniform(model, start_stream(experiment.seed, r), number) for r in realizations]
+    starts = np.stack([np.vstack([model.truth[None], one]) for one in random])
+    problems = [experiment.problem(experiment.measure(amplitude, r), fmax) for r in realizations]
+    best = [f.estimate[f.best] for f in fit_many(problems, starts) if np.isfinite(f.cost).any()]
+    return 100 * np.std(best, axis=0, ddof=1) / np.abs(model.truth)

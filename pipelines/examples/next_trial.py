@@ -21,7 +21,7 @@ import json
 import time
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +74,10 @@ LEAST = 1e-4
 """Probability below which the logarithmic loss does not grow."""
 
 
-CONDITIONS = ("first", "same", "longer", "other", "chosen")
+AGAIN = {"same": 1, "twice": 2, "longer": 3}
+"""How many times as long as the first trials the same ones are recorded again."""
+
+CONDITIONS = ("first", *AGAIN, "other", "chosen")
 
 
 def same_cause(effect: str) -> set[str]:
@@ -181,20 +184,29 @@ def case(given: dict[str, Any], k: int) -> dict[str, Any]:
         options = possible_trials(now.situation(fmax), trials=(given["trials"],), cycles=given["cycles"])
         order = ranked(now.situation(fmax), options)
         others = [p for p in options if len(p) == 1 and p != (first,)]
-        more = (replace(first, trials=given["longer"] * first.trials),)
         random = others[int(rng.integers(len(others)))]
-        against = {"same": (first,), "longer": more, "other": random} if cause is not None else {"same": (first,)}
-        name = tuple(against)[k % len(against)]
-        after = {"chosen": order[0].plan, name: against[name]}
         known = getattr(cause, "effect", getattr(cause, "name", None))
         out: dict[str, Any] = {"case": k, "kind": kind_of(given, k), "cause": known, "first": now.outcome(cause)}
-        out["trials"] = {n: described(plan) for n, plan in after.items()}
+        out["plans"] = {n: [asdict(t) for t in plan] for n, plan in (("chosen", order[0].plan), ("other", random))}
         out["expected"] = {described(o.plan): round(o.told.bits, 3) for o in order}
-        for n, plan in after.items():
-            out[n] = Answer.of([*before, *recorded(plan, theta, rng, cause)], fmax).outcome(cause)
+        after = {"chosen": recorded(order[0].plan, theta, rng, cause)}
+        if isinstance(cause, Signature):
+            after["other"] = recorded(random, theta, rng, cause)
+        after |= _again(first, theta, rng, cause)
+        for n, further in after.items():
+            out[n] = Answer.of([*before, *further], fmax).outcome(cause)
     except (FallsError, InputError, RecordingError) as error:
         return {"case": k, "kind": kind_of(given, k), "left_out": str(error)}
     return out
+
+
+def _again(
+    first: PlannedTrial, theta: np.ndarray, rng: np.random.Generator, cause: Cause
+) -> dict[str, list[Recording]]:
+    """The first trials again: as many, and of a body with an effect also twice and three times as many of them."""
+    times = AGAIN if isinstance(cause, Signature) else {"same": AGAIN["same"]}
+    most = _recorded(replace(first, trials=max(times.values()) * first.trials), theta, rng, cause)
+    return {name: [most.select(tuple(range(n * first.trials)))] for name, n in times.items()}
 
 
 def kind_of(given: dict[str, Any], k: int) -> str:

@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.stats import norm
 
 from mcstudy.planning.fits import FULL, Design, Fitter
 from mcstudy.planning.multilevel import Draws, Estimate, estimated
@@ -288,7 +289,18 @@ def summary(rows: Sequence[dict[str, Any]], grid: Grid, cases: Sequence[Case]) -
             f"distances in SE: mean {middle:+.2f} ± {1 / math.sqrt(m):.2f}, rms {spread:.2f} (1 if errors are right)"
         )
         holds = sum(r["interval"][0] <= r["grid"] <= r["interval"][1] for r in inside)
-        lines.append(f"95 % interval holds the grid's answer: {holds} of {m}")
+        ours, theirs = error_pairs(inside)
+        chance = 2 * norm.cdf(1.96 / np.hypot(1, theirs / ours)) - 1
+        overlap = sum(
+            r["interval"][0] <= r["grid"] * math.exp(1.96 * r["grid_error"])
+            and r["grid"] * math.exp(-1.96 * r["grid_error"]) <= r["interval"][1]
+            for r in inside
+        )
+        lines.append(
+            f"95 % interval holds the grid's answer: {holds} of {m}; expected, with the grid's error: "
+            f"{chance.sum():.1f} ± {np.sqrt(np.sum(chance * (1 - chance))):.1f}, "
+            f"and {overlap} overlap its interval"
+        )
     for name, key in (("fits", "fits"), ("evaluations", "evaluations")):
         ratio = np.array([r[f"grid_{key}"] / r[key] for r in rows])
         enough = int((ratio >= 20).sum())

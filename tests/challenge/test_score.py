@@ -15,7 +15,7 @@ from mcstudy.challenge.design import NOTHING_MISSING, OTHER_FORM, OUTSIDE, Strat
 from mcstudy.challenge.grade import judge
 from mcstudy.challenge.oracle import FLOOR, Classifier, log_evidence, size_grid
 from mcstudy.challenge.rates import mean, rate
-from mcstudy.challenge.score import LEADING, exit_code, score
+from mcstudy.challenge.score import FIGURES, LEADING, exit_code, score
 from mcstudy.challenge.table import score_text
 from mcstudy.challenge.targets import TARGETS
 from mcstudy.errors import StoreError
@@ -391,6 +391,31 @@ def test_leaving_out_hard_cases_gains_nothing(key: dict[str, Any], give: Any) ->
         assert gave_up["proper"][name]["all"]["value"] > tried["proper"][name]["all"]["value"]
     for a, b in zip(tried["calibration"], gave_up["calibration"], strict=True):
         assert b["error"] is None or b["error"] >= a["error"] or a["statement"].startswith(f"{LEADING}:")
+
+
+def test_the_share_closed_is_judged_by_the_form_in_which_an_effect_closes_most(key: dict[str, Any]) -> None:
+    case = next(c for c in key["cases"] if c["kind"] == "outsider")
+    closed = {"effects": "head_mode", "fraction": 0.9, "low": 0.8, "high": 1.0}
+    answer = {"seconds": 0.0, **plain(detected=True, causes=[cause(["head_mode"], 1.0)], closed=closed)}
+    assert case["closable"]["head_mode"] == 0.3
+    assert judge(case, answer).closed_inside is False
+    open_form = {"closable": {"head_mode": 0.9}, "nearest": "head_mode", "residual_delta": 3.0, "smooth_residual": 2.0}
+    assert judge({**case, "any_form": open_form}, answer).closed_inside is True
+
+
+def test_outsiders_count_as_such_by_what_the_nearest_form_of_an_effect_leaves(key: dict[str, Any]) -> None:
+    case = {**next(c for c in key["cases"] if c["kind"] == "outsider"), "delta": 12.0}
+    for left, words in (
+        (7.0, "no form of an effect imitates (delta left >= 6)"),
+        (2.0, "a form of an effect imitates"),
+    ):
+        form = {"closable": {}, "nearest": "head_mode", "residual_delta": left, "smooth_residual": left}
+        judged = judge({**case, "any_form": form}, {"seconds": 0.0, **plain(causes=[cause(["head_mode"], 0.9)])})
+        for name, figure in FIGURES.items():
+            if name.startswith("outsiders") and " form of an effect imitates" in name:
+                found = figure([judged])
+                assert found.n == (words in name), name
+                assert not found.n or found.value == float("confidently" in name), name
 
 
 def test_an_interval_that_is_withheld_does_not_hold_the_truth(key: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ import pytest
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.files import schema
+from mcstudy.gap.asked import CAUSE_ONLY
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose, diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
@@ -65,6 +66,19 @@ def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: Diagnosi
     assert "sensor_lag_theta1" in said
     assert plain["sway_noise_deg"][0] < plain["sway_rms_deg"]["floor"] < plain["sway_noise_deg"][1]
     assert "<table>" in out._repr_html_()
+
+
+def test_questions_that_nobody_asks_leave_the_other_answers_as_they_are(lagging: Recording, out: Diagnosis) -> None:
+    full, less = out.to_dict(), diagnose_fast(lagging, seed=3, asked=CAUSE_ONLY).to_dict()
+    schema.validate("diagnosis", less, "diagnosis")
+    assert full["nearest"]
+    assert full["closed"]
+    assert not less["nearest"]
+    assert not less["closed"]
+    for cause in (*full["causes"], *less["causes"]):
+        cause.pop("likeness")
+    assert {k for k in full if full[k] != less[k]} == {"verdict", "nearest", "closed"}
+    assert "No mechanism" not in less["verdict"]
 
 
 def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording, out: Diagnosis) -> None:

@@ -17,7 +17,7 @@ from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.detection import Band
 from mcstudy.gap.questions.power import Undetectable
 from mcstudy.gap.tables import Table, closing, evidence, tables, text
-from mcstudy.gap.verdict import ON_BOUNDS, sway, undetected, verdict, wrapped
+from mcstudy.gap.verdict import ON_BOUNDS, sway, undetected, unusual, verdict, wrapped
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stimulus import Prts
@@ -115,6 +115,20 @@ def test_a_model_with_parameters_on_bounds_is_said_to_describe_no_body(
             assert re.split(", | and ", said.group(1)) == held
             assert re.split(", | and ", said.group(2)) == [s.name for s in d.shifts if s.without < 0]
     assert "describes no body" in verdict(found["a gap that takes the base model to its bounds"])
+
+
+def test_a_size_far_from_those_in_people_is_said_to_be(found: dict[str, Diagnosis]) -> None:
+    d = found["a gap that takes the base model to its bounds"]  # a lag of 0.03 s
+    assert d.leading is not None
+    (s,) = (s for s in d.leading.sizes if s.name == "tau_theta2")
+    low, high = LIBRARY["sensor_lag_theta2"].size.published
+    for factor, word in ((1.0, ""), (0.4 * low / s.high, "small"), (3 * high / s.low, "large")):
+        other = replace(s, estimate=factor * s.estimate, low=factor * s.low, high=factor * s.high)
+        said = unusual(replace(d.leading, sizes=(other,)))
+        assert said.startswith("tau_theta2 = ") == bool(word), said
+        assert f" s is {word} for sensor_lag_theta2 " in said or not word
+    wide = replace(s, low=-0.1 * low, high=low)  # not known well enough to be called small
+    assert not unusual(replace(d.leading, sizes=(wide,)))
 
 
 def test_no_share_closed_is_stated_without_its_interval_and_what_noise_leaves_of_sway(

@@ -15,6 +15,16 @@ from distributed.security import Security
 
 START_S = 60
 
+# `python -m MODULE WORDS` that ends with the process that started it, however that one ends: then its input is closed.
+GOES_WITH_US = """
+import os, runpy, sys, threading
+def wait():
+    sys.stdin.buffer.read()
+    os._exit(1)
+threading.Thread(target=wait, daemon=True).start()
+runpy.run_module(sys.argv.pop(1), run_name="__main__", alter_sys=True)
+"""
+
 
 class Cluster:
     """One scheduler on 127.0.0.1 and its workers, one thread each; ``security`` are command-line words."""
@@ -37,7 +47,8 @@ class Cluster:
     def _process(self, module: str, *words: str) -> subprocess.Popen[bytes]:
         with (self.folder / "said.txt").open("ab") as said:
             return subprocess.Popen(
-                [sys.executable, "-m", f"distributed.cli.{module}", *words, *self.security],
+                [sys.executable, "-c", GOES_WITH_US, f"distributed.cli.{module}", *words, *self.security],
+                stdin=subprocess.PIPE,
                 stdout=said,
                 stderr=said,
                 start_new_session=True,
@@ -72,6 +83,8 @@ class Cluster:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+            assert process.stdin is not None
+            process.stdin.close()
 
 
 @contextmanager

@@ -13,6 +13,7 @@ import pytest
 import mcstudy as mc
 from mcstudy.cli import main
 from mcstudy.errors import InputError
+from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.planning.arm import Candidate
 from mcstudy.planning.local_model import LocalModel, Prediction
@@ -95,6 +96,29 @@ def test_a_target_out_of_reach_is_said_to_be_with_the_bound() -> None:
     assert not found.to_dict()["reached"]
     with pytest.raises(InputError, match="no allowed design"):
         found.to_study()
+
+
+@pytest.mark.parametrize(
+    ("state", "code"),
+    [
+        ({}, Exit.DONE),
+        ({"answer": None}, Exit.UNREACHABLE),
+        ({"decided": False}, Exit.NOT_REACHED),
+        ({"answer": None, "decided": False}, Exit.NOT_REACHED),
+    ],
+)
+def test_a_script_can_tell_an_answer_from_none_and_from_an_uncertain_one(
+    found: Any, state: dict[str, Any], code: Exit, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    """Nothing is written for a design that does not reach the target."""
+    monkeypatch.setattr("mcstudy.planning.solve.solve_study", lambda *_, **__: replace(found, **state))
+    monkeypatch.setattr("mcstudy.scheduler.compiling.compile_kernels", lambda _: None)
+    file, out = tmp_path / "small.toml", tmp_path / "answer.toml"
+    file.write_text(STUDY.to_toml(), encoding="utf-8")
+    words = ["solve", str(file), "--target", "cv(K11 + Kpas1) <= 4%", "--over", "amplitude=2:12", "-o", str(out)]
+    assert main(words) == code
+    assert out.exists() == ("answer" not in state)
+    assert ("not written" in capsys.readouterr().err) == ("answer" in state)
 
 
 def test_realizations_follow_from_their_monte_carlo_error(tmp_path: Path) -> None:

@@ -55,8 +55,8 @@ fmax = [0.41]
 amplitude = [3.0, 5.0]
 """
 
-SMALL, LARGE = parse_study(STUDY.format(realizations=16)), parse_study(STUDY.format(realizations=24))
-GROWTH = extend.Growth(realizations=24)
+REALIZATIONS = 16
+"""Of a study before it is extended by half; the tests take fewer, for the same code runs then."""
 ONE = ClusterOptions(workers=1)
 
 WRITERS = {m.__file__ for m in (durable, extend, run, runlog, store, submission, tasks)} | {__file__}
@@ -68,23 +68,25 @@ KILLS = "kill -9: "
 class Campaign:
     """Counts of one campaign, by fault."""
 
-    def __init__(self, folder: Path, seed: int) -> None:
+    def __init__(self, folder: Path, seed: int, realizations: int = REALIZATIONS) -> None:
+        self.realizations, more = realizations, realizations * 3 // 2
+        self.study, larger = (parse_study(STUDY.format(realizations=n)) for n in (realizations, more))
         self.folder, self.random, self.out = folder, random.Random(seed), folder / "out.zarr"
         self.tried: Counter[str] = Counter()
         self.lost: Counter[str] = Counter()
         self.wrong: Counter[str] = Counter()
         self.seen: dict[str, int] = {}
-        group = SMALL.groups["noisy"]
-        compiled = GroupStore(folder, "noisy", Experiment(group, SMALL.study.seed), 1, SMALL.fingerprint)
+        group = self.study.groups["noisy"]
+        compiled = GroupStore(folder, "noisy", Experiment(group, self.study.study.seed), 1, self.study.fingerprint)
         first = layout.Chunk(0, 0)
         tasks.fill(compiled, first, compiled.layout.empty(first), lambda: False)
         self.small, self.large = folder / "small.zarr", folder / "large.zarr"
-        for study, path in ((SMALL, self.small), (LARGE, self.large)):
+        for study, path in ((self.study, self.small), (larger, self.large)):
             begun = time.monotonic()
             assert ended(fork(partial(run.run_study, study, path, ONE))) == DONE
             self.seconds = time.monotonic() - begun
-        self.small_run = partial(run.run_study, SMALL, self.out, ONE)
-        self.extension = partial(extend.extend, self.out, GROWTH, ONE)
+        self.small_run = partial(run.run_study, self.study, self.out, ONE)
+        self.extension = partial(extend.extend, self.out, extend.Growth(realizations=more), ONE)
         self.lines: dict[Callable[[], object], list[tuple[str, int, int]]] = {}
 
     def ask(self, work: Callable[[], object]) -> Any:
@@ -194,7 +196,7 @@ class Campaign:
         """A finished cube that grows."""
         self.begin()
         shutil.copytree(self.small, self.out)
-        self.seen = {f"{a}/{r}": 4 for a in range(2) for r in range(16)}
+        self.seen = {f"{a}/{r}": 4 for a in range(2) for r in range(self.realizations)}
         kill_it(fault, self.extension, self.large)
         self.begin()
 
@@ -259,7 +261,7 @@ class Campaign:
             time.sleep(0.01)
         address = place.read_text()
         workers = [fork(lambda: asyncio.run(_worker(address))) for _ in range(2)]
-        child = fork(lambda: run.run_study(SMALL, self.out, ClusterOptions(scheduler=address), 1))
+        child = fork(lambda: run.run_study(self.study, self.out, ClusterOptions(scheduler=address), 1))
         time.sleep(self.random.uniform(0.3, 1.0) * self.seconds)
         victims = {"one worker": workers[:1], "all workers": workers, "the scheduler": [scheduler]}[fault]
         for victim in victims:
@@ -319,12 +321,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--realizations", type=int, default=REALIZATIONS, help="of the study; default 16")
     parser.add_argument("--only", default="", help="faults whose name contains this; --kills then counts those")
     args = parser.parse_args()
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     layout.FITS_A_CHUNK = (8, 8)
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
-        campaign = Campaign(Path(folder), args.seed)
+        campaign = Campaign(Path(folder), args.seed, args.realizations)
         try:
             campaign.look_at_lines(campaign.small_run, campaign.extension)
             campaign.run(args.kills, args.only)

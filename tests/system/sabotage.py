@@ -173,7 +173,7 @@ def main() -> int:
     missed = 0
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder, open(os.devnull, "w") as nowhere:
         sys.stderr = nowhere
-        campaign = Campaign(Path(folder), SEED)
+        campaign = Campaign(Path(folder), SEED, realizations=8)
         try:
             for faults, place, name, by in SABOTAGES:
                 with sabotaged(place, name, by):

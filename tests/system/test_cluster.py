@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -11,6 +12,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import dask_processes
+import psutil
 import pytest
 from certificates import certificates
 from chunks import complete_chunks
@@ -126,6 +129,27 @@ def meanwhile(out: Path, chunks: int, act: Callable[[], None]) -> threading.Thre
     thread = threading.Thread(target=wait)
     thread.start()
     return thread
+
+
+def test_a_scheduler_ends_with_the_tests_that_started_it_even_if_they_are_killed(tmp_path: Path) -> None:
+    """They close nothing then."""
+    program = f"import dask_processes, pathlib; c = dask_processes.Cluster(pathlib.Path({str(tmp_path)!r})); "
+    helpers = Path(dask_processes.__file__).parent
+    tests = subprocess.Popen(
+        [sys.executable, "-c", program + "print(c.scheduler.pid, flush=True); input()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(helpers)},
+    )
+    with tests:
+        assert tests.stdout is not None
+        scheduler = psutil.Process(int(tests.stdout.readline()))
+        tests.kill()
+    try:
+        scheduler.wait(timeout=60)
+    finally:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            scheduler.kill()
 
 
 def test_two_worker_processes_write_the_same_bytes_as_local_threads(folder: Path, local: str, plain: Cluster) -> None:

@@ -10,7 +10,10 @@ from pathlib import Path
 def test_random_kills_lose_nothing_and_change_nothing() -> None:
     script = Path(__file__).with_name("kill_campaign.py")
     done = subprocess.run(
-        [sys.executable, str(script), "--kills", "8", "--seed", "3"], capture_output=True, text=True, check=False
+        [sys.executable, str(script), "--kills", "8", "--seed", "3", "--realizations", "8"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines()[-1].startswith("| **all** | 8 | 0 | 0 |"), done.stdout

@@ -1,0 +1,137 @@
+"""A designed stimulus as a page: its spectrum beside that of the sequence, the errors of every parameter, its sizes."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from mcstudy.report.axes import axes, log_axis
+from mcstudy.report.document import document
+from mcstudy.report.figure import Figure, Panel, figure
+from mcstudy.report.html import Table, escape, table
+from mcstudy.report.labels import with_units
+from mcstudy.report.style import COLOURS, HATCHES
+from mcstudy.stimulus_design import words
+from mcstudy.stimulus_design.result import StimulusDesign
+from mcstudy.text_tables import number, with_error
+
+SEQUENCE, DESIGN = COLOURS["muted"], COLOURS["orange"]
+LEGEND = [("muted", "sequence"), ("orange hatched", "design")]
+
+
+def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o DIR --html page.html") -> str:
+    """The page of a design; ``command``: the command that makes this page, as displayed on it."""
+    made = f"<pre><code>{escape(command)}    # this page; every number of it is in design.json</code></pre>"
+    parts = [
+        ("stimulus", "The stimulus", _stimulus(design, command)),
+        ("errors", "Errors of the parameters", _errors(design, command)),
+        ("bodies", "Other bodies", f"<p>{escape(words.bodies_words(design))}</p>" if design.bodies else ""),
+        ("made", "How this was made", made),
+    ]
+    footer = "The errors hold for the model, the noise and the range of bodies of the design file."
+    return document(f"Stimulus {design.designed.file.design.name}", _introduction(design), parts, footer)
+
+
+def _introduction(design: StimulusDesign) -> str:
+    kept = np.exp(np.log(design.bounded_cv[0] / design.bounded_cv[1]).mean())
+    one, other = design.sizes
+    tiles = [("Predicted SD lower by", f"×{kept:.3g}", "geometric mean, with the bounds of the fit.")]
+    if design.spreads:
+        s = design.spreads_at_fmax
+        remark = f"bounded fits up to {s.fmax:g} Hz, {s.n} realizations, ± one MCSE."
+        tiles.append(("Found SD lower by", f"×{with_error(s.mean, s.mean_error)}", remark))
+    tiles += [
+        ("RMS of the stimulus", f"×{number(other.rms / one.rms)}", "of the sequence's."),
+        ("Evoked sway", f"×{number(float(np.max(other.sway / one.sway)))}", "of the sequence's, the larger angle."),
+        ("Crest factor", number(other.crest_factor), f"the sequence has {number(one.crest_factor)}."),
+    ]
+    boxes = "".join(
+        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong><small>{escape(remark)}</small></li>"
+        for what, value, remark in tiles
+    )
+    return f'<p>{escape(with_units(words.heading(design)))}</p><ul class="tiles">{boxes}</ul>'
+
+
+def _stimulus(design: StimulusDesign, command: str) -> str:
+    drawn = Figure(
+        "spectrum",
+        "",
+        "Spectrum and waveform",
+        ["RMS of every line of the sequence and of the design, and one cycle of the design."],
+        [Panel("spectrum", partial(spectrum, design)), Panel("waveform", partial(waveform, design))],
+        [],
+        python="design.to_html('page.html')",
+        legend=[("muted", "sequence"), ("orange", "design")],
+    )
+    sizes = Table("Sizes", ("", "sequence", "design", "ratio"), words.size_rows(design), "rows")
+    return figure(drawn, "", command) + table(sizes) + f"<p>{escape(words.limits_used(design))}</p>"
+
+
+def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:
+    """RMS of every odd line over frequency, of sequence and design."""
+    ax, d = axes(ax), design.designed
+    for power, colour, marker, label in ((d.before, SEQUENCE, "o", "sequence"), (d.after, DESIGN, "s", "design")):
+        used = power > 0
+        ax.plot(d.f[used], np.sqrt(2 * power[used]), marker, color=colour, markersize=2.5, label=label)
+    ax.set_xlabel("frequency (Hz)")
+    ax.set_ylabel(f"RMS of a line ({with_units(d.model.stimulus_unit)})")
+    log_axis(ax.xaxis)
+    log_axis(ax.yaxis)
+    return ax
+
+
+def waveform(design: StimulusDesign, ax: Axes | None = None) -> Axes:
+    """One cycle of the design."""
+    ax, (t, u) = axes(ax), design.waveform()
+    step = max(1, t.size // 2000)
+    ax.plot(t[::step], u[::step], color=DESIGN, linewidth=0.8)
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel(f"stimulus ({with_units(design.designed.model.stimulus_unit)})")
+    return ax
+
+
+def _errors(design: StimulusDesign, command: str) -> str:
+    found = design.spreads_at_fmax if design.spreads else None
+    panels = [Panel("predicted, with the bounds of the fit", partial(cv_bars, design, design.bounded_cv), (5.8, 3.4))]
+    if found is not None:
+        panels.append(Panel(f"bounded fits up to {found.fmax:g} Hz", partial(cv_bars, design, found.cv), (5.8, 3.4)))
+    both = [*design.bounded_cv, *(found.cv if found is not None else ())]
+    header = ["parameter", "sequence, predicted", "design, predicted", "lower by"]
+    rows = [
+        [name, f"{100 * a:.3g} %", f"{100 * b:.3g} %", f"×{a / b:.3g}"]
+        for name, a, b in zip(design.names, *both[:2], strict=True)
+    ]
+    if found is not None:
+        header += ["sequence, fits", "design, fits", "lower by (± MCSE)"]
+        for k, row in enumerate(rows):
+            row += [f"{100 * cv[k]:.3g} %" for cv in found.cv]
+            row.append(f"×{with_error(found.ratio[k], found.ratio_error[k])}")
+    drawn = Figure(
+        "cv",
+        "",
+        "Coefficients of variation",
+        [
+            "Standard deviation over the mean, in percent, on a logarithmic axis. The prediction is the Cramér-Rao "
+            "bound with what the bounds of the fit add."
+        ],
+        panels,
+        python="design.to_html('page.html')",
+        legend=LEGEND,
+    )
+    return figure(drawn, "", command) + table(Table("Coefficients of variation", header, rows))
+
+
+def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None) -> Axes:
+    """Coefficients of variation (2, P) of sequence and design as pairs of bars."""
+    ax, at = axes(ax, (5.8, 3.4)), np.arange(len(design.names))
+    low = 10 ** np.floor(np.log10(100 * cv.min()))
+    for k, (colour, hatch, label) in enumerate(((SEQUENCE, HATCHES[0], "sequence"), (DESIGN, HATCHES[1], "design"))):
+        where = at + 0.4 * (k - 0.5)
+        ax.bar(where, 100 * cv[k] - low, 0.38, bottom=low, color=colour, hatch=hatch, edgecolor="white", label=label)
+    ax.set_yscale("log")
+    ax.set_ylim(low, 1.3 * 100 * cv.max())
+    ax.set_xticks(at, design.names, rotation=45, ha="right")
+    ax.set_ylabel("CV (%)")
+    return ax

@@ -1,0 +1,127 @@
+"""A solution as a page: the cheapest design, its measures along the axis, the designs that were fitted."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from matplotlib.axes import Axes
+
+from mcstudy.planning import words
+from mcstudy.planning.next_look import leading
+from mcstudy.planning.result import Solution
+from mcstudy.report.axes import axes, legend_below, log_axis
+from mcstudy.report.document import document
+from mcstudy.report.figure import Figure, Panel, figure
+from mcstudy.report.html import Table, escape, table
+from mcstudy.report.labels import with_units
+from mcstudy.report.solution import curve_of
+from mcstudy.report.style import COLOURS, DASHES
+from mcstudy.text_tables import number
+
+BAND, TARGET = COLOURS["orange"], COLOURS["blue"]
+
+
+def solution_page(found: Solution, command: str = "mcstudy solve STUDY --html page.html") -> str:
+    """The page of a solution; ``command``: the command that makes this page, as displayed on it."""
+    made = f"<pre><code>{escape(command)}    # this page\n"
+    made += f"{escape(command.split(' --html ')[0])} --json    # every number of it</code></pre>"
+    parts = [
+        ("measures", "The measures at the answer", _measures(found, command)),
+        ("spent", "Designs that were fitted", _fitted(found)),
+        ("made", "How this was made", made),
+    ]
+    footer = (
+        "Intervals are of 95 %. They cover the Monte Carlo error and that of the local model, not errors of the model "
+        "of the body."
+    )
+    return document(f"The cheapest design: {found.study.study.name}", _introduction(found), parts, footer)
+
+
+def _introduction(found: Solution) -> str:
+    d, answer = found.nearest, found.answer
+    tiles = [
+        ("Cheapest design" if answer else "Nearest design", f"{d.cycles} cycles", f"{_seconds(found)} s recorded."),
+        ("Amplitude", with_units(f"{d.amplitude:g} {words.stimulus_unit(found)}"), _interval(found, "amplitude")),
+        ("Highest frequency", f"{d.fmax:g} Hz", "of the fits."),
+        *(
+            (
+                r.target.name,
+                with_units(f"{number(r.value)} {r.target.unit}"),
+                f"{number(r.low)} to {number(r.high)}; target at most {with_units(words.limit_text(r))}.",
+            )
+            for r in found.readings
+        ),
+        ("Fits", f"{found.spent.fits:,}".replace(",", "\u202f"), "spent by the search."),
+    ]
+    boxes = "".join(
+        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong><small>{escape(remark)}</small></li>"
+        for what, value, remark in tiles
+    )
+    return f'<p>{escape(with_units(words.statement(found)))}</p><ul class="tiles">{boxes}</ul>'
+
+
+def _seconds(found: Solution) -> str:
+    return f"{found.nearest.cycles * found.space.period_s:.4g}"
+
+
+def _interval(found: Solution, axis: str) -> str:
+    if axis not in found.interval:
+        return "as in the study." if axis not in found.space.over else "the nearest to the target."
+    low, high = found.interval[axis]
+    return f"95 % interval {low:.4g} to {high:.4g}."
+
+
+def _measures(found: Solution, command: str) -> str:
+    cells = words.readings_table(found)
+    shown = table(Table(cells.title, cells.header, cells.rows, "rows"))
+    axis, arm = leading(found.space), found.arm
+    if axis is None or arm is None:
+        return shown
+    drawn = Figure(
+        "curve",
+        "",
+        f"Measures against the {axis}",
+        [
+            "Orange: the local model with its 95 % band. Circles: designs that were fitted, with two standard errors. "
+            "Dashed: the target. Blue band: 95 % interval of the answer. Designs with other values on the other axes "
+            "are left out.",
+        ],
+        [Panel(t.name, partial(measure_along, found, k)) for k, t in enumerate(arm.targets)],
+        python="found.to_html('page.html')",
+        legend=[("orange", "measure"), ("blue", "target and interval of the answer")],
+    )
+    return figure(drawn, "", command) + shown
+
+
+def measure_along(found: Solution, k: int, ax: Axes | None = None) -> Axes:
+    """The measure of target ``k`` along the leading axis, with its limit and the interval of the answer."""
+    ax, axis, arm = axes(ax), leading(found.space), found.arm
+    assert axis is not None
+    assert arm is not None
+    target, curve = arm.targets[k], curve_of(found, arm, axis, k)
+    low, middle, high = curve.curves
+    ax.fill_between(curve.values, low, high, color=BAND, alpha=0.2, linewidth=0)
+    ax.plot(curve.values, middle, color=BAND, label="local model")
+    for at, value, error in curve.looks:
+        ax.plot([at, at], [value - 2 * error, value + 2 * error], color=COLOURS["ink"], linewidth=1.0)
+    ax.plot(*(zip(*((at, v) for at, v, _ in curve.looks), strict=True)), "o", color=COLOURS["ink"], label="fitted")
+    for limit in (target.limit, -target.limit) if target.measure.signed else (target.limit,):
+        ax.axhline(limit, color=TARGET, linestyle=DASHES[1], label="target" if limit > 0 else None)
+    for crossing in found.answer.crossings if found.answer else ():
+        if crossing.axis == axis:
+            ax.axvspan(crossing.low, crossing.high, color=TARGET, alpha=0.15, linewidth=0)
+    unit = f" ({with_units(words.stimulus_unit(found))})" if axis == "amplitude" else ""
+    ax.set_xlabel(f"{axis}{unit}")
+    ax.set_ylabel(f"{target.name} ({with_units(target.unit)})")
+    ax.set_xlim(curve.values[0], curve.values[-1])
+    log_axis(ax.xaxis)
+    legend_below(ax, 3, -0.2)
+    return ax
+
+
+def _fitted(found: Solution) -> str:
+    tables = [words.by_fmax_table(found)] if len(found.rows) > 1 else []
+    if found.looks:
+        tables.append(words.looks_table(found))
+    shown = "".join(table(Table(t.title, t.header, t.rows)) for t in tables)
+    return f"<p>{escape(words.spent_words(found))}</p>{shown}"

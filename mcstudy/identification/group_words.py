@@ -9,6 +9,13 @@ from mcstudy.text_tables import number, table
 if TYPE_CHECKING:
     from mcstudy.identification.group_result import GroupDifference, GroupMean, GroupResult
 
+COVERED = (
+    "In simulated groups of 10 people (ankle torque, up to 3.1 Hz) 95 % intervals hold the truth in 93.4 to 99.8 % "
+    "(means), 94.1 to 100 % (differences) and 92.5 to 100 % (standard deviations between people). Too narrow: the "
+    "standard deviation of Td2 (92.5 %)."
+)
+"""What ``pipelines/examples/group_coverage.py`` found; told of recordings that are like the simulated ones."""
+
 SHOWN = 0.1
 """Spread that is told as a CV only if the mean is larger than this multiple of it."""
 
@@ -98,5 +105,7 @@ def sentences(r: GroupResult) -> list[str]:
     tests = sum(d.verdict == "determined" for d in r.differences)
     if tests > 1:
         out.append(f"The p-values are of {tests} single tests; they are not corrected for their number.")
+    if any(fitted.coverage is not None for fitted in r.fits.values()):
+        out.append(COVERED)
     out += [f"Failed: {person}, {condition}: {why}" for person, condition, why in r.failed]
     return [*out, *r.warnings]

@@ -15,8 +15,8 @@ no other reason than that there are more of them. So a person of whom little is 
 - The interval of mu is that of its profile likelihood. Its threshold n log(1 + t^2 / (n - 1)), with Student's t of
   n - 1 degrees of freedom, makes it exact for few people who are measured without error: it is their t interval.
 - The interval of tau has the same threshold. It is 4.50 for 10 people; exact for normal people measured without error
-  would be 3.99. The rest allows for people who are not quite normal and for errors that depend on the true value, to
-  which a variance is more sensitive than a mean.
+  would be 3.99. The rest allows for people and errors that are not quite normal, to which a variance is more sensitive
+  than a mean.
 - Where likelihoods are flatter than Gaussian ones, the interval also covers the means of people who are all at the low,
   or all at the high, end of their flat part (each with its t interval). If flat parts make up half of it, it is said to
   be "flat", which is not determined.

@@ -8,6 +8,9 @@ estimates of their covariance with the distribution that a recording of two tria
 person is fitted once. Groups are drawn from these people, and the mean, the standard deviation between people, the
 difference between two groups of other people, and the values of the individuals are compared with the truth: mean and
 standard deviation of all people that were drawn. A row is printed as soon as its quantity is done.
+
+``--cause NAME`` tells instead why the interval of a standard deviation holds the truth too rarely: how often it does,
+with Gaussian likelihoods, if people and errors of the fits are what theory assumes, and what they are.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtri, ndtri, stdtrit
+from scipy.stats import kurtosis
 
 import mcstudy as mc
 from mcstudy.fitting.compilers import cores
@@ -40,6 +45,9 @@ from mcstudy.streams import stream
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """The matrices are small: threads of the linear algebra would cost more than they save."""
+
+LEVEL = 0.95
+"""Of all intervals."""
 
 SLOWEST = -0.5  # 1/s: bodies that are hardly stable sway for minutes after a push
 
@@ -110,7 +118,7 @@ def judged(people: Sequence[Person], name: str, groups: int, size: int) -> list[
     mean, spread = float(true.mean()), float(true.std(ddof=1))
     while len(out) < groups:
         order = rng.permutation(len(people))[: len(people) // size * size].reshape(-1, size)[: groups - len(out) + 1]
-        drawn = [Population([people[k].likelihood[name] for k in picked], 0.95) for picked in order]
+        drawn = [Population([people[k].likelihood[name] for k in picked], LEVEL) for picked in order]
         for n, (picked, first) in enumerate(zip(order, drawn, strict=True)):
             m, s, d = first.mean(), first.between(), unpaired(drawn[(n + 1) % len(drawn)], first).interval
             own = [v.low <= true[k] <= v.high for k, v in zip(picked, first.individual(), strict=True)]
@@ -127,6 +135,54 @@ def judged(people: Sequence[Person], name: str, groups: int, size: int) -> list[
     return out[:groups]
 
 
+class Cause(NamedTuple):
+    """Percent of intervals of a standard deviation that hold the truth, by threshold, and the median estimate."""
+
+    what: str
+    chi_squared: float
+    present: float
+    estimate: float
+
+
+def causes(people: Sequence[Person], name: str, size: int, groups: int = 4000) -> list[Cause]:
+    """The interval of the standard deviation of a quantity with Gaussian likelihoods, as assumptions fail one by one.
+
+    Estimates are in standard deviations of the true values. Errors of "any person" do not depend on the true value.
+    """
+    rng = stream(0, "causes")
+    true = np.array([p.truth[name] for p in people])
+    error = np.array([p.likelihood[name].estimate for p in people]) - true
+    width = np.array([p.likelihood[name].width for p in people])
+    spread, own = true.std(ddof=1), np.array([rng.permutation(len(people))[:size] for _ in range(groups)])
+    anyone = rng.permuted(own, axis=1)[rng.permutation(groups)]
+    normal, exact = spread * rng.standard_normal(own.shape), np.full(own.shape, 1e-3 * spread)
+    cases = {
+        "normal people, no errors": (normal, exact),
+        "these people, no errors": (true[own], exact),
+        "normal people, errors of any person": (normal + error[anyone], width[anyone]),
+        "these people, errors of any person": (true[own] + error[anyone], width[anyone]),
+        "these people, their own errors": (true[own] + error[own], width[own]),
+    }
+    tau = np.geomspace(0.02, 6.0, 300)
+    t_squared = float(stdtrit(size - 1, 0.5 + LEVEL / 2) ** 2)
+    thresholds = float(chdtri(1.0, 1 - LEVEL)), size * float(np.log1p(t_squared / (size - 1)))
+    found = []
+    for what, (x, w) in cases.items():
+        log = np.array([_restricted(t, x / spread, w / spread) for t in [1.0, *tau]])
+        rise = 2 * (np.maximum(log.max(axis=0), log[0]) - log[0])
+        held = (100 * float(np.mean(rise <= goal)) for goal in thresholds)
+        found.append(Cause(what, *held, float(np.median(tau[log[1:].argmax(axis=0)]))))
+    return found
+
+
+def _restricted(tau: float, x: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Restricted log likelihood of a standard deviation, of groups (G, n) with Gaussian likelihoods; (G,)."""
+    weight = 1 / (tau**2 + width**2)
+    mean = (weight * x).sum(axis=1) / weight.sum(axis=1)
+    squares = (weight * (x - mean[:, None]) ** 2).sum(axis=1)
+    return np.asarray(0.5 * (np.log(weight).sum(axis=1) - np.log(weight.sum(axis=1)) - squares))
+
+
 def main() -> None:
     """Draw people, fit, draw groups, count and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -136,6 +192,7 @@ def main() -> None:
     parser.add_argument("--spread", type=float, default=0.2, help="between-person CV of every parameter (default 0.2)")
     parser.add_argument("--cycles", type=int, default=6, help="stimulus periods per trial (default 6)")
     parser.add_argument("--fmax", type=float, default=3.1, help="highest frequency, Hz (default 3.1)")
+    parser.add_argument("--cause", metavar="NAME", help="why the spread of a quantity is covered too rarely")
     parser.add_argument("--workers", type=int, default=cores(), help="processes (default one per core)")
     args = parser.parse_args()
     if args.people < 2 * args.size:
@@ -145,6 +202,20 @@ def main() -> None:
     with ProcessPoolExecutor(args.workers, get_context("spawn")) as pool:
         people = list(pool.map(run, range(args.people), chunksize=5))
         names = list(people[0].truth)
+        if args.cause:
+            if args.cause not in names:
+                parser.error(f"--cause: expected one of {', '.join(names)}")
+            print(f"standard deviation of {args.cause}: % held with chi-squared, with the present threshold; median")
+            for c in causes(people, args.cause, args.size):
+                print(f"{c.what:36}{c.chi_squared:8.1f}{c.present:8.1f}{c.estimate:8.2f}")
+            true = np.array([p.truth[args.cause] for p in people])
+            error = np.array([p.likelihood[args.cause].estimate for p in people]) - true
+            rms, usual = np.sqrt(np.mean(error**2)), np.median(np.abs(error)) / ndtri(0.75)
+            print(
+                f"kurtosis of people {kurtosis(true):+.2f}; errors: RMS {rms / true.std():.2f} standard deviations of"
+            )
+            print(f"people, that of normal errors with the same median {usual / true.std():.2f}")
+            return
         judge = [pool.submit(judged, _of(people, name), name, args.groups, args.size) for name in names]
         print(
             f"{args.groups} groups of {args.size} from {args.people} people, up to {args.fmax:g} Hz: "

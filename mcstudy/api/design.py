@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from mcstudy.report.with_page import StimulusDesignWithPage
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stimulus_design.design_file import parse_design, read_design
-from mcstudy.stimulus_design.result import StimulusDesign
 from mcstudy.stimulus_design.run import design_stimulus
 
 
@@ -18,7 +18,7 @@ def design(
     verify: bool = True,
     workers: int | None = None,
     scheduler: str | None = None,
-) -> StimulusDesign:
+) -> StimulusDesignWithPage:
     """Design the periodic stimulus that identifies the parameters best, and verify it by Monte Carlo.
 
     Parameters
@@ -50,4 +50,5 @@ def design(
     """
     asked = parse_design(file) if isinstance(file, dict) else read_design(file)
     options = ClusterOptions(workers=workers, scheduler=scheduler)
-    return design_stimulus(asked, None if out is None else Path(out), options, verify)
+    found = design_stimulus(asked, None if out is None else Path(out), options, verify)
+    return StimulusDesignWithPage.from_design(found)

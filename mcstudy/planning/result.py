@@ -205,19 +205,6 @@ class Solution(Summary):
 
         return text(self)
 
-    def to_html(self, path: str | Path) -> Path:
-        """Write the solution as a self-contained page; needs the extra ``report``.
-
-        Raises
-        ------
-        InputError
-            The file cannot be written.
-        """
-        from mcstudy.report.document import write_page
-        from mcstudy.report.solution_page import solution_page
-
-        return write_page(path, lambda: solution_page(self))
-
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain values, in the form of the schema ``solution``."""
         crossings = () if self.answer is None else self.answer.crossings

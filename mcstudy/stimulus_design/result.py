@@ -168,19 +168,6 @@ class StimulusDesign(Summary):
 
         return text(self)
 
-    def to_html(self, path: str | Path) -> Path:
-        """Write the design as a self-contained page; needs the extra ``report``.
-
-        Raises
-        ------
-        InputError
-            The file cannot be written.
-        """
-        from mcstudy.report.design_page import design_page
-        from mcstudy.report.document import write_page
-
-        return write_page(path, lambda: design_page(self))
-
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain values, in the form of the schema ``stimulus_design``."""
         d, file = self.designed, self.designed.file

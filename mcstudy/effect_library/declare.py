@@ -203,6 +203,8 @@ class Effect:
     forms
         Shape constants (`Form`) that ``build`` uses as parameters; they are numbers wherever the form is the declared
         one.
+    scatters
+        Whether it is nonlinear within a trial, so that it scatters energy between the lines of the response.
 
     Raises
     ------
@@ -224,6 +226,7 @@ class Effect:
     rule: Callable[[Mapping[str, float], TrialSetting], dict[str, Any]] | None = None
     family: str = ""
     forms: tuple[Form, ...] = ()
+    scatters: bool = False
 
     def __post_init__(self) -> None:
         if not self.sizes or self.size.is_shape:

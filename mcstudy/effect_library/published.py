@@ -499,6 +499,7 @@ DECLARATIONS: tuple[Effect, ...] = (
         contrast="amplitude",
         gain_sign=1,  # small sway stays below the threshold, so the gain grows with amplitude
         rule=_dead_zone,
+        scatters=True,
     ),
     Effect(
         "amplitude_reweighting",
@@ -544,6 +545,7 @@ DECLARATIONS: tuple[Effect, ...] = (
         contrast="amplitude",
         gain_sign=-1,
         rule=_saturation,
+        scatters=True,
     ),
     Effect(
         "motor_noise",

@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 
 from mcstudy.effect_library import library
+from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.gap.asked import Asked
 from mcstudy.gap.candidates.scores import WRONG_SIGN
 from mcstudy.gap.candidates.signatures import WANTED, alike_groups, applicable, signatures, similarity
-from mcstudy.gap.diagnose import diagnose_lines
+from mcstudy.gap.diagnose import diagnose_fast, diagnose_lines
 from mcstudy.gap.fits.base_fit import drawn_starts
 from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.evidence import log_prior, single
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
+from mcstudy.stance.stimulus import Prts
 
 BASE = two_segment()
 OPEN = opened(BASE)
@@ -131,3 +134,21 @@ def test_a_cause_that_no_effect_imitates_is_called_unknown(plain_lines: list[Lin
     assert out.detected
     assert out.unknown_probability > 0.5
     assert "unknown" in out.credible_set
+
+
+def test_the_energy_that_a_threshold_scatters_between_lines_is_no_cause_outside_the_library() -> None:
+    """Before, seven of seven dead zones were called a cause outside the library with certainty."""
+    protocol = Protocol(waveform=Prts(rate_hz=100.0), amplitudes=(3.0, 5.0))
+    small = {"effects": ["dead_zone"], "sizes": {"dead_angle": 0.0005}}
+    d = diagnose_fast(
+        simulate_recording(protocol, BASE.truth, np.random.default_rng(1), **small), asked=Asked(False, False)
+    )
+    assert d.detection.chi2 > 1.3 * d.detection.chi2_noise[1]
+    assert d.causes[0].effects == ("dead_zone",)
+    assert d.causes[0].probability > 0.5
+    # but another nonlinearity may do the same
+    assert 0.1 < d.unknown_probability < 0.5
+
+
+def test_only_effects_that_are_nonlinear_within_a_trial_scatter_energy() -> None:
+    assert [e.name for e in library.LIBRARY.values() if e.scatters] == ["dead_zone", "torque_saturation"]

@@ -34,6 +34,9 @@ NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.52, 0.03, 0.11, 0.04
 UNSTRUCTURED_SHARE = 0.25
 """Share of the unknown that is unstructured (`mcstudy.gap.candidates.unstructured`)."""
 
+SCATTERS = 0.5
+"""Probability that an effect that is nonlinear within a trial scatters visible energy between the lines."""
+
 LEADERS = 3
 """Number of leading single effects that are combined with other effects and with the unknown."""
 
@@ -144,22 +147,15 @@ def explain(
         name = f"change of active gains between {c.kind}s" if k.size is None else size.name
         unit = "" if k.size is None else size.unit
         sizes = (SizeEstimate(name, estimate, se, estimate - 1.96 * se, estimate + 1.96 * se, unit),)
-        weighted.append(
-            (
-                Hypothesis((k.effect,), base.log_evidence + k.log_factor, base, sizes),
-                np.log(SINGLE / n_causes),
-            )
-        )
+        own = Hypothesis((k.effect,), base.log_evidence + k.log_factor + _scattered(k.effect, base, unstructured), base)
+        weighted.append((replace(own, sizes=sizes), np.log(SINGLE / n_causes)))
         for h in leaders[:1]:
-            weighted.append(
-                (
-                    Hypothesis((*h.effects, k.effect), h.log_evidence + k.log_factor, h.fitted, (*h.sizes, *sizes)),
-                    np.log(PAIR / n_pairs),
-                )
-            )
+            evidence = h.log_evidence + k.log_factor + _scattered(k.effect, h.fitted, unstructured)
+            both = Hypothesis((*h.effects, k.effect), evidence, h.fitted, (*h.sizes, *sizes))
+            weighted.append((both, np.log(PAIR / n_pairs)))
     weighted += [(m.hypothesis, m.log_weight) for m in readings]
     log_named = np.array([h.log_evidence + w if possible(h, base) else -np.inf for h, w in weighted])
-    strange = _unknown(none, leaders, data, scores, unstructured, n_causes)
+    strange = _unknown(none, leaders, data, scores, unstructured, n_causes, _any_change(contrasts))
     log_unknown = np.array([x for x, _ in strange])
     total = np.logaddexp.reduce(np.concatenate([log_named, log_unknown]))
     probability = np.exp(log_named - total)
@@ -249,8 +245,12 @@ def _unknown(
     scores: Scores,
     unstructured: Unstructured,
     n_causes: int,
+    change: float,
 ) -> list[tuple[float, dict[str, float]]]:
-    """(ln(prior times evidence), shares of the locations) of the unknown added to the base model and to each leader."""
+    """(ln(prior times evidence), shares of the locations) of the unknown added to the base model and to each leader.
+
+    ``change``: ln Bayes factor of an unknown nonlinearity from how the responses change with amplitude.
+    """
     out = []
     settings = [(none, scores, np.log(UNKNOWN))]
     for h in leaders:
@@ -269,5 +269,24 @@ def _unknown(
             place = where[0] if len(where) == 1 else ""
             locations[place] = locations.get(place, 0.0) + float(s)
         out.append((log, locations))
-        out.append((h.log_evidence + weight + scattered, {"": 1.0}))
+        out.append((h.log_evidence + weight + scattered + change, {"": 1.0}))
     return out
+
+
+def _scattered(effect: str, fitted: Fitted, unstructured: Unstructured) -> float:
+    """ln Bayes factor of an effect from the energy that it scatters between lines; 0 for one that scatters none."""
+    if not library.effect(effect).scatters:
+        return 0.0
+    scattered = float(unstructured.log_factor(np.array(fitted.chi2)))
+    return float(np.logaddexp(np.log(1 - SCATTERS), np.log(SCATTERS) + scattered))
+
+
+def _any_change(contrasts: Sequence[Contrast]) -> float:
+    """ln Bayes factor of a nonlinearity outside the library from all comparisons of amplitudes.
+
+    With half of the probability it changes the gains, in either direction; the library knows effects of both.
+    """
+    factors = [k.log_factor for c in contrasts if c.kind == "amplitude" for k in c.changes]
+    if not factors:
+        return 0.0
+    return float(np.logaddexp(0.0, np.logaddexp.reduce(factors) - np.log(len(factors))) - np.log(2))

@@ -124,7 +124,7 @@ def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
         )  # fmt: skip
     p = _hypotheses(case, answer)
     rest = max(0.0, 1.0 - sum(p.values()))
-    own = p[TRUTH]
+    own = min(p[TRUTH], 1.0)  # probabilities may exceed 1 by rounding
     best = _most_probable(p)
     named = [v for k, v in p.items() if k not in ("none", "unknown")]
     if case["kind"] in NOTHING_MISSING or case["kind"] in OUTSIDE:
@@ -151,8 +151,8 @@ def judge(case: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
         _wrong(p, rest),
         min(max(p.values()), 1.0),
         _answered(case, best),
-        float(answer["none_probability"]),
-        float(answer["unknown_probability"]),
+        min(float(answer["none_probability"]), 1.0),
+        min(float(answer["unknown_probability"]), 1.0),
     )
 
 

@@ -145,7 +145,7 @@ FIGURES = {
     ),
     "pairs: detected": share(between(0.0, math.inf, "pair"), lambda j: j.detected, "known_direction"),
     "outsiders: detected": share(outside, lambda j: j.detected, "detected"),
-    "outsiders: flagged": share(outside, lambda j: j.flagged, "flagged"),
+    "outsiders: flagged": share(outside, lambda j: j.flagged, "flagged_any_form"),
     "outsiders no declared effect imitates (delta left >= 6): flagged": share(
         lambda j: outside(j) and j.case.get("smooth_residual", 0.0) >= 6.0, lambda j: j.flagged, "flagged"
     ),

@@ -172,7 +172,7 @@ TARGETS: tuple[Target, ...] = (
     Target(
         "out-of-library effect recognized at delta ≥ 10",
         Goal("≥ 80 %", low=0.80),
-        share(between(10.0, math.inf, "outsider"), lambda j: j.flagged, "flagged"),
+        share(between(10.0, math.inf, "outsider"), lambda j: j.flagged, "flagged_any_form"),
     ),
     Target(
         "false unknown",
@@ -195,7 +195,7 @@ TARGETS: tuple[Target, ...] = (
     Target(
         "foreign body: out-of-library effect recognized at delta ≥ 10",
         Goal("≥ 80 %", low=0.80),
-        share(between(10.0, math.inf, "foreign_outsider"), lambda j: j.flagged, "flagged"),
+        share(between(10.0, math.inf, "foreign_outsider"), lambda j: j.flagged, "flagged_any_form"),
     ),
     Target(
         "foreign body: confidently wrong name, out-of-library effect",

@@ -498,3 +498,14 @@ def test_interval_of_a_skewed_mean_holds_it_as_often_as_it_says() -> None:
     found = [mean(x, bounds=(0.0, 2.0)) for x in draws]
     assert all(0.0 < f.low < f.value < f.high < 2.0 for f in found)
     assert np.mean([f.low <= true <= f.high for f in found]) > 0.91
+
+
+def test_probabilities_that_exceed_one_by_rounding_are_scored(key: dict[str, Any]) -> None:
+    """Their logarithm was below 0, the smallest loss, and no score was written."""
+    given = answers(key, "rounded", oracle)
+    for case, answer in zip(key["cases"], given["answers"], strict=True):
+        if case["kind"] in NOTHING_MISSING:
+            answer["none_probability"] = 1.0 + 3e-14
+        if case["kind"] in OUTSIDE:
+            answer["unknown_probability"] = 1.0 + 3e-14
+    assert score(key, given)["proper"]["log_loss"]["none"]["value"] == 0.0

@@ -202,7 +202,8 @@ def unusual(cause: Cause) -> str:
     Such a size is known well: its whole 95 % interval lies below half or above twice the usual range. Mass under the
     feet, for example, acts like a loose head of 1 kg.
     """
-    own = {} if cause.advice else {library.effect(e).size.name: e for e in cause.effects}
+    known = [e for e in cause.effects if e in library.LIBRARY and not cause.advice]  # one may be registered no more
+    own = {library.effect(e).size.name: e for e in known}
     parts = []
     for s in cause.sizes:
         usual = library.usual_size(s.name) if s.name in own else None

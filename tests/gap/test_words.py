@@ -279,3 +279,11 @@ def test_what_a_torque_remains_is_told_with_its_intervals(found: dict[str, Diagn
     np.testing.assert_allclose(data["likeness"].sel(quantile=0.5)[0], told.causes[0].likeness.estimate)  # type: ignore[union-attr]
     assert data["torque_gain"].attrs["units"] == left.unit
     assert "torque_gain" not in found["nothing missing"].to_xarray()
+
+
+def test_an_effect_that_is_registered_no_more_is_still_told(found: dict[str, Diagnosis]) -> None:
+    d = found["a small gap"]
+    assert d.leading is not None
+    gone = replace(d.leading, effects=("an_effect_of_yesterday",), alternatives=(("an_effect_of_yesterday",),))
+    assert unusual(gone) == ""
+    assert "an_effect_of_yesterday" in verdict(replace(d, causes=(gone, *d.causes[1:])))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -301,9 +300,7 @@ def _explained(geometry: Geometry, probes: Sequence[Probe], y: np.ndarray) -> di
         at = np.array([[*geometry.theta, *s] for s in starts])
         declared[name] = any_form[name] = _left(geometry, y, library.apply(geometry.base, name), at)
         if effect.forms:
-            ends = product(*((c.low, c.high) for c in effect.forms))
-            shapes = [tuple(effect.nominal_form.values()), *ends]
-            opened = np.array([[*x, *c] for x in at for c in shapes])
+            opened = np.array([[*x, *c] for x in at for c in effect.corner_forms])
             other = _left(geometry, y, library.apply(geometry.base, name, opened=[name]), opened)
             any_form[name] = min(any_form[name], other, key=lambda done: done[0])
     return {**_nearest(geometry, gap, declared), "any_form": _nearest(geometry, gap, any_form)}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -254,6 +255,12 @@ class Effect:
     def nominal_form(self) -> dict[str, float]:
         """The shape constants of the declared form by name."""
         return {f.name: f.nominal for f in self.forms}
+
+    @property
+    def corner_forms(self) -> list[tuple[float, ...]]:
+        """Values of the shape constants from which fits in other forms start: the declared ones, and all combinations
+        of the ends of their ranges."""
+        return [tuple(self.nominal_form.values()), *product(*((f.low, f.high) for f in self.forms))]
 
     @property
     def cause(self) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mcstudy.group_comparison.result import LEVEL, Comparison
+from mcstudy.report.extended import extended
 from mcstudy.report.style import require_matplotlib
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class ComparisonWithFigure(Comparison):
     @classmethod
     def of(cls, found: Comparison) -> ComparisonWithFigure:
         """The same with its figure."""
-        return cls(**{f.name: getattr(found, f.name) for f in fields(found)})
+        return extended(cls, found)
 
     def plot(self) -> Figure:
         """Gain and phase of both groups, by segment, on a new figure.

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from mcstudy.report.axes import axes, log_axis
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
-from mcstudy.report.html import Table, escape, table
+from mcstudy.report.html import Table, escape, table, tiles
 from mcstudy.report.labels import with_units
 from mcstudy.report.style import COLOURS, HATCHES
 from mcstudy.stimulus_design import words
@@ -37,21 +37,17 @@ def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o D
 def _introduction(design: StimulusDesign) -> str:
     kept = np.exp(np.log(design.bounded_cv[0] / design.bounded_cv[1]).mean())
     one, other = design.sizes
-    tiles = [("Predicted SD lower by", f"×{kept:.3g}", "geometric mean, with the bounds of the fit.")]
+    entries = [("Predicted SD lower by", f"×{kept:.3g}", "geometric mean, with the bounds of the fit.")]
     if design.spreads:
         s = design.spreads_at_fmax
         remark = f"bounded fits up to {s.fmax:g} Hz, {s.n} realizations, ± one MCSE."
-        tiles.append(("Found SD lower by", f"×{with_error(s.mean, s.mean_error)}", remark))
-    tiles += [
+        entries.append(("Found SD lower by", f"×{with_error(s.mean, s.mean_error)}", remark))
+    entries += [
         ("RMS of the stimulus", f"×{number(other.rms / one.rms)}", "of the sequence's."),
         ("Evoked sway", f"×{number(float(np.max(other.sway / one.sway)))}", "of the sequence's, the larger angle."),
         ("Crest factor", number(other.crest_factor), f"the sequence has {number(one.crest_factor)}."),
     ]
-    boxes = "".join(
-        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong><small>{escape(remark)}</small></li>"
-        for what, value, remark in tiles
-    )
-    return f'<p>{escape(with_units(words.heading(design)))}</p><ul class="tiles">{boxes}</ul>'
+    return f"<p>{escape(with_units(words.heading(design)))}</p>{tiles(entries)}"
 
 
 def _stimulus(design: StimulusDesign, command: str) -> str:

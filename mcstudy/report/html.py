@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 
@@ -45,6 +45,17 @@ def table(content: Table, kind: str = "") -> str:
         f'<table class="{kind}"><caption>{escape(content.caption)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
+
+
+def tiles(entries: Iterable[tuple[str, ...]]) -> str:
+    """The first numbers of a page: what, number, remark and, where there is more, its id; empty without any."""
+    boxes = "".join(
+        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong><small>{escape(remark)}"
+        + "".join(f' <a href="#{key}">more</a>' for key in more)
+        + "</small></li>"
+        for what, value, remark, *more in entries
+    )
+    return boxes and f'<ul class="tiles">{boxes}</ul>'
 
 
 def details(summary: str, content: str) -> str:

@@ -12,7 +12,7 @@ from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report.context import Context, largest_amplitude, stat, value_of, with_ends
 from mcstudy.report.figures.common import chosen_fmax
-from mcstudy.report.html import escape
+from mcstudy.report.html import escape, tiles
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.numbers import chance
 from mcstudy.text_tables import counted, number, with_error
@@ -23,12 +23,7 @@ Tile = tuple[str, str, str, str]
 
 def overview(context: Context) -> str:
     """One sentence on the question and a tile for each main result."""
-    tiles = "".join(
-        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong>"
-        f'<small>{escape(remark)} <a href="#{key}">more</a></small></li>'
-        for what, value, remark, key in _tiles(context)
-    )
-    return f"<p>{escape(_question(context))}</p>" + (f'<ul class="tiles">{tiles}</ul>' if tiles else "")
+    return f"<p>{escape(_question(context))}</p>" + tiles(_tiles(context))
 
 
 def _question(context: Context) -> str:
@@ -54,46 +49,46 @@ def _listed(values: Iterable[float]) -> str:
 
 
 def _tiles(context: Context) -> list[Tile]:
-    tiles = []
+    out = []
     if error := context.published.get("theory_max_error"):
         remark = f"paper {error['paper_text']} %; one stimulus identifies every parameter"
-        tiles.append(("Largest error without noise", f"{number(error['value'], 2)} %", remark, "fig4"))
+        out.append(("Largest error without noise", f"{number(error['value'], 2)} %", remark, "fig4"))
     view = context.accuracy
     if view is not None:
-        tiles += _accuracy(context, view)
+        out += _accuracy(context, view)
     judged = [r["verdict"] for r in context.published.values() if r["verdict"]]
     if judged:
         told = [v for v in judged if v != CANNOT_TELL]
         remark = f"{len(judged) - len(told)} more cannot be told from two studies of 50 realizations."
-        tiles.append(("Published statements that agree", f"{told.count(AGREES)} of {len(told)}", remark, "paper"))
-    return tiles
+        out.append(("Published statements that agree", f"{told.count(AGREES)} of {len(told)}", remark, "paper"))
+    return out
 
 
 def _accuracy(context: Context, view: GroupView) -> list[Tile]:
     amplitude = largest_amplitude(view)
     cells = [c for c in context.cells(view) if c["amplitude"] == amplitude]
     at = amplitude_label(view, amplitude)
-    tiles = [_bias(context, c, at) for c in _ends_and_middle(cells, chosen_fmax(view))]
+    out = [_bias(context, c, at) for c in _ends_and_middle(cells, chosen_fmax(view))]
     spread = [c for c in cells if c["mean_spread_percent"]["value"] is not None]
     if len(spread) > 1:
         best = min(spread, key=lambda c: c["mean_spread_percent"]["value"])
         remark = f"mean SD {stat(best['mean_spread_percent'])} % of the truth, {at}."
-        tiles.append(("Smallest scatter at", f"Fmax {fmax_label(best['fmax'])}", remark, "fig5"))
+        out.append(("Smallest scatter at", f"Fmax {fmax_label(best['fmax'])}", remark, "fig5"))
     f = chosen_fmax(view)
     pairs = [members for members in sums_of(view.model.names).values() if len(members) == 2]
     if pairs:
         first, second = pairs[0]
         r = correlation(view.cells.sel(amplitude=amplitude, fmax=f)).sel(parameter=first, parameter_2=second)
         remark = f"of estimates, {cell_label(view, amplitude, f)}; near −1 only their sum is determined."
-        tiles.append((f"Correlation of {first} and {second}", value_of(r), remark, "pairs"))
+        out.append((f"Correlation of {first} and {second}", value_of(r), remark, "pairs"))
     needed = next((c for c in cells if c["fmax"] == f and c.get("starts_needed_median", {}).get("value")), None)
     if needed and view.group.starts > 1:
         median, many = (needed[f"starts_needed_{which}"] for which in ("median", "90th"))
         remark = f"median; {with_ends(many)} or more in one of ten realizations; {at}, {f:g} Hz."
         if (missed := needed["missed_minimum"]["value"]) is not None:
             remark += f" {MISSED[0].upper()}{MISSED[1:]}: {chance(missed)} % (mean)."
-        tiles.append(("Starts for 95 % certainty", with_ends(median), remark, "fig3b"))
-    return tiles
+        out.append(("Starts for 95 % certainty", with_ends(median), remark, "fig3b"))
+    return out
 
 
 def _bias(context: Context, cell: dict[str, Any], at: str) -> Tile:

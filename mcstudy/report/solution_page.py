@@ -13,7 +13,7 @@ from mcstudy.planning.result import Solution
 from mcstudy.report.axes import axes, legend_below, log_axis
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
-from mcstudy.report.html import Table, escape, table
+from mcstudy.report.html import Table, escape, table, tiles
 from mcstudy.report.labels import with_units
 from mcstudy.report.solution import curve_of
 from mcstudy.report.style import COLOURS, DASHES
@@ -40,7 +40,7 @@ def solution_page(found: Solution, command: str = "mcstudy solve STUDY --html pa
 
 def _introduction(found: Solution) -> str:
     d, answer = found.nearest, found.answer
-    tiles = [
+    entries = [
         ("Cheapest design" if answer else "Nearest design", f"{d.cycles} cycles", f"{_seconds(found)} s recorded."),
         ("Amplitude", with_units(f"{d.amplitude:g} {words.stimulus_unit(found)}"), _interval(found, "amplitude")),
         ("Highest frequency", f"{d.fmax:g} Hz", "of the fits."),
@@ -54,11 +54,7 @@ def _introduction(found: Solution) -> str:
         ),
         ("Fits", f"{found.spent.fits:,}".replace(",", "\u202f"), "spent by the search."),
     ]
-    boxes = "".join(
-        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong><small>{escape(remark)}</small></li>"
-        for what, value, remark in tiles
-    )
-    return f'<p>{escape(with_units(words.statement(found)))}</p><ul class="tiles">{boxes}</ul>'
+    return f"<p>{escape(with_units(words.statement(found)))}</p>{tiles(entries)}"
 
 
 def _seconds(found: Solution) -> str:

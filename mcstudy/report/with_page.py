@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 
 from mcstudy.planning.result import Solution
+from mcstudy.report.extended import extended
 from mcstudy.report.style import require_matplotlib
 from mcstudy.stimulus_design.result import StimulusDesign
 
 
 class SolutionWithPage(Solution):
     __doc__ = Solution.__doc__  # what `help` shows of a result of `mcstudy.solve`
+    shown_as = "Solution"
 
     @classmethod
     def from_solution(cls, found: Solution) -> SolutionWithPage:
         """The same with its page."""
-        return cls(**{f.name: getattr(found, f.name) for f in fields(found)})
+        return extended(cls, found)
 
     def to_html(self, path: str | Path) -> Path:
         """Write the solution as a self-contained page.
@@ -32,11 +33,12 @@ class SolutionWithPage(Solution):
 
 class StimulusDesignWithPage(StimulusDesign):
     __doc__ = StimulusDesign.__doc__  # what `help` shows of a result of `mcstudy.design`
+    shown_as = "StimulusDesign"
 
     @classmethod
     def from_design(cls, found: StimulusDesign) -> StimulusDesignWithPage:
         """The same with its page."""
-        return cls(**{f.name: getattr(found, f.name) for f in fields(found)})
+        return extended(cls, found)
 
     def to_html(self, path: str | Path) -> Path:
         """Write the design as a self-contained page.

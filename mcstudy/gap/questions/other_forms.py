@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
@@ -69,9 +68,7 @@ def _other(base: Fitted, data: Data, declared: Hypothesis) -> tuple[Fitter, Fitt
     effect = library.effect(declared.effects[0])
     model = library.apply(base.model, effect.name, opened=[effect.name])
     fitter = Fitter(model, weak_prior(model, base.model), data.f)
-    ends = product(*((f.low, f.high) for f in effect.forms))
-    forms = [tuple(effect.nominal_form.values()), *ends]
-    starts = [[*declared.fitted.theta, *c] for c in forms]
+    starts = [[*declared.fitted.theta, *c] for c in effect.corner_forms]
     usual, middle = [sum(s.published) / 2 for s in effect.sizes], [f.prior[0] for f in effect.forms]
     for factor in (1.0, 0.2, -1.0, -0.2) if effect.size.signed else (1.0, 0.2):
         starts.append([*base.prior.mean, factor * usual[0], *usual[1:], *middle])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.diagnosis.traces import SwayTraces
+from mcstudy.report.extended import extended
 from mcstudy.report.style import require_matplotlib
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ class DiagnosisWithFigures(Diagnosis):
     @classmethod
     def of(cls, diagnosis: Diagnosis) -> DiagnosisWithFigures:
         """The same diagnosis with figures."""
-        return cls(**{f.name: getattr(diagnosis, f.name) for f in fields(diagnosis)})
+        return extended(cls, diagnosis)
 
     @cached_property
     def plot(self) -> Plots:

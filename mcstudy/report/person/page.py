@@ -11,7 +11,7 @@ from mcstudy.identification.tables import Table as FitTable
 from mcstudy.identification.tables import estimates, help_needed, interval, relative
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure, of_part
-from mcstudy.report.html import Table, escape, table
+from mcstudy.report.html import Table, escape, table, tiles
 from mcstudy.report.origin import recording_rows
 from mcstudy.report.person import figures, responses
 from mcstudy.text_tables import number
@@ -51,7 +51,7 @@ def _introduction(fit: FitResult) -> str:
     )
     added = fit.method["effects"]
     asked += f", with {' and '.join(added)} added to it?" if added else "?"
-    tiles = [
+    entries = [
         (
             "Determined by the data",
             f"{determined} of {len(kinds)}",
@@ -71,18 +71,13 @@ def _introduction(fit: FitResult) -> str:
     ]
     if fit.gap is not None:
         found = "a gap beyond noise" if words.gap_found(fit) else "no gap beyond noise"
-        tiles.append(("Test for a gap", found, f"p = {number(fit.gap.p_value, 2)}.", "model"))
+        entries.append(("Test for a gap", found, f"p = {number(fit.gap.p_value, 2)}.", "model"))
     if fit.stability is not None:
         state = "over all intervals" if fit.stability.stable else "not over all intervals"
         root = f"rightmost root {number(fit.growth_rate)} 1/s; stable {state}."
-        tiles.append(("Closed loop", "stable" if fit.growth_rate < 0 else "unstable", root, "model"))
-    boxes = "".join(
-        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong>"
-        f'<small>{escape(remark)} <a href="#{key}">more</a></small></li>'
-        for what, value, remark, key in tiles
-    )
+        entries.append(("Closed loop", "stable" if fit.growth_rate < 0 else "unstable", root, "model"))
     warning = f'<div class="truth"><p>{escape(words.belief(fit))}</p></div>' if words.doubtful(fit) else ""
-    return f'<p>{escape(asked)}</p>{warning}<ul class="tiles">{boxes}</ul>'
+    return f"<p>{escape(asked)}</p>{warning}{tiles(entries)}"
 
 
 def _what(fit: FitResult) -> str:

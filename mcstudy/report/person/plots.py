@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 from mcstudy.identification.result import FitResult
+from mcstudy.report.extended import extended
 from mcstudy.report.style import require_matplotlib
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class FitWithFigures(FitResult):
     @classmethod
     def of(cls, fit: FitResult) -> FitWithFigures:
         """The same fit with figures."""
-        return cls(**{f.name: getattr(fit, f.name) for f in fields(fit)})
+        return extended(cls, fit)
 
     @cached_property
     def plot(self) -> FitPlots:

@@ -5,8 +5,8 @@
   everything imported.
 - The study files they name are cut down to a few realizations and starts, so that a page takes seconds.
 - A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
-- The build of the site (`test_site.py`) runs the blocks of `docs/`, too. Where it follows, ``MCSTUDY_TEST_SITE=1`` says
-  so, and they are not run here (.ci/run).
+- The build of the site (`test_site.py`) runs the blocks of `docs/`, too. Where it is among the tests,
+  ``MCSTUDY_TEST_SITE=1`` says so, and they are not run here (.ci/run).
 - A block is left out only below a comment ``<!-- Not run by the tests: REASON. -->``: it is for us, not for readers.
 """
 

@@ -2,8 +2,9 @@
 
 The delta of an out-of-library effect counts only the part of its residual that a smooth torque can produce. A
 nonlinearity also scatters energy between lines, and a drift scatters it between cycles. A method that does not know the
-cause cannot distinguish that from noise, so it does not count. For a nonlinear or drifting effect of the library, which
-a diagnosis knows, the whole residual counts.
+cause cannot distinguish that from noise, so it does not count; what differs between cycles makes the noise larger, as
+it does for a method that measures noise from these differences. For a nonlinear or drifting effect of the library,
+which a diagnosis knows, the whole residual counts.
 
 The response of a cause is the difference between simulations with and without it, added to the closed form. So errors
 of the simulator itself (a remaining transient) do not count as part of the cause.
@@ -129,6 +130,8 @@ class Withheld:
             whole, smooth = self._chance(g, trials - level)
             trials = np.array([[g.smoothed(one[0])] for one in level])
         y = self._in_cycles(trials) + frf(g.base, g.theta, g.setting.f)
+        if not (self.named or self.noisy or self.lasting):
+            g = replace(g, louder=self._uneven(y))
         mean = np.einsum("r,rnj->nj", g.setting.share, y)
         between = scatter(y, g.setting.share, g.C)
         left = g.unexplained(mean)
@@ -150,10 +153,17 @@ class Withheld:
         """
         with_it, without = self._noise(signs), self._noise(self._without)
         least = np.trace(without, axis1=1, axis2=2).real / 2
-        louder = with_it / least[:, None, None]
-        if np.trace(louder, axis1=1, axis2=2).real.max() / 2 > LOUDEST:
-            raise InputError(f"the cause makes noise more than {LOUDEST:g} times as large")
-        return np.asarray(louder)
+        return _moderate(with_it / least[:, None, None])
+
+    def _uneven(self, y: np.ndarray) -> np.ndarray:
+        """Covariance of the noise (N, 2, 2), whitened by that without the cause, of who takes the differences between
+        its cycles (R, N, 2) for noise. Raises `InputError` as `_louder`."""
+        share = self.geometry.setting.share
+        apart = y - np.einsum("r,rnj->nj", share, y)
+        z = np.array([self.geometry.whiten(c).reshape(2, -1, 2) for c in apart]) / np.sqrt(2)
+        z = z[:, 0] + 1j * z[:, 1]
+        lines = np.einsum("r,rni,rnj->nij", share, z, z.conj()) / (len(share) - 1)
+        return _moderate(np.eye(2) + _wide(lines))
 
     def _noise(self, signs: np.ndarray) -> np.ndarray:
         """Covariance (N, 2, 2) of the whitened differences between cycles, averaged over neighbouring lines."""
@@ -161,8 +171,7 @@ class Withheld:
         z = np.array([self.geometry.whiten(c).reshape(2, -1, 2) for c in apart.reshape(-1, *apart.shape[3:])])
         z = (z[:, 0] + 1j * z[:, 1]).reshape(*apart.shape)
         lines = np.einsum("a,sarni,sarnj->nij", self._weights(apart.shape[1]), z, z.conj(), optimize=True)
-        wide = np.pad(lines, ((NEIGHBOURS // 2, NEIGHBOURS // 2), (0, 0), (0, 0)), mode="reflect")
-        return np.asarray(np.lib.stride_tricks.sliding_window_view(wide, NEIGHBOURS, axis=0).mean(axis=-1))
+        return _wide(lines)
 
     def _chance(self, g: Geometry, apart: np.ndarray) -> tuple[float, float]:
         """Noncentrality that differences between cycles ``apart`` (A, r, N, 2) leave by chance in the responses to all
@@ -191,6 +200,19 @@ class Withheld:
             next_size = float(np.clip(size * np.clip(wanted / max(now.delta, 1e-9), 0.02, 10.0), -largest, largest))
             size = float(np.copysign(max(abs(next_size), smallest), size))
         return best if best is not None and best.delta > 0.5 else None
+
+
+def _moderate(louder: np.ndarray) -> np.ndarray:
+    """``louder`` (N, 2, 2) itself; raises `InputError` where it is on average more than `LOUDEST`."""
+    if np.trace(louder, axis1=1, axis2=2).real.max() / 2 > LOUDEST:
+        raise InputError(f"the cause makes noise more than {LOUDEST:g} times as large")
+    return np.asarray(louder)
+
+
+def _wide(lines: np.ndarray) -> np.ndarray:
+    """Covariances (N, 2, 2) averaged over `NEIGHBOURS` neighbouring lines."""
+    wide = np.pad(lines, ((NEIGHBOURS // 2, NEIGHBOURS // 2), (0, 0), (0, 0)), mode="reflect")
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(wide, NEIGHBOURS, axis=0).mean(axis=-1))
 
 
 @dataclass(frozen=True)

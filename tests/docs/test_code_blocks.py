@@ -129,7 +129,7 @@ def run_bash(text: str, block: Block, where: Path) -> None:
 def test_every_block_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if BUILT and page.startswith(BUILT):
         pytest.skip("the build of the site runs them (tests/docs/test_site.py)")
-    shutil.copytree(ROOT / "pipelines", tmp_path / "pipelines")
+    shutil.copytree(ROOT / "pipelines", tmp_path / "pipelines", ignore=shutil.ignore_patterns("__pycache__"))
     for study in (tmp_path / "pipelines").glob("*.toml"):
         cut_down(study)
     monkeypatch.chdir(tmp_path)

@@ -220,8 +220,7 @@ def _leading(found: Sequence[_Found], plain: float) -> list[_Found]:
 
 
 def _thorough(found: _Found) -> _Found:
-    again = None if found.again is None else found.again()
-    return found if again is None or again.log_evidence <= found.log_evidence else again
+    return (None if found.again is None else _better(found, found.again())) or found
 
 
 def _with_another(found: _Found, base: Fitted, weight: float) -> Mislabelled:
@@ -346,14 +345,19 @@ def _low_passed(
         step = float(grid[1] - grid[0])
         best = None
         for form in forms:
-            found = told(search.thoroughly_along(form, x, step))
-            if found is not None and (best is None or found.log_evidence > best.log_evidence):
-                best = found
+            best = _better(best, told(search.thoroughly_along(form, x, step)))
             if best is not None and best.explains:
                 break
         return best
 
-    return told(search.along(T, grid))
+    best = None
+    for order in ORDERS:
+        best = _better(best, told(search.along(partial(T, order=order), grid)))
+    return best
+
+
+def _better(one: _Found | None, other: _Found | None) -> _Found | None:
+    return max((f for f in (one, other) if f is not None), key=lambda f: f.log_evidence, default=None)
 
 
 def _butterworth(s: np.ndarray, order: int) -> np.ndarray:

@@ -15,6 +15,7 @@ of `PEOPLE` random bodies in turn, and the likelihood is the mean over them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -175,7 +176,7 @@ def plausibility(recording: Recording, lines: Lines) -> tuple[Suspicion, ...]:
     found = _doubts(label_odds(recording, lines), recording.name, DOUBTFUL)
     trials, single = np.unique(lines.trial), []
     if trials.size > 1:
-        of_one = {int(k): label_odds(recording, lines.subset(lines.trial == k)) for k in trials}
+        of_one = {int(k): label_odds(recording, _own(lines.subset(lines.trial == k))) for k in trials}
         for k, odds in of_one.items():
             single += [(s, k) for s in _doubts(odds, f"{recording.name}: trial {k + 1}", CERTAIN)[:1]]
         if single:
@@ -198,6 +199,21 @@ def _confirmed(
         return search.thoroughly(search.only(READINGS[code].at(data.f), trial))[0] > base.log_evidence
 
     return tuple(s for s, trial in found if s.odds < CERTAIN or better(s.code, trial))
+
+
+def _own(lines: Lines) -> Lines:
+    """Lines of one trial with noise of its own size, per angle: a wrong unit of another trial scales the common noise.
+
+    Unchanged with a single repeat, or without noise.
+    """
+    n = len(lines.repeats)
+    if n < 2:
+        return lines
+    scatter = (lines.weight[..., None] * np.abs(lines.repeats - lines.y) ** 2).sum(axis=0) / (n - 1)
+    size = np.sqrt((scatter / np.maximum(lines.noise.variance, 1e-300)).mean(axis=0))
+    if not (np.isfinite(size).all() and (size > 0).all()):
+        return lines
+    return replace(lines, noise=replace(lines.noise, C=lines.noise.C * np.outer(size, size)))
 
 
 def label_odds(recording: Recording, lines: Lines) -> dict[str, float]:

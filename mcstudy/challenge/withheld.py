@@ -152,8 +152,8 @@ class Withheld:
         Raises `InputError` where the cause makes it more than `LOUDEST` times as large.
         """
         with_it, without = self._noise(signs), self._noise(self._without)
-        least = np.trace(without, axis1=1, axis2=2).real / 2
-        return _moderate(with_it / least[:, None, None])
+        unit = np.linalg.inv(np.linalg.cholesky(without))
+        return _moderate(unit @ with_it @ unit.conj().swapaxes(1, 2))
 
     def _uneven(self, y: np.ndarray) -> np.ndarray:
         """Covariance of the noise (N, 2, 2), whitened by that without the cause, of who takes the differences between
@@ -232,10 +232,10 @@ def _draw(
     make: Callable[[np.ndarray], Simulate],
     lasting: bool,
     named: bool,
+    noisy: bool,
     size: float,
     top: float,
     nimble: bool = False,
-    noisy: bool = False,
     smallest: float = 0.0,
 ) -> tuple[np.ndarray, Geometry, Measured, Simulate] | None:
     """``nimble``: whether every further body has shorter delays."""
@@ -250,6 +250,7 @@ def _draw(
         except InputError:  # it falls with noise
             continue
         if found is not None and (found.delta > wanted / 2 or not nimble):
+            geometry = geometry if found.louder is None else replace(geometry, louder=found.louder)
             return theta, geometry, found, simulate
     return None
 
@@ -257,8 +258,7 @@ def _draw(
 def draw_out_of_library(series: Series, rng: np.random.Generator, name: str) -> Drawn | None:
     """A body and a size for which an out-of-library effect has about a drawn delta; None if no body is stable."""
     start, top = _usual(name)
-    lasting = OUT_OF_LIBRARY[name].measure is None
-    done = _draw(series, rng, partial(_outsider, name), lasting, False, start, top)
+    done = _draw(series, rng, partial(_outsider, name), *_nature(name), start, top)
     if done is None:
         return None
     theta, geometry, found, simulate = done
@@ -280,10 +280,15 @@ def _usual(name: str) -> tuple[float, float]:
     return float(np.sqrt(low * high)), 3 * high
 
 
+def _nature(name: str) -> tuple[bool, bool, bool]:
+    """Of an out-of-library effect: whether it lasts, is in the library (never), and is measured with noise."""
+    effect = OUT_OF_LIBRARY[name]
+    return effect.measure is None, False, effect.bends
+
+
 def out_of_library_on(geometry: Geometry, name: str, wanted: float) -> Measured | None:
     """An out-of-library effect on one body at about a delta of ``wanted``; None if the body is not stable with it."""
-    lasting = OUT_OF_LIBRARY[name].measure is None
-    return Withheld(geometry, _outsider(name, geometry.theta), lasting, False).at_delta(*_usual(name), wanted)
+    return Withheld(geometry, _outsider(name, geometry.theta), *_nature(name)).at_delta(*_usual(name), wanted)
 
 
 def draw_nonlinear(series: Series, rng: np.random.Generator, name: str) -> Drawn | None:
@@ -329,11 +334,9 @@ def draw_rule(
     least half of that delta is reached. ``noisy``: whether delta is measured with noise.
     ``smallest``: least magnitude of the size that is tried.
     """
-    done = _draw(series, rng, make, lasting, named, start, top, nimble, noisy, smallest)
+    done = _draw(series, rng, make, lasting, named, noisy, start, top, nimble, smallest)
     if done is None:
         return None
     theta, geometry, found, simulate = done
     sizes = {name: found.size, **shapes}
-    if found.louder is not None:
-        geometry = replace(geometry, louder=found.louder)
     return Drawn(theta, geometry, found, sizes, lambda p, r: simulate(found.size, p, r))

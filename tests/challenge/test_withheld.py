@@ -49,7 +49,7 @@ def test_noise_does_not_change_the_mean_response_of_a_linear_cause() -> None:
         Withheld(GEOMETRY, foreign("slow_bias"), True, True, noisy).measure(20.0) for noisy in (False, True)
     )
     assert np.linalg.norm(GEOMETRY.unexplained(noisy.response)) == pytest.approx(silent.delta, rel=0.1)
-    assert noisy.delta == pytest.approx(silent.delta, rel=0.3)  # the noise is estimated from few cycles
+    assert noisy.delta == pytest.approx(silent.delta, rel=0.1)
     assert noisy.louder is not None
     assert np.trace(noisy.louder, axis1=1, axis2=2).real / 2 == pytest.approx(1.0, abs=0.2)
 

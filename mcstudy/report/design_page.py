@@ -26,6 +26,7 @@ def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o D
     made = f"<pre><code>{escape(command)}    # this page; every number of it is in design.json</code></pre>"
     parts = [
         ("stimulus", "The stimulus", _stimulus(design, command)),
+        ("difference", "The difference of the models", _difference(design) if design.distances.size else ""),
         ("errors", "Errors of the parameters", _errors(design, command)),
         ("bodies", "Other bodies", f"<p>{escape(words.bodies_words(design))}</p>" if design.bodies else ""),
         ("made", "How this was made", made),
@@ -63,6 +64,10 @@ def _stimulus(design: StimulusDesign, command: str) -> str:
     )
     sizes = Table("Sizes", ("", "sequence", "design", "ratio"), words.size_rows(design), "rows")
     return figure(drawn, "", command) + table(sizes) + f"<p>{escape(words.limits_used(design))}</p>"
+
+
+def _difference(design: StimulusDesign) -> str:
+    return table(Table(words.DISTANCES, words.DISTANCE_HEAD, words.distance_rows(design)))
 
 
 def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:

@@ -25,6 +25,7 @@ from scipy.special import ive, xlogy
 from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
 from mcstudy.fitting.small_linear import orthonormal
 from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.questions.departure import left_energies
 from mcstudy.gap.questions.detection import as_complex, linear_null
 from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.gap.questions.interval import Interval
@@ -135,7 +136,8 @@ def close(
     explained = max(float(first @ first) - float(residual @ residual), 1.0)
     beside = max(float(residual @ residual) - smooth_square, 0.0)
     unstructured = Unstructured.of(belief.null_chi2, taken=k).samples(beside, rng, SAMPLES)
-    fraction = _shares(base, added, data, belief, explained, _left(smooth_square, k, rng), unstructured, rng)
+    left = _left(smooth_square, k, rng), left_energies(base, added, data, rng, SAMPLES)
+    fraction = _shares(base, added, data, belief, explained, *left, unstructured, rng)
     share = Interval.of(fraction)
     trials = int(np.unique(lines.trial).size)
     needed = int(np.ceil(trials * max(1.0, (share.high - share.low) / 2 / WANTED_HALF_WIDTH)))
@@ -149,10 +151,14 @@ def _shares(
     belief: Belief,
     explained: float,
     left: np.ndarray,
+    small: np.ndarray,
     unstructured: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Posterior samples of the share, (`SAMPLES`,), over all hypotheses with a gap."""
+    """Posterior samples of the share, (`SAMPLES`,), over all hypotheses with a gap.
+
+    Energy beside the leading cause, (`SAMPLES`,): ``left`` if the cause is outside the library, else ``small``.
+    """
     weight, energies, shares = [], [], []
     for h, p in belief.hypotheses:
         if not h.effects or p < CONSIDERED:
@@ -173,7 +179,8 @@ def _shares(
     # the explained part of an unknown gap is a squared score with a standard error of 1
     score = (np.sqrt(max(explained - 1.0, 0.0)) + rng.standard_normal(SAMPLES)) ** 2
     unknown = chosen == len(weight) - 1
-    whole = np.where(unknown, score + left, np.array(energies)[chosen])
+    beside = np.where(unknown, left, small)
+    whole = np.where(unknown, score, np.array(energies)[chosen]) + beside
     closed = np.where(unknown, score, np.array(energies)[chosen] * np.array(shares)[chosen])
     return np.asarray(closed / np.maximum(whole + unstructured, 1e-9))
 

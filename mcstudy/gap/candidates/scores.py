@@ -88,11 +88,10 @@ class Scores:
         self.library = [s for s in found if s.delta > 0.3]
         self._signed = [x for s, x in zip(found, signed, strict=True) if s.delta > 0.3]
         unit = np.array([s.vector / s.delta for s in self.library]).reshape(-1, 4 * data.f.size).T
-        plain = [(n, p, self.project(c)) for n, p, c in plain_feedback(fitted, data)]
-        self.plain = strange(plain, unit)
+        names, places, columns = zip(*plain_feedback(fitted, data), strict=True)
+        self.plain = strange(list(zip(names, places, self.project(np.array(columns).T).T, strict=True)), unit)
         families = free_torques(fitted, data)
-        columns = [unit, *(c[:, None] for _, _, c in self.plain), *(f.columns for f in families)]
-        X = np.concatenate(columns, axis=1)
+        X = np.concatenate([unit, *(c[:, None] for _, _, c in self.plain), *(f.columns for f in families)], axis=1)
         self._raw, self._projected = X, self.project(X)
         gram = X.T @ self._projected
         K, G = unit.shape[1], len(self.plain)

@@ -82,12 +82,11 @@ def smooth_directions(fitted: Fitted, data: Data, space: np.ndarray) -> np.ndarr
     return np.asarray(orthonormal(np.ascontiguousarray(J.T), np.ascontiguousarray(space.T), LEAST).T)
 
 
-def energy(fitted: Fitted, data: Data, lines: Lines, space: np.ndarray) -> tuple[float, int]:
-    """Energy of the residual between repeats, and the number of dimensions of the space.
+def energy(fitted: Fitted, data: Data, lines: Lines, basis: np.ndarray) -> float:
+    """Energy of the residual along ``basis`` (4 N, K) of `smooth_directions`, between repeats.
 
     With a single repeat of a recording: the energy of the mean residual minus its expected noise.
     """
-    basis = smooth_directions(fitted, data, space)
     H = fitted.response(data.f)
     by_line = basis.reshape(2, len(lines), 2, -1)
     total, means = 0.0, []
@@ -103,7 +102,7 @@ def energy(fitted: Fitted, data: Data, lines: Lines, space: np.ndarray) -> tuple
         same = float((w**2) @ (b**2).sum(axis=1))
         total += (float(mean @ mean) - same) / (1 - float((w**2).sum()))
     across = np.sum(means, axis=0)  # errors of different recordings are independent
-    return total + float(across @ across) - float(sum(m @ m for m in means)), basis.shape[1]
+    return total + float(across @ across) - float(sum(m @ m for m in means))
 
 
 @dataclass(frozen=True)
@@ -127,10 +126,11 @@ def close(
     rng: np.random.Generator,
 ) -> Closure:
     """Share of the gap of ``base`` that ``added`` closes; ``space`` (4 N, M) spans the smooth deviations."""
-    before, _ = energy(base, data, lines, space)
-    after, k = energy(added, data, lines, space)
+    before = energy(base, data, lines, smooth_directions(base, data, space))
+    basis = smooth_directions(added, data, space)
+    after, k = energy(added, data, lines, basis), basis.shape[1]
     residual = added.residual(data)
-    inside = smooth_directions(added, data, space).T @ residual
+    inside = basis.T @ residual
     smooth_square = float(inside @ inside)
     first = base.residual(data)
     explained = max(float(first @ first) - float(residual @ residual), 1.0)

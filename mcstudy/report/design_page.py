@@ -55,7 +55,7 @@ def _stimulus(design: StimulusDesign, command: str) -> str:
         "spectrum",
         "",
         "Spectrum and waveform",
-        ["RMS of every line of the sequence and of the design, and one cycle of the design."],
+        ["RMS of every line of the sequence (dots) and of the design (squares), and one cycle of the design."],
         [Panel("spectrum", partial(spectrum, design)), Panel("waveform", partial(waveform, design))],
         [],
         python="design.to_html('page.html')",
@@ -68,9 +68,12 @@ def _stimulus(design: StimulusDesign, command: str) -> str:
 def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:
     """RMS of every odd line over frequency, of sequence and design."""
     ax, d = axes(ax), design.designed
-    for power, colour, marker, label in ((d.before, SEQUENCE, "o", "sequence"), (d.after, DESIGN, "s", "design")):
+    for power, look in (
+        (d.before, {"marker": ".", "color": SEQUENCE, "label": "sequence"}),
+        (d.after, {"marker": "s", "color": DESIGN, "label": "design", "markerfacecolor": "none"}),  # differs in grey
+    ):
         used = power > 0
-        ax.plot(d.f[used], np.sqrt(2 * power[used]), marker, color=colour, markersize=2.5, label=label)
+        ax.plot(d.f[used], np.sqrt(2 * power[used]), linestyle="none", markersize=4.0, **look)
     ax.set_xlabel("frequency (Hz)")
     ax.set_ylabel(f"RMS of a line ({with_units(d.model.stimulus_unit)})")
     log_axis(ax.xaxis)
@@ -90,9 +93,10 @@ def waveform(design: StimulusDesign, ax: Axes | None = None) -> Axes:
 
 def _errors(design: StimulusDesign, command: str) -> str:
     found = design.spreads_at_fmax if design.spreads else None
-    panels = [Panel("predicted, with the bounds of the fit", partial(cv_bars, design, design.bounded_cv), (4.3, 5.0))]
+    panels = [Panel("predicted", partial(cv_bars, design, design.bounded_cv, "predicted"), (4.3, 5.0), "x")]
     if found is not None:
-        panels.append(Panel(f"bounded fits up to {found.fmax:g} Hz", partial(cv_bars, design, found.cv), (4.3, 5.0)))
+        fits = f"bounded fits up to {found.fmax:g} Hz"
+        panels.append(Panel(fits, partial(cv_bars, design, found.cv, fits), (4.3, 5.0), "x"))
     both = [*design.bounded_cv, *(found.cv if found is not None else ())]
     header = ["", "predicted: sequence", "design", "lower by"]
     rows = [
@@ -119,7 +123,7 @@ def _errors(design: StimulusDesign, command: str) -> str:
     return figure(drawn, "", command) + table(Table("Coefficients of variation", header, rows))
 
 
-def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None) -> Axes:
+def cv_bars(design: StimulusDesign, cv: np.ndarray, title: str = "", ax: Axes | None = None) -> Axes:
     """Coefficients of variation (2, P) of sequence and design as pairs of bars."""
     ax, at = axes(ax, (4.3, 5.0)), np.arange(len(design.names))
     low = 10 ** np.floor(np.log10(100 * cv.min()))
@@ -130,5 +134,6 @@ def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None) -> A
     ax.set_yticks(at, design.names)
     ax.set_ylim(at.size - 0.4, -0.6)
     ax.set_xlabel("CV (%)")
+    ax.set_title(title)
     log_axis(ax.xaxis)
     return ax

@@ -51,6 +51,7 @@ def main(args: argparse.Namespace) -> Exit:
     import difflib
 
     from mcstudy.cli import VERBS, parser_of
+    from mcstudy.cli.markdown import as_text
     from mcstudy.errors import InputError
     from mcstudy.text_tables import fill, table
 
@@ -64,7 +65,7 @@ def main(args: argparse.Namespace) -> Exit:
         print(parser_of(args.topic).format_help())
     if topic in TOPICS:
         file = page(topic)
-        print(f"{file.read_text(encoding='utf-8')}\nThis page: {file}")
+        print(f"{as_text(file.read_text(encoding='utf-8'))}\nThis page: {file}")
     elif args.topic not in VERBS:
         near = ", ".join(difflib.get_close_matches(args.topic, [*TOPICS, *VERBS], n=3))
         hint = f"similar: {near}" if near else "mcstudy help lists them"

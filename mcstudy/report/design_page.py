@@ -56,7 +56,7 @@ def _stimulus(design: StimulusDesign, command: str) -> str:
         "spectrum",
         "",
         "Spectrum and waveform",
-        ["RMS of every line of the sequence and of the design, and one cycle of the design."],
+        ["RMS of every line of the sequence (dots) and of the design (squares), and one cycle of the design."],
         [Panel("spectrum", partial(spectrum, design)), Panel("waveform", partial(waveform, design))],
         [],
         python="design.to_html('page.html')",
@@ -73,9 +73,12 @@ def _difference(design: StimulusDesign) -> str:
 def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:
     """RMS of every odd line over frequency, of sequence and design."""
     ax, d = axes(ax), design.designed
-    for power, colour, marker, label in ((d.before, SEQUENCE, "o", "sequence"), (d.after, DESIGN, "s", "design")):
+    for power, look in (
+        (d.before, {"marker": ".", "color": SEQUENCE, "label": "sequence"}),
+        (d.after, {"marker": "s", "color": DESIGN, "label": "design", "markerfacecolor": "none"}),  # differs in grey
+    ):
         used = power > 0
-        ax.plot(d.f[used], np.sqrt(2 * power[used]), marker, color=colour, markersize=2.5, label=label)
+        ax.plot(d.f[used], np.sqrt(2 * power[used]), linestyle="none", markersize=4.0, **look)
     ax.set_xlabel("frequency (Hz)")
     ax.set_ylabel(f"RMS of a line ({with_units(d.model.stimulus_unit)})")
     log_axis(ax.xaxis)

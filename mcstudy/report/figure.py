@@ -22,12 +22,14 @@ class Panel:
     ----------
     title: what it shows. drawing: fills its axes. size: inches; a panel wider than `WIDE` has a row of its own.
     share: axes on which it compares with the figure's other panels of the same labels, e.g. ``"xy"``.
+    letter: the paper's letter of the panel, written before the title of the drawing.
     """
 
     title: str
     drawing: Callable[[Axes], object]
     size: tuple[float, float] = (4.3, 3.2)
     share: str = ""
+    letter: str = ""
 
 
 @dataclass(frozen=True)
@@ -94,10 +96,13 @@ def figure(content: Figure, beside_paper: str, command: str) -> str:
     tables = details("Numbers", "".join(table(t) for t in content.tables)) if content.tables else ""
     how = f'<p class="how">Made by <code>{escape(command)}</code>'
     how += f"; in Python <code>{escape(content.python)}</code></p>" if content.python else "</p>"
-    few = ' class="few"' if len(content.panels) <= 2 and content.panels[0].size[0] <= WIDE else ""
+    narrow = all(p.size[0] <= WIDE for p in content.panels)
+    beside = ["few"] if len(content.panels) <= 2 and narrow else []  # where the text stands on a wide screen
+    beside += ["twos"] if len(content.panels) in (2, 4) and narrow and not content.small else []
+    classes = f' class="{" ".join(beside)}"' if beside else ""
     kind = " small" if content.small else " thirds" if len(content.panels) % 3 == 0 else ""
     return (
-        f'<figure id="{content.key}"{few} aria-labelledby="{content.key}-h">'
+        f'<figure id="{content.key}"{classes} aria-labelledby="{content.key}-h">'
         f'<h3 id="{content.key}-h">{escape(heading)}</h3>'
         f'{legend}<div class="panels{kind}">{panels}</div>{data}'
         f'<figcaption><div id="{content.key}-text">{text}</div>{beside_paper}{tables}{how}</figcaption></figure>'
@@ -107,6 +112,9 @@ def figure(content: Figure, beside_paper: str, command: str) -> str:
 def _pictures(content: Figure, heading: str) -> tuple[list[str], list[dict[str, Any]]]:
     """Elements of the panels, and their readings."""
     axes = [drawn(p.drawing, p.size) for p in content.panels]
+    for p, ax in zip(content.panels, axes, strict=True):
+        if p.letter:
+            ax.set_title(f"{p.letter} · {ax.get_title()}")
     _share(content.panels, axes)
     margin = max((left_margin(ax) for p, ax in zip(content.panels, axes, strict=True) if p.size[0] > WIDE), default=0.0)
     pictures, numbers = [], []

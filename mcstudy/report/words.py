@@ -15,7 +15,7 @@ from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
 from mcstudy.report.numbers import chance, short
 from mcstudy.study.unstable import warning
-from mcstudy.text_tables import number
+from mcstudy.text_tables import counted, number
 
 CLASS = {AGREES: "yes", DIFFERS: "no", CANNOT_TELL: "none", None: "none"}
 
@@ -142,7 +142,7 @@ def group_overviews(context: Context) -> str:
     for name, view in context.study.groups.items():
         g, data = view.group, context.data["groups"][name]
         fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in data["fits"].items() if n)
-        what = "realizations" if view.noisy else "pools of starts"
+        size = f"{counted(g.realizations, 'realization' if view.noisy else 'pool')} of {g.starts_in_words}"
         header = [
             "condition",
             "used",
@@ -167,7 +167,7 @@ def group_overviews(context: Context) -> str:
             for c in data["cells"]
         ]
         parts.append(
-            f"<h3>{escape(name)}</h3><p>{g.realizations} {what} × {escape(g.starts_in_words)}; "
+            f"<h3>{escape(name)}</h3><p>{escape(size)}; "
             f"model {escape(g.model.kind)}, "
             f"cost {escape(g.fit.cost)}, solver {escape(g.fit.solver)}. Fits: {escape(fits)}.</p>"
             + table(Table(f"Group {name}: best fits, ± MCSE", header, rows))

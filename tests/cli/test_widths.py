@@ -9,6 +9,8 @@ import pytest
 from tiny_studies import EIGHT_FITS
 
 from mcstudy.cli import main
+from mcstudy.cli.help import TOPICS, page
+from mcstudy.cli.markdown import as_text
 from mcstudy.exits import Exit
 from mcstudy.text_tables import table, with_error
 
@@ -65,6 +67,37 @@ def test_what_a_verb_prints_fits_the_terminal(
     assert main(words) == Exit.DONE
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= width
+
+
+@pytest.mark.parametrize("width", [NARROW, 100, 160])
+@pytest.mark.parametrize("topic", TOPICS)
+def test_a_page_of_the_documentation_fits_the_terminal_except_for_its_code(
+    topic: str, width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    written = page(topic).read_text(encoding="utf-8")
+    verbatim = {line for line in written.split("\n") if not line.startswith("|")}
+    shown = as_text(written).split("\n")
+    wide = [line for line in shown if len(line) > width and line not in verbatim]
+    assert not wide
+    assert not [line for line in shown if line.startswith("| ")]
+
+
+def test_a_page_keeps_every_word_of_its_tables_and_paragraphs(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "One [link](a.md) and\nmore.\n\n| field | meaning |\n|---|---:|\n| `a` | b \\| c |\n\n1. first\n   item\n"
+    monkeypatch.setenv("COLUMNS", "80")
+    assert as_text(text).split("\n") == [
+        "One link and more.",
+        "",
+        "field  meaning",
+        "--------------",
+        "`a`    b | c",
+        "",
+        "1. first item",
+        "",
+    ]
+    monkeypatch.delenv("COLUMNS")
+    assert as_text(text) == text  # a file or a pipe gets the page as it is written
 
 
 def numbers(text: str) -> list[str]:

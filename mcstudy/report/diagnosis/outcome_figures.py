@@ -151,7 +151,7 @@ def sway_trace(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Ax
     ax = axes(ax, (4.3, 2.8))
     every = slice(None, None, -(-traces.t.size // POINTS))
     t = traces.t[every]
-    ax.plot(t, traces.measured[every, angle], color=MEASURED, linewidth=1.0, label="measured")
+    ax.plot(t, traces.measured[every, angle], color=MEASURED, linewidth=2.8, alpha=0.4, label="measured")
     ax.plot(t, traces.before[every, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
     if traces.after is not None:
         ax.plot(t, traces.after[every, angle], color=AFTER, linewidth=1.1, label=traces.added_name)
@@ -168,7 +168,7 @@ def sway_left(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axe
         limit = 1.96 * traces.error[angle]
         ax.axhspan(-limit, limit, color=MEASURED, alpha=0.14, linewidth=0, label="95 % noise")
     left = traces.measured - traces.before
-    ax.plot(t, left[every, angle], color=BEFORE, linewidth=1.0, label="base model")
+    ax.plot(t, left[every, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
     if traces.after is not None:
         after = (traces.measured - traces.after)[every, angle]
         ax.plot(t, after, color=AFTER, linewidth=1.0, label=traces.added_name)

@@ -258,10 +258,16 @@ def _log_spaced(f: np.ndarray, power: np.ndarray, most: int = 160) -> np.ndarray
     return chosen[power[chosen] > 0]
 
 
+LEGEND_ROOM = 0.28
+"""Room above a record for its legend, relative to its range."""
+
+
 def _records(ax: Axes, signals: Signals, x: np.ndarray) -> None:
     for i, name in enumerate(signals.angles):
         t, y = envelope(signals.t, np.degrees(x[:, i]))
         ax.plot(t, y, color=SERIES[i], linewidth=0.8, alpha=0.9, label=name, zorder=2.5 - 0.1 * i)  # the first on top
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + LEGEND_ROOM * (high - low))
     ax.legend(ncols=2, loc="upper right")
 
 

@@ -57,10 +57,10 @@ def _fig_4(context: Context) -> Figure | Missing:
             "best fit of all starts. They coincide: without noise, one stimulus identifies all parameters.",
         ],
         [
-            Panel("A, gain of the angles", partial(figures.frf_gain, view, a, f)),
-            Panel("A, phase of the angles", partial(figures.frf_phase, view, a, f)),
-            Panel("B, gain of the neural controllers", partial(figures.controller_gain, view, a, f)),
-            Panel("B, phase of the neural controllers", partial(figures.controller_phase, view, a, f)),
+            Panel("A, gain of the angles", partial(figures.frf_gain, view, a, f), letter="A"),
+            Panel("A, phase of the angles", partial(figures.frf_phase, view, a, f), letter="A"),
+            Panel("B, gain of the neural controllers", partial(figures.controller_gain, view, a, f), letter="B"),
+            Panel("B, phase of the neural controllers", partial(figures.controller_phase, view, a, f), letter="B"),
         ],
         [Table("Best fit without noise", ["parameter", "truth", "estimate", "error (%)"], relative_errors(view))],
         ("theory_mean_error", "theory_max_error"),
@@ -124,7 +124,7 @@ def _fig_5(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
             "bounds and, if these are centred on the truth, still averages to the truth. So check the SD and the "
             "number of fits on a bound before trusting a small bias.",
         ],
-        [Panel(n, partial(figures.parameter_bars, view, n), (2.4, 2.0)) for n in names],
+        [Panel(n, partial(figures.parameter_bars, view, n), (2.1, 1.9)) for n in names],
         _estimate_tables(context, view, set(names)),
         (
             *spread,

@@ -118,14 +118,17 @@ def _starts_table(context: Context, view: GroupView) -> Table:
 
 def _curve_table(view: GroupView) -> Table:
     curve = curve_of(view).sel(drawn=printed_starts(view))
+    return _against_starts(f"Group {view.name}: lowest cost expected, ± MCSE", view, curve)
+
+
+def _against_starts(caption: str, view: GroupView, result: xr.Dataset) -> Table:
+    """One row per number of starts and one column per condition: there are more numbers than conditions."""
+    cells = [(a, f) for f in result["fmax"].values.tolist() for a in result["amplitude"].values.tolist()]
     rows = [
-        [cell_label(view, float(a), float(f)), *(value_of(curve.sel(amplitude=a, fmax=f, drawn=x)) for x in drawn)]
-        for a in curve["amplitude"].values
-        for f in curve["fmax"].values
-        for drawn in [curve["drawn"].values]
+        [f"{x}", *(value_of(result.sel(amplitude=a, fmax=f, drawn=x)) for a, f in cells)]
+        for x in result["drawn"].values.tolist()
     ]
-    header = ["condition", *(f"{x} starts" for x in curve["drawn"].values)]
-    return Table(f"Group {view.name}: lowest cost expected, ± MCSE", header, rows)
+    return Table(caption, ["starts", *(cell_label(view, a, f) for a, f in cells)], rows)
 
 
 def _fig_3c(context: Context) -> Figure | Missing:
@@ -275,26 +278,13 @@ def _by_starts(context: Context) -> Figure | Missing:
             Panel("mean coefficient of variation", partial(figures.cv_by_starts, view), (4.3, 4.0)),
         ],
         [
-            _by_starts_table("Mean |bias| (% ± MCSE)", view, by_starts_of(view, mean_absolute_bias_percent)),
-            _by_starts_table("Mean coefficient of variation (± MCSE)", view, by_starts_of(view, mean_cv)),
+            _against_starts("Mean |bias| (% ± MCSE)", view, by_starts_of(view, mean_absolute_bias_percent)),
+            _against_starts("Mean coefficient of variation (± MCSE)", view, by_starts_of(view, mean_cv)),
             _missed_table(view),
         ],
         (),
         f'figures.bias_by_starts(tree["{view.name}"])',
     )
-
-
-def _by_starts_table(caption: str, view: GroupView, result: xr.Dataset) -> Table:
-    drawn = result["drawn"].values
-    rows = [
-        [
-            cell_label(view, float(a), float(f)),
-            *(value_of(result.sel(amplitude=a, fmax=f, drawn=x)) for x in drawn),
-        ]
-        for f in result["fmax"].values
-        for a in result["amplitude"].values
-    ]
-    return Table(caption, ["condition", *(f"{x}" for x in drawn)], rows)
 
 
 def _missed_table(view: GroupView) -> Table:

@@ -1,0 +1,43 @@
+"""How figures and tables use the page: letters of panels, room for text, columns that fit."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+from matplotlib.axes import Axes
+
+from mcstudy.report.figure import Figure, Panel, figure
+
+
+def drawing(title: str, ax: Axes) -> None:
+    ax.plot([0.0, 1.0])
+    ax.set_title(title)
+
+
+def shown(n: int, *, small: bool = False, letter: str = "") -> str:
+    panels = [Panel(f"panel {k}", partial(drawing, "no noise"), letter=letter) for k in range(n)]
+    return figure(Figure("one", "Fig. 9", "Title", ["Text."], panels, small=small), "", "mcstudy report OUT")
+
+
+def test_a_panel_carries_the_letter_of_the_paper() -> None:
+    assert shown(1, letter="B").count("B · no noise") == 1
+    assert "· no noise" not in shown(1)
+
+
+@pytest.mark.parametrize(
+    ("n", "small", "twos"),
+    [(1, False, False), (2, False, True), (3, False, False), (4, False, True), (2, True, False), (12, True, False)],
+)
+def test_two_or_four_panels_stand_two_in_a_row_so_that_their_text_can_be_read(n: int, small: bool, twos: bool) -> None:
+    opening = shown(n, small=small).split(">")[0]
+    assert ("twos" in opening) is twos
+
+
+def test_headings_of_tables_are_not_broken_within_words() -> None:
+    import mcstudy.report
+
+    css = (Path(mcstudy.report.__file__).parent / "page.css").read_text(encoding="utf-8")
+    (rule,) = [line for line in css.split("\n") if line.startswith("table.numbers thead th{")]
+    assert "overflow-wrap:normal" in rule

@@ -74,7 +74,9 @@ def test_what_the_nominal_model_cannot_tell_is_the_best_reading(person: Sound, n
     found, plain = readings_of(BY_NAME[name].change(person))
     assert found[0].hypothesis.effects[0] in BY_NAME[name].codes
     assert found[0].hypothesis.log_evidence + found[0].log_weight > plain + 10
-    assert found[0].hypothesis.log_evidence > found[1].hypothesis.log_evidence + 3 if len(found) > 1 else True
+    # Below 3 Hz a filter of fourth order does little more than delay.
+    rivals = [m.hypothesis for m in found[1:] if "filtered" not in m.hypothesis.effects[0]]
+    assert all(found[0].hypothesis.log_evidence > h.log_evidence + 3 for h in rivals)
 
 
 @pytest.mark.parametrize("seed", [2, 6])

@@ -14,7 +14,8 @@ of `PEOPLE` random bodies in turn, and the likelihood is the mean over them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -22,7 +23,11 @@ import numpy as np
 from scipy.special import fdtrc
 
 from mcstudy.errors import InputError, RecordingError
+from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.candidates.readings import READINGS
+from mcstudy.gap.fits.base_fit import base_fit
+from mcstudy.gap.fits.priors import opened, weak_prior
+from mcstudy.gap.fits.relabelled import Search
 from mcstudy.recordings.recording import Recording, Suspicion
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
@@ -163,17 +168,52 @@ def plausibility(recording: Recording, lines: Lines) -> tuple[Suspicion, ...]:
     is reported only when it is certain (`CERTAIN`) and the whole recording does not have the same reading. Then a
     reading that some trial certainly does not have is none of the whole recording: the mean over its trials shows it
     because of the other ones. Raises `RecordingError` without a response to the stimulus.
+
+    The nominal model may be far from a person whose labels are right. So what is certain by it is reported only if some
+    body fits the responses under that reading better than any body fits them as labelled.
     """
     require_response(recording, lines)
     found = _doubts(label_odds(recording, lines), recording.name, DOUBTFUL)
-    trials = np.unique(lines.trial)
-    if trials.size == 1:
-        return tuple(found)
-    of_one = {int(k): label_odds(recording, lines.subset(lines.trial == k)) for k in trials}
-    single = [s for k, odds in of_one.items() for s in _doubts(odds, f"{recording.name}: trial {k + 1}", CERTAIN)[:1]]
-    if single:
-        found = [s for s in found if min(odds[s.code] for odds in of_one.values()) > -CERTAIN]
-    return *found, *(s for s in single if s.code not in {f.code for f in found})
+    trials, single = np.unique(lines.trial), []
+    if trials.size > 1:
+        of_one = {int(k): label_odds(recording, _own(lines.subset(lines.trial == k))) for k in trials}
+        for k, odds in of_one.items():
+            single += [(s, k) for s in _doubts(odds, f"{recording.name}: trial {k + 1}", CERTAIN)[:1]]
+        if single:
+            found = [s for s in found if min(odds[s.code] for odds in of_one.values()) > -CERTAIN]
+            single = [(s, k) for s, k in single if s.code not in {f.code for f in found}]
+    return _confirmed([*((s, None) for s in found), *single], recording, lines)
+
+
+def _confirmed(
+    found: Sequence[tuple[Suspicion, int | None]], recording: Recording, lines: Lines
+) -> tuple[Suspicion, ...]:
+    """Suspicions of all trials or one, without the certain ones that fit worse than the labels do."""
+    if all(s.odds < CERTAIN for s, _ in found):
+        return tuple(s for s, _ in found)
+    model, data = opened(recording.base_model()), Data.of(lines)
+    base, minima = base_fit(Fitter(model, weak_prior(model, model), data.f), data, 0)
+    search = Search(lines, base, minima, 0)
+
+    def better(code: str, trial: int | None) -> bool:
+        return search.thoroughly(search.only(READINGS[code].at(data.f), trial))[0] > base.log_evidence
+
+    return tuple(s for s, trial in found if s.odds < CERTAIN or better(s.code, trial))
+
+
+def _own(lines: Lines) -> Lines:
+    """Lines of one trial with noise of its own size, per angle: a wrong unit of another trial scales the common noise.
+
+    Unchanged with a single repeat, or without noise.
+    """
+    n = len(lines.repeats)
+    if n < 2:
+        return lines
+    scatter = (lines.weight[..., None] * np.abs(lines.repeats - lines.y) ** 2).sum(axis=0) / (n - 1)
+    size = np.sqrt((scatter / np.maximum(lines.noise.variance, 1e-300)).mean(axis=0))
+    if not (np.isfinite(size).all() and (size > 0).all()):
+        return lines
+    return replace(lines, noise=replace(lines.noise, C=lines.noise.C * np.outer(size, size)))
 
 
 def label_odds(recording: Recording, lines: Lines) -> dict[str, float]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -200,7 +201,7 @@ def diagnose_lines(
         t.scores,
         detection.unstructured,
         compared,
-        mislabelled(lines, base, t.minima, labels, seed) if detected and labels is not None else (),
+        partial(mislabelled, lines, base, t.minima, labels, seed) if detected and labels is not None else None,
     )
     causes, near = explanation.causes, None
     if asked.nearest and detected and detection.p_value < LEVEL:

@@ -26,6 +26,7 @@ def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o D
     made = f"<pre><code>{escape(command)}    # this page; every number of it is in design.json</code></pre>"
     parts = [
         ("stimulus", "The stimulus", _stimulus(design, command)),
+        ("difference", "The difference of the models", _difference(design) if design.distances.size else ""),
         ("errors", "Errors of the parameters", _errors(design, command)),
         ("bodies", "Other bodies", f"<p>{escape(words.bodies_words(design))}</p>" if design.bodies else ""),
         ("made", "How this was made", made),
@@ -65,6 +66,10 @@ def _stimulus(design: StimulusDesign, command: str) -> str:
     return figure(drawn, "", command) + table(sizes) + f"<p>{escape(words.limits_used(design))}</p>"
 
 
+def _difference(design: StimulusDesign) -> str:
+    return table(Table(words.DISTANCES, words.DISTANCE_HEAD, words.distance_rows(design)))
+
+
 def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:
     """RMS of every odd line over frequency, of sequence and design."""
     ax, d = axes(ax), design.designed
@@ -90,9 +95,10 @@ def waveform(design: StimulusDesign, ax: Axes | None = None) -> Axes:
 
 def _errors(design: StimulusDesign, command: str) -> str:
     found = design.spreads_at_fmax if design.spreads else None
-    panels = [Panel("predicted, with the bounds of the fit", partial(cv_bars, design, design.bounded_cv), (4.3, 5.0))]
+    drawings = [("predicted, with the bounds of the fit", design.bounded_cv)]
     if found is not None:
-        panels.append(Panel(f"bounded fits up to {found.fmax:g} Hz", partial(cv_bars, design, found.cv), (4.3, 5.0)))
+        drawings.append((f"bounded fits up to {found.fmax:g} Hz", found.cv))
+    panels = [Panel(title, partial(cv_bars, design, cv, title=title), (4.3, 5.0), "x") for title, cv in drawings]
     both = [*design.bounded_cv, *(found.cv if found is not None else ())]
     header = ["", "predicted: sequence", "design", "lower by"]
     rows = [
@@ -119,7 +125,7 @@ def _errors(design: StimulusDesign, command: str) -> str:
     return figure(drawn, "", command) + table(Table("Coefficients of variation", header, rows))
 
 
-def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None) -> Axes:
+def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None, title: str = "") -> Axes:
     """Coefficients of variation (2, P) of sequence and design as pairs of bars."""
     ax, at = axes(ax, (4.3, 5.0)), np.arange(len(design.names))
     low = 10 ** np.floor(np.log10(100 * cv.min()))
@@ -129,6 +135,7 @@ def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None) -> A
     ax.set_xlim(low, 1.3 * 100 * cv.max())
     ax.set_yticks(at, design.names)
     ax.set_ylim(at.size - 0.4, -0.6)
+    ax.set_title(title)
     ax.set_xlabel("CV (%)")
     log_axis(ax.xaxis)
     return ax

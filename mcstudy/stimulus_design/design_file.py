@@ -12,10 +12,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from mcstudy.errors import DesignError
+from mcstudy.errors import DesignError, InputError
 from mcstudy.files.plain_errors import validated
 from mcstudy.files.sections import Name, Positive, Section
 from mcstudy.stance.ranges import AMPLITUDE, RATE
+from mcstudy.stimulus_design.difference import check_effects
 from mcstudy.study.catalogue import read_file
 from mcstudy.study.checks import check_group
 from mcstudy.study.group import FREQUENCY, Group, ModelSection, NoiseSection, StimulusSection
@@ -23,6 +24,9 @@ from mcstudy.study.measure import HIGHEST_HZ
 from mcstudy.study.study_file import check_tables
 
 KIND = "design"
+
+DIFFERENCE = "difference"
+"""The criterion of two models."""
 
 
 class DesignSection(Section):
@@ -32,7 +36,8 @@ class DesignSection(Section):
     ----------
     name, seed, description: as in a study file.
     amplitude: of the sequence that the design is compared with and that its limits refer to.
-    criterion: D (volume of the confidence ellipsoid), A (mean squared relative error), c (that of ``parameter``).
+    criterion: D (volume of the confidence ellipsoid), A (mean squared relative error), c (that of ``parameter``),
+    difference (distance of the model with one of ``effects`` from the model without, or with the other).
     keep: share of the sequence's power that every line keeps at least, so that the stimulus stays unpredictable.
     detection: share of the odd lines that stay empty, to detect odd nonlinearities; the first line never does.
     fmax: highest line, Hz.
@@ -44,8 +49,9 @@ class DesignSection(Section):
     seed: int = Field(ge=0, lt=2**63)
     description: str = ""
     amplitude: Annotated[float, AMPLITUDE] = 5.0
-    criterion: Literal["D", "A", "c"] = "D"
+    criterion: Literal["D", "A", "c", "difference"] = "D"
     parameter: str = ""
+    effects: tuple[str, ...] = ()
     keep: float = Field(default=0.5, ge=0, lt=1)
     detection: float = Field(default=0.0, ge=0, le=0.5)
     fmax: Annotated[float, FREQUENCY] = 8.0
@@ -164,6 +170,13 @@ def _check(file: DesignFile) -> None:
         raise DesignError(f"design.fmax: expected at most {HIGHEST_HZ:g} Hz, got {design.fmax}")
     if (design.criterion == "c") != bool(design.parameter):
         raise DesignError("design.parameter: expected a parameter for criterion 'c', and none for the others")
+    if design.criterion != DIFFERENCE and design.effects:
+        raise DesignError(f"design.effects: expected none for criterion {design.criterion!r}")
+    if design.criterion == DIFFERENCE:
+        try:
+            check_effects(design.effects)
+        except InputError as error:
+            raise DesignError(str(error)) from None
     if max(file.verify.fmax) > design.fmax:
         raise DesignError(
             f"verify.fmax: expected at most design.fmax = {design.fmax:g} Hz, got {max(file.verify.fmax)}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,9 @@ class StimulusDesign(Summary):
         Of the fits for the body of the file; empty without verification.
     bodies
         The same for the other bodies.
+    distances
+        Of every effect of the criterion "difference" from what the model can give without it, with sequence and
+        design, in standard deviations, (2, E); E is 0 for the other criteria.
     """
 
     designed: Designed
@@ -65,6 +68,7 @@ class StimulusDesign(Summary):
     noise_sway: np.ndarray
     spreads: tuple[Spread, ...] = ()
     bodies: tuple[BodyCheck, ...] = ()
+    distances: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
 
     @classmethod
     def of(cls, designed: Designed, results: xr.DataTree | None = None) -> StimulusDesign:
@@ -90,7 +94,9 @@ class StimulusDesign(Summary):
                     None if results is None else spreads(results, f"body{n + 1:02d}_", "ml")[0],
                 )
             )
-        return cls(designed, cv, bounded_cv, sizes, noise_sway(file, model), tuple(found), tuple(bodies))
+        shown = designed.difference
+        distances = np.zeros((2, 0)) if shown is None else np.stack([shown.distances(p) for p in powers])
+        return cls(designed, cv, bounded_cv, sizes, noise_sway(file, model), tuple(found), tuple(bodies), distances)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -116,6 +122,8 @@ class StimulusDesign(Summary):
         """What a prompt shows."""
         gain = float(np.exp(np.log(self.predicted_ratio).mean()))
         facts = [("lines", str(len(self.stimulus.harmonic))), ("predicted reduction of SD", f"x{gain:.3g}")]
+        if self.distances.size:
+            facts.append(("distance of the models", f"x{float((self.distances[1] / self.distances[0]).min()):.3g}"))
         return [*facts, ("verified", f"x{self.spreads_at_fmax.mean:.3g}" if self.spreads else "no")]
 
     @property
@@ -196,6 +204,7 @@ class StimulusDesign(Summary):
             "parameters": list(self.names),
             "predicted_cv": {"sequence": self.cv[0], "design": self.cv[1]},
             "predicted_cv_with_bounds": {"sequence": self.bounded_cv[0], "design": self.bounded_cv[1]},
+            "differences": self._differences(),
             "verification": [_spread(s) for s in self.spreads],
             "bodies": [
                 {
@@ -207,6 +216,15 @@ class StimulusDesign(Summary):
             ],
         }
         return dict(plain(value))
+
+    def _differences(self) -> list[dict[str, Any]]:
+        shown = self.designed.difference
+        if shown is None:
+            return []
+        return [
+            {"effect": name, "sizes": sizes, "sequence": one, "design": other}
+            for name, sizes, one, other in zip(shown.effects, shown.sizes, *self.distances, strict=True)
+        ]
 
     def write(self, out: Path) -> None:
         """Write ``design.json``, ``waveform.csv`` and ``study.toml`` into a folder."""

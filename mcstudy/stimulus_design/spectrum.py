@@ -14,7 +14,8 @@ from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.stimulus_design.bodies import drawn, model_of, relative
 from mcstudy.stimulus_design.criteria import Criterion
-from mcstudy.stimulus_design.design_file import DesignFile
+from mcstudy.stimulus_design.design_file import DIFFERENCE, DesignFile
+from mcstudy.stimulus_design.difference import Difference, difference, require_shown
 from mcstudy.stimulus_design.optimum import Allowed, Optimum, grouped, maximum
 from mcstudy.stimulus_design.phases import crest_factor, low_crest
 from mcstudy.streams import stream
@@ -23,6 +24,10 @@ from mcstudy.study.measure import stimulus
 
 ROUNDS = 6
 """Most times that a spectrum is sought with a lower RMS because its peak was above the limit."""
+
+
+REFERENCES = 2
+"""Reference spectra for the difference of two models: the sequence, and the optimum near it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +57,7 @@ class Designed:
     f: odd lines up to fmax, Hz, (K,). before, after: powers of both there (squared moduli of Fourier coefficients).
     empty: detection lines, (K,) bool. optimum: of the powers of the lines that are not empty.
     limits: share of each limit that the design uses, by name (ratios of powers).
+    difference: of the criterion "difference", for the body of the file; None for the others.
     """
 
     file: DesignFile
@@ -64,6 +70,7 @@ class Designed:
     empty: np.ndarray
     optimum: Optimum
     limits: dict[str, float]
+    difference: Difference | None = None
 
     @property
     def lines(self) -> LinesSection:
@@ -91,15 +98,14 @@ def designed(file: DesignFile) -> Designed:
     f, before = harmonic / sequence.period_s, np.abs(c[harmonic]) ** 2
     empty = grouped(harmonic, file.design.detection, stream(seed, "design_detection"))
     used = ~empty
-    criterion = Criterion(
-        np.array([information(file, m, f[used]) * np.outer(relative(m), relative(m)) for m in models]),
-        _columns(file, model),
-    )
-    rms, name = limits.rms, "limits.rms"
+    rms, name, shown = limits.rms, "limits.rms", None
     for _ in range(ROUNDS):
         allowed = _allowed(file, [*models, *limited], sequence, f, used, rms, name)
         try:
-            optimum = maximum(criterion, allowed)
+            if file.design.criterion == DIFFERENCE:
+                optimum, shown = _most_different(file, models, allowed, f, before, used)
+            else:
+                optimum = maximum(_criterion(file, models, f[used]), allowed)
         except InputError as error:
             raise DesignError(str(error)) from None
         found = _with_phases(file, sequence, harmonic[used], optimum.x)
@@ -123,15 +129,46 @@ def designed(file: DesignFile) -> Designed:
         shares["limits.crest_factor"] = (size.crest_factor / limits.crest_factor) ** 2
     if limits.peak:
         shares["limits.peak"] = (size.peak / limits.peak) ** 2
-    return Designed(file, model, sequence, found, f, before, after, empty, optimum, shares)
+    return Designed(file, model, sequence, found, f, before, after, empty, optimum, shares, shown)
+
+
+def _criterion(file: DesignFile, models: list[Model], f: np.ndarray) -> Criterion:
+    """The criterion of the parameters, for relative errors."""
+    each = [information(file, m, f) * np.outer(relative(m), relative(m)) for m in models]
+    return Criterion(np.array(each), _columns(file, models[0]))
+
+
+def _most_different(
+    file: DesignFile, models: list[Model], allowed: Allowed, f: np.ndarray, before: np.ndarray, used: np.ndarray
+) -> tuple[Optimum, Difference]:
+    """The allowed powers at which the models differ most, and the difference for the first body at all lines.
+
+    The criterion holds near a reference spectrum: first that of the sequence, ``before`` (K,), then the optimum for
+    that.
+    """
+    kind = file.stimulus.kind
+    for m in models:
+        relative(m)  # the errors of parameters are relative
+    shown = difference(models[0], file.design.effects, f, before, whitener(file, models[0], f))
+    require_shown(shown, before, kind)
+    power = before[used]
+    for _ in range(REFERENCES):
+        each = [difference(m, file.design.effects, f[used], power, whitener(file, m, f[used])) for m in models]
+        optimum = maximum(Criterion(np.array([d.information for d in each]), each[0].columns), allowed)
+        power = optimum.x
+    return optimum, shown
+
+
+def whitener(file: DesignFile, model: Model, f: np.ndarray) -> np.ndarray:
+    """Of the errors (K, 2, 2) of lines with a unit Fourier coefficient, in all cycles that are not discarded."""
+    duration = (file.cycles - file.stimulus.discard) * (3**file.stimulus.stages - 1) * file.stimulus.state_s
+    C = expected_line_covariance(model, model.truth, file.noise.source, f, np.ones(f.size), duration)
+    return unit_variance(C, model.n_angles)
 
 
 def information(file: DesignFile, model: Model, f: np.ndarray) -> np.ndarray:
     """Fisher information (K, P, P) of lines with a unit Fourier coefficient, in all cycles that are not discarded."""
-    duration = (file.cycles - file.stimulus.discard) * (3**file.stimulus.stages - 1) * file.stimulus.state_s
-    noise = file.noise.source
-    C = expected_line_covariance(model, model.truth, noise, f, np.ones(f.size), duration)
-    return line_information(model, model.truth, f, unit_variance(C, model.n_angles))
+    return line_information(model, model.truth, f, whitener(file, model, f))
 
 
 def predicted(file: DesignFile, model: Model, f: np.ndarray, power: np.ndarray, bounded: bool = False) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mcstudy.effect_library.library import effect
 from mcstudy.stimulus_design.verify import Spread
 from mcstudy.text_tables import counted, fill, number, table, with_error
 
@@ -21,12 +22,18 @@ LIMITS = {
 }
 """Limits by their fields."""
 
-CRITERIA = {"D": "D-optimal", "A": "A-optimal", "c": "optimal for"}
+CRITERIA = {"D": "D-optimal", "A": "A-optimal", "c": "optimal for", "difference": ""}
+
+DISTANCES = "Distance of the responses from all that the model can give without the effect, in standard deviations"
+DISTANCE_HEAD = ["effect", "size", "against", "sequence", "design", "ratio"]
 
 
 def text(design: StimulusDesign) -> str:
     """What was designed, what it promises, and what the Monte Carlo study found."""
-    parts = [fill(heading(design)), _size(design), _parameters(design)]
+    parts = [fill(heading(design)), _size(design)]
+    if design.distances.size:
+        parts.append(f"{DISTANCES}\n{table(DISTANCE_HEAD, distance_rows(design))}")
+    parts.append(_parameters(design))
     if design.spreads:
         parts += [_verified(design), *(_fits(design, s) for s in design.spreads)]
     if design.bodies:
@@ -38,19 +45,40 @@ def heading(design: StimulusDesign) -> str:
     """What was designed and what it promises."""
     d, s = design.designed, design.designed.file.design
     kind = d.file.stimulus.kind.replace("_", " ")
-    what = f"{CRITERIA[s.criterion]} {s.parameter}".strip()
+    what = f"{CRITERIA[s.criterion]} {s.parameter}".strip() + f" stimulus ({kind})"
     gain = np.exp(np.log(design.predicted_ratio).mean())
     kept = np.exp(np.log(design.bounded_cv[0] / design.bounded_cv[1]).mean())
     empty = f", {counted(int(d.empty.sum()), 'detection line')} empty" if d.empty.any() else ""
+    gained = "mean SD of the criterion"
+    if s.effects:
+        what, gained = f"stimulus ({kind}) optimal to {_purpose(s.effects)}", "distance of the models"
     largest = float((d.after / d.after.sum()).max())
     convention = d.stimulus.convention.replace("_", " ")
     return (
-        f"{s.name}: {what} stimulus ({kind}), {counted(len(d.stimulus.harmonic), 'odd line')} up to {d.f[-1]:.3g} Hz"
+        f"{s.name}: {what}, {counted(len(d.stimulus.harmonic), 'odd line')} up to {d.f[-1]:.3g} Hz"
         f"{empty}, {d.file.cycles} cycles of {d.stimulus.period_s:g} s, amplitude {d.stimulus.amplitude:.4g} "
         f"{d.model.stimulus_unit} ({convention}). Predicted: standard deviations lower by x{gain:.3g} (geometric "
         f"mean), x{kept:.3g} with the bounds of the fit. No allowed spectrum is better by more than "
-        f"{50 * d.optimum.gap:.1g} % in the mean SD of the criterion. Largest line: {100 * largest:.0f} % of the power."
+        f"{50 * d.optimum.gap:.1g} % in the {gained}. Largest line: {100 * largest:.0f} % of the power."
     )
+
+
+def _purpose(effects: tuple[str, ...]) -> str:
+    return f"show {effects[0]}" if len(effects) == 1 else f"tell {' from '.join(effects)}"
+
+
+def distance_rows(design: StimulusDesign) -> list[list[str]]:
+    """Every effect of the criterion "difference" with its size, what it is told from, and its distances."""
+    shown = design.designed.difference
+    if shown is None:
+        return []
+    rows = []
+    for name, sizes, one, other in zip(shown.effects, shown.sizes, *design.distances, strict=True):
+        units = {s.name: s.unit for s in effect(name).sizes}
+        size = ", ".join(f"{key} = {number(sizes[key])} {unit}".strip() for key, unit in units.items())
+        against = " and ".join(e for e in shown.effects if e != name) or "no missing effect"
+        rows.append([name, size, against, number(one), number(other), f"x{other / one:.3g}"])
+    return rows
 
 
 def _size(design: StimulusDesign) -> str:

@@ -284,6 +284,12 @@ def summary(rows: Sequence[dict[str, Any]], grid: Grid, cases: Sequence[Case]) -
         lines.append(
             f"axis within 5 %: {near} of {m} found; surely (2 SE) not: {surely}; measure within 5 %: {measure}"
         )
+        own = int((np.abs(apart) <= TOLERANCE + 1.96 * error_pairs(inside)[1]).sum())
+        both = int((np.abs(steps) <= 1.96).sum())
+        lines.append(
+            f"axis within 5 % plus the grid's own 95 % error: {own} of {m}; within the 95 % interval of the "
+            f"difference: {both} of {m}"
+        )
         middle, spread = float(np.mean(steps)), float(np.sqrt(np.mean(steps**2)))
         lines.append(
             f"distances in SE: mean {middle:+.2f} ± {1 / math.sqrt(m):.2f}, rms {spread:.2f} (1 if errors are right)"

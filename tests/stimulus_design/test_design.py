@@ -15,7 +15,7 @@ from mcstudy.cli import main
 from mcstudy.errors import DesignError, InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
-from mcstudy.report.design_page import design_page
+from mcstudy.report.design_page import cv_bars, design_page
 from mcstudy.report.stimulus_design import stimulus_design_svg
 from mcstudy.stance.body import STIMULI
 from mcstudy.stance.information import expected_line_covariance
@@ -216,6 +216,11 @@ def test_the_page_shows_both_spectra_and_the_errors_side_by_side(found: Any) -> 
     ratio = found.bounded_cv[0] / found.bounded_cv[1]
     assert all(f"×{r:.3g}" in page for r in ratio)
     assert ("lower by (± MCSE)" in page) == bool(found.spreads)
+
+
+def test_the_picture_of_the_errors_says_whether_they_are_predicted_or_found(found: Any) -> None:
+    assert cv_bars(found, found.bounded_cv, title="predicted").get_title() == "predicted"
+    assert ">predicted, with the bounds of the fit<" in design_page(found)
 
 
 def test_a_waveform_at_an_unsuitable_rate_is_refused(found: Any) -> None:

@@ -21,6 +21,9 @@ from mcstudy.gap.questions.evidence import Hypothesis
 SHARES = (0.05, 0.1, 0.2)
 """Root mean square of the remainder as parts of that of the effect's own trace, with equal probabilities."""
 
+VISIBLE = 1.0
+"""Energy, in units of the variance of noise, that the largest remainder must have to be considered."""
+
 EXACT = 0.5
 """Probability of a form without remainder."""
 
@@ -44,9 +47,10 @@ def departed(base: Fitted, data: Data, h: Hypothesis) -> Hypothesis:
 
 
 def remainder(base: Fitted, fitted: Fitted, data: Data) -> Remainder | None:
-    """The remainder beside effects in ``fitted``; None where they explain nothing."""
+    """The remainder beside effects in ``fitted``; None where they explain so little that none could be seen."""
     explained = base.chi2 + base.penalty - fitted.chi2 - fitted.penalty
-    return Remainder(fitted, data, explained * np.square(SHARES)) if explained > 0.0 else None
+    energies = explained * np.square(SHARES)
+    return Remainder(fitted, data, energies) if energies.max() > VISIBLE else None
 
 
 def left_energies(base: Fitted, fitted: Fitted, data: Data, rng: np.random.Generator, n: int) -> np.ndarray:

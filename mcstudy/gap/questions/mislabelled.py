@@ -56,6 +56,12 @@ MOST_MISSED = 0.5
 """Largest share of the gain of the best reading that the first search of a better one is assumed to miss. It missed
 0.18 in a recording with little noise whose theta1 or theta2 was 20 ms late."""
 
+LEAST_MISSED = 5.0
+"""Log evidence that the first search of a reading may miss in any case."""
+
+IMPROBABLE = 5.0
+"""Log odds against the best other explanation from which a reading is not searched from all starts."""
+
 CLEAN = 3.0
 """Standard deviations of noise up to which a misfit is one."""
 
@@ -176,8 +182,14 @@ class _Found:
         return self.fitted.chi2 < noise + CLEAN * np.sqrt(2 * noise)
 
 
-def mislabelled(lines: Lines, base: Fitted, minima: np.ndarray, labels: Labels, seed: int = 0) -> list[Mislabelled]:
-    """Readings of a recording that the fit can judge, best first. ``base``, ``minima``: see `Search`."""
+def mislabelled(
+    lines: Lines, base: Fitted, minima: np.ndarray, labels: Labels, seed: int = 0, rival: float = -np.inf
+) -> list[Mislabelled]:
+    """Readings of a recording that the fit can judge, best first. ``base``, ``minima``: see `Search`.
+
+    ``rival``: log evidence and prior of the best other explanation. Readings that cannot come near it are not searched
+    from all starts.
+    """
     search = Search(lines, base, minima, seed)
     digital = labels.digital(lines)
     ones = search.trials if len(search.trials) > 1 else ()
@@ -201,22 +213,24 @@ def mislabelled(lines: Lines, base: Fitted, minima: np.ndarray, labels: Labels, 
     found = [*_discrete(search, labels, discrete), *(f for f in (each() for each in searched) if f is not None)]
     if not found:
         return []
-    found = [_thorough(f) for f in _leading(found, base.log_evidence)]
+    weight = float(np.log(MISLABELLED / number))
+    found = [_thorough(f) if rivals else f for f, rivals in _leading(found, base.log_evidence, rival - weight)]
     near = max(f.log_evidence for f in found) - NEAR
     close = [f for f in found if f.log_evidence > near]
-    weight = float(np.log(MISLABELLED / number))
     out = [_with_another(f, base, weight) for f in close]
     return sorted(out, key=lambda m: -m.hypothesis.log_evidence)
 
 
-def _leading(found: Sequence[_Found], plain: float) -> list[_Found]:
+def _leading(found: Sequence[_Found], plain: float, rival: float) -> list[tuple[_Found, bool]]:
     """Readings near the best one; unless that leaves only noise, also those that close most of the gap of the labels.
 
-    Their first fit may not be the best. ``plain``: log evidence of the labels.
+    Their first fit may not be the best; each with whether a better one could come near ``rival``, the log evidence at
+    which a reading is as probable as the best other explanation. ``plain``: log evidence of the labels.
     """
     best = max(found, key=lambda f: f.log_evidence)
     missed = 0.0 if best.explains else MOST_MISSED * (best.log_evidence - plain)
-    return [f for f in found if f.log_evidence > best.log_evidence - max(NEAR, missed)]
+    near = [f for f in found if f.log_evidence > best.log_evidence - max(NEAR, missed)]
+    return [(f, f.log_evidence + max(missed, LEAST_MISSED) > rival - IMPROBABLE) for f in near]
 
 
 def _thorough(found: _Found) -> _Found:

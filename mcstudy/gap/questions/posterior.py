@@ -9,7 +9,7 @@ probability.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -114,11 +114,12 @@ def explain(
     scores: Scores,
     unstructured: Unstructured,
     contrasts: Sequence[Contrast],
-    readings: Sequence[Mislabelled] = (),
+    mislabelled: Callable[[float], Sequence[Mislabelled]] | None = None,
 ) -> Explanation:
     """The posterior for one recording; effects are also fitted from the lowest ``minima`` (K, P) of the base model.
 
-    ``readings``: how the recording may be mislabelled. A hypothesis that no body can have (`possible`) has no weight.
+    ``mislabelled``: how the recording may be mislabelled, from the log evidence and prior of the best of all other
+    hypotheses. A hypothesis that no body can have (`possible`) has no weight.
     """
     residual = base.residual(data)
     none = Hypothesis((), base.log_evidence, base)
@@ -154,17 +155,21 @@ def explain(
             evidence = h.log_evidence + k.log_factor + _scattered(k.effect, h.fitted, unstructured)
             both = Hypothesis((*h.effects, k.effect), evidence, h.fitted, (*h.sizes, *sizes))
             weighted.append((both, np.log(PAIR / n_pairs)))
+    log_named = [h.log_evidence + w if possible(h, base) else -np.inf for h, w in weighted]
+    readings = mislabelled(max(log_named)) if mislabelled else ()
     weighted += [(m.hypothesis, m.log_weight) for m in readings]
-    log_named = np.array([h.log_evidence + w if possible(h, base) else -np.inf for h, w in weighted])
+    log_named += [
+        m.hypothesis.log_evidence + m.log_weight if possible(m.hypothesis, base) else -np.inf for m in readings
+    ]
     strange = _unknown(none, leaders, data, scores, unstructured, n_causes, _any_change(contrasts))
     log_unknown = np.array([x for x, _ in strange])
     total = np.logaddexp.reduce(np.concatenate([log_named, log_unknown]))
-    probability = np.exp(log_named - total)
+    probability = np.exp(np.array(log_named) - total)
     unknown_locations: dict[str, float] = {}
     for x, locations in strange:
         for place, share in locations.items():
             unknown_locations[place] = unknown_locations.get(place, 0.0) + float(np.exp(x - total)) * share
-    posterior = [(h, x) for (h, _), x in zip(weighted[1:], log_named[1:] - total, strict=True)]
+    posterior = [(h, x) for (h, _), x in zip(weighted[1:], np.array(log_named[1:]) - total, strict=True)]
     advice = {m.hypothesis.effects: m.advice for m in readings}
     return Explanation(
         causes=tuple(replace(c, advice=advice.get(c.effects, "")) for c in _grouped(posterior, groups, group_of)),

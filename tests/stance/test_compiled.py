@@ -138,3 +138,21 @@ def test_nothing_is_kept_on_disk_by_any_other_decorator() -> None:
     for file in named:
         name = ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts)
         assert importlib.import_module(name).__dict__["compiled"] is compiled
+
+
+READ = """
+import sys
+from mcstudy.fitting import warm
+
+warm.compile_here()
+print("numba.np.linalg" in sys.modules)
+"""
+
+
+def test_reading_compiled_code_loads_nothing_that_only_compiling_needs() -> None:
+    """Numba's linear algebra imports SciPy's; no kernel calls it, and no entry of the cache may name its modules."""
+    said = []
+    for _ in range(2):  # what is not compiled yet is compiled by the first
+        done = subprocess.run([sys.executable, "-c", READ], capture_output=True, text=True, check=True)
+        said.append(done.stdout.split()[-1])
+    assert said[1] == "False"

@@ -3,11 +3,18 @@
     python pipelines/examples/next_trial.py pipelines/examples/next_trial.toml -o results/next_trial
     python pipelines/examples/next_trial_bound.py pipelines/examples/next_trial.toml results/next_trial
 
-For every case that was run, and the trials that followed in it: the Bayes classifier of `mcstudy.challenge.oracle`,
-which knows the noise, the geometry of the body around its true parameters (the values of these are unknown to it, with
-the weak prior of a diagnosis), how every effect of its size in this test changes the responses, and that there is one
-of them or nothing. It expects neither a cause outside the library nor two effects at once. On average no method that
-does not know the answer can be better. Beside it stands what the diagnosis reached in the same cases.
+For every case that was run, and the trials that followed in it, two ideal methods that know the noise, the geometry of
+the body around its true parameters (the values of these are unknown to them, with the weak prior of a diagnosis) and
+how every effect changes the responses:
+
+- The first one also knows the size of every effect, and that one of them or nothing is there
+  (`mcstudy.challenge.oracle`). On average no method that does not know the answer can be better.
+- The second one must expect what a diagnosis must expect: sizes that it does not know (half a normal distribution whose
+  standard deviation is the size in this test), two effects at once, and causes outside the library (free torques and
+  sensor errors, `mcstudy.gap.candidates.unknown`, as visible in the first recording as the effects), with the shares of
+  the challenge of the diagnosis. Its forms of the effects are the declared ones, and it is linear in their sizes.
+
+Beside them stands what the diagnosis reached in the same cases.
 """
 
 from __future__ import annotations
@@ -17,16 +24,21 @@ import json
 import sys
 import tomllib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import log_ndtr, logsumexp
 
-from mcstudy.challenge.oracle import Ceiling, Classifier
+from mcstudy.challenge.challenge_file import read_challenge
+from mcstudy.challenge.oracle import FLOOR, SET, Ceiling, Classifier
 from mcstudy.effect_library.library import apply
 from mcstudy.fitting.penalised import Fitter, whiten
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
+from mcstudy.gap.candidates.unknown import free_torques
 from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.planned.trials import PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
@@ -41,6 +53,8 @@ from mcstudy.text_tables import table
 sys.path.insert(0, str(Path(__file__).parent))
 from next_trial import AGAIN, CONDITIONS, drawn, loss, mean, same_cause
 
+CHALLENGE = Path(__file__).parents[1] / "gap_challenge.toml"
+
 DRAWS = 200
 """Draws of noise for each case and condition."""
 
@@ -52,8 +66,22 @@ def covariance(trial: PlannedTrial, theta: np.ndarray) -> np.ndarray:
     return expected_line_covariance(model, theta, SensorNoise(), trial.f, trial.drive, seconds)
 
 
-def residuals(theta: np.ndarray, trials: Sequence[PlannedTrial], found: Sequence[Signature]) -> np.ndarray:
-    """(K, M) whitened changes by every signature in all trials together, after all other parameters are refitted."""
+@dataclass(frozen=True)
+class Seen:
+    """What trials show together, whitened, after all parameters of the base model are fitted again.
+
+    Attributes
+    ----------
+    x: (K, M) changes by every signature, at the size that it has in this test.
+    outside: columns (M, C) of every family of causes outside the library.
+    """
+
+    x: np.ndarray
+    outside: tuple[np.ndarray, ...]
+
+
+def seen(theta: np.ndarray, trials: Sequence[PlannedTrial], found: Sequence[Signature]) -> Seen:
+    """The changes in all trials together."""
     several = [under(two_segment(), t.kind, Body()) for t in trials]
     joint = opened(joined(several, [t.f.size for t in trials]) if len(several) > 1 else several[0])
     f, C = np.concatenate([t.f for t in trials]), np.concatenate([covariance(t, theta) for t in trials])
@@ -67,7 +95,9 @@ def residuals(theta: np.ndarray, trials: Sequence[PlannedTrial], found: Sequence
         lower[:, theta.size :] = upper[:, theta.size :] = start[:, theta.size :]
         at = fitter.fits(clean.packed, start, lower=lower, upper=upper).estimate[0]
         out.append(whiten(clean.weight, frf(fitter.model, at, f) - clean.y))
-    return np.array(out)
+    Q = np.linalg.qr(rest.jacobian(clean))[0]
+    columns = (family.columns for family in free_torques(rest, clean))
+    return Seen(np.array(out), tuple(c - Q @ (Q.T @ c) for c in columns))
 
 
 def ceiling(x: np.ndarray, found: Sequence[Signature], given: dict[str, Any], true: int, seed: int) -> Ceiling:
@@ -91,8 +121,76 @@ def ceiling(x: np.ndarray, found: Sequence[Signature], given: dict[str, Any], tr
     return method.ceiling(stream(seed, "next trial bound"), true, float(size[true]), n=DRAWS, threshold=0.0)
 
 
-def bounds(given: dict[str, Any], row: dict[str, Any]) -> dict[str, Ceiling]:
-    """The ideal method after each of the trials of a case."""
+@dataclass(frozen=True)
+class Fair:
+    """Expected figures of the second ideal method on one case; see `Ceiling`. ``outside``: what it leaves for those."""
+
+    probability: float
+    log_loss: float
+    set_size: float
+    outside: float
+
+
+def fair(now: Seen, first: Seen, found: Sequence[Signature], given: dict[str, Any], true: int, seed: int) -> Fair:
+    """The figures of the second ideal method for signature ``true``; ``first``: what the first recording shows."""
+    mix = read_challenge(CHALLENGE).series["main"].mix
+    rng = stream(seed, "next trial fair bound")
+    y = now.x[true][:, None] + rng.standard_normal((now.x.shape[1], DRAWS))
+    causes = [tuple(sorted(same_cause(s.effect))) for s in found]
+    named = list(dict.fromkeys(causes))
+    group = np.array([named.index(c) for c in causes])
+    each = np.array([sum(t.effect == s.effect for t in found) for s in found])
+    effects = np.array([len({s.effect for s, c in zip(found, causes, strict=True) if c == n}) for n in named])
+    share = 1 / (each * effects[group])
+    one, two = np.arange(len(found))[:, None], np.array(list(combinations(range(len(found)), 2)))
+    two = two[group[two[:, 0]] != group[two[:, 1]]]
+    pairs = np.unique(np.sort(group[two], axis=1), axis=0, return_inverse=True)[1].ravel()
+    nothing = np.full((1, DRAWS), np.log(1 - mix.known - mix.pair - mix.outsider))
+    single = _summed(sized(now.x, y, one) + np.log(mix.known / len(named) * share)[:, None], group)
+    weight = mix.pair / (pairs.max() + 1) * share[two].prod(axis=1)
+    double = _summed(sized(now.x, y, two) + np.log(weight)[:, None], pairs)
+    variances = [given["delta"] ** 2 / (c**2).sum() for c in first.outside]
+    families = [smooth(c, v, y) for c, v in zip(now.outside, variances, strict=True)]
+    outside = logsumexp(families, axis=0)[None] - np.log(len(families)) + np.log(mix.outsider)
+    log = np.concatenate([single, nothing, outside, double])
+    p = np.exp(log - logsumexp(log, axis=0))
+    own = p[group[true]]
+    size = 1 + (np.cumsum(-np.sort(-p, axis=0), axis=0) < SET).sum(axis=0)
+    loss = -np.log(np.maximum(own, FLOOR))
+    return Fair(float(own.mean()), float(loss.mean()), float(size.mean()), float(p[len(named) + 1].mean()))
+
+
+def _summed(log: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """ln of the sums (G, D) over the rows (K, D) of each group."""
+    return np.array([logsumexp(log[group == g], axis=0) for g in range(group.max() + 1)])
+
+
+def sized(x: np.ndarray, y: np.ndarray, members: np.ndarray) -> np.ndarray:
+    """ln Bayes factors (S, D) of data ``y`` (M, D) for sets ``members`` (S, k) of changes ``x`` (K, M) of unknown size.
+
+    Sizes are 1 times half a normal variable. Exact for one change; the sizes of two are taken to be positive
+    independently of each other.
+    """
+    k = members.shape[1]
+    gram, z = (x @ x.T)[members[:, :, None], members[:, None, :]], (x @ y)[members]
+    covariance = np.linalg.inv(gram + np.eye(k))
+    mean = covariance @ z
+    positive = log_ndtr(mean / np.sqrt(np.einsum("sii->si", covariance))[..., None]) + np.log(2)
+    evidence = 0.5 * (z * mean).sum(axis=1) + 0.5 * np.linalg.slogdet(covariance)[1][:, None]
+    return np.asarray(evidence + positive.sum(axis=1))
+
+
+def smooth(columns: np.ndarray, variance: float, y: np.ndarray) -> np.ndarray:
+    """ln Bayes factor (D,) of data ``y`` (M, D) for ``columns`` (M, C) with normal coefficients of this variance."""
+    precision = columns.T @ columns + np.eye(columns.shape[1]) / variance
+    lower = np.linalg.cholesky(precision)
+    part = solve_triangular(lower, columns.T @ y, lower=True)
+    determinant = 2 * np.log(np.diag(lower)).sum() + columns.shape[1] * np.log(variance)
+    return np.asarray(0.5 * (part**2).sum(axis=0) - 0.5 * determinant)
+
+
+def bounds(given: dict[str, Any], row: dict[str, Any]) -> dict[str, tuple[Ceiling, Fair]]:
+    """Both ideal methods after each of the trials of a case."""
     theta, cause, first = drawn(given, row["case"])
     assert isinstance(cause, Signature)
     base = opened(two_segment())
@@ -102,10 +200,9 @@ def bounds(given: dict[str, Any], row: dict[str, Any]) -> dict[str, Ceiling]:
     plans: dict[str, list[PlannedTrial]] = {"first": []}
     plans |= {n: [replace(first, trials=times * first.trials)] for n, times in AGAIN.items()}
     plans |= {n: [PlannedTrial(**t) for t in plan] for n, plan in row["plans"].items()}
-    return {
-        n: ceiling(residuals(theta, [first, *plan], found), found, given, true, row["case"])
-        for n, plan in plans.items()
-    }
+    both = {n: seen(theta, [first, *plan], found) for n, plan in plans.items()}
+    alone, by = both["first"], (found, given, true, row["case"])
+    return {n: (ceiling(now.x, *by), fair(now, alone, *by)) for n, now in both.items()}
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -118,20 +215,30 @@ def main(arguments: list[str] | None = None) -> None:
     rows = [json.loads(x) for x in (args.results / "cases.jsonl").read_text(encoding="utf-8").splitlines()]
     rows = [r for r in rows if r["kind"] == "effect" and "first" in r]
     found = [bounds(given, r) for r in rows]
-    header = ("after", "P(true)", "ideal", "log loss (nat)", "ideal", "95 % set", "ideal")
+    print(
+        f"{len(rows)} cases; means with 95 % bootstrap intervals over cases; ideal 1 knows sizes, 2 expects all kinds"
+    )
+    print(text(rows, found))
+
+
+def text(rows: Sequence[dict[str, Any]], found: Sequence[dict[str, tuple[Ceiling, Fair]]]) -> str:
+    """The table, and the cases in which the diagnosis is furthest from the second ideal method."""
+    header = ("after", *(h for name in ("P(true)", "log loss (nat)", "95 % set") for h in (name, "ideal 1", "ideal 2")))
     lines = []
     for name in CONDITIONS:
-        own, ideal = [r[name] for r in rows], [b[name] for b in found]
-        cells = [[o["p"] for o in own], [b.probability for b in ideal], [loss(o) for o in own]]
-        cells += [[b.log_loss for b in ideal], [o["set"] for o in own], [b.set_size for b in ideal]]
+        own, (one, two) = [r[name] for r in rows], zip(*(b[name] for b in found), strict=True)
+        cells = [[o["p"] for o in own], [b.probability for b in one], [b.probability for b in two]]
+        cells += [[loss(o) for o in own], [b.log_loss for b in one], [b.log_loss for b in two]]
+        cells += [[o["set"] for o in own], [b.set_size for b in one], [b.set_size for b in two]]
         lines.append([name, *map(mean, cells)])
-    print(f"{len(rows)} cases; means with 95 % bootstrap intervals over cases")
-    print(table(header, lines))
-    print("largest differences after the chosen trials: P(true) of the diagnosis, ideal, effect, case")
-    gap = [(b["chosen"].probability - r["chosen"]["p"], k) for k, (r, b) in enumerate(zip(rows, found, strict=True))]
-    for _, k in sorted(gap, reverse=True)[:12]:
-        p, bound = rows[k]["chosen"]["p"], found[k]["chosen"].probability
-        print(f"{p:.2f} {bound:.2f} {rows[k]['cause']} {rows[k]['case']}")
+    out = [table(header, lines)]
+    outside = mean([b["chosen"][1].outside for b in found])
+    out.append(f"after chosen, ideal 2 leaves {outside} for a cause outside the library")
+    out.append("largest differences after the chosen trials: P(true) of the diagnosis, of ideal 2, effect, case")
+    after = [(b["chosen"][1].probability, r["chosen"]["p"], r) for r, b in zip(rows, found, strict=True)]
+    for bound, p, r in sorted(after, key=lambda x: x[1] - x[0])[:12]:
+        out.append(f"{p:.2f} {bound:.2f} {r['cause']} {r['case']}")
+    return "\n".join(out)
 
 
 if __name__ == "__main__":

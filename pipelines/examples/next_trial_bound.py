@@ -35,18 +35,19 @@ from scipy.special import log_ndtr, logsumexp
 
 from mcstudy.challenge.challenge_file import read_challenge
 from mcstudy.challenge.oracle import FLOOR, SET, Ceiling, Classifier
-from mcstudy.effect_library.library import apply
+from mcstudy.effect_library.library import LIBRARY, apply
 from mcstudy.fitting.penalised import Fitter, whiten
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
 from mcstudy.gap.candidates.unknown import free_torques
 from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.planned.trials import PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
+from mcstudy.gap.questions.other_forms import OTHER
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.information import expected_line_covariance
 from mcstudy.stance.joint import joined, under
 from mcstudy.stance.noise import SensorNoise
-from mcstudy.stance.response import frf
+from mcstudy.stance.response import frf, frf_jacobian
 from mcstudy.streams import stream
 from mcstudy.text_tables import table
 
@@ -73,10 +74,16 @@ class Seen:
     Attributes
     ----------
     x: (K, M) changes by every signature, at the size that it has in this test.
+    shapes: for every signature (F, M) changes with its shape parameters, by a quarter of their usual range each.
+    forms: for every signature (F, M) changes with the constants of its form, by the standard deviations of their prior.
+    nominal: for every signature (M,) the change from its declared form to the mean of that prior.
     outside: columns (M, C) of every family of causes outside the library.
     """
 
     x: np.ndarray
+    shapes: tuple[np.ndarray, ...]
+    forms: tuple[np.ndarray, ...]
+    nominal: tuple[np.ndarray, ...]
     outside: tuple[np.ndarray, ...]
 
 
@@ -86,18 +93,27 @@ def seen(theta: np.ndarray, trials: Sequence[PlannedTrial], found: Sequence[Sign
     joint = opened(joined(several, [t.f.size for t in trials]) if len(several) > 1 else several[0])
     f, C = np.concatenate([t.f for t in trials]), np.concatenate([covariance(t, theta) for t in trials])
     rest, data = at_own_responses(joint, theta, f, C)
-    clean, out = data.with_y(rest.response(f)), []
-    for s in found:
-        model = apply(joint, s.effect)
-        fitter = Fitter(model, weak_prior(model, joint), f)
-        start = np.array([[*(theta - s.shift), *(s.sizes[n] for n in model.names[theta.size :])]])
-        lower, upper = fitter.model.lower[None].copy(), fitter.model.upper[None].copy()
-        lower[:, theta.size :] = upper[:, theta.size :] = start[:, theta.size :]
-        at = fitter.fits(clean.packed, start, lower=lower, upper=upper).estimate[0]
-        out.append(whiten(clean.weight, frf(fitter.model, at, f) - clean.y))
+    clean, P = data.with_y(rest.response(f)), theta.size
     Q = np.linalg.qr(rest.jacobian(clean))[0]
+    out: list[tuple[np.ndarray, ...]] = []
+    for s in found:
+        e, model = LIBRARY[s.effect], apply(joint, s.effect)
+        fitter = Fitter(model, weak_prior(model, joint), f)
+        start = np.array([[*(theta - s.shift), *(s.sizes[n] for n in model.names[P:])]])
+        lower, upper = fitter.model.lower[None].copy(), fitter.model.upper[None].copy()
+        lower[:, P:] = upper[:, P:] = start[:, P:]
+        at = fitter.fits(clean.packed, start, lower=lower, upper=upper).estimate[0]
+        x = whiten(clean.weight, frf(fitter.model, at, f) - clean.y)
+        every = np.append(at, [c.nominal for c in e.forms])
+        slopes = whiten(clean.weight, frf_jacobian(apply(joint, e.name, opened=[e.name]), every, f)[1][..., P + 1 :])
+        shape, form = np.split((slopes - Q @ (Q.T @ slopes)).T, [len(e.sizes) - 1])
+        width = np.array([(k.published[1] - k.published[0]) / 4 for k in e.sizes[1:]])
+        prior = np.array([c.prior for c in e.forms]).reshape(-1, 2)
+        away = (prior[:, 0] - [c.nominal for c in e.forms]) @ form
+        out.append((x, shape * width[:, None], form * prior[:, 1:], away))
+    x, shapes, forms, nominal = zip(*out, strict=True)
     columns = (family.columns for family in free_torques(rest, clean))
-    return Seen(np.array(out), tuple(c - Q @ (Q.T @ c) for c in columns))
+    return Seen(np.array(x), shapes, forms, nominal, tuple(c - Q @ (Q.T @ c) for c in columns))
 
 
 def ceiling(x: np.ndarray, found: Sequence[Signature], given: dict[str, Any], true: int, seed: int) -> Ceiling:
@@ -142,13 +158,14 @@ def fair(now: Seen, first: Seen, found: Sequence[Signature], given: dict[str, An
     each = np.array([sum(t.effect == s.effect for t in found) for s in found])
     effects = np.array([len({s.effect for s, c in zip(found, causes, strict=True) if c == n}) for n in named])
     share = 1 / (each * effects[group])
-    one, two = np.arange(len(found))[:, None], np.array(list(combinations(range(len(found)), 2)))
+    two = np.array(list(combinations(range(len(found)), 2)))
     two = two[group[two[:, 0]] != group[two[:, 1]]]
     pairs = np.unique(np.sort(group[two], axis=1), axis=0, return_inverse=True)[1].ravel()
     nothing = np.full((1, DRAWS), np.log(1 - mix.known - mix.pair - mix.outsider))
-    single = _summed(sized(now.x, y, one) + np.log(mix.known / len(named) * share)[:, None], group)
+    alone = np.array([one_effect(now, k, y) for k in range(len(found))])
+    single = _summed(alone + np.log(mix.known / len(named) * share)[:, None], group)
     weight = mix.pair / (pairs.max() + 1) * share[two].prod(axis=1)
-    double = _summed(sized(now.x, y, two) + np.log(weight)[:, None], pairs)
+    double = _summed(two_effects(now, y, two) + np.log(weight)[:, None], pairs)
     variances = [given["delta"] ** 2 / (c**2).sum() for c in first.outside]
     families = [smooth(c, v, y) for c, v in zip(now.outside, variances, strict=True)]
     outside = logsumexp(families, axis=0)[None] - np.log(len(families)) + np.log(mix.outsider)
@@ -165,19 +182,45 @@ def _summed(log: np.ndarray, group: np.ndarray) -> np.ndarray:
     return np.array([logsumexp(log[group == g], axis=0) for g in range(group.max() + 1)])
 
 
-def sized(x: np.ndarray, y: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """ln Bayes factors (S, D) of data ``y`` (M, D) for sets ``members`` (S, k) of changes ``x`` (K, M) of unknown size.
+def one_effect(now: Seen, k: int, y: np.ndarray) -> np.ndarray:
+    """ln Bayes factor (D,) of data ``y`` (M, D) for signature ``k``, in its declared or in another form."""
+    declared = np.concatenate([now.x[k : k + 1], now.shapes[k]])
+    if not len(now.forms[k]):
+        return one_form(declared, y, np.zeros(len(y)))
+    other = one_form(np.concatenate([declared, now.forms[k]]), y, now.nominal[k])
+    return np.asarray(np.logaddexp(one_form(declared, y, np.zeros(len(y))) + np.log(1 - OTHER), other + np.log(OTHER)))
 
-    Sizes are 1 times half a normal variable. Exact for one change; the sizes of two are taken to be positive
-    independently of each other.
+
+def one_form(columns: np.ndarray, y: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """ln Bayes factor (D,) of data ``y`` (M, D), with this ``mean`` (M,) and normal factors of ``columns`` (k, M).
+
+    The factor of the first column is positive.
     """
-    k = members.shape[1]
-    gram, z = (x @ x.T)[members[:, :, None], members[:, None, :]], (x @ y)[members]
-    covariance = np.linalg.inv(gram + np.eye(k))
-    mean = covariance @ z
-    positive = log_ndtr(mean / np.sqrt(np.einsum("sii->si", covariance))[..., None]) + np.log(2)
-    evidence = 0.5 * (z * mean).sum(axis=1) + 0.5 * np.linalg.slogdet(covariance)[1][:, None]
-    return np.asarray(evidence + positive.sum(axis=1))
+    covariance = np.linalg.inv(columns @ columns.T + np.eye(len(columns)))
+    z = columns @ (y - mean[:, None])
+    at = covariance @ z
+    positive = log_ndtr(at[0] / np.sqrt(covariance[0, 0])) + np.log(2)
+    return np.asarray(
+        0.5 * (z * at).sum(axis=0) + 0.5 * np.linalg.slogdet(covariance)[1] + positive + mean @ y - 0.5 * mean @ mean
+    )
+
+
+def two_effects(now: Seen, y: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """ln Bayes factors (S, D) of data ``y`` (M, D) for ``pairs`` (S, 2) of signatures in their declared forms.
+
+    The two sizes are taken to be positive independently of each other.
+    """
+    K, most = len(now.x), max(map(len, now.shapes))
+    padded = [np.concatenate([c, np.zeros((most - len(c), len(y)))]) for c in now.shapes]
+    columns = np.concatenate([now.x, *padded])
+    shapes = K + most * pairs[:, :, None] + np.arange(most)
+    members = np.concatenate([pairs, shapes.reshape(len(pairs), -1)], axis=1)
+    gram, z = (columns @ columns.T)[members[:, :, None], members[:, None, :]], (columns @ y)[members]
+    covariance = np.linalg.inv(gram + np.eye(members.shape[1]))
+    at = covariance @ z
+    sizes = at[:, :2] / np.sqrt(np.einsum("sii->si", covariance))[:, :2, None]
+    positive = (log_ndtr(sizes) + np.log(2)).sum(axis=1)
+    return np.asarray(0.5 * (z * at).sum(axis=1) + 0.5 * np.linalg.slogdet(covariance)[1][:, None] + positive)
 
 
 def smooth(columns: np.ndarray, variance: float, y: np.ndarray) -> np.ndarray:

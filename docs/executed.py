@@ -42,7 +42,7 @@ class Executed(SphinxTransform):
             return
         namespace: dict[str, Any] = {"__name__": "__main__"}
         with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-            shutil.copytree(root / "pipelines", "pipelines")
+            shutil.copytree(root / "pipelines", "pipelines", ignore=shutil.ignore_patterns("__pycache__"))
             for number, block in enumerate(blocks):
                 where = f"{page}.md, line {block.line}"
                 try:

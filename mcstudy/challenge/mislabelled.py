@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.signal import butter, lfilter, sosfiltfilt
@@ -101,8 +102,8 @@ class Mislabelling:
 
     Attributes
     ----------
-    name: in words. change: returns the mislabelled recording. codes: readings that describe it, or parts of the message
-        of a refusal for another reason.
+    name: in words. change: returns the mislabelled recording. codes: readings that describe it, effects that do the
+        same, or parts of the message of a refusal, which hold a space.
     """
 
     name: str
@@ -153,13 +154,18 @@ def _fast_clock(share: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda x: np.interp(np.arange(x.size) / (1 + share), np.arange(x.size), x)
 
 
-def _smoothed(x: np.ndarray) -> np.ndarray:
-    return np.asarray(sosfiltfilt(butter(2, LOW_PASS_HZ, fs=RATE_HZ, output="sos"), x))
+def _smoothed(x: np.ndarray, corner_hz: float = LOW_PASS_HZ) -> np.ndarray:
+    return np.asarray(sosfiltfilt(butter(2, corner_hz, fs=RATE_HZ, output="sos"), x))
 
 
-def _causally_smoothed(x: np.ndarray) -> np.ndarray:
-    b, a = butter(2, LOW_PASS_HZ, fs=RATE_HZ)
+def _causally_smoothed(x: np.ndarray, corner_hz: float = LOW_PASS_HZ, order: int = 2) -> np.ndarray:
+    b, a = butter(order, corner_hz, fs=RATE_HZ)
     return np.asarray(lfilter(b, a, x - x[0]) + x[0])
+
+
+def _stimulus(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Trial], Trial]:
+    """Apply a function of (n,) samples to the stimulus."""
+    return lambda t: replace(t, stimulus=change(t.stimulus))
 
 
 def _linear(matrix: tuple[tuple[float, float], tuple[float, float]]) -> Callable[[Trial], Trial]:
@@ -190,6 +196,13 @@ def _all() -> tuple[Mislabelling, ...]:
         "1000": ("thousand", "thousandth"),
         "2": ("double", "half"),
     }
+    for factor, text in factors[1:3]:
+        larger, smaller = both[text]
+        add(f"both angles x {text}", _scaled(theta1=factor, theta2=factor), larger, "theta1: sways")
+        add(f"both angles / {text}", _scaled(theta1=1 / factor, theta2=1 / factor), smaller)
+    # A derivative of the stimulus makes the responses integrals.
+    add("derivative of the stimulus", _stimulus(_derivative), "integral")
+    add("integral of the stimulus", _stimulus(_integral), "velocity")
     for factor, text in factors:
         larger, smaller = both[text]
         # A stimulus that is recorded too large makes the responses too small.
@@ -203,13 +216,14 @@ def _all() -> tuple[Mislabelling, ...]:
         add(f"derivative of {text}", _channels(which, _derivative), f"velocity{ending}")
         add(f"integral of {text}", _channels(which, _integral), f"integral{ending}")
         add(f"{text} low-passed at 3 Hz, zero phase", _channels(which, _smoothed), f"smoothed{ending}")
-        add(f"{text} low-passed at 3 Hz, causal", _channels(which, _causally_smoothed), f"filtered{ending}")
+        add(f"{text} low-passed at 3 Hz, causal", _channels(which, _causally_smoothed), *_filtered(ending))
         for seconds, how in ((0.02, "20 ms late"), (0.05, "50 ms late"), (-0.05, "50 ms early")):
             code = (f"shifted{ending}",) if ending else ("shifted", "stimulus_delay")
             add(f"{text} {how}", _channels(which, _late(seconds)), *code)
-    add("second trial's angles 50 ms late", _channels((0, 1), _late(0.05)), "shifted_trial_2", only=1)
-    add("second trial's stimulus x 2", _scaled(2.0), "half_trial_2", "double_trial_1", only=1)
-    add("second trial's angles exchanged", _linear(((0, 1), (1, 0))), "swapped_trial_2", "trial 2", only=1)
+    add("both angles low-passed at 6 Hz, zero phase", _channels((0, 1), partial(_smoothed, corner_hz=6.0)), "smoothed")
+    fourth = partial(_causally_smoothed, corner_hz=5.0, order=4)
+    add("theta2 low-passed at 5 Hz, fourth order, causal", _channels((1,), fourth), *_filtered("_theta2"))
+    out += _of_one_trial()
     add("angles exchanged", _linear(((0, 1), (1, 0))), "swapped")
     add("both angles mirrored", _scaled(theta1=-1, theta2=-1), "sign")
     add("theta1 mirrored", _scaled(theta1=-1), "sign_theta1")
@@ -218,9 +232,60 @@ def _all() -> tuple[Mislabelling, ...]:
     add("theta1 in the frame of the trunk", _linear(((1, 1), (0, 1))), "trunk_frame")
     add("clock of the angles 1 % fast", _channels((0, 1), _fast_clock(0.01)), "clock is")
     add("clock of the angles 1 % slow", _channels((0, 1), _fast_clock(-0.01)), "clock is")
+    add("clock of the angles 0.3 % fast", _channels((0, 1), _fast_clock(0.003)), "clock is")
+    add("clock of the second trial's angles 1 % fast", _channels((0, 1), _fast_clock(0.01)), "clock is", only=1)
     out.append(Mislabelling("noise without a response", _noise_only, ("no response",)))
     out.append(Mislabelling("segments exchanged in the body file", _exchanged_segments, ("segments",)))
     return tuple(out)
+
+
+def _filtered(ending: str) -> tuple[str, ...]:
+    """Codes of a low-pass with delay. A Butterworth filter is a form of the effect of a lag, too."""
+    return f"filtered{ending}", {"": "stimulus_lag"}.get(ending, f"sensor_lag{ending}")
+
+
+def _of_one_trial() -> list[Mislabelling]:
+    """Mistakes in one of two trials. Where a trial has too small a factor, the other has too large a one."""
+    out = []
+
+    def add(name: str, change: Callable[[Trial], Trial], *codes: str, only: int = 1) -> None:
+        which = ("first", "second")[only]
+        out.append(Mislabelling(f"{which} trial's {name}", _trials(change, only), codes))
+
+    add("angles 50 ms late", _channels((0, 1), _late(0.05)), "shifted_trial_2")
+    add("angles 50 ms early", _channels((0, 1), _late(-0.05)), "shifted_trial_1", only=0)
+    add("theta1 50 ms late", _channels((0,), _late(0.05)), "shifted_theta1_trial_2")
+    add("theta2 20 ms early", _channels((1,), _late(-0.02)), "shifted_theta2_trial_2")
+    add("stimulus x 2", _scaled(2.0), "half_trial_2", "double_trial_1")
+    add("stimulus / 2", _scaled(0.5), "double_trial_2", "half_trial_1")
+    add("stimulus x 2", _scaled(2.0), "half_trial_1", "double_trial_2", only=0)
+    newton = "trial 2: stimulus: seems to be in N m but declared kgf m"
+    add("stimulus x 9.81", _scaled(9.81), newton, "newton_trial_2", "kilogram_force_trial_1")
+    kgf = "trial 2: stimulus: seems to be in kgf m but declared N m"
+    add("stimulus / 9.81", _scaled(1 / 9.81), kgf, "kilogram_force_trial_2", "newton_trial_1")
+    deg, rad = 180 / np.pi, np.pi / 180
+    in_deg = "seems to be in deg but declared rad"
+    add("angles x 57.3", _scaled(1, deg, deg), f"trial 2: theta1, theta2: {in_deg}", "trial 2: theta1: sways")
+    add("angles / 57.3", _scaled(1, rad, rad), "trial 2: theta1, theta2: seems to be in rad but declared deg")
+    add("theta1 x 57.3", _scaled(theta1=deg), f"trial 2: theta1: {in_deg}", "trial 2: theta1: sways")
+    add("theta2 x 57.3", _scaled(theta2=deg), f"trial 2: theta2: {in_deg}", "trial 2: theta2: sways")
+    add("theta1 / 2", _scaled(theta1=0.5), "half_theta1_trial_2", "double_theta1_trial_1")
+    add("theta2 x 2", _scaled(theta2=2.0), "double_theta2_trial_2", "half_theta2_trial_1")
+    exchanged = "theta1, theta2: seems to be exchanged"
+    add("angles exchanged", _linear(((0, 1), (1, 0))), "swapped_trial_2", f"trial 2: {exchanged}")
+    add("angles exchanged", _linear(((0, 1), (1, 0))), "swapped_trial_1", f"trial 1: {exchanged}", only=0)
+    opposite = "trial 2: stimulus or theta1, theta2: seems to be of opposite sign"
+    add("angles mirrored", _scaled(theta1=-1, theta2=-1), "sign_trial_2", opposite)
+    for k, name in enumerate(("theta1", "theta2")):
+        mirrored = _scaled(**{name: -1.0})
+        add(f"{name} mirrored", mirrored, f"sign_{name}_trial_2", f"trial 2: {name}: seems to be of the wrong sign")
+        velocity = f"trial 2: {name}: seems to be an angular velocity"
+        add(f"{name} its derivative", _channels((k,), _derivative), velocity)
+    space = "trial 2: theta2: seems to be the angle of the upper body in space"
+    add("theta2 in space", _linear(((1, 0), (1, 1))), "space_angle_trial_2", space)
+    add("angles low-passed at 3 Hz, causal", _channels((0, 1), _causally_smoothed), "filtered_trial_2")
+    add("angles low-passed at 3 Hz, zero phase", _channels((0, 1), _smoothed), "smoothed_trial_2")
+    return out
 
 
 MISLABELLINGS = _all()

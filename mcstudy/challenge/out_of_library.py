@@ -31,6 +31,7 @@ class OutOfLibraryEffect:
     ----------
     name, equation: for the key. place: its location. size: range (low, high) of the magnitude. unit: of the size.
     model: adds table terms for a size; torque: makes a sway-dependent torque; measure: distorts the recorded angles.
+    bends: whether it depends on the sway in more than proportion, so that the noise of the senses changes it.
     """
 
     name: str
@@ -41,6 +42,7 @@ class OutOfLibraryEffect:
     model: Callable[[Model, float], Model] | None = None
     torque: Callable[[float], Torque] | None = None
     measure: Callable[[float], Distortion] | None = None
+    bends: bool = False
 
 
 def constant(name: str, value: float) -> Parameter:
@@ -173,7 +175,13 @@ OUT_OF_LIBRARY: dict[str, OutOfLibraryEffect] = {
     o.name: o
     for o in (
         OutOfLibraryEffect(
-            "hysteresis", "ankle: stiffness through a play", ("ankle",), (60, 180), "N m/rad", torque=_hysteresis
+            "hysteresis",
+            "ankle: stiffness through a play",
+            ("ankle",),
+            (60, 180),
+            "N m/rad",
+            torque=_hysteresis,
+            bends=True,
         ),
         OutOfLibraryEffect(
             "quadratic_damping",
@@ -182,12 +190,19 @@ OUT_OF_LIBRARY: dict[str, OutOfLibraryEffect] = {
             (40, 140),
             "N m s^2/rad^2",
             torque=_quadratic_damping,
+            bends=True,
         ),
         OutOfLibraryEffect(
             "wandering_clock", "angles early or late", ("sensor",), (0.02, 0.06), "s", measure=_wandering_clock
         ),
         OutOfLibraryEffect(
-            "series_compliance", "ankle torque lost", ("ankle",), (0.1, 0.25), "", torque=_series_compliance
+            "series_compliance",
+            "ankle torque lost",
+            ("ankle",),
+            (0.1, 0.25),
+            "",
+            torque=_series_compliance,
+            bends=True,
         ),
         OutOfLibraryEffect(
             "fractional_stiffness",

@@ -149,12 +149,6 @@ FIGURES = {
     "outsiders no declared effect imitates (delta left >= 6): flagged": share(
         lambda j: outside(j) and j.case.get("smooth_residual", 0.0) >= 6.0, lambda j: j.flagged, "flagged"
     ),
-    "outsiders no form of an effect imitates (delta left >= 6): flagged": share(
-        lambda j: outside(j) and left(j) >= 6.0, lambda j: j.flagged, "flagged_any_form"
-    ),
-    "outsiders no form of an effect imitates (delta left >= 6): confidently wrong name": share(
-        lambda j: outside(j) and left(j) >= 6.0, lambda j: j.confident > CONFIDENT
-    ),
     "outsiders a form of an effect imitates (delta left < 3, delta >= 6): flagged": share(
         lambda j: outside(j) and j.delta >= 6.0 and left(j) < 3.0, lambda j: j.flagged, "flagged_any_form"
     ),

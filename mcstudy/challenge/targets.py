@@ -18,6 +18,9 @@ from mcstudy.challenge.rates import PROBABILITY, Bounds, Estimate, mean, rate
 MOST = 0.5
 """Probability above which a hypothesis leads all others together."""
 
+FAR = 6.0
+"""Delta beside the nearest mechanism at which a cause is far from all: effects of that size are usually seen."""
+
 UPPER_FALSE_ALARMS = 0.065
 """Largest upper limit of a false-alarm rate that still counts as at most 5 %."""
 
@@ -85,6 +88,11 @@ def left(j: Judged) -> float:
     """Delta that the nearest effect of the library leaves in any of its forms, as far as a smooth torque can produce
     it; 0 where the key does not know it."""
     return float(j.case.get("any_form", {}).get("smooth_residual", 0.0))
+
+
+def far(j: Judged) -> bool:
+    """Selects out-of-library effects of which no mechanism of the library comes near, in any of its forms."""
+    return outside(j) and j.delta >= 10.0 and left(j) >= FAR
 
 
 def of_kind(kind: str) -> Callable[[Judged], bool]:
@@ -188,6 +196,16 @@ TARGETS: tuple[Target, ...] = (
         "interval of the gap closed contains the truth",
         Goal("93 to 97 %", low=0.93, high=0.97),
         share(lambda j: j.closed_inside is not None and not other_form(j), lambda j: bool(j.closed_inside), 0.95),
+    ),
+    Target(
+        "cause at delta ≥ 10 that no mechanism comes near (leaves delta ≥ 6): recognized",
+        Goal("≥ 80 %", low=0.80),
+        share(far, lambda j: j.flagged, "flagged_any_form"),
+    ),
+    Target(
+        "the same: confidently wrong name",
+        Goal("≤ 5 %", high=0.05),
+        share(far, lambda j: j.confident > CONFIDENT),
     ),
     *_form_targets("misshapen", "misshapen"),
     Target("foreign body: false alarms", AT_MOST_5, share(of_kind("foreign"), lambda j: j.detected, 0.05)),

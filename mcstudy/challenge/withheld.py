@@ -2,8 +2,9 @@
 
 The delta of an out-of-library effect counts only the part of its residual that a smooth torque can produce. A
 nonlinearity also scatters energy between lines, and a drift scatters it between cycles. A method that does not know the
-cause cannot distinguish that from noise, so it does not count. For a nonlinear or drifting effect of the library, which
-a diagnosis knows, the whole residual counts.
+cause cannot distinguish that from noise, so it does not count; what differs between cycles makes the noise larger, as
+it does for a method that measures noise from these differences. For a nonlinear or drifting effect of the library,
+which a diagnosis knows, the whole residual counts.
 
 The response of a cause is the difference between simulations with and without it, added to the closed form. So errors
 of the simulator itself (a remaining transient) do not count as part of the cause.
@@ -129,6 +130,8 @@ class Withheld:
             whole, smooth = self._chance(g, trials - level)
             trials = np.array([[g.smoothed(one[0])] for one in level])
         y = self._in_cycles(trials) + frf(g.base, g.theta, g.setting.f)
+        if not (self.named or self.noisy or self.lasting):
+            g = replace(g, louder=self._uneven(y))
         mean = np.einsum("r,rnj->nj", g.setting.share, y)
         between = scatter(y, g.setting.share, g.C)
         left = g.unexplained(mean)
@@ -149,11 +152,18 @@ class Withheld:
         Raises `InputError` where the cause makes it more than `LOUDEST` times as large.
         """
         with_it, without = self._noise(signs), self._noise(self._without)
-        least = np.trace(without, axis1=1, axis2=2).real / 2
-        louder = with_it / least[:, None, None]
-        if np.trace(louder, axis1=1, axis2=2).real.max() / 2 > LOUDEST:
-            raise InputError(f"the cause makes noise more than {LOUDEST:g} times as large")
-        return np.asarray(louder)
+        unit = np.linalg.inv(np.linalg.cholesky(without))
+        return _moderate(unit @ with_it @ unit.conj().swapaxes(1, 2))
+
+    def _uneven(self, y: np.ndarray) -> np.ndarray:
+        """Covariance of the noise (N, 2, 2), whitened by that without the cause, of who takes the differences between
+        its cycles (R, N, 2) for noise. Raises `InputError` as `_louder`."""
+        share = self.geometry.setting.share
+        apart = y - np.einsum("r,rnj->nj", share, y)
+        z = np.array([self.geometry.whiten(c).reshape(2, -1, 2) for c in apart]) / np.sqrt(2)
+        z = z[:, 0] + 1j * z[:, 1]
+        lines = np.einsum("r,rni,rnj->nij", share, z, z.conj()) / (len(share) - 1)
+        return _moderate(np.eye(2) + _wide(lines))
 
     def _noise(self, signs: np.ndarray) -> np.ndarray:
         """Covariance (N, 2, 2) of the whitened differences between cycles, averaged over neighbouring lines."""
@@ -161,8 +171,7 @@ class Withheld:
         z = np.array([self.geometry.whiten(c).reshape(2, -1, 2) for c in apart.reshape(-1, *apart.shape[3:])])
         z = (z[:, 0] + 1j * z[:, 1]).reshape(*apart.shape)
         lines = np.einsum("a,sarni,sarnj->nij", self._weights(apart.shape[1]), z, z.conj(), optimize=True)
-        wide = np.pad(lines, ((NEIGHBOURS // 2, NEIGHBOURS // 2), (0, 0), (0, 0)), mode="reflect")
-        return np.asarray(np.lib.stride_tricks.sliding_window_view(wide, NEIGHBOURS, axis=0).mean(axis=-1))
+        return _wide(lines)
 
     def _chance(self, g: Geometry, apart: np.ndarray) -> tuple[float, float]:
         """Noncentrality that differences between cycles ``apart`` (A, r, N, 2) leave by chance in the responses to all
@@ -193,6 +202,19 @@ class Withheld:
         return best if best is not None and best.delta > 0.5 else None
 
 
+def _moderate(louder: np.ndarray) -> np.ndarray:
+    """``louder`` (N, 2, 2) itself; raises `InputError` where it is on average more than `LOUDEST`."""
+    if np.trace(louder, axis1=1, axis2=2).real.max() / 2 > LOUDEST:
+        raise InputError(f"the cause makes noise more than {LOUDEST:g} times as large")
+    return np.asarray(louder)
+
+
+def _wide(lines: np.ndarray) -> np.ndarray:
+    """Covariances (N, 2, 2) averaged over `NEIGHBOURS` neighbouring lines."""
+    wide = np.pad(lines, ((NEIGHBOURS // 2, NEIGHBOURS // 2), (0, 0), (0, 0)), mode="reflect")
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(wide, NEIGHBOURS, axis=0).mean(axis=-1))
+
+
 @dataclass(frozen=True)
 class Drawn:
     """A drawn cause without a closed form: body (12,), geometry, response, and a function to simulate it with noise."""
@@ -210,10 +232,10 @@ def _draw(
     make: Callable[[np.ndarray], Simulate],
     lasting: bool,
     named: bool,
+    noisy: bool,
     size: float,
     top: float,
     nimble: bool = False,
-    noisy: bool = False,
     smallest: float = 0.0,
 ) -> tuple[np.ndarray, Geometry, Measured, Simulate] | None:
     """``nimble``: whether every further body has shorter delays."""
@@ -228,6 +250,7 @@ def _draw(
         except InputError:  # it falls with noise
             continue
         if found is not None and (found.delta > wanted / 2 or not nimble):
+            geometry = geometry if found.louder is None else replace(geometry, louder=found.louder)
             return theta, geometry, found, simulate
     return None
 
@@ -235,8 +258,7 @@ def _draw(
 def draw_out_of_library(series: Series, rng: np.random.Generator, name: str) -> Drawn | None:
     """A body and a size for which an out-of-library effect has about a drawn delta; None if no body is stable."""
     start, top = _usual(name)
-    lasting = OUT_OF_LIBRARY[name].measure is None
-    done = _draw(series, rng, partial(_outsider, name), lasting, False, start, top)
+    done = _draw(series, rng, partial(_outsider, name), *_nature(name), start, top)
     if done is None:
         return None
     theta, geometry, found, simulate = done
@@ -258,10 +280,15 @@ def _usual(name: str) -> tuple[float, float]:
     return float(np.sqrt(low * high)), 3 * high
 
 
+def _nature(name: str) -> tuple[bool, bool, bool]:
+    """Of an out-of-library effect: whether it lasts, is in the library (never), and is measured with noise."""
+    effect = OUT_OF_LIBRARY[name]
+    return effect.measure is None, False, effect.bends
+
+
 def out_of_library_on(geometry: Geometry, name: str, wanted: float) -> Measured | None:
     """An out-of-library effect on one body at about a delta of ``wanted``; None if the body is not stable with it."""
-    lasting = OUT_OF_LIBRARY[name].measure is None
-    return Withheld(geometry, _outsider(name, geometry.theta), lasting, False).at_delta(*_usual(name), wanted)
+    return Withheld(geometry, _outsider(name, geometry.theta), *_nature(name)).at_delta(*_usual(name), wanted)
 
 
 def draw_nonlinear(series: Series, rng: np.random.Generator, name: str) -> Drawn | None:
@@ -307,11 +334,9 @@ def draw_rule(
     least half of that delta is reached. ``noisy``: whether delta is measured with noise.
     ``smallest``: least magnitude of the size that is tried.
     """
-    done = _draw(series, rng, make, lasting, named, start, top, nimble, noisy, smallest)
+    done = _draw(series, rng, make, lasting, named, noisy, start, top, nimble, smallest)
     if done is None:
         return None
     theta, geometry, found, simulate = done
     sizes = {name: found.size, **shapes}
-    if found.louder is not None:
-        geometry = replace(geometry, louder=found.louder)
     return Drawn(theta, geometry, found, sizes, lambda p, r: simulate(found.size, p, r))

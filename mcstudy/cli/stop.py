@@ -119,10 +119,11 @@ def catch() -> Stop:
     """Catch the signals from here on, before anything else is done. A signal that is ignored stays ignored."""
     pipe, written = os.pipe()
     os.set_blocking(written, False)
+    # The pipe comes before the handlers: a signal that is caught while nothing writes it into the pipe would be lost.
+    signal.set_wakeup_fd(written, warn_on_full_buffer=False)
     for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(sign) is not signal.SIG_IGN:
             signal.signal(sign, _nothing)
-    signal.set_wakeup_fd(written, warn_on_full_buffer=False)
     return Stop(pipe)
 
 

@@ -36,7 +36,8 @@ def with_constants(model: Model, values: Mapping[str, float]) -> Model:
         if coefficient or not t.coefficient:
             through = tuple(n for n in (kept[f] for f in t.filters) if n is not None)
             gain = tuple(g for g in t.gain if g not in values)
-            terms.append(replace(t, coefficient=coefficient, gain=gain, filters=through))
+            same = coefficient == t.coefficient and gain == t.gain and through == t.filters
+            terms.append(t if same else replace(t, coefficient=coefficient, gain=gain, filters=through))
     output = tuple(None if name is None else kept[name] for name in model.output_filters)
     used = {n for t in terms for n in t.filters} | {n for n in output if n is not None}
     return replace(

@@ -82,9 +82,12 @@ def _by_stimulus(table: Table, stimuli: int) -> np.ndarray:
     return weight
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def kept_plan(model: Model, f: bytes) -> Plan:
-    """`plan` for the frequencies in ``f`` (float64, Hz): a study fits few models at few sets of frequencies."""
+    """`plan` for the frequencies in ``f`` (float64, Hz).
+
+    A study fits few models at few sets of frequencies, a diagnosis some eighty models at one.
+    """
     return plan(model, np.frombuffer(f))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from mcstudy.stance.compiled import compiled
 
@@ -134,6 +135,15 @@ def gaussian_factor(A, b, variance):  # type: ignore[no-untyped-def]
     return 0.5 * out - 0.5 * log_det
 
 
+@njit(nogil=True, inline="always")
+def _length(row):  # type: ignore[no-untyped-def]
+    """Root of the sum of squares; NumPy's sum would load numba's array mathematics, and SciPy's with it."""
+    total = 0.0
+    for d in range(row.size):
+        total += row[d] * row[d]
+    return np.sqrt(total)
+
+
 @compiled
 def orthonormal(J, X, least):  # type: ignore[no-untyped-def]
     """Orthonormal rows that span the rows of X (M, D) at right angles to those of J (P, D), and their number.
@@ -147,7 +157,7 @@ def orthonormal(J, X, least):  # type: ignore[no-untyped-def]
     count, first = 0, 0
     for m in range(P + M):
         row = J[m].copy() if m < P else X[m - P].copy()
-        length = np.sqrt(np.sum(row * row))
+        length = _length(row)
         if not length > 0.0:
             continue
         row /= length
@@ -158,7 +168,7 @@ def orthonormal(J, X, least):  # type: ignore[no-untyped-def]
                     inner += Q[k, d] * row[d]
                 for d in range(D):
                     row[d] -= inner * Q[k, d]
-        left = np.sqrt(np.sum(row * row))
+        left = _length(row)
         if left > (1e-9 if m < P else least):
             for d in range(D):  # a slice would be compiled with the text of its error, which takes two seconds
                 Q[count, d] = row[d] / left

@@ -19,7 +19,7 @@ from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.closure import Belief, Closure, close, floor_rms_deg, sway_rms_deg
 from mcstudy.gap.questions.detection import LEVEL
-from mcstudy.gap.questions.labels import readings
+from mcstudy.gap.questions.labels import label_odds
 from mcstudy.gap.questions.location import locations, missing_torque
 from mcstudy.gap.questions.mislabelled import Labels, mislabelled
 from mcstudy.gap.questions.nearest import nearest, with_likeness
@@ -167,9 +167,7 @@ def _labels(recording: Recording | JointRecording, lines: Lines, accept: frozens
     if isinstance(recording, JointRecording):
         several = zip(recording.parts, lines.parts, recording.labels, strict=True)
         return Labels.joined([replace(_labels(r, own, accept), name=name) for r, own, name in several])
-    scores = readings(recording, lines)
-    as_labelled = scores.pop("as_labelled")
-    return Labels({k: x - as_labelled for k, x in scores.items()}, recording.stimulus_unit == "N m", accept)
+    return Labels(label_odds(recording, lines), recording.stimulus_unit == "N m", accept, rate_hz=recording.rate_hz)
 
 
 def diagnose_lines(

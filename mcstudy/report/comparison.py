@@ -43,7 +43,7 @@ class ComparisonWithFigure(Comparison):
             axes[0, k].set_title(segment)
         axes[0, 0].set_ylabel("gain")
         axes[1, 0].set_ylabel("phase (°)")
-        axes[0, 0].legend(frameon=False, fontsize="small")
+        axes[0, 0].legend(loc="lower left", frameon=False, fontsize="small")
         return figure
 
     def _draw(self, gain: Axes, phase: Axes, k: int) -> None:

@@ -90,18 +90,28 @@ class NullDraws:
 
     def _errors(self, rng: np.random.Generator, n: int) -> np.ndarray:
         N = self._dof.size
-        return (rng.standard_normal((N, 2, n)) + 1j * rng.standard_normal((N, 2, n))) / np.sqrt(2)
+        z = np.empty((N, 2, n), dtype=complex)
+        z.real, z.imag = rng.standard_normal((N, 2, n)), rng.standard_normal((N, 2, n))
+        z /= np.sqrt(2)
+        return z
 
     def _factors(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Elements (N, n) of L = [[l11, 0], [l21, l22]] for random S~ = L L^H."""
         E = self._window.shape[1]
         products = np.zeros((4, E, n))
+        x, first, second = np.empty((4, E, n)), np.empty((E, n)), np.empty((E, n))
         for _ in range(self._records):
-            x = rng.standard_normal((4, E, n)) * np.sqrt(0.5)
-            products[0] += x[0] ** 2 + x[1] ** 2
-            products[1] += x[2] ** 2 + x[3] ** 2
-            products[2] += x[2] * x[0] + x[3] * x[1]
-            products[3] += x[3] * x[0] - x[2] * x[1]
+            rng.standard_normal(out=x)
+            x *= np.sqrt(0.5)
+            for k, (a, b), (c, d), join in (
+                (0, (0, 0), (1, 1), np.add),
+                (1, (2, 2), (3, 3), np.add),
+                (2, (2, 0), (3, 1), np.add),
+                (3, (3, 0), (2, 1), np.subtract),
+            ):
+                np.multiply(x[a], x[b], out=first)
+                np.multiply(x[c], x[d], out=second)
+                products[k] += join(first, second, out=first)
         products /= self._records
         if self._colour is None:
             s11, s22, re, im = np.einsum("le,pen->pln", self._window, products, optimize=True)

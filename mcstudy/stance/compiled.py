@@ -26,6 +26,7 @@ from typing import Any
 
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 from mcstudy.stance import shipped
@@ -190,7 +191,13 @@ class _Cache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Code for a signature; None: to be compiled."""
-        found = _of(sig, super().load_overload(sig, target_context))
+        rtsys.initialize(target_context)  # what compiled code calls to allocate
+        own: Any = self
+        # As in numba, but for `target_context.refresh`: to read code that is there takes no knowledge of all that can
+        # be compiled, which takes a third of a second to load (and SciPy's linear algebra). Compiling does it anyway.
+        found = None
+        with own._guard_against_spurious_io_errors():
+            found = _of(sig, own._load_overload(sig, target_context))
         if found is None:
             found = self._shipped(sig, target_context)
         if found is None and getattr(_state, "only", False):

@@ -141,7 +141,8 @@ class Term:
     @property
     def all_delays(self) -> tuple[str, ...]:
         """Names of its delays, whose sum delays it; none, one or two."""
-        return tuple(name for name in (self.delay, self.late) if name is not None)
+        first = () if self.delay is None else (self.delay,)
+        return first if self.late is None else (*first, self.late)
 
 
 @dataclass(frozen=True, slots=True)

@@ -216,7 +216,9 @@ def _count_right(sigma: float, roots: np.ndarray, found: int, starts: np.ndarray
     """Number of roots right of Re s = sigma (-1 if not resolved), and how many starts were stored."""
     coefficient, exponent, _, _, degree, _, _ = loop
     n = degree[0]
-    longest = exponent.max()
+    longest = 0.0
+    for k in range(exponent.size):  # numba's own `max` would load its array mathematics, and SciPy's with it
+        longest = max(longest, exponent[k])
     widest = 1.0 / max(longest, 0.02)
     end = 1.0
     while not _dominated(end, sigma, loop):

@@ -51,6 +51,8 @@ def make_key(rng: np.random.Generator) -> dict[str, Any]:
             case["closable"]["+".join(sorted(e["effect"] for e in case["effects"]))] = 1.0
         if kind in OUTSIDE:
             case["outsider"] = {"name": "wobble", "size": 1.0, "unit": "kg"}
+            case["any_form"] = {k: case[k] for k in ("closable", "nearest", "residual_delta")}
+            case["any_form"]["smooth_residual"] = case["delta"]
         cases.append(case)
     key = {"schema": schema.identifier("challenge_key"), "challenge": "synthetic", "fingerprint": "0" * 64}
     return key | {"design": {"series": {"main": {}}}, "cases": cases}
@@ -397,7 +399,7 @@ def test_the_share_closed_is_judged_by_the_form_in_which_an_effect_closes_most(k
     case = next(c for c in key["cases"] if c["kind"] == "outsider")
     closed = {"effects": "head_mode", "fraction": 0.9, "low": 0.8, "high": 1.0}
     answer = {"seconds": 0.0, **plain(detected=True, causes=[cause(["head_mode"], 1.0)], closed=closed)}
-    assert case["closable"]["head_mode"] == 0.3
+    assert case["any_form"]["closable"]["head_mode"] == 0.3
     assert judge(case, answer).closed_inside is False
     open_form = {"closable": {"head_mode": 0.9}, "nearest": "head_mode", "residual_delta": 3.0, "smooth_residual": 2.0}
     assert judge({**case, "any_form": open_form}, answer).closed_inside is True
@@ -405,17 +407,16 @@ def test_the_share_closed_is_judged_by_the_form_in_which_an_effect_closes_most(k
 
 def test_outsiders_count_as_such_by_what_the_nearest_form_of_an_effect_leaves(key: dict[str, Any]) -> None:
     case = {**next(c for c in key["cases"] if c["kind"] == "outsider"), "delta": 12.0}
-    for left, words in (
-        (7.0, "no form of an effect imitates (delta left >= 6)"),
-        (2.0, "a form of an effect imitates"),
-    ):
+    far = {t.name: t.figure for t in TARGETS if "comes near" in t.name or t.name.startswith("the same")}
+    near = {name: f for name, f in FIGURES.items() if name.startswith("outsiders a form of an effect imitates")}
+    assert len(far) == len(near) == 2
+    for left, wanted in ((7.0, far), (2.0, near)):
         form = {"closable": {}, "nearest": "head_mode", "residual_delta": left, "smooth_residual": left}
         judged = judge({**case, "any_form": form}, {"seconds": 0.0, **plain(causes=[cause(["head_mode"], 0.9)])})
-        for name, figure in FIGURES.items():
-            if name.startswith("outsiders") and " form of an effect imitates" in name:
-                found = figure([judged])
-                assert found.n == (words in name), name
-                assert not found.n or found.value == float("confidently" in name), name
+        for name, figure in {**far, **near}.items():
+            found = figure([judged])
+            assert found.n == (name in wanted), name
+            assert not found.n or found.value == float("confidently" in name), name
 
 
 def test_an_interval_that_is_withheld_does_not_hold_the_truth(key: dict[str, Any]) -> None:

@@ -5,8 +5,8 @@
   everything imported.
 - The study files they name are cut down to a few realizations and starts, so that a page takes seconds.
 - A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
-- The build of the site (`test_site.py`) runs the blocks of `docs/`, too. Where it follows, ``MCSTUDY_TEST_SITE=1`` says
-  so, and they are not run here (.ci/run).
+- The build of the site (`test_site.py`) runs the blocks of `docs/`, too. Where it is among the tests,
+  ``MCSTUDY_TEST_SITE=1`` says so, and they are not run here (.ci/run).
 - A block is left out only below a comment ``<!-- Not run by the tests: REASON. -->``: it is for us, not for readers.
 """
 
@@ -129,7 +129,7 @@ def run_bash(text: str, block: Block, where: Path) -> None:
 def test_every_block_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if BUILT and page.startswith(BUILT):
         pytest.skip("the build of the site runs them (tests/docs/test_site.py)")
-    shutil.copytree(ROOT / "pipelines", tmp_path / "pipelines")
+    shutil.copytree(ROOT / "pipelines", tmp_path / "pipelines", ignore=shutil.ignore_patterns("__pycache__"))
     for study in (tmp_path / "pipelines").glob("*.toml"):
         cut_down(study)
     monkeypatch.chdir(tmp_path)

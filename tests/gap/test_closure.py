@@ -14,7 +14,15 @@ from mcstudy.gap.candidates.signatures import applicable, signatures
 from mcstudy.gap.candidates.unknown import free_torques
 from mcstudy.gap.fits.base_fit import drawn_starts
 from mcstudy.gap.fits.priors import opened, weak_prior
-from mcstudy.gap.questions.closure import Belief, close, energy, floor_rms_deg, noise_rms_deg, sway_rms_deg
+from mcstudy.gap.questions.closure import (
+    Belief,
+    close,
+    energy,
+    floor_rms_deg,
+    noise_rms_deg,
+    smooth_directions,
+    sway_rms_deg,
+)
 from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
@@ -40,9 +48,9 @@ def test_energy_of_noise_is_zero_on_average(plain_lines: list[Lines]) -> None:
     for lines in plain_lines:
         data = Data.of(lines)
         base = _fit(data)
-        value, dimensions = energy(base, data, lines, _space(data, base))
-        values.append(value)
-    assert 20 < dimensions < 150
+        basis = smooth_directions(base, data, _space(data, base))
+        values.append(energy(base, data, lines, basis))
+        assert 20 < basis.shape[1] < 150
     se = np.std(values) / np.sqrt(len(values))
     assert abs(np.mean(values)) < 3.5 * se
 

@@ -16,7 +16,7 @@ from mcstudy.fitting.penalised import Data
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.trials import PlannedTrial
-from mcstudy.gap.questions.closure import energy
+from mcstudy.gap.questions.closure import energy, smooth_directions
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.joint_lines import joined
 
@@ -67,9 +67,10 @@ def test_the_energy_of_repeats_without_noise_is_that_of_their_deviation(delayed:
     lines, base = joined(members), delayed.base
     data = Data.of(lines)
     space = np.concatenate([f.columns for f in Scores(base, data, [], []).families[:4]], axis=1)
-    found, k = energy(base, data, lines, space)
+    smooth = smooth_directions(base, data, space)
+    found = energy(base, data, lines, smooth)
     J = base.jacobian(data)
-    basis = np.linalg.svd(_without(space, J), full_matrices=False)[0][:, :k]
+    basis = np.linalg.svd(_without(space, J), full_matrices=False)[0][:, : smooth.shape[1]]
     residual = _without(base.residual(data)[:, None], J)[:, 0]
     assert found == pytest.approx(float(((basis.T @ residual) ** 2).sum()), rel=0.05)
 

@@ -10,6 +10,8 @@ import pytest
 from xdist.scheduler import LoadScopeScheduling
 
 LONGEST = (
+    "tests/system/test_wheel.py",
+    "tests/docs/test_site.py",
     "tests/system/test_state_machine.py",
     "tests/system/test_kill_campaign.py",
     "tests/docs/test_code_blocks.py",
@@ -34,6 +36,7 @@ APART = (
     "tests/study/test_power_cut.py",
     "tests/system/test_kill_campaign.py",
     "tests/system/test_stop.py",
+    "tests/system/test_wheel.py",
 )
 """Files whose tests share little."""
 

@@ -11,8 +11,6 @@ tests/study/test_mutations.py`` damages every file in every way.
 from __future__ import annotations
 
 import contextlib
-import functools
-import json
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,12 +19,13 @@ from typing import Any
 import pytest
 import xarray as xr
 from fuzzing import MANY
+from skeletons import made_once
 from two_chunks import TWO_CHUNKS
 
 from mcstudy.analysis.results import open_results
 from mcstudy.errors import InputError, StoreError
 from mcstudy.files.durable import log_folder, tree_digest
-from mcstudy.study import repair, verify
+from mcstudy.study import verify
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.tasks import Task, run_task
@@ -34,18 +33,7 @@ from mcstudy.study.tasks import Task, run_task
 
 @pytest.fixture(scope="module")
 def sound(two_chunks: Path) -> Iterator[Path]:
-    honest = repair.skeleton
-    empty = functools.cache(lambda key: honest(*empties[key]))  # of which a case needs several, all the same
-    empties: dict[str, tuple[Cube, Any]] = {}
-
-    def skeleton(cube: Cube, made_in: dict[str, Any]) -> dict[Path, bytes]:
-        key = json.dumps([cube.study.fingerprint, made_in, cube.depths])
-        empties.setdefault(key, (cube, made_in))
-        return empty(key)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verify, "skeleton", skeleton)
-        patch.setattr(repair, "skeleton", skeleton)
+    with made_once():
         yield two_chunks
 
 

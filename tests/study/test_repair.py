@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from json_edits import edit
+from skeletons import made_once
 
 from mcstudy.errors import StoreError
 from mcstudy.files.durable import log_folder, tree_digest
@@ -27,12 +28,13 @@ def fresh_worker() -> None:
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Path:
+def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Iterator[Path]:
     out = tmp_path_factory.mktemp("repair") / "out.zarr"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (24, 24))  # not what the design would give later
         run_study(parse_study(tiny), out, ONE)
-    return out
+    with made_once():
+        yield out
 
 
 @pytest.fixture

@@ -251,6 +251,19 @@ from mcstudy.cli import main
 importlib.import_module("mcstudy.cli." + sys.argv[1].replace("-", "_")).main = lambda args: time.sleep(1000)
 sys.exit(main())
 """
+# What comes before such a command that hears a signal the moment its handler is in place.
+AT_ONCE = """
+import os, signal
+install = signal.signal
+
+def hears(sign, handler):
+    old = install(sign, handler)
+    if sign == {sign} and callable(handler):
+        os.kill(os.getpid(), sign)
+    return old
+
+signal.signal = hears
+"""
 RESUMABLE = {"run", "extend", "infer", "design", "gap challenge make", "gap challenge answer", "gap challenge run"}
 
 
@@ -266,6 +279,12 @@ def test_every_verb_ends_with_one_line_and_says_whether_it_resumes(tmp_path: Pat
     else:
         assert code == Exit.STOPPED
         assert said == "mcstudy: stopped"
+
+
+@pytest.mark.parametrize("sign", SIGNALS)
+def test_no_signal_is_lost_while_the_handlers_are_installed(tmp_path: Path, sign: signal.Signals) -> None:
+    process = start("-c", AT_ONCE.replace("{sign}", str(int(sign))) + ENDLESS, "show", "nothing", folder=tmp_path)
+    assert ends(process) == (Exit.STOPPED, "mcstudy: stopped")
 
 
 @pytest.mark.parametrize("sign", SIGNALS)

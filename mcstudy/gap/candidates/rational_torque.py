@@ -74,7 +74,7 @@ class Path:
         return (*self.gains(poles), *((_W,) if poles % 2 else ()), *((_V, _Z) if poles > 1 else ()))
 
     def basis(self, poles: int, shape: Sequence[float] | np.ndarray, s: np.ndarray) -> np.ndarray:
-        """Transfer function of every gain, (N, gains); ``shape``: w, or v and zeta, or all three."""
+        """Transfer function of every gain, (N, gains); ``shape``: w, or v and zeta, or all three, each one or (N,)."""
         columns = [{_K: np.ones_like(s), _B: s}[name] for name in self.linear]
         if poles % 2:
             columns.append(1 / (s / shape[0] + 1))
@@ -239,7 +239,8 @@ def next_starts(
     out = []
     for more, tried in shapes.items():
         new = Path(path.row, path.sense, ())
-        columns = np.concatenate([new.basis(more, shape, s) * unit for shape in tried], axis=1)
+        each = new.basis(more, np.repeat(np.array(tried), s.size, axis=0).T, np.tile(s, len(tried))) * unit
+        columns = each.reshape(len(tried), s.size, more).swapaxes(0, 1).reshape(s.size, -1)
         columns = whiten(data.weight, through[:, :, None] * columns[:, None, :])
         left = (columns - Q @ (Q.T @ columns)).T.reshape(len(tried), more, -1)
         gram = np.einsum("tid,tjd->tij", left, left) + np.eye(more)

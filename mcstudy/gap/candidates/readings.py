@@ -142,7 +142,7 @@ def _table() -> dict[str, Reading]:
             "theta1",
             "the angle of the upper body in space; expected that of the lower body",
             "Give the angle of the lower body as theta1.",
-            check="fit",
+            check="certain",
         ),
     }
     return out

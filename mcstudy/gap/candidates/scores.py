@@ -45,6 +45,23 @@ def log_factor(z: np.ndarray, scale: float | np.ndarray, one_sided: bool) -> np.
 
 
 @dataclass(frozen=True)
+class Projection:
+    """M = I - Q Q', with Q the top of an orthonormal basis of J stacked on the root of the prior's precision."""
+
+    Q: np.ndarray
+
+    @classmethod
+    def of(cls, fitted: Fitted, data: Data) -> Projection:
+        """Of one fit."""
+        J = fitted.jacobian(data)
+        return cls(np.linalg.qr(np.concatenate([J, np.diag(1 / fitted.prior.scale)]))[0][: J.shape[0]])
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """M x: the part that the parameters of the fit cannot explain, for (4 N,) or (4 N, K)."""
+        return np.asarray(x - self.Q @ (self.Q.T @ x))
+
+
+@dataclass(frozen=True)
 class _Block:
     """A family after the projection: its rows of the score vector, Gram matrix and prior."""
 
@@ -67,17 +84,14 @@ class Scores:
     """
 
     def __init__(self, fitted: Fitted, data: Data, found: Sequence[Signature], signed: Sequence[bool]) -> None:
-        J = fitted.jacobian(data)
-        # M = I - Q Q' with Q the top of an orthonormal basis of J stacked on the root of the prior's precision
-        self._Q = np.linalg.qr(np.concatenate([J, np.diag(1 / fitted.prior.scale)]))[0][: J.shape[0]]
+        self.project = Projection.of(fitted, data)
         self.library = [s for s in found if s.delta > 0.3]
         self._signed = [x for s, x in zip(found, signed, strict=True) if s.delta > 0.3]
-        unit = np.array([s.vector / s.delta for s in self.library]).reshape(-1, J.shape[0]).T
-        plain = [(n, p, self.project(c)) for n, p, c in plain_feedback(fitted, data)]
-        self.plain = strange(plain, unit)
+        unit = np.array([s.vector / s.delta for s in self.library]).reshape(-1, 4 * data.f.size).T
+        names, places, columns = zip(*plain_feedback(fitted, data), strict=True)
+        self.plain = strange(list(zip(names, places, self.project(np.array(columns).T).T, strict=True)), unit)
         families = free_torques(fitted, data)
-        columns = [unit, *(c[:, None] for _, _, c in self.plain), *(f.columns for f in families)]
-        X = np.concatenate(columns, axis=1)
+        X = np.concatenate([unit, *(c[:, None] for _, _, c in self.plain), *(f.columns for f in families)], axis=1)
         self._raw, self._projected = X, self.project(X)
         gram = X.T @ self._projected
         K, G = unit.shape[1], len(self.plain)
@@ -88,10 +102,6 @@ class Scores:
             rows = slice(first, first + f.columns.shape[1])
             self._blocks.append(_Block(f, rows, np.ascontiguousarray(gram[rows, rows])))
             first = rows.stop
-
-    def project(self, x: np.ndarray) -> np.ndarray:
-        """M x: the part that the base parameters cannot explain, for (4 N,) or (4 N, K)."""
-        return np.asarray(x - self._Q @ (self._Q.T @ x))
 
     def __call__(self, residual: np.ndarray, linear: bool = False) -> Scored:
         """Scores of residuals (4 N, n) of fits; ``linear``: first project out what the parameters can explain."""

@@ -31,8 +31,11 @@ HOPELESS = 500.0
 COARSE = 0.1
 """Decrease of chi2 at which the fits along a grid have converged that only finds the region of the best value."""
 
-ROUNDS = 6
+ROUNDS = 8
 """Most refinements of a delay or corner, each by a factor of 4."""
+
+RESTARTS = 3
+"""Most repeated searches for a delay or corner, each from the best body for the value that the last one found."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,22 @@ class _Trials:
         return _Corrected(y, weight, np.asarray(apart), mix)
 
 
+@dataclass(frozen=True)
+class Along:
+    """The best reading of a family with one number x: ``evidence`` at the best ``x``, its standard error ``se``."""
+
+    evidence: float
+    x: float
+    se: float
+    fitted: Relabelled
+    data: Data
+
+    @property
+    def integrated(self) -> float:
+        """Log evidence integrated over x with a flat density."""
+        return float(self.evidence + np.log(self.se * np.sqrt(2 * np.pi)))
+
+
 class Search:
     """Fits of the base model under readings of one recording.
 
@@ -203,34 +222,55 @@ class Search:
         fitted = Relabelled(best.model, best.prior, best.theta, best.chi2, best.penalty, best.information, mix)
         return fitted.log_evidence - 0.5 * (float(apart) - self._apart), fitted, data
 
-    def along(
-        self, T: Callable[[np.ndarray], np.ndarray], grid: np.ndarray
-    ) -> tuple[float, float, float, Relabelled, Data] | None:
-        """Log evidence integrated over x with a flat density, best x, its standard error, fit and data.
+    def along(self, T: Callable[[np.ndarray], np.ndarray], grid: np.ndarray) -> Along | None:
+        """The best x near the best one of a uniform ``grid``, from few starts. ``T``: x (G,) -> (G, K, N, 2, 2).
 
-        ``T``: x (G,) -> (G, K, N, 2, 2). ``grid``: where the search begins, uniform. None when the best x is at its
-        end, or no x may compete with the labels.
+        None when the best x is at the end of the grid, or no x may compete with the labels.
         """
-        starts, tolerance = np.vstack([self._minima[:1], self._base.prior.mean]), COARSE
-        step = float(grid[1] - grid[0])
+        starts = np.vstack([self._minima[:1], self._base.prior.mean])
+        found = self._at(T(grid), starts, COARSE)
+        evidence = np.array([e for e, _, _ in found])
+        best = int(np.argmax(evidence))
+        if best in (0, grid.size - 1):
+            return None
+        drop = 2 * evidence[best] - evidence[best - 1] - evidence[best + 1]
+        if evidence[best] + drop < self._base.log_evidence - HOPELESS:
+            return None
+        near = self._refined(T, float(grid[best]), float(grid[1] - grid[0]), found[best][1].theta)
+        return near if np.isfinite(near.se) else None
+
+    def thoroughly_along(self, T: Callable[[np.ndarray], np.ndarray], x: float, step: float) -> Along | None:
+        """The best x near one that few starts have found; ``step``: how far off it may be.
+
+        A wrong body with another x may be a local minimum, so every best x is fitted from all starts, and refined again
+        until that finds nothing better.
+        """
+        best: Along | None = None
+        for _ in range(RESTARTS):
+            evidence, fitted, _ = self.thoroughly(T(np.array([x]))[0])
+            if best is not None and evidence < best.evidence + LOOSE:
+                break
+            best = self._refined(T, x, step, fitted.theta)
+            x = best.x
+        return best if best is not None and np.isfinite(best.se) else None
+
+    def _refined(self, T: Callable[[np.ndarray], np.ndarray], x: float, step: float, theta: np.ndarray) -> Along:
+        """The best x within 5 steps of a value whose fit is ``theta`` (P,)."""
+        se = np.inf
         for _ in range(ROUNDS):
-            found = self._at(T(grid), starts, tolerance)
+            step /= 4
+            grid = x + step * np.arange(-5, 6)
+            found = self._at(T(grid), theta[None], TOLERANCE)
             evidence = np.array([e for e, _, _ in found])
             best = int(np.argmax(evidence))
+            x, theta = float(grid[best]), found[best][1].theta
             if best in (0, grid.size - 1):
-                return None
+                se, step = np.inf, 4 * step
+                continue
             drop = 2 * evidence[best] - evidence[best - 1] - evidence[best + 1]
-            if evidence[best] + drop < self._base.log_evidence - HOPELESS:
-                return None
-            x, starts = float(grid[best]), found[best][1].theta[None]
-            se = float(step / np.sqrt(drop)) if drop > 0 else np.inf
-            if se > step and tolerance < COARSE:
+            if drop > 0 and (se := float(step / np.sqrt(drop))) > step:
                 break
-            step = step if se > step else step / 4
-            grid, tolerance = x + step * np.arange(-5, 6), TOLERANCE
-        if not np.isfinite(se):
-            return None
-        return float(evidence[best] + np.log(se * np.sqrt(2 * np.pi))), x, se, found[best][1], found[best][2]
+        return Along(float(evidence[best]), x, se, found[best][1], found[best][2])
 
     def _at(self, T: np.ndarray, starts: np.ndarray, tolerance: float) -> list[tuple[float, Relabelled, Data]]:
         """Log evidence, the best fit from ``starts`` (S, P) and the data, for each of T (G, K, N, 2, 2)."""

@@ -25,6 +25,7 @@ from scipy.special import ive, xlogy
 from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
 from mcstudy.fitting.small_linear import orthonormal
 from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.questions.departure import left_energies
 from mcstudy.gap.questions.detection import as_complex, linear_null
 from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.gap.questions.interval import Interval
@@ -81,12 +82,11 @@ def smooth_directions(fitted: Fitted, data: Data, space: np.ndarray) -> np.ndarr
     return np.asarray(orthonormal(np.ascontiguousarray(J.T), np.ascontiguousarray(space.T), LEAST).T)
 
 
-def energy(fitted: Fitted, data: Data, lines: Lines, space: np.ndarray) -> tuple[float, int]:
-    """Energy of the residual between repeats, and the number of dimensions of the space.
+def energy(fitted: Fitted, data: Data, lines: Lines, basis: np.ndarray) -> float:
+    """Energy of the residual along ``basis`` (4 N, K) of `smooth_directions`, between repeats.
 
     With a single repeat of a recording: the energy of the mean residual minus its expected noise.
     """
-    basis = smooth_directions(fitted, data, space)
     H = fitted.response(data.f)
     by_line = basis.reshape(2, len(lines), 2, -1)
     total, means = 0.0, []
@@ -102,7 +102,7 @@ def energy(fitted: Fitted, data: Data, lines: Lines, space: np.ndarray) -> tuple
         same = float((w**2) @ (b**2).sum(axis=1))
         total += (float(mean @ mean) - same) / (1 - float((w**2).sum()))
     across = np.sum(means, axis=0)  # errors of different recordings are independent
-    return total + float(across @ across) - float(sum(m @ m for m in means)), basis.shape[1]
+    return total + float(across @ across) - float(sum(m @ m for m in means))
 
 
 @dataclass(frozen=True)
@@ -126,16 +126,18 @@ def close(
     rng: np.random.Generator,
 ) -> Closure:
     """Share of the gap of ``base`` that ``added`` closes; ``space`` (4 N, M) spans the smooth deviations."""
-    before, _ = energy(base, data, lines, space)
-    after, k = energy(added, data, lines, space)
+    before = energy(base, data, lines, smooth_directions(base, data, space))
+    basis = smooth_directions(added, data, space)
+    after, k = energy(added, data, lines, basis), basis.shape[1]
     residual = added.residual(data)
-    inside = smooth_directions(added, data, space).T @ residual
+    inside = basis.T @ residual
     smooth_square = float(inside @ inside)
     first = base.residual(data)
     explained = max(float(first @ first) - float(residual @ residual), 1.0)
     beside = max(float(residual @ residual) - smooth_square, 0.0)
     unstructured = Unstructured.of(belief.null_chi2, taken=k).samples(beside, rng, SAMPLES)
-    fraction = _shares(base, added, data, belief, explained, _left(smooth_square, k, rng), unstructured, rng)
+    left = _left(smooth_square, k, rng), left_energies(base, added, data, rng, SAMPLES)
+    fraction = _shares(base, added, data, belief, explained, *left, unstructured, rng)
     share = Interval.of(fraction)
     trials = int(np.unique(lines.trial).size)
     needed = int(np.ceil(trials * max(1.0, (share.high - share.low) / 2 / WANTED_HALF_WIDTH)))
@@ -149,10 +151,14 @@ def _shares(
     belief: Belief,
     explained: float,
     left: np.ndarray,
+    small: np.ndarray,
     unstructured: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Posterior samples of the share, (`SAMPLES`,), over all hypotheses with a gap."""
+    """Posterior samples of the share, (`SAMPLES`,), over all hypotheses with a gap.
+
+    Energy beside the leading cause, (`SAMPLES`,): ``left`` if the cause is outside the library, else ``small``.
+    """
     weight, energies, shares = [], [], []
     for h, p in belief.hypotheses:
         if not h.effects or p < CONSIDERED:
@@ -173,7 +179,8 @@ def _shares(
     # the explained part of an unknown gap is a squared score with a standard error of 1
     score = (np.sqrt(max(explained - 1.0, 0.0)) + rng.standard_normal(SAMPLES)) ** 2
     unknown = chosen == len(weight) - 1
-    whole = np.where(unknown, score + left, np.array(energies)[chosen])
+    beside = np.where(unknown, left, small)
+    whole = np.where(unknown, score, np.array(energies)[chosen]) + beside
     closed = np.where(unknown, score, np.array(energies)[chosen] * np.array(shares)[chosen])
     return np.asarray(closed / np.maximum(whole + unstructured, 1e-9))
 

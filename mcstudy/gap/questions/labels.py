@@ -6,7 +6,7 @@ exchanged, a wrong sign, the angle of the trunk in space instead of the hip angl
 velocity for an angle) multiplies the responses by a known 2 x 2 matrix T. Each possible labelling, called a reading, is
 scored by the likelihood of the band means of the measured FRFs around T H0. H0 is the nominal model; the spread is its
 error (`MODEL_ERROR`) plus the measured covariance. The result is the log odds of the reading against the labels as
-given. Derived.
+given, of angles that may be low-passed (`FILTERED`). Derived.
 
 A tilt acts on the senses and not on inertia, so its responses differ between people at all frequencies. H0 is then each
 of `PEOPLE` random bodies in turn, and the likelihood is the mean over them.
@@ -14,7 +14,8 @@ of `PEOPLE` random bodies in turn, and the likelihood is the mean over them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -22,7 +23,11 @@ import numpy as np
 from scipy.special import fdtrc
 
 from mcstudy.errors import InputError, RecordingError
+from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.candidates.readings import READINGS
+from mcstudy.gap.fits.base_fit import base_fit
+from mcstudy.gap.fits.priors import opened, weak_prior
+from mcstudy.gap.fits.relabelled import Search
 from mcstudy.recordings.recording import Recording, Suspicion
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
@@ -45,6 +50,13 @@ NO_RESPONSE = 1e-3
 """p-value, corrected for the number of bands and angles, above which a recording has no response. With two trials of
 six cycles and the usual noise, the responses to 1.5 N m have less than 1e-6 (4 simulated recordings of one body),
 and those to 0.5 N m cannot be told from noise."""
+
+FILTERED = 0.02
+"""Prior probability of low-passed angles beside correct ones. Their responses fade as an integral's do, but a filter is
+judged by the fit."""
+
+CORNERS_HZ = (1.5, 3.0, 6.0)
+"""Corners of these filters."""
 
 NOTED = ("stuck", "amplitude")
 """Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording."""
@@ -106,8 +118,8 @@ def readings(recording: Recording, lines: Lines) -> dict[str, float]:
     error = np.interp(np.log(f), np.log(at), size) if len(h) == 1 else np.full(f.size, PERSON_ERROR)
     unit = recording.stimulus_unit
     judged = {n: r.at(f) for n, r in READINGS.items() if r.check != "fit" and not (r.torque and unit != "N m")}
-    same = np.broadcast_to(np.eye(2, dtype=complex), (f.size, 2, 2))
-    T = np.array([same, *judged.values()])[:, None]  # (readings, 1, N, 2, 2)
+    filters = _low_passes(f)
+    T = np.concatenate([filters, *(t[None] for t in judged.values())])[:, None]  # (filters and readings, 1, N, 2, 2)
     expected = (T @ h[..., None])[..., 0]
     S = C + (T * (error[:, None] * np.abs(h))[..., None, :] ** 2) @ np.conj(np.swapaxes(T, -1, -2))
     r = y - expected
@@ -115,7 +127,19 @@ def readings(recording: Recording, lines: Lines) -> dict[str, float]:
     # Heavy tails, so that one band with a wrong nominal model does not decide.
     score = -(np.log(np.linalg.det(S).real) + 4 * np.log1p(misfit / 4)).sum(axis=-1)
     mean = np.logaddexp.reduce(score, axis=1) - np.log(len(h))
-    return dict(zip(("as_labelled", *judged), mean.tolist(), strict=True))
+    same, low_passed, others = mean[0], mean[1 : len(filters)], mean[len(filters) :]
+    labelled = np.logaddexp(same, np.log(FILTERED / low_passed.size) + np.logaddexp.reduce(low_passed))
+    return {"as_labelled": float(labelled), **dict(zip(judged, others.tolist(), strict=True))}
+
+
+def _low_passes(f: np.ndarray) -> np.ndarray:
+    """T (1 + L, N, 2, 2) of correct angles and of L filters of second order, on both angles or one, delayed or not."""
+    s = 1j * f / np.array(CORNERS_HZ)[:, None]
+    once = 1 / (s**2 + np.sqrt(2) * s + 1)
+    factors = np.concatenate([once, np.abs(once) ** 2])[:, :, None]
+    on = np.array([[True, True], [True, False], [False, True]])[:, None, None, :]
+    values = np.where(on, factors, 1.0).reshape(-1, f.size, 2)
+    return np.concatenate([np.ones((1, f.size, 2)), values])[..., None] * np.eye(2)
 
 
 def require_response(recording: Recording, lines: Lines) -> None:
@@ -141,24 +165,69 @@ def plausibility(recording: Recording, lines: Lines) -> tuple[Suspicion, ...]:
     """Readings that explain the responses better than the labels do, best first, then those of single trials.
 
     A single mislabelled trial is tested alone, because the mean over correct and wrong trials matches no reading. It
-    is reported only when it is certain (`CERTAIN`) and the whole recording does not have the same reading. Raises
-    `RecordingError` without a response to the stimulus.
+    is reported only when it is certain (`CERTAIN`) and the whole recording does not have the same reading. Then a
+    reading that some trial certainly does not have is none of the whole recording: the mean over its trials shows it
+    because of the other ones. Raises `RecordingError` without a response to the stimulus.
+
+    The nominal model may be far from a person whose labels are right. So what is certain by it is reported only if some
+    body fits the responses under that reading better than any body fits them as labelled.
     """
     require_response(recording, lines)
-    found = _doubts(readings(recording, lines), recording.name, DOUBTFUL)
-    trials = np.unique(lines.trial)
-    for k in trials if trials.size > 1 else ():
-        own = _doubts(readings(recording, lines.subset(lines.trial == k)), f"{recording.name}: trial {k + 1}", CERTAIN)
-        found += [s for s in own[:1] if s.code not in {f.code for f in found}]
-    return tuple(found)
+    found = _doubts(label_odds(recording, lines), recording.name, DOUBTFUL)
+    trials, single = np.unique(lines.trial), []
+    if trials.size > 1:
+        of_one = {int(k): label_odds(recording, _own(lines.subset(lines.trial == k))) for k in trials}
+        for k, odds in of_one.items():
+            single += [(s, k) for s in _doubts(odds, f"{recording.name}: trial {k + 1}", CERTAIN)[:1]]
+        if single:
+            found = [s for s in found if min(odds[s.code] for odds in of_one.values()) > -CERTAIN]
+            single = [(s, k) for s, k in single if s.code not in {f.code for f in found}]
+    return _confirmed([*((s, None) for s in found), *single], recording, lines)
+
+
+def _confirmed(
+    found: Sequence[tuple[Suspicion, int | None]], recording: Recording, lines: Lines
+) -> tuple[Suspicion, ...]:
+    """Suspicions of all trials or one, without the certain ones that fit worse than the labels do."""
+    if all(s.odds < CERTAIN for s, _ in found):
+        return tuple(s for s, _ in found)
+    model, data = opened(recording.base_model()), Data.of(lines)
+    base, minima = base_fit(Fitter(model, weak_prior(model, model), data.f), data, 0)
+    search = Search(lines, base, minima, 0)
+
+    def better(code: str, trial: int | None) -> bool:
+        return search.thoroughly(search.only(READINGS[code].at(data.f), trial))[0] > base.log_evidence
+
+    return tuple(s for s, trial in found if s.odds < CERTAIN or better(s.code, trial))
+
+
+def _own(lines: Lines) -> Lines:
+    """Lines of one trial with noise of its own size, per angle: a wrong unit of another trial scales the common noise.
+
+    Unchanged with a single repeat, or without noise.
+    """
+    n = len(lines.repeats)
+    if n < 2:
+        return lines
+    scatter = (lines.weight[..., None] * np.abs(lines.repeats - lines.y) ** 2).sum(axis=0) / (n - 1)
+    size = np.sqrt((scatter / np.maximum(lines.noise.variance, 1e-300)).mean(axis=0))
+    if not (np.isfinite(size).all() and (size > 0).all()):
+        return lines
+    return replace(lines, noise=replace(lines.noise, C=lines.noise.C * np.outer(size, size)))
+
+
+def label_odds(recording: Recording, lines: Lines) -> dict[str, float]:
+    """Log odds of every reading against the labels as given."""
+    score = readings(recording, lines)
+    base = score.pop("as_labelled")
+    return {name: x - base for name, x in score.items()}
 
 
 def _doubts(score: dict[str, float], where: str, least: float) -> list[Suspicion]:
-    """Readings with log odds of at least ``least`` over the labels as given, best first."""
-    base = score.pop("as_labelled")
+    """Readings with log odds ``score`` of at least ``least`` over the labels as given, best first."""
     found = []
     for name in sorted(score, key=lambda n: -score[n]):
-        odds = score[name] - base
+        odds = score[name]
         if odds < least:
             break
         reading = READINGS[name]

@@ -21,6 +21,7 @@ from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.gap.candidates.unstructured import Unstructured
 from mcstudy.gap.questions.contrasts import Contrast
+from mcstudy.gap.questions.departure import with_departures
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, single, together
 from mcstudy.gap.questions.interval import Interval
 from mcstudy.gap.questions.mislabelled import Mislabelled
@@ -130,7 +131,7 @@ def explain(
     changes = [(c, k) for c in contrasts for k in c.changes]
     n_causes = len(families) + len(changes)
     weighted: list[tuple[Hypothesis, float]] = [(none, np.log(NONE))]
-    for h, e in zip(singles, effects, strict=True):
+    for h, e in zip(with_departures(base, data, singles), effects, strict=True):
         weighted.append((h, np.log(SINGLE / n_causes / families[e.cause])))
     # Also leaders that no body can have: what is beside them, or in a pair, may be possible.
     leaders = sorted(singles, key=lambda h: -h.log_evidence)[:LEADERS]

@@ -10,7 +10,6 @@ from mcstudy.errors import InputError
 from mcstudy.gap.asked import CAUSE_ONLY
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
-from mcstudy.gap.planned.next_trial import NextTrial
 from mcstudy.gap.planned.next_trial import next_trial as planned_next
 from mcstudy.identification.fit import fit as fit_recording
 from mcstudy.recordings.frf import FrfRecording
@@ -19,6 +18,7 @@ from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
 from mcstudy.report.person.plots import FitWithFigures
+from mcstudy.report.with_page import NextTrialWithPage
 from mcstudy.scheduler.compiling import DIAGNOSIS, PERSON, compile_kernels
 from mcstudy.stance.feedback import Model
 
@@ -101,7 +101,7 @@ def next_trial(
     discard: int | None = None,
     accept: Iterable[str] = (),
     seed: int = 0,
-) -> NextTrial:
+) -> NextTrialWithPage:
     """Which trial to record next: possible ones, ranked by their expected information about the cause.
 
     Parameters
@@ -121,7 +121,7 @@ def next_trial(
     Returns
     -------
     NextTrial
-        With ``best``, ``options``, ``text()`` and ``to_dict()``.
+        With ``best``, ``options``, ``text()``, ``to_dict()`` and ``to_html(path)``.
 
     Raises
     ------
@@ -133,7 +133,8 @@ def next_trial(
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
     found = diagnose_fast(read, seed=seed, fmax=fmax, discard=discard, accept=accept, asked=CAUSE_ONLY)
-    return planned_next(found, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
+    planned = planned_next(found, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
+    return NextTrialWithPage.from_next(planned)
 
 
 def fit(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mcstudy.cli.options import add_scheduler_arguments, cluster_options
 from mcstudy.cli.recording_options import (
@@ -119,6 +120,7 @@ def _next_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--figure", type=Path, metavar="FILE", help="also draw which effects look alike before and after it (.svg, ...)"
     )
+    parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with this figure")
     parser.set_defaults(run=_next)
 
 
@@ -220,6 +222,10 @@ def _next(args: argparse.Namespace) -> Exit:
         except ValueError:
             raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {text!r}") from None
     check_figure(args.figure, DRAWN)
+    if args.html is not None:
+        from mcstudy.report.style import require_matplotlib
+
+        require_matplotlib()
     read = read_recordings(args)
     compile_kernels(DIAGNOSIS)
     with with_names(args):
@@ -232,12 +238,32 @@ def _next(args: argparse.Namespace) -> Exit:
         from mcstudy.report.diagnosis.next_trial import twin_picture
 
         write_figure(twin_picture(found), args.figure)
+    if args.html is not None:
+        from mcstudy.report.document import write_page
+        from mcstudy.report.next_page import next_page
+
+        write_page(args.html, lambda: next_page(found, _next_command(args)))
     return Exit.DONE
 
 
-def _report(args: argparse.Namespace) -> Exit:
-    import shlex
+def _next_command(args: argparse.Namespace) -> str:
+    """The command with all that it was given, except other outputs."""
+    words = ["mcstudy", "gap", "next", *map(str, args.recordings)]
+    for option in ("kind", "amplitude", "trials"):
+        words += [w for value in getattr(args, option) for w in (f"--{option}", str(value))]
+    return shlex.join([*words, *_given(args, ("cycles", 6)), "--html", str(args.html)])
 
+
+def _given(args: argparse.Namespace, *own: tuple[str, Any]) -> list[str]:
+    """How the recordings are read, and the verb's ``own`` options, where they differ from their defaults."""
+    words = [w for code in args.accept for w in ("--accept", code)]
+    for name, default in (*own, ("seed", 0), ("fmax", 8.0), ("discard", None), ("data", None)):
+        if getattr(args, name) != default:
+            words += [f"--{name}", str(getattr(args, name))]
+    return words
+
+
+def _report(args: argparse.Namespace) -> Exit:
     from mcstudy.cli.report import beside, write_and_tell
     from mcstudy.report.style import require_matplotlib
 
@@ -251,10 +277,7 @@ def _report(args: argparse.Namespace) -> Exit:
         diagnosis = _diagnosed(args)
         planned = next_trial(diagnosis, seed=args.seed) if args.next else None
         options = [f"--{name}" for name in ("fast", "next") if getattr(args, name)]
-        options += [w for code in args.accept for w in ("--accept", code)]
-        for name, default in (("bootstrap", None), ("seed", 0), ("fmax", 8.0), ("discard", None), ("data", None)):
-            if getattr(args, name) != default:
-                options += [f"--{name}", str(getattr(args, name))]
+        options += _given(args, ("bootstrap", None))
         command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(output)]
         return gap_page(diagnosis, shlex.join(command), planned)
 

@@ -3,11 +3,15 @@
     python pipelines/examples/next_trial.py pipelines/examples/next_trial.toml -o results/next_trial
 
 Every case is a body with one effect of the library, of a size with delta = 6 in a first recording of ankle torque, with
-none, or with a cause outside the library. The recordings come from the time-domain simulator; the diagnosis knows
-nothing of the case. After the first recording another one follows, and both are diagnosed together: what `mcstudy gap
-next` ranks first, one drawn from all other single kinds that it considers, and the same again, for as long and for two
-and three times as long. Printed for each: probability of the true cause, logarithmic loss, number
-of causes in the 95 % set, how often it holds the truth, and false alarms among sound bodies, with 95 % intervals.
+none, or with a cause outside the library. The diagnosis knows nothing of the case. After the first recording another
+one follows, and both are diagnosed together: what `mcstudy gap next` ranks first, one drawn from all other single kinds
+that it considers, and the same again, for as long and for three times as long. Printed for each: probability of the
+true cause, logarithmic loss, number of causes in the 95 % set, how often it holds the truth, and false alarms among
+sound bodies, with 95 % intervals; then what has the rest of the probability after the recommended trials.
+
+Bodies with an effect and sound ones are linear. Their recordings are drawn from the law of the steady state
+(`mcstudy.gap.planned.record.steady`), which the tests compare with the time-domain simulator. That simulator makes the
+recordings of causes outside the library.
 
 Effects with exactly the same responses under every stimulus (`EXACT`) count as one. Bodies whose start rings for longer
 than a cycle are left out: where a stimulus evokes much more sway than noise does, the rest of the start would look like
@@ -37,7 +41,7 @@ from mcstudy.gap.checked_lines import checked_lines, given_model
 from mcstudy.gap.fits.priors import opened
 from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
 from mcstudy.gap.planned.next_trial import described
-from mcstudy.gap.planned.record import simulated
+from mcstudy.gap.planned.record import steady
 from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
@@ -73,9 +77,14 @@ CREDIBLE = 0.95
 LEAST = 1e-4
 """Probability below which the logarithmic loss does not grow."""
 
-
-AGAIN = {"same": 1, "twice": 2, "longer": 3}
+AGAIN = {"same": 1, "longer": 3}
 """How many times as long as the first trials the same ones are recorded again."""
+
+WORST = 6
+"""Effects with the least probability that are listed."""
+
+SMALL = 0.005
+"""Probability up to which a cause is not kept in ``cases.jsonl``."""
 
 CONDITIONS = ("first", *AGAIN, "other", "chosen")
 
@@ -121,12 +130,12 @@ def recorded(plan: Plan, theta: np.ndarray, rng: np.random.Generator, cause: Cau
 
 
 def _recorded(trial: PlannedTrial, theta: np.ndarray, rng: np.random.Generator, cause: Cause) -> Recording:
-    """The recording of a trial of a body with this cause, from the time-domain simulator."""
+    """The recording of a trial of a body with this cause; see `mcstudy.gap.planned.record`."""
     if isinstance(cause, OutOfLibraryEffect):
         protocol = Protocol(trial.kind, trial.waveform, (trial.amplitude,) * trial.trials, trial.cycles)
         return simulate_out_of_library(cause.name, cause.size[1], protocol, theta, rng)
     effects, sizes = ((), {}) if cause is None else ((cause.effect,), cause.sizes)
-    return simulated(trial, theta, rng, effects, sizes)
+    return steady(trial, theta, rng, effects, sizes)
 
 
 @dataclass(frozen=True)
@@ -170,6 +179,7 @@ class Answer:
             "unknown": causes["unknown"],
             "set": size,
             "held": right in ordered[:size],
+            "causes": {c: round(causes[c], 4) for c in ordered if causes[c] > SMALL},
         }
 
 
@@ -189,6 +199,7 @@ def case(given: dict[str, Any], k: int) -> dict[str, Any]:
         out: dict[str, Any] = {"case": k, "kind": kind_of(given, k), "cause": known, "first": now.outcome(cause)}
         out["plans"] = {n: [asdict(t) for t in plan] for n, plan in (("chosen", order[0].plan), ("other", random))}
         out["expected"] = {described(o.plan): round(o.told.bits, 3) for o in order}
+        out["expected_p"] = order[0].told.probability
         after = {"chosen": recorded(order[0].plan, theta, rng, cause)}
         if isinstance(cause, Signature):
             after["other"] = recorded(random, theta, rng, cause)
@@ -203,7 +214,7 @@ def case(given: dict[str, Any], k: int) -> dict[str, Any]:
 def _again(
     first: PlannedTrial, theta: np.ndarray, rng: np.random.Generator, cause: Cause
 ) -> dict[str, list[Recording]]:
-    """The first trials again: as many, and of a body with an effect also twice and three times as many of them."""
+    """The first trials again: as many, and of a body with an effect also three times as many of them."""
     times = AGAIN if isinstance(cause, Signature) else {"same": AGAIN["same"]}
     most = _recorded(replace(first, trials=max(times.values()) * first.trials), theta, rng, cause)
     return {name: [most.select(tuple(range(n * first.trials)))] for name, n in times.items()}
@@ -233,6 +244,40 @@ def share(hits: int, n: int) -> str:
     """Percentage with an exact 95 % interval (Clopper & Pearson)."""
     low, high = (betaincinv(hits + a, n - hits + 1 - a, q) for a, q in ((0, 0.025), (1, 0.975)))
     return f"{hits} of {n} [{100 * low if hits else 0:.0f}, {100 * high if hits < n else 100:.0f} %]"
+
+
+def shares(rows: Sequence[dict[str, Any]]) -> list[tuple[str, list[float]]]:
+    """What has the probability after the chosen trials of bodies with an effect, kind by kind."""
+    found = []
+    for r in rows:
+        causes, pairs = r["chosen"]["causes"], r["chosen"]["pairs"]
+        two = sum(p for c, p in causes.items() if " and " in c)
+        own = {
+            "the true effect": r["chosen"]["p"],
+            "it and another one": pairs,
+            "two other ones": max(two - pairs, 0.0),
+        }
+        own |= {"outside the library": r["chosen"]["unknown"], "nothing": causes.get("nothing", 0.0)}
+        found.append(own | {"another effect": max(1 - sum(own.values()), 0.0)})
+    return [(name, [f[name] for f in found]) for name in found[0]]
+
+
+def least(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """The true effects with the least mean probability after the chosen trials, and what has most of the rest."""
+    of: dict[str, list[dict[str, Any]]] = {}
+    for r in rows:
+        of.setdefault(r["cause"], []).append(r)
+    lines = []
+    for name in sorted(of, key=lambda n: np.mean([r["chosen"]["p"] for r in of[n]]))[:WORST]:
+        rivals: dict[str, float] = {}
+        for r in of[name]:
+            for c, p in r["chosen"]["causes"].items():
+                rivals[c] = rivals.get(c, 0.0) + p / len(of[name])
+        rivals.pop("true", None)
+        most = ", ".join(f"{c} {rivals[c]:.2f}" for c in sorted(rivals, key=lambda c: -rivals[c])[:3])
+        p, expected = (np.mean(x) for x in zip(*((r["chosen"]["p"], r["expected_p"]) for r in of[name]), strict=True))
+        lines.append(f"{name}, {len(of[name])} cases: P(true) {p:.2f}, expected by the choice {expected:.2f}; {most}")
+    return lines
 
 
 def loss(outcome: dict[str, Any]) -> float:
@@ -266,8 +311,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                 f"chosen minus {name}: P(true) {p}, causes in the set {size}"
             )
     if effect:
-        rest = [mean([r["chosen"][k] for r in effect]) for k in ("pairs", "unknown")]
-        lines.append(f"after chosen: P(true and another effect) {rest[0]}, P(outside the library) {rest[1]}")
+        lines.append("after chosen, mean probability: " + "; ".join(f"{n} {mean(p)}" for n, p in shares(effect)))
+        lines += least(effect)
     for name in ("first", "same", "chosen"):
         if sound:
             of = [r[name]["detected"] for r in sound if name in r]

@@ -7,6 +7,8 @@ import json
 import runpy
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,13 +24,14 @@ from mcstudy.gap.diagnose import diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.choice import Situation, possible_trials
 from mcstudy.gap.planned.gain import told
-from mcstudy.gap.planned.next_trial import NextTrial, next_trial
+from mcstudy.gap.planned.next_trial import NextTrial, described, next_trial
 from mcstudy.gap.planned.predictions import Belief, Predictions, predictions
-from mcstudy.gap.planned.record import simulated
+from mcstudy.gap.planned.record import simulated, steady
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.figure import figure
+from mcstudy.report.with_page import NextTrialWithPage
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
 
@@ -58,6 +61,24 @@ def test_a_planned_trial_has_the_stimulus_and_the_noise_of_a_recorded_one(kind: 
     planned = trial.covariance(SwayNoise.of(lines, "recorded"))
     ratio = np.einsum("nii->ni", planned).real / lines.noise.variance
     assert np.exp(np.log(ratio).mean()) == pytest.approx(1.0, abs=0.08)
+
+
+@pytest.mark.parametrize(("kind", "amplitude"), [("hip_torque", 2.0), ("platform_translation", 0.01)])
+@pytest.mark.parametrize("spectrum", ["prts", "flat"])
+def test_a_steady_recording_has_the_law_of_one_from_the_solver(kind: str, amplitude: float, spectrum: str) -> None:
+    """Responses agree within noise and its density agrees, for a body with an effect."""
+    trial, theta = PlannedTrial(kind, amplitude, spectrum, 2, 5, 1, 8.0), two_segment().truth
+    made = [
+        make(trial, theta, np.random.default_rng(k), ("passive_damping_ankle",), {"Bpas1": 20.0})
+        for k, make in enumerate((simulated, steady))
+    ]
+    one, other = (measure(recording, 8.0) for recording in made)
+    error = one.y - other.y
+    precision = np.linalg.inv(one.noise.C + other.noise.C)
+    squared = np.einsum("ni,nij,nj->n", error.conj(), precision, error).real / 2
+    assert squared.mean() == pytest.approx(1.0, abs=0.2)
+    assert squared[one.f > 5].mean() == pytest.approx(1.0, abs=0.3)
+    assert np.exp(np.log(one.noise.variance / other.noise.variance).mean()) == pytest.approx(1.0, abs=0.06)
 
 
 def _belief(p: list[float]) -> Belief:
@@ -117,6 +138,18 @@ def test_the_page_shows_which_effects_look_alike_before_and_after(answer: NextTr
     assert 'id="twins"' in shown  # the section that it stands in is "next"
     assert all(name in shown for name in answer.before.effects)
     assert answer.sentence(answer.best) in html.unescape(shown)
+
+
+def test_the_page_of_next_trials_shows_causes_trials_and_the_map(answer: NextTrial, tmp_path: Path) -> None:
+    page = NextTrialWithPage.from_next(answer).to_html(tmp_path / "next.html").read_text(encoding="utf-8")
+    shown = html.unescape(page)
+    assert [page.index(f'<section id="{key}"') for key in ("causes", "next", "alike")] == sorted(
+        page.index(f'<section id="{key}"') for key in ("causes", "next", "alike")
+    )
+    assert all(name in shown for name, _ in answer.causes)
+    assert all(described(o.plan) in shown for o in answer.leading)
+    assert f"{answer.before.count} → {answer.after.count}" in shown
+    assert answer.twin_sentence in shown
 
 
 def test_causes_with_the_same_responses_to_every_stimulus_are_said_to_be_inseparable(answer: NextTrial) -> None:
@@ -187,17 +220,19 @@ def test_further_stimuli_leave_fewer_twins() -> None:
 def test_the_command_ranks_trials(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = mc.write_recording(mc.simulate(cycles=3, rate_hz=50, seed=1), tmp_path / "r.nc")
     options = ["--fmax", "1.2", "--kind", "hip_torque", "--amplitude", "hip_torque=2", "--trials", "1", "--json"]
-    options += ["--figure", str(tmp_path / "twins.svg")]
+    options += ["--figure", str(tmp_path / "twins.svg"), "--html", str(tmp_path / "next.html")]
     assert main(["gap", "next", str(file), *options]) == Exit.DONE
     out = json.loads(capsys.readouterr().out)
     assert {(o["stimulus"], o["amplitude"], o["trials"]) for o in out["options"]} == {("hip_torque", 2.0, 1)}
     assert "head_mode" in (tmp_path / "twins.svg").read_text()
+    made = html.unescape((tmp_path / "next.html").read_text(encoding="utf-8"))
+    assert f"gap next {file} --kind hip_torque --amplitude hip_torque=2 --trials 1 --fmax 1.2 --html" in made
     assert main(["gap", "next", str(file), "--amplitude", "hip_torque"]) == Exit.BAD_INPUT
 
 
 def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_condition() -> None:
     example = runpy.run_path(str(EXAMPLES / "next_trial.py"))
-    given = tomllib.loads((EXAMPLES / "next_trial.toml").read_text(encoding="utf-8")) | {"fmax": 3.0}
+    given = tomllib.loads((EXAMPLES / "next_trial.toml").read_text(encoding="utf-8")) | {"fmax": 3.0, "seed": 1}
     _, signature, first = example["drawn"](given, 0)
     assert signature.delta == pytest.approx(given["delta"], rel=0.25)
     assert first.duration_s == pytest.approx(2 * 6 * 43.72)
@@ -206,8 +241,10 @@ def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_con
     assert [example["kind_of"](small, k) for k in range(8)] == ["effect"] * 5 + ["sound"] * 2 + ["outsider"]
     assert sorted(example["in_turn"](small)) == list(range(8))
     scored = {"detected": True, "p": 0.5, "set": 2, "held": True, "pairs": 0.0, "unknown": 0.1}
+    scored["causes"] = {"true": 0.5, "integral_hip": 0.3, "unknown": 0.1, "a and b": 0.1}
     rows = [
-        {"case": 0, "kind": "effect", "first": scored, "same": scored, "chosen": scored | {"p": 1.0}},
+        {"case": 0, "kind": "effect", "first": scored, "same": scored, "chosen": scored | {"p": 1.0}}
+        | {"cause": "integral_ankle", "expected_p": 0.7},
         {"case": 5, "kind": "sound", "first": scored, "chosen": scored},
         {"case": 1, "kind": "effect", "left_out": "unstable"},
     ]
@@ -216,3 +253,44 @@ def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_con
     assert table[2].split()[2:4] == ["0.50", "[0.50,"]
     assert f"log loss of same minus that of chosen, 1 cases with both: {np.log(2):.2f}" in table[5]
     assert table[-1].startswith("false alarms after chosen: 1 of 1")
+    assert any(line.startswith("integral_ankle, 1 cases: P(true) 1.00, expected by the choice 0.70") for line in table)
+    rest = dict(example["shares"]([rows[0] | {"chosen": scored}]))
+    assert rest["another effect"] == [pytest.approx(0.3)]
+    assert rest["two other ones"] == [pytest.approx(0.1)]
+
+
+@pytest.fixture(scope="module")
+def bound() -> dict[str, Any]:
+    return runpy.run_path(str(EXAMPLES / "next_trial_bound.py"))
+
+
+def test_the_fair_bound_integrates_over_sizes_and_shapes(bound: dict[str, Any]) -> None:
+    """Bayes factors of two data points, against sums over a fine grid of the factors."""
+    x, shape, mean = np.array([[1.5, 0.2]]), np.array([[0.3, 0.9]]), np.array([0.4, -0.1])
+    y, a = np.array([[2.0, -0.5], [0.7, 1.1]]), np.linspace(-7, 7, 1401)
+    size, other = np.meshgrid(a[a > 0], a, indexing="ij")
+    prior = 2 * norm.pdf(size) * norm.pdf(other) * (a[1] - a[0]) ** 2
+
+    def ratio(change: np.ndarray) -> np.ndarray:
+        """ln Bayes factors of changes (2, ...) with this prior."""
+        exponent = np.einsum("md,m...->d...", y, change) - 0.5 * (change**2).sum(axis=0)
+        return np.asarray(np.log((np.exp(exponent) * prior).sum(axis=(1, 2))))
+
+    change = mean[:, None, None] + x[0][:, None, None] * size + shape[0][:, None, None] * other
+    np.testing.assert_allclose(bound["one_form"](np.concatenate([x, shape]), y, mean), ratio(change), atol=0.02)
+    expected = np.log(np.mean(np.exp([0.5 * (y.T @ y).diagonal() / (1 + 1 / 4) - np.log(1 + 4)]), axis=0))
+    np.testing.assert_allclose(bound["smooth"](np.eye(2), 4.0, y), expected, rtol=1e-9)
+
+
+def test_the_fair_bound_is_below_the_one_that_knows_all_sizes(bound: dict[str, Any]) -> None:
+    """Effects that only their sizes tell apart: known sizes name the right one, unknown ones do not."""
+    found = [SimpleNamespace(effect=n) for n in ("stimulus_delay", "head_mode")]
+    along, none = np.eye(6)[0], np.zeros((0, 6))
+    outside = (np.eye(6)[:, 1:],)
+    now = bound["Seen"](np.array([3 * along, 9 * along]), (none,) * 2, (none,) * 2, (0 * along,) * 2, outside)
+    given = {"delta": 6.0, "cases": 10, "sound": 2}
+    known = bound["ceiling"](now.x, found, given, 1, 0)
+    unknown = bound["fair"](now, now, found, given, 1, 0)
+    assert known.probability > 0.9
+    assert unknown.probability < 0.7
+    assert unknown.set_size > known.set_size

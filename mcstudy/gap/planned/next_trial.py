@@ -58,6 +58,11 @@ class NextTrial(Summary):
         """The most informative trial."""
         return self.options[0]
 
+    @property
+    def open(self) -> bool:
+        """Whether something is left to decide."""
+        return self.best.told.entropy >= OPEN
+
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
         causes = "; ".join(f"{n} {100 * p:.0f} %" for n, p in self.causes[:4])
@@ -115,7 +120,7 @@ class NextTrial(Summary):
         now = self.best.told.entropy
         known = ", ".join(f"{n} ({100 * p:.0f} %)" for n, p in self.causes)
         lines = [f"{self.name}. Possible causes: {known}; {number(now, 2)} bits are open."]
-        if now < OPEN:
+        if not self.open:
             lines.append("The cause is known from these recordings: no further trial is needed to name it.")
         lines.append(f"Recommended: {self.sentence(self.best)}.")
         lines.append(self.twin_sentence)

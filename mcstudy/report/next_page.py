@@ -1,0 +1,47 @@
+"""Possible next trials as a page: what is still possible, what a trial would decide, effects that look alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mcstudy.gap.planned.next_trial import NextTrial, described
+from mcstudy.report.diagnosis.next_trial import next_figure
+from mcstudy.report.document import document
+from mcstudy.report.figure import figure
+from mcstudy.report.html import Table, escape, table, tiles
+from mcstudy.report.labels import with_units
+from mcstudy.text_tables import number
+
+PYTHON = "found.to_html('page.html')"
+
+
+def next_page(found: NextTrial, command: str = "mcstudy gap next REC --html page.html") -> str:
+    """The page of possible next trials; ``command``: the command that makes this page, as displayed on it."""
+    made = f"<pre><code>{escape(command)}    # this page\n"
+    made += f"{escape(command.split(' --html ')[0])} --json    # every number of it</code></pre>"
+    drawn = next_figure(found)
+    rows = [[name, f"{100 * p:.0f} %"] for name, p in found.causes]
+    parts = [
+        ("causes", "What is still possible", table(Table("Possible causes", ["cause", "probability"], rows, "rows"))),
+        ("next", "Possible trials", "".join(map(table, drawn.tables))),
+        ("alike", "Effects that look alike", figure(replace(drawn, tables=(), python=PYTHON), "", command)),
+        ("made", "How this was made", made),
+    ]
+    footer = (
+        "bits: expected information about the cause. P(true): expected posterior probability of the true cause. "
+        "Amplitudes are peaks; where none was recorded or given, the one that evokes no more sway than was recorded."
+    )
+    return document(f"Which trial next: {found.name}", _introduction(found), parts, footer)
+
+
+def _introduction(found: NextTrial) -> str:
+    best = found.best
+    said = "" if found.open else "<p>The cause is known: no further trial is needed to name it.</p>"
+    entries = [
+        ("Open before", f"{number(best.told.entropy, 2)} bits", "entropy over the causes."),
+        ("Expected information", f"{number(best.told.bits, 2)} bits", "of the recommended trial."),
+        ("Expected P(true)", f"{best.told.probability:.2f}", "after the recommended trial."),
+        ("Effects with a twin", f"{found.before.count} → {found.after.count}", "before and with it."),
+    ]
+    recommended = escape(with_units(described(best.plan)))
+    return f"{said}<p>Recommended: {recommended}.</p>{tiles(entries)}"

@@ -73,12 +73,13 @@ def _difference(design: StimulusDesign) -> str:
 def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:
     """RMS of every odd line over frequency, of sequence and design."""
     ax, d = axes(ax), design.designed
-    for power, look in (
-        (d.before, {"marker": ".", "color": SEQUENCE, "label": "sequence"}),
-        (d.after, {"marker": "s", "color": DESIGN, "label": "design", "markerfacecolor": "none"}),  # differs in grey
+    for power, label, color, marker, fill in (
+        (d.before, "sequence", SEQUENCE, ".", SEQUENCE),
+        (d.after, "design", DESIGN, "s", "none"),  # differs in grey
     ):
         used = power > 0
-        ax.plot(d.f[used], np.sqrt(2 * power[used]), linestyle="none", markersize=4.0, **look)
+        (points,) = ax.plot(d.f[used], np.sqrt(2 * power[used]), color=color, label=label, ls="none", markersize=4.0)
+        points.set(marker=marker, markerfacecolor=fill)
     ax.set_xlabel("frequency (Hz)")
     ax.set_ylabel(f"RMS of a line ({with_units(d.model.stimulus_unit)})")
     log_axis(ax.xaxis)

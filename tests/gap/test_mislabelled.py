@@ -206,8 +206,8 @@ def test_the_table_counts_every_answer(monkeypatch: pytest.MonkeyPatch, capsys: 
     monkeypatch.setattr("sys.argv", ["mislabelled.py", "--only", "mirrored", "--recordings", "1"])
     example.main()
     shown = capsys.readouterr().out
-    for name in ("both angles mirrored", "theta1 mirrored", "theta2 mirrored"):
+    for name in ("both angles mirrored", "theta1 mirrored", "second trial's theta2 mirrored"):
         assert name in shown
-    assert re.search(r"refused, right words: 100\.0 % .* of 3", shown)
-    assert re.search(r"physiological: 0\.0 % .* of 3", shown)
-    assert re.search(r"outside the library: 0\.0 % .* of 3", shown)
+    assert re.search(r"refused, right words: 100\.0 % .* of 6", shown)
+    assert re.search(r"physiological: 0\.0 % .* of 6", shown)
+    assert re.search(r"outside the library: 0\.0 % .* of 6", shown)

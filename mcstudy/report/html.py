@@ -58,6 +58,12 @@ def tiles(entries: Iterable[tuple[str, ...]]) -> str:
     return boxes and f'<ul class="tiles">{boxes}</ul>'
 
 
+def commands(command: str) -> str:
+    """The command that makes a page with ``--html`` last, and the one that prints its numbers."""
+    page, numbers = escape(command), escape(command.split(" --html ")[0])
+    return f"<pre><code>{page}    # this page\n{numbers} --json    # every number of it</code></pre>"
+
+
 def details(summary: str, content: str) -> str:
     """Content that opens on demand, and in print."""
     return f"<details><summary>{escape(summary)}</summary>{content}</details>"

@@ -8,7 +8,7 @@ from mcstudy.gap.planned.next_trial import NextTrial, described
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.document import document
 from mcstudy.report.figure import figure
-from mcstudy.report.html import Table, escape, table, tiles
+from mcstudy.report.html import Table, commands, escape, table, tiles
 from mcstudy.report.labels import with_units
 from mcstudy.text_tables import number
 
@@ -17,15 +17,13 @@ PYTHON = "found.to_html('page.html')"
 
 def next_page(found: NextTrial, command: str = "mcstudy gap next REC --html page.html") -> str:
     """The page of possible next trials; ``command``: the command that makes this page, as displayed on it."""
-    made = f"<pre><code>{escape(command)}    # this page\n"
-    made += f"{escape(command.split(' --html ')[0])} --json    # every number of it</code></pre>"
     drawn = next_figure(found)
     rows = [[name, f"{100 * p:.0f} %"] for name, p in found.causes]
     parts = [
         ("causes", "What is still possible", table(Table("Possible causes", ["cause", "probability"], rows, "rows"))),
         ("next", "Possible trials", "".join(map(table, drawn.tables))),
         ("alike", "Effects that look alike", figure(replace(drawn, tables=(), python=PYTHON), "", command)),
-        ("made", "How this was made", made),
+        ("made", "How this was made", commands(command)),
     ]
     footer = (
         "bits: expected information about the cause. P(true): expected posterior probability of the true cause. "

@@ -13,7 +13,7 @@ from mcstudy.planning.result import Solution
 from mcstudy.report.axes import axes, legend_below, log_axis
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
-from mcstudy.report.html import Table, escape, table, tiles
+from mcstudy.report.html import Table, commands, escape, table, tiles
 from mcstudy.report.labels import with_units
 from mcstudy.report.solution import curve_of
 from mcstudy.report.style import COLOURS, DASHES
@@ -24,12 +24,10 @@ BAND, TARGET = COLOURS["orange"], COLOURS["blue"]
 
 def solution_page(found: Solution, command: str = "mcstudy solve STUDY --html page.html") -> str:
     """The page of a solution; ``command``: the command that makes this page, as displayed on it."""
-    made = f"<pre><code>{escape(command)}    # this page\n"
-    made += f"{escape(command.split(' --html ')[0])} --json    # every number of it</code></pre>"
     parts = [
         ("measures", "Measures and target", _measures(found, command)),
         ("spent", "Designs that were fitted", _fitted(found)),
-        ("made", "How this was made", made),
+        ("made", "How this was made", commands(command)),
     ]
     footer = (
         "Intervals are of 95 %. They cover the Monte Carlo error and that of the local model, not errors of the model "

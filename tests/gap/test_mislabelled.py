@@ -19,7 +19,7 @@ from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.candidates.readings import READINGS
+from mcstudy.gap.candidates.readings import READINGS, butterworth
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose_fast
 from mcstudy.gap.fits.base_fit import base_fit
@@ -27,7 +27,7 @@ from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.fits.relabelled import Search
 from mcstudy.gap.questions.any_gap import GapTest
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
-from mcstudy.gap.questions.mislabelled import Labels, Mislabelled, _butterworth, mislabelled
+from mcstudy.gap.questions.mislabelled import Labels, Mislabelled, mislabelled
 from mcstudy.gap.questions.possible import possible
 from mcstudy.gap.tables import text
 from mcstudy.recordings.recording import Recording
@@ -119,7 +119,7 @@ def test_a_digital_filter_does_at_a_line_what_an_analogue_one_does_at_its_freque
     digital = freqz(b, a, lines.f, fs=RATE_HZ)[1]
     warped = Labels({}, True, rate_hz=RATE_HZ).digital(lines)
     corner = RATE_HZ / np.pi * np.tan(np.pi * 3.0 / RATE_HZ)
-    np.testing.assert_allclose(_butterworth(1j * warped / corner, 2), digital, rtol=1e-9)
+    np.testing.assert_allclose(butterworth(1j * warped / corner, 2), digital, rtol=1e-9)
     np.testing.assert_array_equal(Labels({}, True).digital(lines), lines.f)
 
 

@@ -148,5 +148,11 @@ def _table() -> dict[str, Reading]:
     return out
 
 
+def butterworth(s: np.ndarray, order: int) -> np.ndarray:
+    """Response at s = i f / corner of a filter of even order."""
+    damping = np.sin(np.pi * (np.arange(order // 2) + 0.5) / order)
+    return np.asarray(np.prod([1 / (s**2 + 2 * d * s + 1) for d in damping], axis=0))
+
+
 READINGS: dict[str, Reading] = _table()
 """Readings by the code with which ``accept`` keeps the labels."""

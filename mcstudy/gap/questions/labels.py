@@ -24,7 +24,7 @@ from scipy.special import fdtrc
 
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.candidates.readings import READINGS
+from mcstudy.gap.candidates.readings import READINGS, butterworth
 from mcstudy.gap.fits.base_fit import base_fit
 from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.fits.relabelled import Search
@@ -134,8 +134,7 @@ def readings(recording: Recording, lines: Lines) -> dict[str, float]:
 
 def _low_passes(f: np.ndarray) -> np.ndarray:
     """T (1 + L, N, 2, 2) of correct angles and of L filters of second order, on both angles or one, delayed or not."""
-    s = 1j * f / np.array(CORNERS_HZ)[:, None]
-    once = 1 / (s**2 + np.sqrt(2) * s + 1)
+    once = butterworth(1j * f / np.array(CORNERS_HZ)[:, None], 2)
     factors = np.concatenate([once, np.abs(once) ** 2])[:, :, None]
     on = np.array([[True, True], [True, False], [False, True]])[:, None, None, :]
     values = np.where(on, factors, 1.0).reshape(-1, f.size, 2)

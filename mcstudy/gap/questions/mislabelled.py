@@ -30,7 +30,7 @@ import numpy as np
 from mcstudy.effect_library.edits import exchanged_segments, gyrations
 from mcstudy.errors import ModelError
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
-from mcstudy.gap.candidates.readings import ANGLES, READINGS
+from mcstudy.gap.candidates.readings import ANGLES, READINGS, butterworth
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.fits.priors import weak_prior
 from mcstudy.gap.fits.relabelled import Along, Relabelled, Search
@@ -333,7 +333,7 @@ def _low_passed(
     end, (ending, begin) = f"_{which}" if which else "", labels.place(one)
 
     def T(x: np.ndarray, order: int = 2, f: np.ndarray = search.f) -> np.ndarray:
-        once = _butterworth(1j * f / np.exp(x[:, None]), order)
+        once = butterworth(1j * f / np.exp(x[:, None]), order)
         return _diagonal(search, which, np.abs(once) ** 2 if zero_phase else once, one)
 
     if one is not None and not _disagrees(search, labels, T(grid)).any():
@@ -372,12 +372,6 @@ def _low_passed(
 
 def _better(one: _Found | None, other: _Found | None) -> _Found | None:
     return max((f for f in (one, other) if f is not None), key=lambda f: f.log_evidence, default=None)
-
-
-def _butterworth(s: np.ndarray, order: int) -> np.ndarray:
-    """Response at s = i f / corner of a filter of even order."""
-    damping = np.sin(np.pi * (np.arange(order // 2) + 0.5) / order)
-    return np.asarray(np.prod([1 / (s**2 + 2 * d * s + 1) for d in damping], axis=0))
 
 
 def _exchanged(search: Search, base: Fitted) -> _Found | None:

@@ -4,9 +4,9 @@
 
 Every case is a body with one effect of the library, of a size with delta = 6 in a first recording of ankle torque, with
 none, or with a cause outside the library. The diagnosis knows nothing of the case. After the first recording another
-one follows, and both are diagnosed together: what `mcstudy gap next` ranks first, and in every so many cases
-(``compared``) also one drawn from all other single kinds that it considers, and the same again, for as long and for
-three times as long. Printed for each: probability of the true cause, logarithmic loss, number of causes in the 95 %
+one follows, and both are diagnosed together: what `mcstudy gap next` ranks first, and in the first ``compared`` cases
+also one drawn from all other single kinds that it considers, and the same again, for as long and for three times as
+long. Printed for each: probability of the true cause, logarithmic loss, number of causes in the 95 %
 set, how often it holds the truth, and false alarms among sound bodies, with 95 % intervals; then what has the rest of
 the probability after the recommended trials.
 
@@ -188,8 +188,8 @@ class Answer:
         }
 
 
-def case(given: dict[str, Any], k: int) -> dict[str, Any]:
-    """The answers after the first recording and after the chosen trial, and in some cases after each of the others."""
+def case(given: dict[str, Any], k: int, compared: bool) -> dict[str, Any]:
+    """The answers after the first recording and after the chosen trial; ``compared``: also after each of the others."""
     fmax = given["fmax"]
     try:
         theta, cause, first = drawn(given, k)
@@ -206,7 +206,7 @@ def case(given: dict[str, Any], k: int) -> dict[str, Any]:
         out["expected"] = {described(o.plan): round(o.told.bits, 3) for o in order}
         out["expected_p"] = order[0].told.probability
         after = {"chosen": recorded(order[0].plan, theta, rng, cause)}
-        if k % given["compared"] == 0:
+        if compared:
             if isinstance(cause, Signature):
                 after["other"] = recorded(random, theta, rng, cause)
             after |= _again(first, theta, rng, cause)
@@ -343,12 +343,12 @@ def main(arguments: list[str] | None = None) -> None:
     kept = args.out / "cases.jsonl"
     rows = [json.loads(x) for x in kept.read_text(encoding="utf-8").splitlines()] if kept.exists() else []
     known = {r["case"] for r in rows}
-    for k in in_turn(given):
+    for place, k in enumerate(in_turn(given)):
         start = time.process_time()
         if start > args.seconds:
             break
         if k not in known:
-            row = case(given, k)
+            row = case(given, k, place < given["compared"])
             rows.append(row | {"cpu_s": round(time.process_time() - start, 2)})
             with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(rows[-1]) + "\n")

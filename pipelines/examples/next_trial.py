@@ -6,9 +6,9 @@ Every case is a body with one effect of the library, of a size with delta = 6 in
 none, or with a cause outside the library. The diagnosis knows nothing of the case. After the first recording another
 one follows, and both are diagnosed together: what `mcstudy gap next` ranks first, and in the first ``compared`` cases
 also one drawn from all other single kinds that it considers, and the same again, for as long and for three times as
-long. Printed for each: probability of the true cause, logarithmic loss, number of causes in the 95 %
-set, how often it holds the truth, and false alarms among sound bodies, with 95 % intervals; then what has the rest of
-the probability after the recommended trials.
+long. Printed for each: probability of the true cause, logarithmic loss, number of causes in the 95 % set, how often it
+holds the truth, and false alarms among sound bodies, with 95 % intervals; then what has the rest of the probability
+after the recommended trials.
 
 Bodies with an effect and sound ones are linear. Their recordings are drawn from the law of the steady state
 (`mcstudy.gap.planned.record.steady`), which the tests compare with the time-domain simulator. That simulator makes the

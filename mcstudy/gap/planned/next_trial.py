@@ -33,8 +33,8 @@ HEADER = ["trial", "minutes", "bits", "P(true)", "causes", "would tell apart"]
 NOTE = (
     "bits: expected information about the cause. P(true), causes: expected posterior probability of the true cause, "
     "and number of causes in the 95 % set. Last column: the two causes for which the trial matters most, and the "
-    "chance that it names the right one of them (50 % by guessing). Amplitudes are peaks; where none was recorded or given, "
-    "the one that evokes no more sway than was recorded."
+    "chance that it names the right one of them (50 % by guessing). Amplitudes are peaks; where none was recorded or "
+    "given, the one that evokes no more sway than was recorded."
 )
 """What the columns mean."""
 

@@ -104,8 +104,19 @@ class Fitted:
         return r - J @ (self.covariance @ (J.T @ r - off))
 
     def jacobian(self, data: Data) -> np.ndarray:
-        """Whitened derivative of the model, (4 N, P)."""
+        """Whitened derivative of the model, (4 N, P), which nobody may write to: it is kept for the next question."""
+        kept: tuple[Data, np.ndarray] | None = self.__dict__.get("_jacobian")
+        if kept is None or kept[0] is not data:
+            kept = (data, self._derivative(data))
+            kept[1].flags.writeable = False
+            self.__dict__["_jacobian"] = kept  # as `cached_property` does
+        return kept[1]
+
+    def _derivative(self, data: Data) -> np.ndarray:
         return whiten(data.weight, frf_jacobian(self.model, self.theta, data.f)[1])
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "_jacobian"}
 
 
 class Fitter:

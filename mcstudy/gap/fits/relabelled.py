@@ -56,9 +56,9 @@ class Relabelled(Fitted):
         """FRFs (N, 2) of the recorded channels."""
         return np.einsum("nij,nj->ni", self.mix, super().response(f))
 
-    def jacobian(self, data: Data) -> np.ndarray:
-        """Whitened derivative (4 N, P) of the recorded channels."""
-        return super().jacobian(replace(data, weight=data.weight @ self.mix))
+    def _derivative(self, data: Data) -> np.ndarray:
+        """Of the recorded channels."""
+        return super()._derivative(replace(data, weight=data.weight @ self.mix))
 
 
 def of_part(fitted: Fitted, block: slice, member: Model) -> Fitted:

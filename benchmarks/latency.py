@@ -21,7 +21,7 @@ HELP = ("argparse",)
 READ = ("numpy", "pydantic", "jsonschema", "numcodecs.zstd")
 KEPT = ("jsonschema", "llvmlite.binding")
 RUN = (*READ, "numba", "distributed", "zarr")
-DIAGNOSIS = ("numpy", "scipy.special", "scipy.fft", "scipy.ndimage", "numba", "h5netcdf")
+DIAGNOSIS = ("numpy", "scipy.special", "scipy.fft", "numba", "h5netcdf")
 STATISTICS = (*READ, "xarray", "zarr", "dask.array", "numba")
 PAGE = ("matplotlib.figure", "matplotlib.backends.backend_svg")
 

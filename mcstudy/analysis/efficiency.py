@@ -1,21 +1,10 @@
 """Efficiency of the estimates relative to the best possible unbiased estimator.
 
-The FRF errors at the points of a group are circular complex Gaussian with covariance C; with J the exact Jacobian of
-the FRFs at the truth, the information is 2 Re(J^H C^-1 J) and its inverse, the Cramér-Rao bound, limits the covariance
-of unbiased estimates. Weighted least squares with other weights (the paper's cost) has the *linearised* covariance
-A^-1 B A^-1 with A = Re(J^H W^H W J), B = Re(J^H W^H W C W^H W J) / 2 (the sandwich). Both hold to first order in the
-noise and with no active bound. Where fits end on bounds, the estimates of *all* parameters may scatter less than that,
-because a bound on one parameter also restricts the parameters that are correlated with it. Derived.
-
-For those fits there is a bound that knows the box of allowed values. The constrained Cramér-Rao bound (Gorman & Hero
-1990) is none: at a truth inside the box no constraint is active, and it equals the unconstrained bound. The inequality
-of van Trees (1968; Gill & Levit 1995) is one. With a prior that has the information matrix L, no estimator, biased or
-not, has a mean squared error below (I + L)^-1 on average over that prior, I being the information of the data averaged
-over it. The prior is the density on the box with the least information, the product of squared cosines, for which L
-is (2 pi / width)^2 in each parameter (Bickel 1981); it gives the highest bound of all products. An average over the box
-cannot exceed the largest value in it, so the bound is below the largest mean squared error of every estimator in the
-box. I is that at the truth, as if the responses were linear in the parameters and the noise the same over the box. At
-one single truth an estimator may fall below it, by pulling its estimates towards that truth.
+The bounds are those of `mcstudy.stance.information`. Weighted least squares with other weights (the paper's cost) has
+the *linearised* covariance A^-1 B A^-1 with A = Re(J^H W^H W J), B = Re(J^H W^H W C W^H W J) / 2 (the sandwich). It and
+the Cramér-Rao bound hold to first order in the noise and with no active bound. Where fits end on bounds, the estimates
+of *all* parameters may scatter less than that, because a bound on one parameter also restricts the parameters that are
+correlated with it; the van Trees bound holds for them.
 """
 
 from __future__ import annotations
@@ -31,11 +20,8 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
 from mcstudy.fitting.standard_errors import joint_covariance, sandwich
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.information import among_all, cramer_rao, fixed_by_bounds, van_trees
 from mcstudy.stance.response import frf, frf_jacobian
-
-HELD = 1e-3
-"""Smallest change of the responses between the bounds of a parameter, in standard deviations of the noise; with a
-smaller change the bounds, not the data, determine (hold) the parameter."""
 
 INSIDE = 0.9
 """Fraction of best fits that must be off every bound for the Cramér-Rao bound to apply."""
@@ -51,86 +37,19 @@ def measured_covariance(cells: xr.Dataset) -> xr.DataArray:
     return cells["noise_covariance"].mean(REALIZATION)
 
 
-def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Cramér-Rao bound on the covariance of unbiased estimates, (P, P), for FRF errors ``joint`` (2N, 2N).
-
-    NaN in the rows and columns of parameters that their bounds fix (`fixed_by_bounds`); the others are bounded with
-    those known.
-    Raises `InputError` where the points do not determine the parameters.
-    """
-    _, J = frf_jacobian(model, theta, f)
-    scale = model.upper - model.lower
-    white = np.sqrt(2) * _whitener(joint) @ (J.reshape(-1, theta.size) * scale)
-    free = np.flatnonzero(~_held(white))
-    # QR instead of the normal matrix: the condition number at low Fmax is not squared
-    R = np.asarray(np.linalg.qr(np.concatenate([white[:, free].real, white[:, free].imag]), mode="r"))
-    diagonal = np.abs(np.diag(R))
-    if R.shape[0] < free.size or diagonal.min(initial=np.inf) <= 1e-13 * diagonal.max(initial=0.0):
-        raise InputError(f"frequency: {f.size} points do not determine {free.size} parameters")
-    inverse = np.linalg.inv(R) * scale[free, None]
-    return _among_all(inverse @ inverse.T, free, theta.size)
-
-
-def van_trees(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Bound (P, P) on the mean squared errors within the box of allowed values, for FRF errors ``joint`` (2N, 2N).
-
-    See the module. It exists where the points do not determine the parameters, and never exceeds the Cramér-Rao bound.
-    """
-    _, J = frf_jacobian(model, theta, f)
-    scale = model.upper - model.lower
-    white = np.sqrt(2) * _whitener(joint) @ (J.reshape(-1, theta.size) * scale)
-    # QR of data and prior together: the condition number is not squared, and the prior bounds it
-    R = np.linalg.qr(np.concatenate([white.real, white.imag, 2 * np.pi * np.eye(theta.size)]), mode="r")
-    inverse = np.linalg.inv(R) * scale[:, None]
-    return np.asarray(inverse @ inverse.T)
-
-
-def fixed_by_bounds(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Which parameters (P,) are held by their bounds: the change from one bound to the other is smaller than the noise.
-
-    Their estimates reflect the bounds, so the Cramér-Rao bound on their variance has no meaning.
-    """
-    _, J = frf_jacobian(model, theta, f)
-    return _held(np.sqrt(2) * _whitener(joint) @ (J.reshape(-1, theta.size) * (model.upper - model.lower)))
-
-
-def _held(white: np.ndarray) -> np.ndarray:
-    """From derivatives (M, P) of the responses, in standard deviations per distance between the bounds."""
-    return np.asarray(np.linalg.norm(white, axis=0) < HELD)
-
-
-def _among_all(matrix: np.ndarray, free: np.ndarray, size: int) -> np.ndarray:
-    """A matrix of the free parameters as one of all, NaN elsewhere."""
-    out = np.full((size, size), np.nan)
-    out[np.ix_(free, free)] = matrix
-    return out
-
-
-def _whitener(joint: np.ndarray) -> np.ndarray:
-    """A matrix (M, 2N) that turns errors of covariance ``joint`` into M <= 2N independent ones of unit variance.
-
-    Points that average the same lines can repeat each other exactly (without the averaging exception, 19 less 18 and
-    23 less 24 are the same line); what is repeated carries no information of its own and is left out.
-    """
-    size = np.sqrt(np.diag(joint).real)
-    value, vector = np.linalg.eigh(joint / size[:, None] / size)
-    keep = value > 1e-10 * value[-1]
-    return np.asarray((vector[:, keep] / np.sqrt(value[keep])).conj().T / size)
-
-
 def linearised_covariance(
     model: Model, theta: np.ndarray, f: np.ndarray, weight: np.ndarray, joint: np.ndarray
 ) -> np.ndarray:
     """First-order covariance (P, P) of least squares with weights ``weight`` (N, 2, 2) for FRF errors ``joint``.
 
-    NaN for parameters that their bounds hold; see `cramer_rao`.
+    NaN for parameters that their bounds hold; see `mcstudy.stance.information.cramer_rao`.
     """
     free = np.flatnonzero(~fixed_by_bounds(model, theta, f, joint))
     _, J = frf_jacobian(model, theta, f)
     if not free.size:
-        return _among_all(np.empty((0, 0)), free, theta.size)
+        return among_all(np.empty((0, 0)), free, theta.size)
     J, scale = J[..., free], (model.upper - model.lower)[free]
-    return _among_all(sandwich(J * scale, weight, joint) * scale[:, None] * scale[None, :], free, theta.size)
+    return among_all(sandwich(J * scale, weight, joint) * scale[:, None] * scale[None, :], free, theta.size)
 
 
 def bounds_on_sd(

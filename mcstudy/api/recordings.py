@@ -10,6 +10,7 @@ from mcstudy.errors import InputError
 from mcstudy.gap.asked import CAUSE_ONLY
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
+from mcstudy.gap.planned.choice import require_possible
 from mcstudy.gap.planned.next_trial import next_trial as planned_next
 from mcstudy.identification.fit import fit as fit_recording
 from mcstudy.recordings.frf import FrfRecording
@@ -130,6 +131,7 @@ def next_trial(
     InputError
         A kind, an amplitude or a number of trials is not possible.
     """
+    require_possible(kinds, amplitudes or {}, trials=trials, cycles=cycles)
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
     found = diagnose_fast(read, seed=seed, fmax=fmax, discard=discard, accept=accept, asked=CAUSE_ONLY)

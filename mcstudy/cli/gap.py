@@ -210,7 +210,7 @@ def _next(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.gap.asked import CAUSE_ONLY
     from mcstudy.gap.diagnose import diagnose_fast
-    from mcstudy.gap.planned.choice import TRIALS
+    from mcstudy.gap.planned.choice import TRIALS, require_possible
     from mcstudy.gap.planned.next_trial import next_trial
     from mcstudy.scheduler.activity import activity, doing
     from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
@@ -222,6 +222,8 @@ def _next(args: argparse.Namespace) -> Exit:
             amplitudes.setdefault(kind, []).append(float(value))
         except ValueError:
             raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {text!r}") from None
+    trials = args.trials or TRIALS
+    require_possible(args.kind, amplitudes, trials=trials, cycles=args.cycles)
     check_figure(args.figure, DRAWN)
     if args.html is not None:
         from mcstudy.report.style import require_matplotlib
@@ -233,7 +235,6 @@ def _next(args: argparse.Namespace) -> Exit:
         by = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
         d = diagnose_fast(read, **by, asked=CAUSE_ONLY)
         doing(f"{args.recordings[0]}: simulating possible next trials")
-        trials = args.trials or TRIALS
         found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
     tell(args, "next_trial", found.to_dict, found.text)
     if args.figure:

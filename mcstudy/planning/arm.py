@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mcstudy.planning.fits import FULL, LINEARISED, TRUTH, Design, Fitter
-from mcstudy.planning.local_model import Band, LocalModel, Prediction, scaled
-from mcstudy.planning.multilevel import Draws, Estimate, best_share, difference_of, estimated, relative_cost
+from mcstudy.planning.local_model import SMALLEST, Band, LocalModel, Prediction, scaled
+from mcstudy.planning.multilevel import Draws, Estimate, best_share, difference_of, estimated, relative_cost, unlike
 from mcstudy.planning.space import AMPLITUDE, CYCLES, Space
 from mcstudy.planning.targets import Target
 
@@ -30,6 +30,9 @@ RUNGS = 9
 
 TRUSTED = 0.05
 """Fits from the true values predict a measure if what they miss of it varies by less than this (`difference_of`)."""
+
+UNKNOWN = 3.0
+"""Error of a prediction without a single usable value, on the scale of the model."""
 
 WORTH = 0.9
 """A control is used if it is expected to need less than this fraction of the fits."""
@@ -100,12 +103,24 @@ class Arm:
             draws = [self.fitter.draws(rung, kind, RUNG[kind]) for rung in rungs]
         else:
             draws = [self.fitter.realizations(rung, kind, FIRST) for rung in rungs]
-        self._predictions = []
-        for target in self.targets:
-            found = [self._of(target, x) for x in draws]
-            values = scaled(np.array([e.value for e in found]), target.measure.signed)
-            self._predictions.append(Prediction(np.log(signals), np.nan_to_num(values)))
+        self._predictions = [self._predicted(target, np.log(signals), draws) for target in self.targets]
         self._fit()
+
+    def _predicted(self, target: Target, log_signal: np.ndarray, draws: Sequence[np.ndarray]) -> Prediction:
+        """A measure at every signal with its errors, from the same draws of the data at each."""
+        values = [target.of(x) for x in draws]
+        more = [np.append(v, u) for v, u in zip(values, unlike(values), strict=True)]
+        found, changed = (
+            [estimated(Draws(v, target.truth), target.measure).times(self.factor(target)) for v in every]
+            for every in (values, more)
+        )
+        usable = np.array([np.isfinite(e.value) and np.isfinite(e.error) for e in found])
+        if not usable.any():  # as if nothing were known of the measure
+            return Prediction(log_signal[:1], np.zeros(1), np.zeros((1, 0)), np.full(1, UNKNOWN))
+        signed = target.measure.signed
+        value, other = (scaled(np.array([e.value for e in every]), signed) for every in (found, changed))
+        own = np.stack([e.own / (1.0 if signed else max(abs(e.value), SMALLEST)) for e in found])
+        return Prediction(log_signal[usable], value[usable], own[usable], np.abs(other - value)[usable])
 
     def look(self, design: Design, realizations: int, draws: int = 0) -> None:
         """Fit a design and update the model; with at least so many draws of the control, if there is one."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.analysis.efficiency import cramer_rao, linearised_covariance
+from mcstudy.analysis.efficiency import linearised_covariance
 from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
 from mcstudy.planning.fits import Design, Fitter
 from mcstudy.planning.targets import Target
+from mcstudy.stance.information import cramer_rao
 from mcstudy.stance.response import frf
 
 

@@ -1,10 +1,12 @@
 """A local model of a measure over the designs, from few noisy values of it.
 
 A value is the measure relative to its limit: its logarithm, or the ratio itself where it may be negative. The model is
-a prediction that holds roughly everywhere (`Prediction`), plus a plane in the logarithms of amplitude and used cycles,
-plus a smooth remainder: Gaussian process regression with a linear trend. Realizations that several designs share make
-their errors correlated; the covariance of the errors accounts for that. Without it, many values from the same noise
-would look like much information.
+Gaussian process regression of two functions at once. One is the measure of the cheap fits over the signal, of which a
+few values are known (`Prediction`). The other is what complete fits differ from it: a plane in the logarithms of
+amplitude and used cycles, and a small smooth remainder. Realizations and draws that several designs share make their
+errors correlated; the covariance of the errors accounts for that. Without it, many values from the same noise would
+look like much information. A prediction taken as exact, on the other hand, would turn the noise of its few draws into
+slopes of the measure.
 
 Root finding with a fitted local model instead of bisection: Chalmers 2024, Solving variables with Monte Carlo
 simulation experiments, Psychological Methods; bisection under noise: Waeber, Frazier & Henderson 2013, SIAM J Control
@@ -15,10 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+from scipy.linalg import block_diag
 from scipy.special import ndtri
 
 from mcstudy.planning.multilevel import Estimate
@@ -34,36 +35,53 @@ SMALLEST = 1e-6
 class Prior:
     """Standard deviations of the level, of the slopes, and of the remainder, which changes over ``length`` (log units).
 
-    For logarithms, a slope of 0.3 says that the prediction errs by a factor of 1.2 where the signal doubles.
+    For logarithms, a slope of 0.3 says that a function changes by a factor of 1.2 where the signal doubles.
     """
 
-    level: float = 1.0
-    slope: float = 0.3
-    remainder: float = 0.05
+    level: float
+    slope: float
+    remainder: float
     length: float = 0.7
 
+    def covariance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Covariance (n, m) of the function at points (n, D) and (m, D), which are relative to a centre."""
+        square = ((a[:, None] - b[None]) ** 2).sum(axis=2)
+        smooth = self.remainder**2 * np.exp(-square / (2 * self.length**2))
+        return np.asarray(self.level**2 + self.slope**2 * a @ b.T + smooth)
 
-LOGARITHM = Prior()
-RATIO = Prior(level=5.0, slope=5.0, remainder=0.1)
+
+@dataclass(frozen=True)
+class Priors:
+    """Of the measure of the cheap fits over the signal, and of what complete fits differ from it."""
+
+    cheap: Prior
+    difference: Prior
+
+
+LOGARITHM = Priors(cheap=Prior(3.0, 1.5, 0.4), difference=Prior(1.0, 0.3, 0.05))
+RATIO = Priors(cheap=Prior(10.0, 10.0, 3.0), difference=Prior(5.0, 5.0, 0.1))
+
+EXACT = 1e-3
+"""Standard deviation of a value of the prediction that its draws do not explain, on the scale of the model."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What is predicted at the logarithm of the signal, from values at some signals; constant beyond them."""
+    """Values (K,) of a measure of the cheap fits at logarithms (K,) of the signal, on the scale of the model.
+
+    ``errors``: contributions of the draws that all values share, (K, n). ``unseen``: what one more draw, unlike those
+    that are known, might change, (K,); see `mcstudy.planning.multilevel.unlike`.
+    """
 
     log_signal: np.ndarray
     values: np.ndarray
+    errors: np.ndarray
+    unseen: np.ndarray
 
-    def __call__(self, log_signal: np.ndarray) -> np.ndarray:
-        """Interpolated values, monotone between neighbours."""
-        if len(self.values) < 2:
-            return np.full(np.shape(log_signal), self.values[0])
-        inside = np.clip(log_signal, self.log_signal[0], self.log_signal[-1])
-        return np.asarray(self._curve(inside))
-
-    @cached_property
-    def _curve(self) -> PchipInterpolator:
-        return PchipInterpolator(self.log_signal, self.values)
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance (K, K) of the errors of the values."""
+        return np.asarray(self.errors @ self.errors.T + np.diag(self.unseen**2 + EXACT**2))
 
 
 def scaled(value: np.ndarray, signed: bool) -> np.ndarray:
@@ -121,36 +139,44 @@ class LocalModel:
         found: Sequence[Estimate],
         groups: Sequence[int],
     ) -> None:
-        self._prediction, self._signed = prediction, signed
-        self._prior = RATIO if signed else LOGARITHM
+        self._signed = signed
+        self._priors = RATIO if signed else LOGARITHM
         keep = [k for k, e in enumerate(found) if np.isfinite(e.value) and np.isfinite(e.error)]
         self._points = points[keep].reshape(-1, 2)
         self._centre = self._points.mean(axis=0) if keep else np.zeros(2)
-        values = np.array([found[k].value for k in keep])
-        self._residual = scaled(values, signed) - prediction(log_signal(self._points))
-        if keep:
-            K = self._kernel(self._points, self._points) + _errors(
-                [found[k] for k in keep], [groups[k] for k in keep], signed
-            )
-            self._root = np.linalg.cholesky(K + 1e-9 * np.trace(K) / len(keep) * np.eye(len(keep)))
+        self._signals = np.concatenate([prediction.log_signal, log_signal(self._points)])
+        self._middle = float(prediction.log_signal.mean())
+        values = np.concatenate([prediction.values, scaled(np.array([found[k].value for k in keep]), signed)])
+        self._level = float(prediction.values.mean())
+        errors = _errors([found[k] for k in keep], [groups[k] for k in keep], signed) if keep else np.zeros((0, 0))
+        K = self._between(self._signals, self._points, self._signals, self._points)
+        K += block_diag(prediction.covariance, errors)
+        self._root = np.linalg.cholesky(K + 1e-9 * np.trace(K) / len(K) * np.eye(len(K)))
+        self._weights = np.linalg.solve(self._root, values - self._level)
 
-    def _kernel(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        p = self._prior
-        u, v = a - self._centre, b - self._centre
-        square = ((u[:, None] - v[None]) ** 2).sum(axis=2)
-        return np.asarray(p.level**2 + p.slope**2 * u @ v.T + p.remainder**2 * np.exp(-square / (2 * p.length**2)))
+    def _between(self, s: np.ndarray, a: np.ndarray, t: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Covariance of values at logarithms of signals ``s`` and ``t``, of which the last are of the designs ``a`` and
+        ``b``, (n, 2) and (m, 2); those before are of cheap fits alone."""
+        K = self._priors.cheap.covariance((s - self._middle)[:, None], (t - self._middle)[:, None])
+        difference = self._priors.difference.covariance(a - self._centre, b - self._centre)
+        K[len(s) - len(a) :, len(t) - len(b) :] += difference
+        return K
 
     def at(self, points: np.ndarray) -> Band:
         """The measure at designs (n, 2)."""
-        prior = self._prior
-        predicted = self._prediction(log_signal(points))
-        variance = prior.level**2 + prior.slope**2 * ((points - self._centre) ** 2).sum(axis=1) + prior.remainder**2
-        if not self._residual.size:
-            return Band(predicted, np.sqrt(variance), self._signed)
-        cross = np.linalg.solve(self._root, self._kernel(self._points, points))
-        mean = cross.T @ np.linalg.solve(self._root, self._residual)
+        signals = log_signal(points)
+        cross = np.linalg.solve(self._root, self._between(self._signals, self._points, signals, points))
+        cheap, difference = self._priors.cheap, self._priors.difference
+        variance = (
+            cheap.level**2
+            + cheap.slope**2 * (signals - self._middle) ** 2
+            + cheap.remainder**2
+            + difference.level**2
+            + difference.slope**2 * ((points - self._centre) ** 2).sum(axis=1)
+            + difference.remainder**2
+        )
         left = np.maximum(variance - (cross**2).sum(axis=0), 0.0)
-        return Band(predicted + mean, np.sqrt(left), self._signed)
+        return Band(self._level + cross.T @ self._weights, np.sqrt(left), self._signed)
 
 
 def log_signal(points: np.ndarray) -> np.ndarray:

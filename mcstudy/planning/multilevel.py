@@ -17,7 +17,7 @@ Source: Giles 2015, Multilevel Monte Carlo methods, Acta Numerica 24:259-328.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -189,6 +189,26 @@ def estimated(draws: Draws, measure: Measure) -> Estimate:
     unit = 1.0 if measure.relative else scale
     own, sampled = (slope @ p * unit for p in parts)
     return Estimate(float(measure.of(moments, truth)) * unit, own, sampled)
+
+
+def unlike(samples: Sequence[np.ndarray]) -> np.ndarray:
+    """A value for each sample, (K,), that it might hold although it does not, as far away as the farthest of all.
+
+    Few draws may hold none of the rare ones that end in another minimum, and then show a spread that is far too small
+    with an error that is far too small. Other samples, of the same draws at other designs, may hold some. Distances
+    count from the sample's median, in units of the 68 % quantile of its distances; none is larger than the largest of
+    all samples. NaN in the samples are left out.
+
+    Parameters
+    ----------
+    samples: K arrays, each with at least one number.
+    """
+    centres = [float(np.nanmedian(x)) for x in samples]
+    apart = [np.abs(x - c)[np.isfinite(x)] for x, c in zip(samples, centres, strict=True)]
+    usual = [float(np.quantile(d, 0.68)) for d in apart]
+    far = max(float(d.max()) for d in apart)
+    ratio = max((float(d.max()) / u for d, u in zip(apart, usual, strict=True) if u > 0), default=1.0)
+    return np.array([c + (min(ratio * u, far) if u > 0 else far) for c, u in zip(centres, usual, strict=True)])
 
 
 def _slope(function: Function, moments: np.ndarray, truth: float) -> np.ndarray:

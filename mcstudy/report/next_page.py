@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mcstudy.gap.planned.next_trial import NextTrial, described
+from mcstudy.gap.planned.next_trial import NOTE, NextTrial, described
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.document import document
 from mcstudy.report.figure import figure
@@ -25,11 +25,7 @@ def next_page(found: NextTrial, command: str = "mcstudy gap next REC --html page
         ("alike", "Effects that look alike", figure(replace(drawn, tables=(), python=PYTHON), "", command)),
         ("made", "How this was made", commands(command)),
     ]
-    footer = (
-        "bits: expected information about the cause. P(true): expected posterior probability of the true cause. "
-        "Amplitudes are peaks; where none was recorded or given, the one that evokes no more sway than was recorded."
-    )
-    return document(f"Which trial next: {found.name}", _introduction(found), parts, footer)
+    return document(f"Which trial next: {found.name}", _introduction(found), parts, NOTE)
 
 
 def _introduction(found: NextTrial) -> str:

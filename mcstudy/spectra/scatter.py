@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter
 from scipy.special import fdtrc
 
+from mcstudy.spectra.around import around
 from mcstudy.spectra.lines import Lines
 
 LOWEST = 5
@@ -72,7 +72,7 @@ def scatter(lines: Lines) -> Scatter:
     judged = lines.harmonic >= LOWEST
     power = (np.abs(deviations(lines)) ** 2).sum(axis=(0, 2))[judged] / (4 * free)
     ratio, p = np.ones(len(lines)), np.ones(len(lines))
-    ratio[judged] = power / np.maximum(median_filter(power, AROUND, mode="nearest"), 1.0)
+    ratio[judged] = power / np.maximum(np.median(around(power, AROUND), axis=-1), 1.0)
     p[judged] = fdtrc(4 * free, 4 * lines.noise.dof[judged], ratio[judged])
     return Scatter(ratio, p)
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
+from mcstudy.spectra.around import around
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.scatter import deviations
 
@@ -34,7 +34,7 @@ def trial_power(lines: Lines) -> np.ndarray | None:
         return None
     square = (np.abs(deviations(lines)) ** 2).sum(axis=2)
     power = [square[lines.trial == t].sum(axis=0) / (4 * (n - 1)) for t, n in zip(trials, count, strict=True)]
-    return np.asarray(uniform_filter1d(np.array(power), AROUND, axis=1, mode="nearest"))
+    return np.asarray(around(np.array(power), AROUND).mean(axis=-1))
 
 
 def with_unequal_trials(lines: Lines) -> Lines:

@@ -14,25 +14,45 @@ import numpy as np
 from mcstudy.stance.feedback import Model, Table
 
 
-def _filters(table: Table, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Filter values (..., F, N) and their logarithmic derivatives (..., F, P, N)."""
+def _filters(
+    table: Table, theta: np.ndarray, s: np.ndarray
+) -> tuple[np.ndarray, dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]]:
+    """Numerators and denominators (2, ..., F, N), and by (filter, parameter) their derivatives, each (..., N)."""
     batch = theta.shape[:-1]
     sides = np.zeros((2, *batch, table.n_filters, s.size), dtype=complex)
-    slopes = np.zeros((2, *batch, table.n_filters, table.n_parameters, s.size), dtype=complex)
+    slopes: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
     for (f, side, order, power2, p1, p2), power1, c in zip(
-        table.monomial, table.monomial_power, table.monomial_coefficient, strict=True
+        table.monomial.tolist(), table.monomial_power.tolist(), table.monomial_coefficient, strict=True
     ):
         a = theta[..., p1, None] if p1 >= 0 else np.ones((*batch, 1))
         b = theta[..., p2, None] if p2 >= 0 else np.ones((*batch, 1))
         base = c * s**order
         sides[side, ..., f, :] += base * a**power1 * b**power2
+        for p in {p1, p2} - {-1}:
+            if (f, p) not in slopes:
+                slopes[f, p] = (np.zeros((*batch, s.size), dtype=complex), np.zeros((*batch, s.size), dtype=complex))
         if p1 >= 0:
-            slopes[side, ..., f, p1, :] += base * power1 * a ** (power1 - 1) * b**power2
+            slopes[f, p1][side][...] += base * power1 * a ** (power1 - 1) * b**power2
         if p2 >= 0:
-            slopes[side, ..., f, p2, :] += base * a**power1 * power2 * b ** (power2 - 1)
-    numerator, denominator = sides
-    log_slope = slopes[0] / numerator[..., None, :] - slopes[1] / denominator[..., None, :]
-    return numerator / denominator, log_slope
+            slopes[f, p2][side][...] += base * a**power1 * power2 * b ** (power2 - 1)
+    return sides, slopes
+
+
+def _filter_values(table: Table, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Filter values (..., F, N)."""
+    numerator, denominator = _filters(table, theta, s)[0]
+    return np.asarray(numerator / denominator)
+
+
+def _filter_slopes(
+    table: Table, theta: np.ndarray, s: np.ndarray
+) -> tuple[np.ndarray, list[list[tuple[int, np.ndarray]]]]:
+    """Filter values (..., F, N), and of each filter the parameters in it with its logarithmic derivatives (..., N)."""
+    (numerator, denominator), slopes = _filters(table, theta, s)
+    log_slopes: list[list[tuple[int, np.ndarray]]] = [[] for _ in range(table.n_filters)]
+    for (f, p), (above, below) in sorted(slopes.items(), key=lambda x: x[0]):
+        log_slopes[f].append((p, above / numerator[..., f, :] - below / denominator[..., f, :]))
+    return numerator / denominator, log_slopes
 
 
 def _group_values(table: Table, theta: np.ndarray, s: np.ndarray, filters: np.ndarray) -> np.ndarray:
@@ -59,25 +79,23 @@ def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, 
     A joint model (`mcstudy.stance.joint`) has the b(s) of each line's own stimulus.
     """
     table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
-    return _system(model, theta, s, _group_values(table, theta, s, _filters(table, theta, s)[0]))
+    return _system(model, theta, s, _group_values(table, theta, s, _filter_values(table, theta, s)))
 
 
 def _system(model: Model, theta: np.ndarray, s: np.ndarray, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     table = model.table
-    A = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex)
-    b = np.zeros((*theta.shape[:-1], s.size, 2), dtype=complex)
+    # Summed in whole rows of memory, one for each (row, angle or stimulus), which takes half the time.
+    out = np.zeros((2, 3, *theta.shape[:-1], s.size), dtype=complex)
     gains, power = table.gains(theta), {order: s**order for order in set(table.entry[:, 1].tolist())}
     own = sensed_stimulus(model, s.size)
     for e, (row, order, group, _, _) in enumerate(table.entry.tolist()):
         value = gains[..., e, None] * power[order] * groups[..., group, :]
-        first, second, stimulus = table.weight[e, 1:]
-        if first:
-            A[..., row, 0] += first * value
-        if second:
-            A[..., row, 1] += second * value
-        if stimulus:
-            b[..., row] -= stimulus * (value if own is None else value * own[e])
-    return A, b
+        for k, weight in enumerate(table.weight[e, 1:].tolist()):
+            if weight:
+                heard = value if k < 2 or own is None else value * own[e]
+                out[row, k] += heard if weight == 1.0 else weight * heard
+    A, b = np.moveaxis(out[:, :2], (0, 1), (-2, -1)), np.moveaxis(out[:, 2], 0, -1)
+    return np.ascontiguousarray(A), 0.0 - b
 
 
 def frf(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
@@ -101,21 +119,19 @@ def frf(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
     theta, s = np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     A, b = system(model, theta, s)
     H = np.linalg.solve(A, b[..., None])[..., 0]
-    return H * _output(model, theta, s)[0]
+    return H * _output(model, theta, s)
 
 
-def _output(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Output filters per angle (..., N, 2) and their logarithmic derivatives (..., N, 2, P)."""
+def _output(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Output filters per angle, (..., N, 2)."""
     table = model.table
     value = np.ones((*theta.shape[:-1], s.size, 2), dtype=complex)
-    slope = np.zeros((*theta.shape[:-1], s.size, 2, table.n_parameters), dtype=complex)
     if (table.output_filter >= 0).any():
-        filters, log_slope = _filters(table, theta, s)
+        filters = _filter_values(table, theta, s)
         for angle, k in enumerate(table.output_filter):
             if k >= 0:
                 value[..., angle] = filters[..., k, :]
-                slope[..., angle, :] = np.moveaxis(log_slope[..., k, :, :], -1, -2)
-    return value, slope
+    return value
 
 
 def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -124,33 +140,49 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
     Derived: dH = -A^-1 (dA H - db), with dA and db read term by term from the table.
     """
     table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
-    filters, log_slope = _filters(table, theta, s)
+    filters, log_slopes = _filter_slopes(table, theta, s)
     groups = _group_values(table, theta, s, filters)
     A, b = _system(model, theta, s, groups)
     inverse = np.linalg.inv(A)
     H = np.einsum("...ij,...j->...i", inverse, b)
-    force = np.zeros((*theta.shape[:-1], s.size, 2, table.n_parameters), dtype=complex)
+    force = np.zeros((2, table.n_parameters, *theta.shape[:-1], s.size), dtype=complex)
     own = sensed_stimulus(model, s.size)
-    for e, (row, order, group, g1, g2) in enumerate(table.entry):
-        w = table.weight[e]
-        sensed = w[1] * H[..., 0] + w[2] * H[..., 1] + (w[3] if own is None else w[3] * own[e])
-        unit = w[0] * s**order * groups[..., group, :] * sensed
+    angles, power = np.moveaxis(H, -1, 0).copy(), {order: s**order for order in set(table.entry[:, 1].tolist())}
+    for e, (row, order, group, g1, g2) in enumerate(table.entry.tolist()):
+        delays, filtered = table.group_delay[group], table.group_filters[group]
+        if g1 < 0 and g2 < 0 and delays.max() < 0 and filtered.max() < 0:
+            continue  # no parameter is in this term
+        w = table.weight[e].tolist()
+        sensed = w[1] * angles[0] if w[1] else 0.0
+        if w[2]:
+            sensed = sensed + w[2] * angles[1]
+        if w[3]:
+            sensed = sensed + (w[3] if own is None else w[3] * own[e])
+        unit = w[0] * power[order] * groups[..., group, :] * sensed
         first = theta[..., g1, None] if g1 >= 0 else 1.0
         second = theta[..., g2, None] if g2 >= 0 else 1.0
         if g1 >= 0:
-            force[..., row, g1] += unit * second
+            force[row, g1] += unit * second
         if g2 >= 0:
-            force[..., row, g2] += unit * first
+            force[row, g2] += unit * first
+        if delays.max() < 0 and filtered.max() < 0:
+            continue
         total = unit * first * second
-        for delay in table.group_delay[group][table.group_delay[group] >= 0]:
-            force[..., row, delay] += -s * total
-        for k in table.group_filters[group]:
-            if k >= 0:
-                for p in range(table.n_parameters):
-                    force[..., row, p] += total * log_slope[..., k, p, :]
-    dH = -np.einsum("...ij,...jp->...ip", inverse, force)
-    value, slope = _output(model, theta, s)
-    return H * value, dH * value[..., None] + (H * value)[..., None] * slope
+        for delay in delays[delays >= 0]:
+            force[row, delay] += -s * total
+        for k in filtered[filtered >= 0]:
+            for p, log_slope in log_slopes[k]:
+                force[row, p] += total * log_slope
+    dH = -np.einsum("...ij,...jp->...ip", inverse, np.ascontiguousarray(np.moveaxis(force, (0, 1), (-2, -1))))
+    if (table.output_filter < 0).all():
+        return H, dH
+    value = _output(model, theta, s)
+    H = H * value
+    dH = dH * value[..., None]
+    for angle, f in enumerate(table.output_filter):
+        for p, log_slope in log_slopes[f] if f >= 0 else ():
+            dH[..., angle, p] += H[..., angle] * log_slope
+    return H, dH
 
 
 def noise_response(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
@@ -161,13 +193,13 @@ def noise_response(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray
     theta, s = np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     A, _ = system(model, theta, s)
     N = active(model, theta, s)
-    return -np.linalg.solve(A, N) * _output(model, theta, s)[0][..., None]
+    return -np.linalg.solve(A, N) * _output(model, theta, s)[..., None]
 
 
 def active(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
     """The noisy (active, delayed) part of A(s), shape (..., N, 2, 2)."""
     table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
-    groups = _group_values(table, theta, s, _filters(table, theta, s)[0])
+    groups = _group_values(table, theta, s, _filter_values(table, theta, s))
     N, gains = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex), table.gains(theta)
     for e, (row, order, group, _, _) in enumerate(table.entry):
         if table.noisy[e]:
@@ -184,7 +216,7 @@ def neural_controllers(model: Model, theta: np.ndarray, f: np.ndarray) -> np.nda
     every term that carries a gain and is neither inertia, gravity nor stimulus (Goodworth & Peterka 2018, Methods).
     """
     table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
-    groups = _group_values(table, theta, s, _filters(table, theta, s)[0])
+    groups = _group_values(table, theta, s, _filter_values(table, theta, s))
     NC, gains = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex), table.gains(theta)
     for e, (row, order, group, g1, _) in enumerate(table.entry):
         if g1 >= 0 and table.weight[e, 3] == 0:

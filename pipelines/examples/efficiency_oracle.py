@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mcstudy.analysis.efficiency import cramer_rao
 from mcstudy.fitting.problem import ml_cost
 from mcstudy.fitting.solvers import fit_many
 from mcstudy.fitting.standard_errors import joint_covariance
+from mcstudy.stance.information import cramer_rao
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.study_file import read_study
 

@@ -4,10 +4,11 @@
 
 Every case is a body with one effect of the library, of a size with delta = 6 in a first recording of ankle torque, with
 none, or with a cause outside the library. The diagnosis knows nothing of the case. After the first recording another
-one follows, and both are diagnosed together: what `mcstudy gap next` ranks first, one drawn from all other single kinds
-that it considers, and the same again, for as long and for three times as long. Printed for each: probability of the
-true cause, logarithmic loss, number of causes in the 95 % set, how often it holds the truth, and false alarms among
-sound bodies, with 95 % intervals; then what has the rest of the probability after the recommended trials.
+one follows, and both are diagnosed together: what `mcstudy gap next` ranks first, and in the first ``compared`` cases
+also one drawn from all other single kinds that it considers, and the same again, for as long and for three times as
+long. Printed for each: probability of the true cause, logarithmic loss, number of causes in the 95 % set, how often it
+holds the truth, and false alarms among sound bodies, with 95 % intervals; then what has the rest of the probability
+after the recommended trials.
 
 Bodies with an effect and sound ones are linear. Their recordings are drawn from the law of the steady state
 (`mcstudy.gap.planned.record.steady`), which the tests compare with the time-domain simulator. That simulator makes the
@@ -45,6 +46,7 @@ from mcstudy.gap.planned.record import steady
 from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
+from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.posterior import Explanation, explain
 from mcstudy.gap.settling import OVER
@@ -68,6 +70,9 @@ OUTSIDERS = ("split_delay", "washout", "leg_wobble", "lumbar_relaxation", "senso
 
 DRAWS = 200
 """Null samples of a test. The test rejects from p = 0.036 on, which 200 samples give to 0.013."""
+
+NO_TEST = 1
+"""Null samples of a comparison within a recording whose p-value nobody asks for: of bodies that are not sound."""
 
 EXACT = ({"stimulus_lag", "sensor_lag_both"},)
 """A filter of the stimulus is the same filter of both angles, whatever the stimulus is."""
@@ -148,11 +153,11 @@ class Answer:
     lines: Lines
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], fmax: float) -> Answer:
-        """The answer to recordings of one person."""
+    def of(cls, recordings: Sequence[Recording], fmax: float, tested: bool) -> Answer:
+        """The answer to recordings of one person; ``tested``: also with the p-value, which costs many null samples."""
         one, lines = checked_lines(recordings, fmax)
         assert not isinstance(one, FrfRecording)
-        t = gap_test(lines, given_model(None, one, lines), DRAWS, False, 0)
+        t = gap_test(lines, given_model(None, one, lines), DRAWS, False, 0, CONTRAST_DRAWS if tested else NO_TEST)
         parts = t.base, t.minima, t.data, t.effects, t.signatures, t.groups, t.scores, t.detection.unstructured
         return cls(one, t, explain(*parts, t.contrasts), lines)
 
@@ -172,8 +177,8 @@ class Answer:
         right = "true" if true else "nothing" if cause is None else "unknown"
         ordered = sorted(causes, key=lambda c: -causes[c])
         size = 1 + int((np.cumsum([causes[c] for c in ordered]) < CREDIBLE).sum())
-        return {
-            "detected": self.test.p_value < LEVEL,
+        tested = {"detected": self.test.p_value < LEVEL} if cause is None else {}
+        return tested | {
             "p": causes.get(right, 0.0),
             "pairs": sum(q for h, q in self.explanation.hypotheses if len(h.effects) == 2 and set(h.effects) & true),
             "unknown": causes["unknown"],
@@ -183,14 +188,14 @@ class Answer:
         }
 
 
-def case(given: dict[str, Any], k: int) -> dict[str, Any]:
-    """The answers after the first recording, and after the chosen trial and each of the others."""
+def case(given: dict[str, Any], k: int, compared: bool) -> dict[str, Any]:
+    """The answers after the first recording and after the chosen trial; ``compared``: also after each of the others."""
     fmax = given["fmax"]
     try:
         theta, cause, first = drawn(given, k)
         rng = stream(given["seed"] + k, "next trial noise")
         before = recorded((first,), theta, rng, cause)
-        now = Answer.of(before, fmax)
+        now = Answer.of(before, fmax, cause is None)
         options = possible_trials(now.situation(fmax), trials=(given["trials"],), cycles=given["cycles"])
         order = ranked(now.situation(fmax), options)
         others = [p for p in options if len(p) == 1 and p != (first,)]
@@ -201,11 +206,12 @@ def case(given: dict[str, Any], k: int) -> dict[str, Any]:
         out["expected"] = {described(o.plan): round(o.told.bits, 3) for o in order}
         out["expected_p"] = order[0].told.probability
         after = {"chosen": recorded(order[0].plan, theta, rng, cause)}
-        if isinstance(cause, Signature):
-            after["other"] = recorded(random, theta, rng, cause)
-        after |= _again(first, theta, rng, cause)
+        if compared:
+            if isinstance(cause, Signature):
+                after["other"] = recorded(random, theta, rng, cause)
+            after |= _again(first, theta, rng, cause)
         for n, further in after.items():
-            out[n] = Answer.of([*before, *further], fmax).outcome(cause)
+            out[n] = Answer.of([*before, *further], fmax, cause is None).outcome(cause)
     except (FallsError, InputError, RecordingError) as error:
         return {"case": k, "kind": kind_of(given, k), "left_out": str(error)}
     return out
@@ -337,12 +343,12 @@ def main(arguments: list[str] | None = None) -> None:
     kept = args.out / "cases.jsonl"
     rows = [json.loads(x) for x in kept.read_text(encoding="utf-8").splitlines()] if kept.exists() else []
     known = {r["case"] for r in rows}
-    for k in in_turn(given):
+    for place, k in enumerate(in_turn(given)):
         start = time.process_time()
         if start > args.seconds:
             break
         if k not in known:
-            row = case(given, k)
+            row = case(given, k, place < given["compared"])
             rows.append(row | {"cpu_s": round(time.process_time() - start, 2)})
             with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(rows[-1]) + "\n")

@@ -14,7 +14,8 @@ how every effect changes the responses:
   sensor errors, `mcstudy.gap.candidates.unknown`, as visible in the first recording as the effects), with the shares of
   the challenge of the diagnosis. Its forms of the effects are the declared ones, and it is linear in their sizes.
 
-Beside them stands what the diagnosis reached in the same cases.
+Beside them stands what the diagnosis reached in the same cases. Every condition is that of the cases that were given
+these trials.
 """
 
 from __future__ import annotations
@@ -233,7 +234,7 @@ def smooth(columns: np.ndarray, variance: float, y: np.ndarray) -> np.ndarray:
 
 
 def bounds(given: dict[str, Any], row: dict[str, Any]) -> dict[str, tuple[Ceiling, Fair]]:
-    """Both ideal methods after each of the trials of a case."""
+    """Both ideal methods after each of the trials that a case was given."""
     theta, cause, first = drawn(given, row["case"])
     assert isinstance(cause, Signature)
     base = opened(two_segment())
@@ -243,7 +244,7 @@ def bounds(given: dict[str, Any], row: dict[str, Any]) -> dict[str, tuple[Ceilin
     plans: dict[str, list[PlannedTrial]] = {"first": []}
     plans |= {n: [replace(first, trials=times * first.trials)] for n, times in AGAIN.items()}
     plans |= {n: [PlannedTrial(**t) for t in plan] for n, plan in row["plans"].items()}
-    both = {n: seen(theta, [first, *plan], found) for n, plan in plans.items()}
+    both = {n: seen(theta, [first, *plan], found) for n, plan in plans.items() if n in row}
     alone, by = both["first"], (found, given, true, row["case"])
     return {n: (ceiling(now.x, *by), fair(now, alone, *by)) for n, now in both.items()}
 
@@ -266,14 +267,22 @@ def main(arguments: list[str] | None = None) -> None:
 
 def text(rows: Sequence[dict[str, Any]], found: Sequence[dict[str, tuple[Ceiling, Fair]]]) -> str:
     """The table, and the cases in which the diagnosis is furthest from the second ideal method."""
-    header = ("after", *(h for name in ("P(true)", "log loss (nat)", "95 % set") for h in (name, "ideal 1", "ideal 2")))
+    header = (
+        "after",
+        "cases",
+        *(h for name in ("P(true)", "log loss (nat)", "95 % set") for h in (name, "ideal 1", "ideal 2")),
+    )
     lines = []
     for name in CONDITIONS:
-        own, (one, two) = [r[name] for r in rows], zip(*(b[name] for b in found), strict=True)
+        here = [(r[name], b[name]) for r, b in zip(rows, found, strict=True) if name in r]
+        if not here:
+            continue
+        own, both = zip(*here, strict=True)
+        one, two = zip(*both, strict=True)
         cells = [[o["p"] for o in own], [b.probability for b in one], [b.probability for b in two]]
         cells += [[loss(o) for o in own], [b.log_loss for b in one], [b.log_loss for b in two]]
         cells += [[o["set"] for o in own], [b.set_size for b in one], [b.set_size for b in two]]
-        lines.append([name, *map(mean, cells)])
+        lines.append([name, str(len(here)), *map(mean, cells)])
     out = [table(header, lines)]
     outside = mean([b["chosen"][1].outside for b in found])
     out.append(f"after chosen, ideal 2 leaves {outside} for a cause outside the library")

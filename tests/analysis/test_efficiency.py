@@ -16,6 +16,7 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
 from mcstudy.fitting.standard_errors import joint_covariance, overlap_of
 from mcstudy.spectra.bands import odd_lines, published
+from mcstudy.stance import information
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, frf_jacobian
 
@@ -48,7 +49,7 @@ def test_the_best_weights_reach_the_bound_and_the_papers_weights_their_sandwich(
     rng, f = np.random.default_rng(0), odd_lines(2.0).f
     C = random_covariance(rng, f)
     joint = joint_covariance(C)
-    bound = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint)
+    bound = information.cramer_rao(MODEL, MODEL.truth, f, joint)
     ml = np.linalg.inv(np.linalg.cholesky(C))
     paper = paper_cost(MODEL, f, frf(MODEL, MODEL.truth, f)).weight
     sandwich = efficiency.linearised_covariance(MODEL, MODEL.truth, f, paper, joint)
@@ -74,7 +75,7 @@ def test_points_that_share_lines_say_less_than_independent_ones() -> None:
 def test_too_few_points_are_refused() -> None:
     f = published().f[:2]
     with pytest.raises(InputError, match="2 points do not determine 12 parameters"):
-        efficiency.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(random_covariance(np.random.default_rng(2), f)))
+        information.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(random_covariance(np.random.default_rng(2), f)))
 
 
 def test_a_parameter_that_its_bounds_hold_has_no_bound_and_the_others_that_of_knowing_it() -> None:
@@ -83,21 +84,21 @@ def test_a_parameter_that_its_bounds_hold_has_no_bound_and_the_others_that_of_kn
     k = MODEL.names.index("Kpas1")
     value = float(MODEL.truth[k])
     narrow = MODEL.with_bounds({"Kpas1": (value - 5e-10, value + 5e-10)})
-    assert efficiency.fixed_by_bounds(narrow, MODEL.truth, f, joint).tolist() == [n == "Kpas1" for n in MODEL.names]
-    assert not efficiency.fixed_by_bounds(MODEL, MODEL.truth, f, joint).any()
+    assert information.fixed_by_bounds(narrow, MODEL.truth, f, joint).tolist() == [n == "Kpas1" for n in MODEL.names]
+    assert not information.fixed_by_bounds(MODEL, MODEL.truth, f, joint).any()
     free = np.delete(np.arange(len(MODEL.names)), k)
     weight = paper_cost(MODEL, f, frf(MODEL, MODEL.truth, f)).weight
     for found in (
-        efficiency.cramer_rao(narrow, MODEL.truth, f, joint),
+        information.cramer_rao(narrow, MODEL.truth, f, joint),
         efficiency.linearised_covariance(narrow, MODEL.truth, f, weight, joint),
     ):
         assert np.isnan(found[k]).all()
         assert np.isnan(found[:, k]).all()
         assert np.isfinite(found[np.ix_(free, free)]).all()
     # knowing a parameter is conditioning on it: the Schur complement of the bound
-    C = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint)
+    C = information.cramer_rao(MODEL, MODEL.truth, f, joint)
     known = C[np.ix_(free, free)] - np.outer(C[free, k], C[k, free]) / C[k, k]
-    found = efficiency.cramer_rao(narrow, MODEL.truth, f, joint)[np.ix_(free, free)]
+    found = information.cramer_rao(narrow, MODEL.truth, f, joint)[np.ix_(free, free)]
     np.testing.assert_allclose(np.diag(found), np.diag(known), rtol=1e-5)
 
 
@@ -174,8 +175,8 @@ def test_the_bound_within_the_box_lies_between_data_and_box_and_below_estimates_
     rng, f = np.random.default_rng(9), published().below(1.2).f
     C = random_covariance(rng, f)
     width = MODEL.upper - MODEL.lower
-    root = {s: efficiency.van_trees(MODEL, MODEL.truth, f, joint_covariance(C * s)) for s in (1e-8, 1, 1e15)}
-    plain = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(C))
+    root = {s: information.van_trees(MODEL, MODEL.truth, f, joint_covariance(C * s)) for s in (1e-8, 1, 1e15)}
+    plain = information.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(C))
     np.testing.assert_allclose(root[1e-8], plain * 1e-8, rtol=1e-3, atol=0)
     np.testing.assert_allclose(np.diag(root[1e15]), (width / (2 * np.pi)) ** 2, rtol=1e-3)
     assert (np.linalg.eigvalsh((plain - root[1]) / width / width[:, None]) > -1e-12).all()
@@ -201,7 +202,7 @@ def test_the_bound_of_combined_stiffnesses_is_that_of_the_sum(make_cube: Cube) -
     C = random_covariance(np.random.default_rng(7), cells["frequency"].values)
     covariance = xr.DataArray(C[None], dims=("amplitude", "frequency", "angle", "angle_2"))
     bounds = efficiency.bounds_on_sd(combined(cells), MODEL, covariance).isel(amplitude=0, fmax=0)
-    whole = efficiency.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(C[: f.size]))
+    whole = information.cramer_rao(MODEL, MODEL.truth, f, joint_covariance(C[: f.size]))
     i, j = MODEL.names.index("K11"), MODEL.names.index("Kpas1")
     expected = np.sqrt(whole[i, i] + whole[j, j] + 2 * whole[i, j])
     assert float(bounds["cramer_rao"].sel(parameter="K11+Kpas1")) == pytest.approx(expected, rel=1e-9)

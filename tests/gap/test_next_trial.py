@@ -202,8 +202,10 @@ def test_impossible_trials_and_recordings_without_a_period_are_refused(delayed: 
         possible_trials(now, kinds=("push",))
     with pytest.raises(InputError, match="next trial: amplitude of hip_torque: "):
         possible_trials(now, amplitudes={"hip_torque": (1e6,)})
-    with pytest.raises(InputError, match="expected 1 to 100 trials"):
+    with pytest.raises(InputError, match="expected 1 to 100 trials, got 0"):
         possible_trials(now, trials=(0,))
+    with pytest.raises(InputError, match="expected 2 to 100 cycles, got 1"):
+        mc.next_trial("not_read_before.nc", cycles=1)
     with pytest.raises(RecordingError, match="expected a recording with a periodic stimulus"):
         SwayNoise.of(measure(mc.simulate(periodic=False, cycles=4, rate_hz=50, seed=1), 4.0), "walk")
 

@@ -231,7 +231,7 @@ def test_intervals_of_the_local_model_hold_the_crossing() -> None:
             ratio = np.exp(value + 0.3 * noise.sum() / 10)
             found.append(Estimate(ratio, np.full(100, 0.3 / 100 * ratio) * np.sign(noise), np.empty(0)))
         # the size of a contribution is known here; its sign ties designs that share their noise
-        prediction = Prediction(np.log([1.0, 10.0]), np.log(np.array([5.0, 0.5])))
+        prediction = Prediction(np.log([1.0, 10.0]), np.log(np.array([5.0, 0.5])), np.zeros((2, 0)), np.zeros(2))
         model = LocalModel(prediction, False, np.stack([u, np.zeros(3)], 1), found, [6, 6, 6] if shared else [1, 2, 3])
         band = model.at(np.array([[np.log(5.0), 0.0]]))
         inside += bool(band.low[0] <= 0 <= band.high[0])

@@ -14,6 +14,8 @@ from mcstudy.files import schema
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.fits.priors import weak_prior
 from mcstudy.report.design_page import design_page
+from mcstudy.spectra.periods import ramp_removed
+from mcstudy.stance.simulate_time import simulate, with_derivatives
 from mcstudy.stimulus_design.difference import difference
 from mcstudy.stimulus_design.spectrum import whitener
 
@@ -24,6 +26,7 @@ SHOW: dict[str, Any] = {
     "verify": {"bodies": 1},
 }
 LAG = "sensor_lag_theta2"
+RECORDINGS = 10
 
 
 def asking(*effects: str, **more: Any) -> dict[str, Any]:
@@ -60,6 +63,33 @@ def test_the_distance_is_the_noncentrality_of_fits_to_noisy_responses(shown: Any
     expected = 1 + shown.distances[1, 0] ** 2
     assert np.mean(falls) == pytest.approx(expected, abs=4 * np.std(falls) / np.sqrt(60))
     assert np.std(falls) / np.sqrt(60) < 0.1 * expected
+
+
+def test_simulated_recordings_of_the_designed_stimulus_show_the_effect_as_predicted(shown: Any) -> None:
+    """In the time domain, with noise inside the loop: nothing of the prediction enters but the covariance of errors."""
+    d, file = shown.designed.difference, shown.designed.file
+    with_effect = library.apply(d.base, *d.effects)
+    theta = np.array([*d.base.truth, d.sizes[0]["Ki1"]])
+    stimulus = shown.designed.stimulus
+    cycle, rate = with_derivatives(stimulus.waveform(), stimulus.rate_hz), stimulus.rate_hz
+    record = np.tile(cycle, (file.cycles, 1))
+    used = shown.designed.after > 0
+    f, weight = d.f[used], d.whitener[used] * np.sqrt(shown.designed.after[used])[:, None, None]
+    lines = np.rint(f * len(cycle) / rate).astype(int)
+    drive = stimulus.coefficients()[lines]
+    fitters = [Fitter(m, weak_prior(m, d.base), f) for m in (d.base, with_effect)]
+    falls = []
+    for seed in range(RECORDINGS):
+        noise = file.noise.source.sample(np.random.default_rng(seed), len(record), rate)
+        sway = simulate(with_effect, theta, record, rate, noise=noise).theta
+        y = ramp_removed(sway, len(cycle), file.stimulus.discard)[lines] / drive[:, None]
+        without, best = (
+            fitter.best(Data(f, y, weight), x).chi2 for fitter, x in zip(fitters, (d.base.truth, theta), strict=True)
+        )
+        falls.append(without - best)
+    expected = 1 + d.distances(shown.designed.after)[0] ** 2
+    assert np.mean(falls) == pytest.approx(expected, abs=4 * np.std(falls) / np.sqrt(RECORDINGS))
+    assert np.std(falls) / np.sqrt(RECORDINGS) < 0.15 * expected
 
 
 def test_a_design_shows_an_effect_better_than_the_sequence_and_better_than_one_for_the_parameters(shown: Any) -> None:

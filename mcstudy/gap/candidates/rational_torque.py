@@ -17,13 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
 from numpy.polynomial import polynomial
 
 from mcstudy.fitting.arguments import Prior
-from mcstudy.fitting.penalised import Data, Fitted, whiten
+from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
 from mcstudy.stance.joint import changed, members
 from mcstudy.stance.response import active, system
@@ -226,22 +227,17 @@ def next_starts(
     their evidence has a closed form. ``known``: number of parameters without the torque. Either fraction that the fit
     lacks may be the new one; the number of poles follows from the length of a start.
     """
-    s, unit = 2j * np.pi * data.f, PROPORTION * scale
+    unit = PROPORTION * scale
     J, residual = fitted.jacobian(data), fitted.free_residual(data)
     Q = np.linalg.qr(np.concatenate([J, np.diag(1 / fitted.prior.scale)]))[0][: J.shape[0]]
-    through = Loop.of(fitted, data.f).change(path, fitted.model)
-    corners = np.geomspace(2 * np.pi * data.f.min(), 2 * np.pi * data.f.max(), _CORNERS)
-    shapes: dict[int, list[tuple[float, ...]]] = {}
-    if poles % 2 == 0:
-        shapes[1] = [(w,) for w in corners]
-    if poles < 2:
-        shapes[2] = list(product(corners, _RATIOS))
-    out = []
-    for more, tried in shapes.items():
-        new = Path(path.row, path.sense, ())
-        each = new.basis(more, np.repeat(np.array(tried), s.size, axis=0).T, np.tile(s, len(tried))) * unit
-        columns = each.reshape(len(tried), s.size, more).swapaxes(0, 1).reshape(s.size, -1)
-        columns = whiten(data.weight, through[:, :, None] * columns[:, None, :])
+    through = np.einsum("nij,nj->ni", data.weight, Loop.of(fitted, data.f).change(path, fitted.model)) * unit
+    new, out = Path(path.row, path.sense, ()), []
+    for more in (1, 2):
+        if poles + more > MOST_POLES or (more == 1 and poles % 2):
+            continue
+        tried, basis = _fractions(data.f.tobytes(), more)
+        z = (through[:, :, None] * basis[:, None, :]).reshape(2 * data.f.size, -1)
+        columns = np.concatenate([z.real, z.imag])
         left = (columns - Q @ (Q.T @ columns)).T.reshape(len(tried), more, -1)
         gram = np.einsum("tid,tjd->tij", left, left) + np.eye(more)
         score = left @ residual
@@ -254,6 +250,19 @@ def next_starts(
             added |= dict(zip(new.names(more), [*(mean[c] * unit), *tried[c]], strict=True))
             out.append(np.array([*theta[:known], *(added[n] for n in path.names(poles + more))]))
     return out
+
+
+@lru_cache(maxsize=8)
+def _fractions(f: bytes, poles: int) -> tuple[list[tuple[float, ...]], np.ndarray]:
+    """Shapes of a fraction with 1 or 2 poles (T of them) that are tried, and their gains' transfer functions.
+
+    These are (N, T poles) at the frequencies in ``f`` (float64, Hz).
+    """
+    hz = np.frombuffer(f)
+    s, corners = 2j * np.pi * hz, np.geomspace(2 * np.pi * hz.min(), 2 * np.pi * hz.max(), _CORNERS)
+    tried: list[tuple[float, ...]] = [(w,) for w in corners] if poles == 1 else list(product(corners, _RATIOS))
+    every = Path("", "", ()).basis(poles, np.repeat(np.array(tried), s.size, axis=0).T, np.tile(s, len(tried)))
+    return tried, every.reshape(len(tried), s.size, poles).swapaxes(0, 1).reshape(s.size, -1)
 
 
 def _middle(f: np.ndarray) -> float:

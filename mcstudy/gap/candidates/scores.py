@@ -93,14 +93,14 @@ class Scores:
         families = free_torques(fitted, data)
         X = np.concatenate([unit, *(c[:, None] for _, _, c in self.plain), *(f.columns for f in families)], axis=1)
         self._raw, self._projected = X, self.project(X)
-        gram = X.T @ self._projected
         K, G = unit.shape[1], len(self.plain)
-        self._length = np.sqrt(np.maximum(np.diag(gram)[: K + G], 1e-12))
+        square = np.einsum("ij,ij->j", X[:, : K + G], self._projected[:, : K + G])
+        self._length = np.sqrt(np.maximum(square, 1e-12))
         self._blocks = []
         first = K + G
         for f in families:
             rows = slice(first, first + f.columns.shape[1])
-            self._blocks.append(_Block(f, rows, np.ascontiguousarray(gram[rows, rows])))
+            self._blocks.append(_Block(f, rows, f.columns.T @ self._projected[:, rows]))
             first = rows.stop
 
     def __call__(self, residual: np.ndarray, linear: bool = False) -> Scored:

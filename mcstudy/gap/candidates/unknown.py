@@ -70,8 +70,9 @@ def smooth_functions(f: np.ndarray, length: float) -> np.ndarray:
 
 
 def _complex(columns: np.ndarray) -> np.ndarray:
-    """(N, 2, 2 K): the columns and i times the columns, each with half the variance."""
-    return np.concatenate([columns, 1j * columns], axis=-1) / np.sqrt(2)
+    """(4 N, 2 K) real: complex whitened columns (N, 2, K) and i times the columns, each with half the variance."""
+    z = columns.reshape(-1, columns.shape[-1]) / np.sqrt(2)
+    return np.block([[z.real, -z.imag], [z.imag, z.real]])
 
 
 def by_stimulus(model: Model, functions: np.ndarray) -> np.ndarray:
@@ -92,7 +93,7 @@ def free_torques(fitted: Fitted, data: Data) -> list[Family]:
     model, theta = fitted.model, fitted.theta
     A, b = system(model, theta, s)
     H = np.linalg.solve(A, b[..., None])[..., 0]
-    inverse = np.linalg.inv(A)
+    reply = data.weight @ np.linalg.inv(A)  # whitened
     loop = np.abs(np.einsum("nij,nj->ni", active(model, theta, s), H)) + 0.1 * np.abs(b).max(axis=1, keepdims=True)
     y = fitted.response(data.f)
     out = []
@@ -100,17 +101,10 @@ def free_torques(fitted: Fitted, data: Data) -> list[Family]:
         phi = smooth_functions(data.f, length)
         free = by_stimulus(model, phi)
         torque = {
-            row: whiten(
-                data.weight,
-                _complex(inverse[:, :, k, None] * (loop[:, k, None] * free)[:, None, :]),
-            )
+            row: _complex(reply[:, :, k, None] * (loop[:, k, None] * free)[:, None, :])
             for k, row in enumerate(model.rows)
         }
-        sensor = []
-        for k in (0, 1):
-            unit = np.zeros((data.f.size, 2, RANK), dtype=complex)
-            unit[:, k] = y[:, k, None] * phi
-            sensor.append(whiten(data.weight, _complex(unit)))
+        sensor = [_complex(data.weight[:, :, k, None] * (y[:, k, None] * phi)[:, None, :]) for k in (0, 1)]
         variances = tuple(v**2 for v in SIZES)
         both = np.concatenate([torque["ankle"], torque["hip"]], axis=1)
         out += [
@@ -133,18 +127,22 @@ def plain_feedback(fitted: Fitted, data: Data) -> list[tuple[str, tuple[str, ...
     shapes = [(f"s^{n} e^(-{d:g} s)", s**n * np.exp(-d * s)) for n, d in product((-1, 0, 1, 2), DELAYS_S)]
     shapes += [(f"mode {f0:g} Hz", _mode(s, f0)) for f0 in RESONANCES_HZ]
     shapes += [(f"corner {1 / tau:g}/s", 1 / (tau * s + 1)) for tau in (0.05, 0.2, 1.0, 4.0)]
-    out = []
+    named, columns = [], []
     for (k, row), (sense, z), (name, shape) in product(enumerate(model.rows), senses.items(), shapes):
-        out.append((f"{row} <- {name} {sense}", (row,), inverse[:, :, k] * (shape * z)[:, None]))
+        named.append((f"{row} <- {name} {sense}", (row,)))
+        columns.append(inverse[:, :, k] * (shape * z)[:, None])
     scale = np.abs(b).max(axis=1)
     for (k, row), (name, shape) in product(enumerate(model.rows), shapes[:16:4]):
-        out.append((f"{row} <- {name} stimulus", (row,), inverse[:, :, k] * (shape * scale)[:, None]))
+        named.append((f"{row} <- {name} stimulus", (row,)))
+        columns.append(inverse[:, :, k] * (shape * scale)[:, None])
     y = fitted.response(data.f)
     for (i, j), n in product(product((0, 1), (0, 1)), (-1, 0, 1, 2)):
         column = np.zeros_like(y)
         column[:, i] = s**n * y[:, j]
-        out.append((f"measured {model.angles[i]} <- s^{n} {model.angles[j]}", ("sensor",), column))
-    return [(name, locations, whiten(data.weight, c)) for name, locations, c in out]
+        named.append((f"measured {model.angles[i]} <- s^{n} {model.angles[j]}", ("sensor",)))
+        columns.append(column)
+    whitened = whiten(data.weight, np.stack(columns, axis=-1)).T
+    return [(*names, column) for names, column in zip(named, whitened, strict=True)]
 
 
 def _mode(s: np.ndarray, frequency: float) -> np.ndarray:
@@ -162,14 +160,16 @@ def strange(
     ``candidates`` have columns with the base parameters already projected out; zero columns are dropped.
     """
     kept: list[tuple[str, tuple[str, ...], np.ndarray]] = []
-    basis = known
+    basis, count = np.empty((known.shape[1] + len(candidates), known.shape[0])), known.shape[1]
+    basis[:count] = known.T
     for name, locations, column in candidates:
         length = np.linalg.norm(column)
         if not length > 0:
             continue
         unit = column / length
-        if basis.shape[1] and np.abs(unit @ basis).max() > alike:
+        if count and np.abs(basis[:count] @ unit).max() > alike:
             continue
         kept.append((name, locations, unit))
-        basis = np.column_stack([basis, unit])
+        basis[count] = unit
+        count += 1
     return kept

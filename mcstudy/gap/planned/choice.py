@@ -143,17 +143,9 @@ def possible_trials(
 
     Raises `InputError` for a kind, amplitude, spectrum or number that cannot be recorded.
     """
-    chosen = tuple(kinds) or tuple(dict.fromkeys((*KINDS, *now.amplitudes)))
     given = dict(amplitudes or {})
-    for name, known in (*((k, STIMULI) for k in (*chosen, *given)), *((s, SPECTRA) for s in spectra)):
-        if name not in known:
-            raise InputError(f"next trial: expected {', '.join(known)}, got {name!r}")
-    for kind, sizes in given.items():
-        for a in sizes:
-            if fault := AMPLITUDE[STIMULI[kind]].fault(a):
-                raise InputError(f"next trial: amplitude of {kind}: {fault}")
-    if not all(1 <= n <= 100 for n in trials) or not 2 <= cycles <= 100:
-        raise InputError("next trial: expected 1 to 100 trials of 2 to 100 cycles")
+    require_possible(kinds, given, spectra, trials, cycles)
+    chosen = tuple(kinds) or tuple(dict.fromkeys((*KINDS, *now.amplitudes)))
     alone = [
         PlannedTrial(kind, a, spectrum, 1, cycles, 1, now.fmax)
         for kind in chosen
@@ -164,6 +156,28 @@ def possible_trials(
     halves = [n // 2 for n in trials if n % 2 == 0]
     mixed = [(replace(a, trials=n), replace(b, trials=n)) for a, b in combinations(alone, 2) for n in halves]
     return [*single, *mixed]
+
+
+def require_possible(
+    kinds: Sequence[str],
+    amplitudes: Mapping[str, Sequence[float]],
+    spectra: Sequence[str] = SPECTRA,
+    trials: Sequence[int] = TRIALS,
+    cycles: int = CYCLES,
+) -> None:
+    """Raise `InputError` for a kind, amplitude, spectrum or number that cannot be recorded."""
+    for name, known in (*((k, STIMULI) for k in (*kinds, *amplitudes)), *((s, SPECTRA) for s in spectra)):
+        if name not in known:
+            raise InputError(f"next trial: expected {', '.join(known)}, got {name!r}")
+    for kind, sizes in amplitudes.items():
+        for a in sizes:
+            if fault := AMPLITUDE[STIMULI[kind]].fault(a):
+                raise InputError(f"next trial: amplitude of {kind}: {fault}")
+    for n in trials:
+        if not 1 <= n <= 100:
+            raise InputError(f"next trial: expected 1 to 100 trials, got {n}")
+    if not 2 <= cycles <= 100:
+        raise InputError(f"next trial: expected 2 to 100 cycles, got {cycles}")
 
 
 def ranked(now: Situation, plans: Sequence[Plan], seed: int = 0) -> tuple[Option, ...]:

@@ -27,6 +27,17 @@ DECIDED = 0.6
 SHOWN = 12
 """Most trials that a table lists."""
 
+HEADER = ["trial", "minutes", "bits", "P(true)", "causes", "would tell apart"]
+"""Columns of the tables."""
+
+NOTE = (
+    "bits: expected information about the cause. P(true), causes: expected posterior probability of the true cause, "
+    "and number of causes in the 95 % set. Last column: the two causes for which the trial matters most, and the "
+    "chance that it names the right one of them (50 % by guessing). Amplitudes are peaks; where none was recorded or "
+    "given, the one that evokes no more sway than was recorded."
+)
+"""What the columns mean."""
+
 OPEN = 0.05
 """Entropy over the causes, bits, below which nothing is left to decide."""
 
@@ -100,6 +111,21 @@ class NextTrial(Summary):
         return self.options[:SHOWN]
 
     @property
+    def rows(self) -> list[list[str]]:
+        """The leading options under `HEADER`."""
+        return [
+            [
+                described(o.plan),
+                f"{o.duration_s / 60:.1f}",
+                f"{o.told.bits:.2f}",
+                f"{o.told.probability:.2f}",
+                f"{o.told.set_size:.1f}",
+                self.decision(o),
+            ]
+            for o in self.leading
+        ]
+
+    @property
     def inseparable(self) -> tuple[tuple[str, str], ...]:
         """Pairs of the leading causes that none of the options tells apart."""
         return tuple(
@@ -127,26 +153,9 @@ class NextTrial(Summary):
         if self.inseparable:
             pairs = "; ".join(" and ".join(pair) for pair in self.inseparable)
             lines.append(f"None of these trials tells apart: {pairs}.")
-        header = ("trial", "minutes", "bits", "P(true)", "95 % set", "would tell apart")
-        rows = [
-            (
-                described(o.plan),
-                f"{o.duration_s / 60:.1f}",
-                f"{o.told.bits:.2f}",
-                f"{o.told.probability:.2f}",
-                f"{o.told.set_size:.1f}",
-                self.decision(o),
-            )
-            for o in self.leading
-        ]
-        left = len(self.options) - len(rows)
-        note = (
-            "bits: expected information about the cause. P(true), 95 % set: expected posterior probability of the true "
-            "cause, and number of causes in the 95 % set. Amplitudes are peaks; where none was recorded or given, the "
-            "one that evokes no more sway than was recorded."
-            + (f" {left} less informative ones are left out; --json lists them." if left else "")
-        )
-        return "\n".join([*(fill(x) for x in lines), "", table(header, rows, of_text=True), fill(note)])
+        left = len(self.options) - len(self.leading)
+        note = NOTE + (f" {left} less informative ones are left out; --json lists them." if left else "")
+        return "\n".join([*(fill(x) for x in lines), "", table(HEADER, self.rows, of_text=True), fill(note)])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON data, valid under ``results_schema/1.0.0/next_trial.json``."""

@@ -161,7 +161,7 @@ class _Part:
 
 
 class Expected:
-    """What every hypothesis expects under any stimulus; responses of a kind are worked out once.
+    """What every hypothesis expects under any stimulus; every trial, and the responses of a kind, are worked out once.
 
     Parameters
     ----------
@@ -171,9 +171,15 @@ class Expected:
     def __init__(self, belief: Belief, recorded: Recorded) -> None:
         self.belief, self.recorded = belief, recorded
         self._known: dict[tuple[str, bytes], list[tuple[Fitted, np.ndarray, np.ndarray, np.ndarray]]] = {}
+        self._parts: dict[tuple[PlannedTrial, SwayNoise], _Part] = {}
 
     def under(self, trial: PlannedTrial, noise: SwayNoise) -> _Part:
         """The predictions for one trial."""
+        if (trial, noise) not in self._parts:
+            self._parts[trial, noise] = self._part(trial, noise)
+        return self._parts[trial, noise]
+
+    def _part(self, trial: PlannedTrial, noise: SwayNoise) -> _Part:
         weight = LineNoise(C := trial.covariance(noise), np.full(len(C), KNOWN_DOF)).whitener
         mean, shared, alone = [], [], []
         for h, (own, covariance, H, J) in enumerate(self._responses(trial)):

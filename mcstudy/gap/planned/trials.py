@@ -104,7 +104,7 @@ class PlannedTrial:
         return noise(self.f) / (2 * seconds) / (np.abs(self.drive) ** 2)[:, None, None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SwayNoise:
     """Density of the sway that noise evokes: one-sided, (K, 2, 2) rad^2/Hz at frequencies (K,) Hz, measured."""
 

@@ -13,6 +13,7 @@ from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.signatures import Signature, ambiguity_groups, applicable, signatures
 from mcstudy.gap.fits.base_fit import base_fit
 from mcstudy.gap.fits.priors import opened, weak_prior
+from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.contrasts import Contrast, contrasts
 from mcstudy.gap.questions.detection import Detection, detect
 from mcstudy.short_repr import Summary
@@ -78,11 +79,14 @@ class GapTest(Summary):
         return MARGIN * p / (1 - share)
 
 
-def gap_test(lines: Lines, nominal: Model, draws: int, refits: bool, seed: int) -> GapTest:
+def gap_test(
+    lines: Lines, nominal: Model, draws: int, refits: bool, seed: int, contrast_draws: int = CONTRAST_DRAWS
+) -> GapTest:
     """Fit the base model and test it.
 
     ``nominal``: base model with values of the order of magnitude of a person's. ``draws``: number of null samples.
-    ``refits``: refit the model to every null sample instead of using the linearised fit.
+    ``refits``: refit the model to every null sample instead of using the linearised fit. ``contrast_draws``: null
+    samples of every contrast; only p-values depend on them.
     """
     data, model = Data.of(lines), opened(nominal)
     fitter = Fitter(model, weak_prior(model, model), data.f)
@@ -99,5 +103,5 @@ def gap_test(lines: Lines, nominal: Model, draws: int, refits: bool, seed: int) 
         ambiguity_groups(found),
         scores,
         detect(base, fitter, data, lines, scores, stream(seed, "gap null"), draws, refits),
-        contrasts(lines, base, stream(seed, "gap contrasts")),
+        contrasts(lines, base, stream(seed, "gap contrasts"), contrast_draws),
     )

@@ -144,21 +144,21 @@ def _spread(unit: np.ndarray, difference: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(weight @ rest**2 / (weight @ (1 - unit**2)), 0.3))
 
 
-def contrasts(lines: Lines, base: Fitted, rng: np.random.Generator) -> list[Contrast]:
+def contrasts(lines: Lines, base: Fitted, rng: np.random.Generator, draws: int = DRAWS) -> list[Contrast]:
     """All possible comparisons within a recording: lowest against highest amplitude, first against last cycles."""
     out = []
     for k, (part, model) in enumerate(zip(lines.parts, members(base.model), strict=True)):
-        out += [replace(c, part=k) for c in _within(part, replace(base, model=model), rng)]
+        out += [replace(c, part=k) for c in _within(part, replace(base, model=model), rng, draws)]
     return out
 
 
-def _within(lines: Lines, base: Fitted, rng: np.random.Generator) -> list[Contrast]:
+def _within(lines: Lines, base: Fitted, rng: np.random.Generator, draws: int) -> list[Contrast]:
     out = []
     groups = lines.by_amplitude() if np.isfinite(lines.amplitude).all() else []
     if len(groups) > 1:
         (low, first), (high, second) = groups[0], groups[-1]
-        out.append(contrast("amplitude", first, second, (low, high), base, rng))
+        out.append(contrast("amplitude", first, second, (low, high), base, rng, draws))
     halves = lines.halves()
     if halves is not None:
-        out.append(contrast("time", *halves, (0.0, 1.0), base, rng))
+        out.append(contrast("time", *halves, (0.0, 1.0), base, rng, draws))
     return out

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Patch
 
-from mcstudy.gap.planned.next_trial import NextTrial, described
+from mcstudy.gap.planned.next_trial import HEADER, NextTrial, described
 from mcstudy.gap.planned.twins import Twins
 from mcstudy.report.axes import axes
 from mcstudy.report.figure import Figure, Panel
@@ -49,10 +49,6 @@ def twin_map(before: Twins, after: Twins, ax: Axes | None = None) -> Axes:
 
 def next_figure(found: NextTrial) -> Figure:
     """The section of the page: the map before and after, and the table of trials."""
-    rows = [
-        [described(o.plan), f"{o.duration_s / 60:.1f}", f"{o.told.bits:.2f}", f"{o.told.probability:.2f}", d]
-        for o, d in ((o, found.decision(o)) for o in found.leading)
-    ]
     return Figure(
         "twins",
         "",
@@ -64,7 +60,7 @@ def next_figure(found: NextTrial) -> Figure:
             "cannot be told apart. Columns have the numbers of the rows.",
         ],
         [Panel("effects that look alike", partial(twin_map, found.before, found.after), (8.8, 6.4))],
-        [Table("Possible trials", ["trial", "minutes", "bits", "P(true)", "would tell apart"], rows, "wide")],
+        [Table("Possible trials", HEADER, found.rows, "wide")],
     )
 
 

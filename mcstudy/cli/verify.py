@@ -22,16 +22,17 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.files.durable import tree_digest
     from mcstudy.scheduler.activity import activity
     from mcstudy.study.verify import verify
+    from mcstudy.text_tables import folded
 
     with activity(f"{args.out}: reading"):
         findings = verify(args.out, args.cells, args.seed)
     for note in findings.notes:
-        print(f"note: {note}")
+        print(folded(f"note: {note}"))
     for line in findings.damage:
-        print(f"damage: {line}")
+        print(folded(f"damage: {line}"))
     print(
         f"{args.out}: {len(findings.damage)} damaged; {findings.chunks} chunks read, "
         f"{findings.recomputed} fits recomputed, {findings.pending} not run yet"
     )
-    print(f"sha256 of the tree: {tree_digest(args.out)}")
+    print(f"sha256 of tree: {tree_digest(args.out)}")
     return Exit.DIFFERS if findings.damage else Exit.DONE

@@ -184,6 +184,7 @@ def _compiler() -> Iterator[subprocess.Popen[bytes]]:
 
 def _serve() -> None:
     """A compiling process: parts by line on stdin; on stdout a dot per function and a line end per part."""
+    import gc
     import queue
 
     from numba.core import event
@@ -196,6 +197,7 @@ def _serve() -> None:
             del event
             os.write(1, b".")
 
+    gc.set_threshold(300_000)  # most of what the compiler makes stays; to search it for garbage takes time
     asked: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def listen() -> None:

@@ -6,6 +6,7 @@ counts 4 N real degrees of freedom; every whitened vector here is real with unit
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -86,7 +87,10 @@ class Fitted:
         return float(-0.5 * (self.chi2 + self.penalty) - 0.5 * np.linalg.slogdet(curvature)[1])
 
     def response(self, f: np.ndarray) -> np.ndarray:
-        """FRFs (N, 2)."""
+        """FRFs (N, 2), kept for the next question at the same frequencies: nobody may write to them."""
+        return self._kept("_response", f, lambda: self._responses(f))
+
+    def _responses(self, f: np.ndarray) -> np.ndarray:
         return frf(self.model, self.theta, f)
 
     def residual(self, data: Data) -> np.ndarray:
@@ -104,19 +108,23 @@ class Fitted:
         return r - J @ (self.covariance @ (J.T @ r - off))
 
     def jacobian(self, data: Data) -> np.ndarray:
-        """Whitened derivative of the model, (4 N, P), which nobody may write to: it is kept for the next question."""
-        kept: tuple[Data, np.ndarray] | None = self.__dict__.get("_jacobian")
-        if kept is None or kept[0] is not data:
-            kept = (data, self._derivative(data))
-            kept[1].flags.writeable = False
-            self.__dict__["_jacobian"] = kept  # as `cached_property` does
-        return kept[1]
+        """Whitened derivative of the model, (4 N, P), kept for the next question about the same data, read-only."""
+        return self._kept("_jacobian", data, lambda: self._derivative(data))
 
     def _derivative(self, data: Data) -> np.ndarray:
         return whiten(data.weight, frf_jacobian(self.model, self.theta, data.f)[1])
 
+    def _kept(self, name: str, of: object, compute: Callable[[], np.ndarray]) -> np.ndarray:
+        """What was computed last under a name, if it was of the same object."""
+        kept: tuple[object, np.ndarray] | None = self.__dict__.get(name)
+        if kept is None or kept[0] is not of:
+            kept = (of, compute())
+            kept[1].flags.writeable = False
+            self.__dict__[name] = kept  # as `cached_property` does
+        return kept[1]
+
     def __getstate__(self) -> dict[str, object]:
-        return {name: value for name, value in self.__dict__.items() if name != "_jacobian"}
+        return {name: value for name, value in self.__dict__.items() if not name.startswith("_")}
 
 
 class Fitter:

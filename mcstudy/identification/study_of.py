@@ -11,7 +11,7 @@ from mcstudy.identification.noise_of import noise_of
 from mcstudy.identification.result import FitResult
 from mcstudy.recordings.joint import JointRecording
 from mcstudy.recordings.recording import Recording
-from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd
+from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd, polarity
 from mcstudy.stance.stimulus import RECURRENCES, Prts
 from mcstudy.study.design import Study
 
@@ -93,7 +93,8 @@ def stimulus_of(recording: Recording, fitted: FitResult) -> tuple[dict[str, Any]
             f"{recording.name}: stimulus: expected one with odd harmonics of its period only, as in every study, got "
             "even ones too"
         )
-    coefficients = (cycles.stimulus[:, excited] / cycles.amplitude[:, None]).mean(axis=0)
+    scale = polarity(cycles.stimulus) / cycles.amplitude
+    coefficients = (cycles.stimulus[:, excited] * scale[:, None]).mean(axis=0)
     samples = STATES * int(np.ceil(period_s * max(LEAST_RATE_HZ, recording.rate_hz) / STATES))
     sequence = {"stages": STAGES, "state_s": period_s / STATES, "rate_hz": samples / period_s}
     size = np.abs(coefficients)

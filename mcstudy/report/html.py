@@ -42,7 +42,7 @@ def table(content: Table, kind: str = "") -> str:
     )
     return (
         f'<div class="scroll" role="region" tabindex="0" aria-label="{escape(content.caption)}">'
-        f'<table class="{kind}"><caption>{escape(content.caption)}</caption>'
+        f'<table class="{kind}"><caption><span>{escape(content.caption)}</span></caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 

@@ -15,26 +15,27 @@ COLOURS: dict[str, str] = {
     "muted": "#57606a",
     "grid": "#d8dee4",
     "panel": "#fefefe",
-    "blue": "#0b63a5",
-    "orange": "#b5470a",
+    "blue": "#08467f",
+    "orange": "#c2540c",
     "green": "#11775a",
     "purple": "#8f3f97",
     "ochre": "#7a5d00",
     "sky": "#3a86b0",
 }
-"""Name to colour in the light version; the names are CSS variables of the page, ``--blue`` and so on."""
+"""Name to colour in the light version; the names are CSS variables of the page, ``--blue`` and so on. Blue and orange,
+the two colours of most figures, differ in grey too."""
 
 DARK: dict[str, str] = {
     "ink": "#e6edf3",
     "muted": "#a3b0bd",
     "grid": "#343c46",
     "panel": "#171b21",
-    "blue": "#6cb6ff",
-    "orange": "#ff9e64",
+    "blue": "#a3d2ff",
+    "orange": "#e8823c",
     "green": "#57d3a4",
     "purple": "#d8a0e8",
     "ochre": "#e3c04b",
-    "sky": "#8fd3f4",
+    "sky": "#5fa8cf",
 }
 """The same names in the dark version."""
 

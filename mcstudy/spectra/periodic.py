@@ -87,12 +87,23 @@ def cycle_coefficients(recording: Recording, fmax: float, discard: int) -> Cycle
     return Cycles(np.array(u) * felt, np.stack(y, axis=1), trial_index, cycle_index, recording.amplitudes[trial_index])
 
 
+def polarity(stimulus: np.ndarray) -> np.ndarray:
+    """Signs (R,): -1 for a cycle whose stimulus is that of the first one reversed, coefficients (R, K); else 1.
+
+    A protocol may reverse the stimulus between trials, so that nobody can learn it.
+    """
+    waves = stimulus[:, 1:]
+    size = np.linalg.norm(waves, axis=1)
+    return np.where((waves @ waves[0].conj()).real < -size * size[0] / 2, -1.0, 1.0)
+
+
 def excited_lines(stimulus: np.ndarray) -> np.ndarray:
     """Harmonics that a stimulus with coefficients (R, K) excites, ascending; harmonic 0 never is."""
     magnitude = np.sqrt(np.mean(np.abs(stimulus) ** 2, axis=0))
     magnitude[0] = 0.0
     strongest = np.lib.stride_tricks.sliding_window_view(np.pad(magnitude, NEIGHBOURS), 2 * NEIGHBOURS + 1).max(axis=1)
-    repeats = np.abs(stimulus.mean(axis=0)) > magnitude / 2  # a recorded stimulus contains noise
+    mean = (polarity(stimulus)[:, None] * stimulus).mean(axis=0)
+    repeats = np.abs(mean) > magnitude / 2  # a recorded stimulus contains noise
     return np.flatnonzero((magnitude >= EXCITED * strongest) & (magnitude > 1e-5 * magnitude.max()) & repeats)
 
 

@@ -24,6 +24,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding as llvm
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
 from numba.core.runtime import rtsys
@@ -177,6 +178,21 @@ class _Impl(CompileResultCacheImpl):
         super().__init__(function)
         locator: Any = self.locator
         locator.get_source_stamp = partial(stamp, function.__module__)
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """What `reduce` has kept, ready to be called.
+
+        Numba also reads LLVM's code of the function and of all it calls, from which others that call it are compiled.
+        That takes half of the time, and a process that compiles nothing has no use for it: it is read when it is asked
+        for.
+        """
+        (name, kind, (machine_code, code)), described, *rest = payload
+        names = (described.llvm_func_name, described.llvm_cpython_wrapper_name, described.llvm_cfunc_wrapper_name)
+        empty = "\n".join(f'define void @"{own}"() {{ ret void }}' for own in dict.fromkeys(names))
+        stub = llvm.parse_assembly(empty).as_bitcode()
+        result = super().rebuild(target_context, ((name, kind, (machine_code, stub)), described, *rest))
+        result.library._get_module_for_linking = cache(lambda: llvm.parse_bitcode(code))
+        return result
 
 
 class _Cache(FunctionCache):

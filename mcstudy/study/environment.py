@@ -19,6 +19,9 @@ THREADS = ("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_
 LAYERS = ("stance", "files", "recordings", "spectra", "fitting", "study", "streams.py")
 """Folders and files of this package that affect numbers."""
 
+DIGITS = 12
+"""Digits of a source's digest that a message prints."""
+
 
 @cache
 def source(layers: tuple[str, ...] = LAYERS) -> str:
@@ -60,7 +63,9 @@ def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
         a, b = old.get("versions", {}).get(name), new["versions"].get(name)
         if a != b:
             lines.append(f"versions.{name}: {a} -> {b}")
-    lines += [f"{k}: {old.get(k)} -> {new[k]}" for k in ("source", "machine", "cpu") if old.get(k) != new[k]]
+    for k, most in (("source", DIGITS), ("machine", None), ("cpu", None)):
+        if old.get(k) != new[k]:
+            lines.append(f"{k}: {str(old.get(k))[:most]} -> {str(new[k])[:most]}")
     gone = sorted(set(old.get("cpu_features", [])) - set(new["cpu_features"]))
     come = sorted(set(new["cpu_features"]) - set(old.get("cpu_features", [])))
     if gone or come:

@@ -12,6 +12,7 @@ from mcstudy.cli import main
 from mcstudy.cli.help import TOPICS, page
 from mcstudy.cli.markdown import as_text
 from mcstudy.exits import Exit
+from mcstudy.study import environment
 from mcstudy.text_tables import table, with_error
 
 NARROW, WIDE = 80, 120
@@ -46,6 +47,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ["show", "cube.zarr"],
         ["show", "cube.zarr", "--compare", "cube.zarr"],
         ["status", "cube.zarr"],
+        ["verify", "cube.zarr", "--cells", "1"],
         ["replay", "cube.zarr", "--realization", "0", "--start", "0", "--fmax", "1.2", "--amplitude", "5"],
         ["gap", "effects"],
         ["gap", "diagnose", "recording.nc", "--fast"],
@@ -67,6 +69,21 @@ def test_what_a_verb_prints_fits_the_terminal(
     assert main(words) == Exit.DONE
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= width
+
+
+def test_a_note_of_another_environment_fits_the_terminal(
+    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = environment.environment()
+    monkeypatch.setattr(environment, "environment", lambda: {**now, "source": "0" * 64, "cpu": "a name " * 12})
+    monkeypatch.chdir(files)
+    monkeypatch.setenv("COLUMNS", str(NARROW))
+    capsys.readouterr()
+    assert main(["verify", "cube.zarr", "--cells", "0"]) == Exit.DONE
+    printed = capsys.readouterr().out
+    assert f"source: {now['source'][:12]} -> 000000000000\n" in printed
+    assert "a name a name" in printed
+    assert max(map(len, printed.splitlines())) <= NARROW
 
 
 @pytest.mark.parametrize("width", [NARROW, 100, 160])

@@ -30,6 +30,7 @@ from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
 from mcstudy.gap.questions.mislabelled import Labels, Mislabelled, mislabelled
 from mcstudy.gap.questions.possible import possible
 from mcstudy.gap.tables import text
+from mcstudy.recordings.checks import check
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.anthropometry import segments
@@ -46,6 +47,13 @@ def person() -> Sound:
 @pytest.fixture(scope="module")
 def tested(person: Sound) -> GapTest:
     return detect_fast(person.recording, fmax=3.0)
+
+
+def reversed_second(recording: Recording, stimulus: int, angles: int) -> Recording:
+    """The recording whose second trial has its stimulus or its angles times -1."""
+    first, second = recording.trials
+    turned = replace(second, stimulus=stimulus * second.stimulus, theta=angles * second.theta, amplitude=None)
+    return replace(recording, trials=(first, turned))
 
 
 def readings_of(recording: Recording, accept: frozenset[str] = frozenset()) -> tuple[list[Mislabelled], float]:
@@ -106,6 +114,28 @@ def test_a_code_that_the_user_accepts_is_not_tried(person: Sound) -> None:
 def test_a_refusal_gives_the_right_reason(person: Sound, name: str, words: str) -> None:
     with pytest.raises(RecordingError, match=words):
         checked_lines(BY_NAME[name].change(person))
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_the_clock_of_one_trial_is_refused_for_that_trial(seed: int) -> None:
+    words = r"trial 2: theta1, theta2: answer 0\.4\d s later .* their clock is 1(\.1)? % faster"
+    with pytest.raises(RecordingError, match=words):
+        check(BY_NAME["clock of the second trial's angles 1 % fast"].change(sound(seed)))
+    check(sound(seed).recording)
+
+
+@pytest.mark.parametrize("turned", [(-1, 1), (1, -1)])  # of the stimulus, of both angles
+def test_a_mirrored_trial_that_cancels_the_other_is_refused_as_mirrored(turned: tuple[int, int]) -> None:
+    recording = reversed_second(sound(0).recording, *turned)
+    with pytest.raises(RecordingError, match=r"trial 2: stimulus or theta1, theta2: .* opposite sign .* cancel"):
+        checked_lines(recording)
+
+
+def test_a_protocol_may_reverse_the_stimulus_of_a_trial() -> None:
+    recording = sound(0).recording
+    plain, turned = (checked_lines(r)[1] for r in (recording, reversed_second(recording, -1, -1)))
+    np.testing.assert_allclose(turned.y, plain.y, rtol=1e-9)
+    np.testing.assert_allclose(turned.noise.C, plain.noise.C, rtol=1e-6)
 
 
 def test_low_passed_angles_are_not_refused_as_integrals() -> None:

@@ -76,13 +76,35 @@ def test_no_table_is_cut_off(browser: Browser, page: str, width: int, request: p
     assert browser.evaluate(cut) == []
 
 
-@pytest.mark.parametrize("width", [380, 1600])
-@pytest.mark.parametrize("page", ["paper_page", "gap_page", "fit_page"])
+@pytest.mark.parametrize(
+    ("page", "width", "least"),
+    [
+        *((page, 380, 8.0) for page in ("paper_page", "gap_page", "fit_page")),
+        *(("paper_page", 1600, 8.9), ("gap_page", 1600, 11.0), ("fit_page", 1600, 11.0)),
+    ],
+)
 def test_the_smallest_label_in_a_figure_can_be_read(
-    browser: Browser, page: str, width: int, request: pytest.FixtureRequest
+    browser: Browser, page: str, width: int, least: float, request: pytest.FixtureRequest
 ) -> None:
     browser.open(request.getfixturevalue(page), width)
-    assert browser.evaluate(SMALLEST_TEXT) >= 8.0
+    assert browser.evaluate(SMALLEST_TEXT) >= least
+
+
+def test_the_numbers_in_dense_maps_can_be_read(browser: Browser, paper_page: Path) -> None:
+    browser.open(paper_page, 1600)
+    for key in ("pairs", "atlas"):
+        assert browser.evaluate(SMALLEST_TEXT.replace("svg.plot", f"#{key} svg.plot")) >= 11.0, key
+
+
+@pytest.mark.parametrize("page", ["paper_page", "gap_page"])
+def test_on_a_phone_a_table_that_scrolls_keeps_its_title_and_its_buttons_in_view(
+    browser: Browser, page: str, request: pytest.FixtureRequest
+) -> None:
+    browser.open(request.getfixturevalue(page), 380)
+    outside = """[...document.querySelectorAll('.scroll caption > span')].filter(e => e.offsetParent &&
+      e.getBoundingClientRect().right > 380).map(e => e.textContent)"""
+    assert browser.evaluate("document.querySelectorAll('.scroll caption > span').length") > 8
+    assert browser.evaluate(outside) == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

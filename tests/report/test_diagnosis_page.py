@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -24,6 +25,7 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.data import GapData
+from mcstudy.report.diagnosis.outcome_figures import cause_bars
 from mcstudy.report.diagnosis.page import gap_page as page_of
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
 from mcstudy.report.diagnosis.sections import which_figures
@@ -64,11 +66,26 @@ def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Pa
     assert diagnosis.closed is not None
     assert f"[{100 * diagnosis.closed.low:.0f}, {100 * diagnosis.closed.high:.0f}]" in text
     for t in tables(diagnosis):
-        assert text.count(f"<caption>{html.escape(t.title)}</caption>") == 1
+        assert text.count(f"<caption><span>{html.escape(t.title)}</span></caption>") == 1
     for e in LIBRARY.values():
         assert html.escape(e.source) in text
     assert len(text.encode()) < 3e6
     assert "http://" not in re.sub(r'xmlns="http://www.w3.org/2000/svg"', "", text)
+
+
+def test_long_names_of_causes_do_not_run_into_each_other(diagnosis: Diagnosis) -> None:
+    pair = replace(
+        diagnosis.causes[0],
+        effects=("passive_damping_ankle", "short_latency_reflex"),
+        probability=0.1,
+        alternatives=(("passive_damping_ankle",), ("short_latency_reflex", "stimulus_delay", "stimulus_lag")),
+    )
+    figure = plt.figure(figsize=(4.3, 4.4), layout="constrained")
+    ax = cause_bars(replace(diagnosis, causes=(pair,) * 5), figure.add_subplot())
+    figure.canvas.draw()
+    boxes = sorted((label.get_window_extent() for label in ax.get_yticklabels()), key=lambda box: box.y0)
+    plt.close(figure)
+    assert all(upper.y0 > lower.y1 for lower, upper in pairwise(boxes))
 
 
 def test_every_figure_says_which_command_made_it(gap_page: Path, lagging_recording: Path) -> None:

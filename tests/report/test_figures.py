@@ -139,6 +139,22 @@ def test_a_combined_stiffness_is_drawn_by_its_name(paper_tree: xr.DataTree, ax: 
     assert ax.patches[0].get_height() == pytest.approx(float(truth))  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize("bars", [figures.bias_bars, figures.cv_bars])
+def test_combined_parameters_differ_from_single_ones_without_colour(
+    bars: Callable[..., Axes], paper_tree: xr.DataTree, ax: Axes
+) -> None:
+    bars(paper_tree["accuracy"], ax=ax)
+    names = [t.get_text() for t in ax.get_yticklabels()]
+    hatched = {names[round(p.get_y() + p.get_height() / 2)] for p in ax.patches if p.get_hatch()}
+    assert hatched == {n for n in names if "+" in n} != set()
+
+
+def test_two_angles_over_time_have_lines_of_unequal_width(signals: Signals, ax: Axes) -> None:
+    figures.sway_record(signals, ax)
+    first, second = (line.get_linewidth() for line in ax.lines)
+    assert first > 1.3 * second
+
+
 def test_unknown_parameters_fmax_and_amplitudes_are_named(paper_tree: xr.DataTree, ax: Axes) -> None:
     with pytest.raises(InputError, match="parameter: expected one of K11"):
         figures.parameter_bars(paper_tree["accuracy"], "K99", ax)

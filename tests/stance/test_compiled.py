@@ -74,6 +74,36 @@ def test_an_edit_of_a_file_whose_functions_are_called_is_seen(tmp_path: Path) ->
     assert run(3) == ["4", "0"]  # and not kept too long
 
 
+COUNTED = """
+import llvmlite.binding as llvm
+from two_files.{module} import {function} as called
+
+read, parse = [], llvm.parse_bitcode
+llvm.parse_bitcode = lambda code: read.append(len(code)) or parse(code)
+print(called(1), sum(called.stats.cache_hits.values()), len(read))
+"""
+
+
+def test_what_is_loaded_is_read_for_the_compiler_only_when_something_is_compiled_from_it(tmp_path: Path) -> None:
+    folder = tmp_path / "two_files"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "called.py").write_text(CALLED.format(value=2))
+    (folder / "other.py").write_text(OTHER)
+    (folder / "caller.py").write_text(CALLER)
+    variables = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {"PYTHONPATH": str(tmp_path)}
+
+    def run(module: str, function: str) -> list[str]:
+        command = [sys.executable, "-c", COUNTED.format(module=module, function=function)]
+        return subprocess.run(command, capture_output=True, text=True, check=True, env=variables).stdout.split()
+
+    run("other", "kept")  # compiles it
+    # Whatever is loaded, numba reads what stands for its code; the code itself is a second reading.
+    assert run("other", "kept") == ["2", "1", "1"]
+    assert run("caller", "outer") == ["3", "0", "2"]  # compiled from what is loaded
+    assert run("caller", "outer") == ["3", "1", "1"]
+
+
 TWICE = """
 from mcstudy.stance.compiled import compiled
 

@@ -52,9 +52,9 @@ class Relabelled(Fitted):
         """The fit of the body alone, to corrected responses."""
         return Fitted(self.model, self.prior, self.theta, self.chi2, self.penalty, self.information)
 
-    def response(self, f: np.ndarray) -> np.ndarray:
-        """FRFs (N, 2) of the recorded channels."""
-        return np.einsum("nij,nj->ni", self.mix, super().response(f))
+    def _responses(self, f: np.ndarray) -> np.ndarray:
+        """Of the recorded channels."""
+        return np.einsum("nij,nj->ni", self.mix, super()._responses(f))
 
     def _derivative(self, data: Data) -> np.ndarray:
         """Of the recorded channels."""

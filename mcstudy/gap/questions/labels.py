@@ -141,10 +141,10 @@ def _low_passes(f: np.ndarray) -> np.ndarray:
     return np.concatenate([np.ones((1, f.size, 2)), values])[..., None] * np.eye(2)
 
 
-def require_response(recording: Recording, lines: Lines) -> None:
-    """Raise `RecordingError` unless some band of some angle holds more than noise.
+def no_response(lines: Lines) -> float:
+    """p-value of the clearest band of an angle under noise alone, not corrected for their number.
 
-    |y|^2 over its noise variance is F distributed without a response. Without one, the labels cannot be checked.
+    |y|^2 over its noise variance is F distributed without a response.
     """
     least = 1.0
     for low, high in pairwise(EDGES_HZ):
@@ -153,11 +153,31 @@ def require_response(recording: Recording, lines: Lines) -> None:
             ratio = (np.abs(lines.y[inside]) ** 2 / lines.noise.variance[inside]).mean(axis=0)
             m, nu = 2 * int(inside.sum()), 2 * float(lines.noise.dof[inside].mean())
             least = min(least, float(fdtrc(m, nu, ratio).min()))
-    if least * 2 * len(EDGES_HZ) > NO_RESPONSE:
+    return least
+
+
+def _require_response(recording: Recording, lines: Lines, of_one: Sequence[Lines], single: Sequence[Suspicion]) -> None:
+    """Raise `RecordingError` unless some band of some angle holds more than noise in the mean over all trials.
+
+    Trials ``of_one`` may each have a response and cancel each other, as those of opposite sign do. Then the first
+    suspicion of a ``single`` trial is the reason, which nobody can overrule: without a response nothing is left to
+    diagnose, and the labels of the whole recording cannot be checked.
+    """
+    tests = 2 * len(EDGES_HZ)
+    p = no_response(lines)
+    if p * tests <= NO_RESPONSE:
+        return
+    clear = [k for k, own in enumerate(of_one) if no_response(own) * tests * len(of_one) <= NO_RESPONSE]
+    if not clear:
         raise RecordingError(
-            f"{recording.name}: theta1, theta2: no response to the stimulus beyond noise (p = {least:.2g} in the "
+            f"{recording.name}: theta1, theta2: no response to the stimulus beyond noise (p = {p:.2g} in the "
             "clearest band); expected the angles that were recorded with this stimulus"
         )
+    reason = single[0].message if single else f"{recording.name}: theta1, theta2: expected trials that agree"
+    raise RecordingError(
+        f"{reason}; the trials cancel each other, so their mean has no response to the stimulus beyond noise "
+        f"(p = {p:.2g} in the clearest band)"
+    )
 
 
 def plausibility(recording: Recording, lines: Lines) -> tuple[Suspicion, ...]:
@@ -166,21 +186,22 @@ def plausibility(recording: Recording, lines: Lines) -> tuple[Suspicion, ...]:
     A single mislabelled trial is tested alone, because the mean over correct and wrong trials matches no reading. It
     is reported only when it is certain (`CERTAIN`) and the whole recording does not have the same reading. Then a
     reading that some trial certainly does not have is none of the whole recording: the mean over its trials shows it
-    because of the other ones. Raises `RecordingError` without a response to the stimulus.
+    because of the other ones. Raises `RecordingError` without a response to the stimulus, in the trials or their mean.
 
     The nominal model may be far from a person whose labels are right. So what is certain by it is reported only if some
     body fits the responses under that reading better than any body fits them as labelled.
     """
-    require_response(recording, lines)
+    trials = np.unique(lines.trial)
+    alone = {int(k): _own(lines.subset(lines.trial == k)) for k in trials} if trials.size > 1 else {}
+    odds_of = {k: label_odds(recording, own) for k, own in alone.items()}
+    single = []
+    for k, odds in odds_of.items():
+        single += [(s, k) for s in _doubts(odds, f"{recording.name}: trial {k + 1}", CERTAIN)[:1]]
+    _require_response(recording, lines, list(alone.values()), [s for s, _ in single])
     found = _doubts(label_odds(recording, lines), recording.name, DOUBTFUL)
-    trials, single = np.unique(lines.trial), []
-    if trials.size > 1:
-        of_one = {int(k): label_odds(recording, _own(lines.subset(lines.trial == k))) for k in trials}
-        for k, odds in of_one.items():
-            single += [(s, k) for s in _doubts(odds, f"{recording.name}: trial {k + 1}", CERTAIN)[:1]]
-        if single:
-            found = [s for s in found if min(odds[s.code] for odds in of_one.values()) > -CERTAIN]
-            single = [(s, k) for s, k in single if s.code not in {f.code for f in found}]
+    if single:
+        found = [s for s in found if min(odds[s.code] for odds in odds_of.values()) > -CERTAIN]
+        single = [(s, k) for s, k in single if s.code not in {f.code for f in found}]
     return _confirmed([*((s, None) for s in found), *single], recording, lines)
 
 

@@ -16,6 +16,9 @@ from mcstudy.report.style import COLOURS, DASHES
 from mcstudy.text_tables import number
 
 MOST_CAUSES = 5
+LINE = 0.65
+"""Height of a line of a label, in rows of one line; longer labels get more room."""
+
 POINTS = 600
 """Most plotted points of a trace."""
 
@@ -187,14 +190,16 @@ def _others(group: tuple[str, ...]) -> str:
 
 
 def _bars(ax: Axes, names: list[str], values: list[float], what: str) -> Axes:
-    y = np.arange(len(names))
+    labels = [_wrapped(n) for n in names]
+    room = np.array([max(1.0, LINE * (label.count("\n") + 1)) for label in labels])
+    y = np.cumsum(room) - room / 2
     ax.barh(y, 100 * np.array(values), 0.7, color=AFTER, alpha=0.75)
-    for k, value in enumerate(values):
-        ax.annotate(f"{100 * value:.0f}", (100 * value, k), (4, 0), textcoords="offset points", va="center")
+    for at, value in zip(y, values, strict=True):
+        ax.annotate(f"{100 * value:.0f}", (100 * value, at), (4, 0), textcoords="offset points", va="center")
     ax.set_xlim(0, 112)
     ax.set_xticks([0, 25, 50, 75, 100])
-    ax.set_yticks(y, [_wrapped(n) for n in names])
-    ax.invert_yaxis()
+    ax.set_yticks(y, labels)
+    ax.set_ylim(float(room.sum()), 0)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel(f"probability of the {what} (%)")
     return ax

@@ -11,6 +11,7 @@ from mcstudy.errors import InputError
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.spectra.leakage import difference_coefficients
+from mcstudy.spectra.periodic import polarity
 from mcstudy.spectra.periods import cut
 
 WINDOW_S = 60.0
@@ -63,8 +64,10 @@ def _of_cycles(data: GapData, recording: Recording) -> SwayTraces:
             for c in range(discard, t.samples // period)
         ]
     )
-    drive = np.concatenate([cut(t.stimulus, period, discard) for t in trials]).mean(axis=0)
-    cycles = fft.irfft(spectra, period, axis=1, norm="forward")
+    drives = np.concatenate([cut(t.stimulus, period, discard) for t in trials])
+    sign = polarity(fft.rfft(drives, axis=1))[:, None]
+    drive = (sign * drives).mean(axis=0)
+    cycles = sign[..., None] * fft.irfft(spectra, period, axis=1, norm="forward")
     error = cycles.std(axis=0, ddof=1).mean(axis=0) / np.sqrt(len(cycles)) if len(cycles) > 1 else np.full(2, np.nan)
     before, after = _predicted(data, fft.rfft(drive), f, keep, period)
     what = f"mean of {len(cycles)} cycles"

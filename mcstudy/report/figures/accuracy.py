@@ -17,7 +17,7 @@ from mcstudy.errors import InputError
 from mcstudy.report.axes import axes, fixed_ticks, legend_below
 from mcstudy.report.figures.common import GroupLike, chosen_fmax, view_of
 from mcstudy.report.labels import fmax_label
-from mcstudy.report.style import COLOURS
+from mcstudy.report.style import COLOURS, HATCHES
 
 
 @lru_cache(maxsize=16)
@@ -61,12 +61,13 @@ def bias_bars(data: GroupLike, fmax: float | None = None, ax: Axes | None = None
     result = _in_order_of_cv(view, fmax, bias_at(view, fmax))
     _bars(ax, result)
     y = np.arange(result.sizes["parameter"])
+    ax.plot(result["floor"], y, "|", color=COLOURS["panel"], markersize=14, markeredgewidth=5.0)  # edges, for grey
     ax.plot(
         result["floor"],
         y,
         "|",
         color=COLOURS["orange"],
-        markersize=11,
+        markersize=12,
         markeredgewidth=2.2,
         label="expected from chance",
     )
@@ -132,7 +133,8 @@ def _bars(ax: Axes, result: xr.Dataset) -> None:
     y = np.arange(len(names))
     single = np.array(["+" not in n for n in names])
     error = result["mcse"].fillna(0.0).values
-    for which, colour, label in ((single, "blue", "single"), (~single, "green", "active + passive")):
+    kinds = ((single, "blue", "single"), (~single, "green", "active + passive"))
+    for (which, colour, label), hatch in zip(kinds, HATCHES, strict=False):
         if which.any():
             ax.barh(
                 y[which],
@@ -140,6 +142,9 @@ def _bars(ax: Axes, result: xr.Dataset) -> None:
                 xerr=error[which],
                 height=0.7,
                 color=COLOURS[colour],
+                hatch=hatch,
+                edgecolor=COLOURS["panel"],
+                linewidth=0,
                 error_kw={"ecolor": COLOURS["ink"], "elinewidth": 1.1, "capsize": 2.5},
                 label=label,
             )

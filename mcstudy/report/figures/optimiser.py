@@ -126,7 +126,7 @@ def basin_atlas(
         )
     ax.annotate("starts\nlowest", (1.02, -0.62), xycoords=("axes fraction", "data"), va="bottom", fontsize=9)
     for words, at, side in (("upper bound", -0.42, "bottom"), ("lower bound", rows[-1] + 0.42, "top")):
-        ax.annotate(words, (-0.5, at), va=side, fontsize=8, color=COLOURS["muted"])
+        ax.annotate(words, (-0.5, at), va=side, fontsize=9, color=COLOURS["muted"])
     fixed_ticks(ax.xaxis, x, names)
     ax.tick_params(axis="x", labelrotation=90)
     fixed_ticks(ax.yaxis, rows, [str(i + 1) for i in rows])

@@ -57,8 +57,8 @@ def draw_correlations(ax: Axes, names: list[str], matrix: np.ndarray) -> None:
             ax.text(
                 float(i),
                 float(j),
-                f"{v:.2f}".replace("0.", ".").replace("-", "−"),
-                fontsize=7.6,
+                f"{v:.2f}".replace("0.", "."),  # a minus sign would touch the neighbour
+                fontsize=8.8,
                 ha="center",
                 va="center",
             )

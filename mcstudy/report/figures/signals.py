@@ -265,10 +265,11 @@ LEGEND_ROOM = 0.28
 def _records(ax: Axes, signals: Signals, x: np.ndarray) -> None:
     for i, name in enumerate(signals.angles):
         t, y = envelope(signals.t, np.degrees(x[:, i]))
-        ax.plot(t, y, color=SERIES[i], linewidth=0.8, alpha=0.9, label=name, zorder=2.5 - 0.1 * i)  # the first on top
+        width = 0.8 if i else 1.2
+        ax.plot(t, y, color=SERIES[i], linewidth=width, alpha=0.9, label=name, zorder=2.5 - 0.1 * i)  # the first on top
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + LEGEND_ROOM * (high - low))
-    ax.legend(ncols=2, loc="upper right")
+    ax.legend(ncols=2, loc="upper left")  # seen on a phone without scrolling
 
 
 def _time(signals: Signals, ax: Axes) -> Axes:

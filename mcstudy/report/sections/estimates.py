@@ -203,7 +203,8 @@ def _fig_7a(view: GroupView, suffix: str) -> Figure | Missing:
         "Bias",
         [
             f"|mean estimate − truth| at Fmax {f:g} Hz, averaged over amplitudes, ± MCSE; in the order of Fig. 7B. The "
-            "orange tick is the |bias| expected by chance alone, for unbiased estimates from this many realizations.",
+            "tick with pale edges is the |bias| expected by chance alone, for unbiased estimates from this many "
+            "realizations.",
         ],
         [Panel("|bias| by parameter", partial(figures.bias_bars, view, f), (4.3, 4.2))],
         [Table(f"Fmax {f:g} Hz", ["parameter", "|bias| (%) ± MCSE", "expected from chance (%)"], rows)],

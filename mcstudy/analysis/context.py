@@ -13,6 +13,7 @@ from mcstudy.errors import ModelError, StoreError
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import expected_line_covariance
+from mcstudy.stance.own_values import OWN_VALUES, REPLACED
 from mcstudy.study.design import Group
 from mcstudy.study.measure import kept_points, stimulus
 from mcstudy.study.models import build_model
@@ -67,7 +68,9 @@ def points_of(data: xr.Dataset) -> Bands:
 
 def provenance_of(data: xr.Dataset) -> str:
     """Origin of the true values; it must be shown wherever they are shown."""
-    return str(data.attrs.get("truth_provenance") or model_of(data).provenance)
+    text = str(data.attrs.get("truth_provenance") or model_of(data).provenance)
+    replaced = set(text.partition(REPLACED)[2].split(", "))
+    return OWN_VALUES if replaced >= {str(n) for n in data["parameter"].values} else text
 
 
 def covariance_of(data: xr.Dataset) -> xr.DataArray:

@@ -212,6 +212,7 @@ def _next(args: argparse.Namespace) -> Exit:
     from mcstudy.gap.diagnose import diagnose_fast
     from mcstudy.gap.planned.choice import TRIALS, require_possible
     from mcstudy.gap.planned.next_trial import next_trial
+    from mcstudy.scheduler.activity import activity, doing
     from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 
     amplitudes: dict[str, list[float]] = {}
@@ -230,9 +231,10 @@ def _next(args: argparse.Namespace) -> Exit:
         require_matplotlib()
     read = read_recordings(args)
     compile_kernels(DIAGNOSIS)
-    with with_names(args):
+    with activity(f"{args.recordings[0]}: diagnosing"), with_names(args):
         by = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
         d = diagnose_fast(read, **by, asked=CAUSE_ONLY)
+        doing(f"{args.recordings[0]}: simulating possible next trials")
         found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
     tell(args, "next_trial", found.to_dict, found.text)
     if args.figure:

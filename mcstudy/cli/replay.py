@@ -22,10 +22,12 @@ def main(args: argparse.Namespace) -> Exit:
     """Print the path of the fit; returns `Exit.DIFFERS` unless it ends at the stored result."""
     import numpy as np
 
+    from mcstudy.scheduler.activity import activity
     from mcstudy.study.replay import replay
     from mcstudy.text_tables import fill, table
 
-    r = replay(args.out, args.group, args.amplitude, args.fmax, args.realization, args.start)
+    with activity(f"{args.out}: repeating the fit"):
+        r = replay(args.out, args.group, args.amplitude, args.fmax, args.realization, args.start)
     width = r.model.upper - r.model.lower
     header = ["iteration", "cost", "step", *(f"{p.name}/({p.unit})" for p in r.model.parameters)]
     rows = [

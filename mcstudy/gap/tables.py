@@ -26,7 +26,7 @@ MOST_TRIALS = 100
 """Larger numbers of trials are not written out."""
 
 MEASURES_EXPLAINED = (
-    "The share counts every line by its precision, less the noise. The error of predicted sway counts every line by "
+    "The share counts every line by its precision, minus the noise. The error of predicted sway counts every line by "
     "its sway, so the lowest frequencies, where sway and its noise are largest, dominate it; it shows a gap only when "
     "it leaves the range that noise alone gives. Floor: root of the mean square that noise alone gives."
 )

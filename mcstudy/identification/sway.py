@@ -1,7 +1,7 @@
 """The sway that a fitted body predicts, beside the measured one: evoked by the stimulus, and by sensor noise.
 
 Both are root mean squares over the frequencies of the fit. The measured sway that the stimulus evokes is that of the
-mean response, less the noise in it; the sway that noise evokes comes from the noise covariance of the lines. Noise of
+mean response, minus the noise in it; the sway that noise evokes comes from the noise covariance of the lines. Noise of
 the sensors has the shape that Goodworth & Peterka (2018, Methods) assume, and its two levels are fitted to the measured
 noise, because no recording states them.
 """

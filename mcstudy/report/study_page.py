@@ -14,6 +14,7 @@ from mcstudy.analysis.paper.published import METHODS, VARIANTS
 from mcstudy.analysis.results import open_for_tables
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.show.tables import SCHEMA
+from mcstudy.analysis.show.text import paper_title
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult, read_alternative
 from mcstudy.report.context import Context
 from mcstudy.report.document import document
@@ -85,7 +86,7 @@ def _page(context: Context, beside: Sequence[_Beside]) -> str:
         beyond += [efficiency_figure(main), *zipper_figures(main)]
     parts = [
         ("model", "The model", model_html(context)),
-        ("paper", "Comparison with the paper", headline(context)),
+        ("paper", paper_title(context.data), headline(context)),
         ("figures", "The paper's figures from this study", _figures(context, paper)),
         ("beyond", "Beyond the paper", _figures(context, beyond)),
         ("compared", "Groups compared", _traced(comparison_html(context))),

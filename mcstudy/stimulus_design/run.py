@@ -13,6 +13,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mcstudy.analysis.results import open_results
+from mcstudy.scheduler.activity import activity
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stimulus_design.design_file import DesignFile
 from mcstudy.stimulus_design.result import StimulusDesign
@@ -35,7 +36,8 @@ def design_stimulus(
     DesignError: the limits allow no stimulus.
     Interrupted: the verification was stopped; the same call resumes.
     """
-    found = designed(file)
+    with activity(f"{file.design.name}: designing the stimulus"):
+        found = designed(file)
     if out is None:
         return StimulusDesign.of(found)
     if not verify or file.verify.realizations == 0:

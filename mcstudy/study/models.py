@@ -7,6 +7,7 @@ from dataclasses import asdict, fields, replace
 from mcstudy.errors import DesignError, ModelError
 from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model, Parameter
+from mcstudy.stance.own_values import REPLACED
 from mcstudy.stance.truths import provenance_of
 from mcstudy.study.group import BoundsSection, Group
 
@@ -43,7 +44,7 @@ def build_model(group: Group) -> Model:
         _parameter(p, section.truth.get(p.name, p.value), model, section.bounds) for p in model.parameters
     )
     replaced = [p.name for p, own in zip(model.parameters, parameters, strict=True) if p.value != own.value]
-    note = "; replaced by the study file: " + ", ".join(replaced) if replaced else ""
+    note = REPLACED + ", ".join(replaced) if replaced else ""
     named = provenance_of({p.name: p.value for p in parameters})
     return replace(model, parameters=parameters, provenance=named or model.provenance + note)
 

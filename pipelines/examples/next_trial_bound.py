@@ -15,7 +15,7 @@ how every effect changes the responses:
   the challenge of the diagnosis. Its forms of the effects are the declared ones, and it is linear in their sizes.
 
 Beside them stands what the diagnosis reached in the same cases. Every condition is that of the cases that were given
-these trials.
+these trials. ``bounds.jsonl`` keeps every case; a stopped command resumes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import json
 import sys
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -249,6 +249,11 @@ def bounds(given: dict[str, Any], row: dict[str, Any]) -> dict[str, tuple[Ceilin
     return {n: (ceiling(now.x, *by), fair(now, alone, *by)) for n, now in both.items()}
 
 
+def read(both: dict[str, Any]) -> dict[str, tuple[Ceiling, Fair]]:
+    """The `bounds` of a case as they are kept."""
+    return {name: (Ceiling(**one), Fair(**two)) for name, (one, two) in both.items()}
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Print the bound and what the diagnosis reached."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -258,7 +263,16 @@ def main(arguments: list[str] | None = None) -> None:
     given = tomllib.loads(args.file.read_text(encoding="utf-8"))
     rows = [json.loads(x) for x in (args.results / "cases.jsonl").read_text(encoding="utf-8").splitlines()]
     rows = [r for r in rows if r["kind"] == "effect" and "first" in r]
-    found = [bounds(given, r) for r in rows]
+    kept = args.results / "bounds.jsonl"
+    lines = kept.read_text(encoding="utf-8").splitlines() if kept.exists() else []
+    known = {r["case"]: read(r["bounds"]) for r in map(json.loads, lines)}
+    for r in rows:
+        if r["case"] not in known:
+            known[r["case"]] = both = bounds(given, r)
+            plain = {n: [asdict(x) for x in two] for n, two in both.items()}
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"case": r["case"], "bounds": plain}) + "\n")
+    found = [known[r["case"]] for r in rows]
     print(
         f"{len(rows)} cases; means with 95 % bootstrap intervals over cases; ideal 1 knows sizes, 2 expects all kinds"
     )

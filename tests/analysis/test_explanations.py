@@ -12,7 +12,9 @@ import xarray as xr
 from mcstudy.analysis.paper import explanations
 from mcstudy.analysis.paper.explanations import _REASONS, explain_row
 from mcstudy.analysis.paper.statements import RESULTS
+from mcstudy.analysis.show.text import paper_title
 from mcstudy.analysis.view import GroupView
+from mcstudy.stance.body import two_segment
 
 TOP = Path(__file__).parents[2]
 Cube = Callable[..., xr.Dataset]
@@ -43,6 +45,19 @@ def test_what_was_measured_elsewhere_is_marked_so_and_absent_for_other_settings(
     for settings in ({"spectra": {"width": 0.5}}, {"model": {"truth": {"K11": 900.0}}}):
         for key, text in texts(make_cube(**settings)).items():
             assert "pipelines/" not in text, key
+
+
+def test_the_users_own_values_are_no_stand_in(make_cube: Cube) -> None:
+    stand_in = {p.name: p.value for p in two_segment().parameters}
+    own = {name: 0.99 * value for name, value in stand_in.items()}
+    for truth, origin in (({}, "stand-in"), ({"K11": 900.0}, "stand-in"), (own, "your values (study file)")):
+        cube = make_cube(model={"truth": truth})
+        view = GroupView("a", cube)
+        assert view.provenance.startswith(origin)
+        assert view.provenance.endswith(": K11") == (len(truth) == 1)
+        title = paper_title({"groups": {"a": {"truth_provenance": view.provenance}}})
+        assert title.startswith("Another body") == bool(truth)
+        assert any("stand-in" in text for text in texts(cube).values()) == (not truth)
 
 
 def test_bounds_are_named_only_where_fits_end_on_them(make_cube: Cube) -> None:

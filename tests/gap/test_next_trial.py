@@ -296,3 +296,26 @@ def test_the_fair_bound_is_below_the_one_that_knows_all_sizes(bound: dict[str, A
     assert known.probability > 0.9
     assert unknown.probability < 0.7
     assert unknown.set_size > known.set_size
+
+
+def test_a_bound_is_worked_out_once_for_every_case(
+    bound: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcome = {"p": 0.5, "set": 2}
+    row = {"case": 3, "kind": "effect", "cause": "head_mode", "first": outcome, "chosen": outcome}
+    (tmp_path / "cases.jsonl").write_text(json.dumps(row) + "\n", encoding="utf-8")
+    both = bound["Ceiling"](*[0.75] * 8), bound["Fair"](0.625, 0.5, 2.0, 0.1)
+    asked: list[int] = []
+
+    def bounds(_: dict[str, Any], row: dict[str, Any]) -> dict[str, Any]:
+        asked.append(row["case"])
+        return {"first": both, "chosen": both}
+
+    monkeypatch.setitem(bound["main"].__globals__, "bounds", bounds)
+    arguments = [str(EXAMPLES / "next_trial.toml"), str(tmp_path)]
+    bound["main"](arguments)
+    first = capsys.readouterr().out
+    bound["main"](arguments)
+    assert capsys.readouterr().out == first
+    assert "0.62" in first
+    assert asked == [3]

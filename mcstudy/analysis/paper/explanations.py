@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from mcstudy.analysis.paper.published import AMPLITUDES_NM
 from mcstudy.analysis.view import GroupView
+from mcstudy.stance.own_values import another_body
 from mcstudy.stance.truths import INFERRED
 
 OFTEN_PERCENT = 50.0
@@ -109,7 +110,7 @@ def _origin(view: GroupView) -> str:
             f"True values are {INFERRED}, this one among them where the inference uses it: an inference about the lost "
             "Table I (pipelines/table_one.md)."
         )
-    if "stand-in" in view.provenance:
+    if "stand-in" in view.provenance and not another_body(view.provenance):
         return "True values are a stand-in for the lost Table I and were not calibrated to this number."
     return "The paper's true values (Table I) are lost; those of this study are its own."
 

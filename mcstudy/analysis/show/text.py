@@ -7,6 +7,7 @@ from typing import Any
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.paper.published import MARGINS
 from mcstudy.analysis.paper.verdict_names import AGREES, LIMIT
+from mcstudy.stance.own_values import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
 
 _HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}
@@ -21,7 +22,7 @@ def render(data: dict[str, Any]) -> str:
     for provenance in dict.fromkeys(g["truth_provenance"] for g in data["groups"].values()):
         parts.append(fill(f"True values: {provenance}."))
     if data["paper"]["rows"]:
-        parts.append(_paper(data["paper"]))
+        parts.append(_paper(data))
     parts += [_comparisons(with_it) for with_it in _by_reference(data["comparisons"])]
     parts += [f"Group {name} is not compared: {reason}" for name, reason in data["not_compared"].items()]
     parts += [_group(name, group) for name, group in data["groups"].items()]
@@ -55,7 +56,7 @@ def verdict(row: dict[str, Any]) -> str:
 
 
 READING = (
-    "apart: difference, less the rounding of the paper's number, in standard errors of both studies. Ours is the mean "
+    "apart: difference, minus the rounding of the paper's number, in standard errors of both studies. Ours is the mean "
     "over blocks of the paper's 50 realizations; the paper's error is that of one such block.",
     "agrees: the 90 % interval of the difference is within {bias:g} % of the truth for a bias, {spread:g} percentage "
     "points for a reduction of SD or CV, {ratio:.2g} for a ratio, {sway:g} deg for sway, {starts:g} starts. differs: "
@@ -75,7 +76,14 @@ def within(rows: list[dict[str, Any]]) -> str:
     return f"Within {LIMIT:g} standard errors of both studies: {sum(near)} of {len(near)} rows."
 
 
-def _paper(paper: dict[str, Any]) -> str:
+def paper_title(data: dict[str, Any]) -> str:
+    """Title of the comparison; it says so if a study's own true values make another body."""
+    own = any(another_body(group["truth_provenance"]) for group in data["groups"].values())
+    return "Another body compared with the paper's" if own else "Comparison with the paper"
+
+
+def _paper(data: dict[str, Any]) -> str:
+    paper: dict[str, Any] = data["paper"]
     body, notes = [], []
     for row in paper["rows"]:
         mark = verdict(row)
@@ -86,7 +94,7 @@ def _paper(paper: dict[str, Any]) -> str:
         body.append([row["label"], row["paper_text"], ours(row), number(row["distance"], 2), mark])
     margins = {kind: margin for kind, (margin, _) in MARGINS.items()}
     lines = [
-        f"Comparison with the paper ({paper['reference']})",
+        f"{paper_title(data)} ({paper['reference']})",
         "± is one Monte Carlo standard error (MCSE)",
         "",
         table(["", "paper", "ours ± MCSE", "apart", "verdict"], body),
@@ -154,7 +162,7 @@ def _group(name: str, group: dict[str, Any]) -> str:
     fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in group["fits"].items() if n)
     starts = starts_in_words(d["starts"], d.get("until_certain", False))
     head = (
-        f"Group {name}: {what} x {starts}; model {d['model']}, cost {d['cost']}, "
+        f"Group {name}: {what} of {starts}; model {d['model']}, cost {d['cost']}, "
         f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
     )
     if group["differences"]:

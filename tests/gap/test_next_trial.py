@@ -242,7 +242,7 @@ def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_con
     small = given | {"cases": 5, "sound": 2, "outsiders": 1}
     assert [example["kind_of"](small, k) for k in range(8)] == ["effect"] * 5 + ["sound"] * 2 + ["outsider"]
     assert sorted(example["in_turn"](small)) == list(range(8))
-    scored = {"detected": True, "p": 0.5, "set": 2, "held": True, "pairs": 0.0, "unknown": 0.1}
+    scored: dict[str, Any] = {"detected": True, "p": 0.5, "set": 2, "held": True, "pairs": 0.0, "unknown": 0.1}
     scored["causes"] = {"true": 0.5, "integral_hip": 0.3, "unknown": 0.1, "a and b": 0.1}
     rows = [
         {"case": 0, "kind": "effect", "first": scored, "same": scored, "chosen": scored | {"p": 1.0}}

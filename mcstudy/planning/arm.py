@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mcstudy.planning.fits import FULL, LINEARISED, TRUTH, Design, Fitter
-from mcstudy.planning.local_model import SMALLEST, Band, LocalModel, Prediction, scaled
+from mcstudy.planning.local_model import Band, LocalModel, Prediction, scaled, unit
 from mcstudy.planning.multilevel import Draws, Estimate, best_share, difference_of, estimated, relative_cost, unlike
 from mcstudy.planning.space import AMPLITUDE, CYCLES, Space
 from mcstudy.planning.targets import Target
@@ -119,7 +119,7 @@ class Arm:
             return Prediction(log_signal[:1], np.zeros(1), np.zeros((1, 0)), np.full(1, UNKNOWN))
         signed = target.measure.signed
         value, other = (scaled(np.array([e.value for e in every]), signed) for every in (found, changed))
-        own = np.stack([e.own / (1.0 if signed else max(abs(e.value), SMALLEST)) for e in found])
+        own = np.stack([e.own * unit(e, signed) for e in found])
         return Prediction(log_signal[usable], value[usable], own[usable], np.abs(other - value)[usable])
 
     def look(self, design: Design, realizations: int, draws: int = 0) -> None:

@@ -49,6 +49,10 @@ class Prior:
         smooth = self.remainder**2 * np.exp(-square / (2 * self.length**2))
         return np.asarray(self.level**2 + self.slope**2 * a @ b.T + smooth)
 
+    def variance(self, a: np.ndarray) -> np.ndarray:
+        """Diagonal (n,) of `covariance` of points (n, D) with themselves."""
+        return np.asarray(self.level**2 + self.slope**2 * (a**2).sum(axis=1) + self.remainder**2)
+
 
 @dataclass(frozen=True)
 class Priors:
@@ -87,6 +91,11 @@ class Prediction:
 def scaled(value: np.ndarray, signed: bool) -> np.ndarray:
     """Ratios of a measure to its limit on the scale of the model."""
     return np.asarray(value) if signed else np.log(np.maximum(value, SMALLEST))
+
+
+def unit(estimate: Estimate, signed: bool) -> float:
+    """From errors of an estimate to errors on the scale of the model, to first order."""
+    return 1.0 if signed else 1.0 / max(abs(estimate.value), SMALLEST)
 
 
 @dataclass(frozen=True)
@@ -166,15 +175,8 @@ class LocalModel:
         """The measure at designs (n, 2)."""
         signals = log_signal(points)
         cross = np.linalg.solve(self._root, self._between(self._signals, self._points, signals, points))
-        cheap, difference = self._priors.cheap, self._priors.difference
-        variance = (
-            cheap.level**2
-            + cheap.slope**2 * (signals - self._middle) ** 2
-            + cheap.remainder**2
-            + difference.level**2
-            + difference.slope**2 * ((points - self._centre) ** 2).sum(axis=1)
-            + difference.remainder**2
-        )
+        variance = self._priors.cheap.variance((signals - self._middle)[:, None])
+        variance = variance + self._priors.difference.variance(points - self._centre)
         left = np.maximum(variance - (cross**2).sum(axis=0), 0.0)
         return Band(self._level + cross.T @ self._weights, np.sqrt(left), self._signed)
 
@@ -187,7 +189,7 @@ def log_signal(points: np.ndarray) -> np.ndarray:
 def _errors(found: Sequence[Estimate], groups: Sequence[int], signed: bool) -> np.ndarray:
     """Covariance (K, K) of the errors on the model's scale; designs of different ``groups`` share no
     realizations, but all of them share the other draws."""
-    scale = [1.0 if signed else 1.0 / max(abs(e.value), SMALLEST) for e in found]
+    scale = [unit(e, signed) for e in found]
     own, sampled = (
         _padded([getattr(e, level) * s for e, s in zip(found, scale, strict=True)]) for level in ("own", "sampled")
     )

@@ -47,7 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=PRECISION,
         metavar="PERCENT",
-        help="half-width of the 95 %% interval of the answer at which the search ends; default 10",
+        help="half-width of the 95 %% interval of the answer, or of the measure there, at which the search ends; "
+        "default 10",
     )
     parser.add_argument("--budget-fits", type=positive, default=BUDGET, metavar="N", help="fits at which it ends")
     parser.add_argument("--workers", type=positive, help="threads; default one per core")

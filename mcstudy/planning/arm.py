@@ -123,21 +123,21 @@ class Arm:
         return Prediction(log_signal[usable], value[usable], own[usable], np.abs(other - value)[usable])
 
     def look(self, design: Design, realizations: int, draws: int = 0) -> None:
-        """Fit a design and update the model; with at least so many draws of the control, if there is one."""
+        """Fit a design and update the model; with so many draws of the control, if there is one, `draws` by default."""
         full = self.fitter.realizations(design, FULL, realizations)
         if self.control is None:
             self._choose_control(design, full)
         control = sample = None
         if self.control != FULL:
             control = self.fitter.realizations(design, str(self.control), realizations)
-            sample = self.fitter.draws(design, str(self.control), max(draws, self.draws(realizations)))
+            sample = self.fitter.draws(design, str(self.control), draws or self.draws(realizations))
         found = tuple(self._of(target, full, control, sample) for target in self.targets)
         self.looks = [look for look in self.looks if look.design != design]
         self.looks.append(Look(design, realizations, 0 if sample is None else len(sample), found))
         self._fit()
 
     def draws(self, realizations: int) -> int:
-        """Draws of the control beside so many realizations, at least."""
+        """Draws of the control beside so many realizations, where nothing else says how many."""
         if self.control in (None, FULL):
             return 0
         return int(min(DRAWS_A_REALIZATION, max(1.0, 1 / max(self.share, 1e-9))) * realizations)

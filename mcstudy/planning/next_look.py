@@ -19,14 +19,11 @@ from mcstudy.planning.fits import FULL, Design
 from mcstudy.planning.local_model import LocalModel
 from mcstudy.planning.space import AMPLITUDE, CYCLES, Space
 
-FLAT = 0.5
-"""A measure that changes by less than this fraction of the change of the axis is flat: see `width`."""
-
 STEP = 1.5
 """Factor between the numbers of realizations, or of draws, that are considered."""
 
 FEW = 3
-"""Designs that must have been looked at before a measure is called flat: with fewer its slope is unknown."""
+"""Designs that must have been looked at before a measure is called flat: with fewer its slope is hardly known."""
 
 LEAST = 2.0
 """Smallest growth, at one design, of a look that is not expected to suffice."""
@@ -54,6 +51,9 @@ class Width:
     """How well an answer is known: half-widths of 95 % intervals, relative, of the axis and of the measure there.
 
     Both are 0 where it is decided that no design reaches the targets. ``looks``: designs that were looked at.
+
+    A search ends when one of the two is as small as asked. Both are the same where the measure is inversely
+    proportional to the axis. A bias, whose unit is its limit, is steeper than that where it ends.
     """
 
     axis: float
@@ -62,21 +62,20 @@ class Width:
 
     @property
     def flat(self) -> bool:
-        """Whether the axis changes the measure so little that the measure is known, but not the place on the axis."""
-        return self.looks >= FEW and self.measure < FLAT * self.axis
+        """Whether the measure is known better than the place on the axis, because it changes less than the axis."""
+        return self.looks >= FEW and self.measure < self.axis
 
     @property
     def relative(self) -> float:
-        """What the search reduces: the half-width of the axis; where the measure is flat, that of the measure over
-        `FLAT`. More would cost many fits and would change the measure at the answer by little."""
-        return self.measure / FLAT if self.flat else self.axis
+        """What the search reduces: the half-width of the axis or, if it is smaller, that of the measure."""
+        return self.measure if self.flat else self.axis
 
 
-def width(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None = None) -> Width:
+def width(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None = None, looks: int | None = None) -> Width:
     """How well the answer of an Fmax is known; with the errors of ``expected`` models where given.
 
-    Of the crossing on the leading axis; without one, of the measure itself. Where the interval ends outside of the
-    range, the part within it counts.
+    Of the crossing on the leading axis, and of the measure there; without an axis, of the measure alone. Where the
+    interval ends outside of the range, the part within it counts. ``looks``: designs, those of ``arm`` by default.
     """
     low, _, high = _at(arm, found, expected)
     axis, measure = leading(arm.space), float(high - low) / 2
@@ -84,15 +83,19 @@ def width(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None = No
         return Width(0.0, 0.0) if arm.hopeless else Width(measure, measure)
     if axis is None:
         return Width(0.0, 0.0) if high <= 0 else Width(measure, measure)
-    lowest, _, highest = _ends(arm, axis, found, expected)
-    if axis == CYCLES and math.ceil(lowest) == math.ceil(highest):
-        return Width(0.0, measure)  # the same whole number
-    return Width(float(np.log(highest / lowest) / 2), measure, len(arm.looks))
+    lowest, middle, highest = _ends(arm, axis, found, expected)
+    if axis == CYCLES:
+        if math.ceil(lowest) == math.ceil(highest):
+            return Width(0.0, measure)  # the same whole number
+        low, _, high = _at(arm, found, expected, found.cycles if math.isnan(middle) else middle)
+        measure = float(high - low) / 2
+    return Width(float(np.log(highest / lowest) / 2), measure, len(arm.looks) if looks is None else looks)
 
 
-def _at(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None) -> np.ndarray:
-    """Excess at a design: lower end, middle, upper end."""
-    return arm.excess(np.array([found.cycles]), np.array([found.amplitude]), expected)[:, 0]
+def _at(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None, cycles: float | None = None) -> np.ndarray:
+    """Excess at a design, or at other, not necessarily whole, cycles: lower end, middle, upper end."""
+    count = np.array([found.cycles if cycles is None else cycles])
+    return arm.excess(count, np.array([found.amplitude]), expected)[:, 0]
 
 
 def next_look(arm: Arm, found: Candidate, precision: float) -> tuple[Design, int, int]:
@@ -106,9 +109,9 @@ def next_look(arm: Arm, found: Candidate, precision: float) -> tuple[Design, int
     best, choice = (math.inf, math.inf), None
     for design in _places(arm, found):
         before = made.get(design, (0, 0))
-        for more in (_numbers(arm, before, most), _draws(before)):
+        for more in _choices(arm, before, most):
             for n, draws in more:
-                after = width(arm, found, arm.expected(design, n, draws)).relative
+                after = width(arm, found, arm.expected(design, n, draws), len(made.keys() | {design})).relative
                 enough = after <= SAFETY * precision
                 cost = _cost(arm, n - before[0], draws - before[1])
                 gain = max(np.log(now / max(after, 1e-9)), 1e-3)
@@ -167,11 +170,18 @@ def _near(arm: Arm, design: Design) -> Design:
     return design
 
 
-def _numbers(arm: Arm, before: tuple[int, int], most: int) -> Iterator[tuple[int, int]]:
-    """Realizations and draws to consider at a design that has been looked at with those ``before``."""
+def _choices(arm: Arm, before: tuple[int, int], most: int) -> Iterator[Iterator[tuple[int, int]]]:
+    """Growing realizations and draws to consider at a design that has been looked at with those ``before``."""
+    yield ((n, max(arm.draws(n), before[1])) for n in _numbers(before, most))
+    if before[1]:  # what one of the two levels leaves of the error may need more of this level alone
+        yield ((n, before[1]) for n in _numbers(before, most))
+        yield _draws(before)
+
+
+def _numbers(before: tuple[int, int], most: int) -> Iterator[int]:
     n, last = max(FIRST, math.ceil(1.2 * before[0])), max(GROWTH * most, 1.2 * before[0])
     while n <= last:
-        yield n, max(arm.draws(n), before[1])
+        yield n
         n = math.ceil(STEP * n)
 
 

@@ -113,9 +113,10 @@ class Solution(Summary):
     looks
         Every design that was fitted.
     decided
-        Whether the answer is as precise as was asked; false where the budget was spent before.
+        Whether the answer, or its measure, is as precise as was asked; false where the budget was spent before.
     flat
-        Whether the measure changes so little along the axis that it is known well, but not where it meets the target.
+        Whether the measure is known as precisely as asked, but not where it meets the target, because it changes less
+        than the axis.
     arm
         The model of the measures at the Fmax of the answer.
     spent

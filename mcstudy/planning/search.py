@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.planning.arm import FIRST, Arm, Candidate, Look
-from mcstudy.planning.fits import Design
+from mcstudy.planning.fits import FULL, Design
 from mcstudy.planning.local_model import log_signal
 from mcstudy.planning.next_look import design_at, next_look, width
 
@@ -53,9 +53,11 @@ def search(arms: list[Arm], rules: Rules, say: Callable[[str], object] = str) ->
             wanted = _wanted(arm, rules)
             if wanted is None:
                 continue
-            design, more, draws = _doubtful(arm) or wanted
-            if (n := _affordable(arm, design, more, rules)) is None:
+            doubtful = _doubtful(arm)
+            design, *numbers = wanted if doubtful is None else (doubtful, FIRST, 0)
+            if (allowed := _affordable(arm, design, *numbers, rules)) is None:
                 continue
+            n, draws = allowed
             say(f"{n} realizations of {design.cycles} cycles, {design.amplitude:g}, Fmax {design.fmax:g} Hz")
             arm.look(design, n, draws)
             looked = True
@@ -71,22 +73,23 @@ def next_design(arm: Arm) -> Design:
     return design_at(arm, found.cycles, found.amplitude)
 
 
-def _doubtful(arm: Arm) -> tuple[Design, int, int] | None:
-    """A cheaper design, away from the answer, of which the model knows too little to rule it out; and realizations.
+def _doubtful(arm: Arm) -> Design | None:
+    """A cheaper design, away from the answer and from all looks, of which the model knows too little to rule it out.
 
-    More realizations at the answer would tell nothing of it. None where there is no such design.
+    More realizations at the answer would tell nothing of it. None where there is no such design, and where it is the
+    measure that is asked for (`Width.flat`).
     """
     found, hopeful = arm.cheapest(1), arm.cheapest(0)
-    if not arm.looks or not (found.reached and hopeful.reached):
+    if not arm.looks or not (found.reached and hopeful.reached) or width(arm, found).flat:
         return None
     points = arm.points([found.cycles, hopeful.cycles], [found.amplitude, hopeful.amplitude])
     excess = arm.excess(np.exp(points[:, 1]) + arm.space.discard, np.exp(points[:, 0]))
     sure, unsure = (excess[2] - excess[0]) / 2
     if abs(np.diff(log_signal(points))[0]) < NEAR or unsure < DOUBT * sure:
         return None
-    design = design_at(arm, hopeful.cycles, hopeful.amplitude)
-    before = max((look.realizations for look in arm.looks if look.design == design), default=0)
-    return design, max(FIRST, 2 * before), 0
+    if any(_apart(arm, hopeful, look) < NEAR for look in arm.looks):
+        return None
+    return design_at(arm, hopeful.cycles, hopeful.amplitude)
 
 
 def _wanted(arm: Arm, rules: Rules) -> tuple[Design, int, int] | None:
@@ -94,10 +97,13 @@ def _wanted(arm: Arm, rules: Rules) -> tuple[Design, int, int] | None:
     if not arm.looks:
         return next_design(arm), FIRST, 0
     found = arm.cheapest()
+    known = width(arm, found)
+    if known.flat and known.measure <= rules.precision:
+        return None
     last = min(arm.looks, key=lambda look: _apart(arm, found, look))
     if _apart(arm, found, last) >= NEAR:  # what is uncertain is the way from the last looks to the answer
         return next_design(arm), FIRST, 0
-    if width(arm, found).relative <= rules.precision:
+    if known.relative <= rules.precision:
         return None
     design, n, draws = next_look(arm, found, rules.precision)
     return design, min(n, MOST_REALIZATIONS), draws
@@ -110,16 +116,19 @@ def _apart(arm: Arm, found: Candidate, look: Look) -> float:
     return abs(float(np.log(first / second)))
 
 
-def _affordable(arm: Arm, design: Design, realizations: int, rules: Rules) -> int | None:
-    """So many realizations, or as many as the budget allows; None where it allows no more than were looked at."""
-    if arm.fitter.spent.fits >= rules.budget:
+def _affordable(arm: Arm, design: Design, n: int, draws: int, rules: Rules) -> tuple[int, int] | None:
+    """So many realizations and draws, or the share of them that the budget allows; None where that is nothing new."""
+    before = next(((k.realizations, k.draws) for k in arm.looks if k.design == design), (0, 0))
+    draws = draws or arm.draws(n)
+    each = arm.fitter.group.starts + (0 if arm.control == FULL else 1)
+    fits = (n - before[0]) * each + max(draws - before[1], 0)
+    left = rules.budget - arm.fitter.spent.fits
+    if left <= 0 or fits <= 0:
         return None
-    each = arm.fitter.group.starts + 2 + arm.draws(100) / 100
-    before = max((look.realizations for look in arm.looks if look.design == design), default=0)
-    left = before + int((rules.budget - arm.fitter.spent.fits) / each)
-    if left >= realizations:
-        return realizations if realizations > 0 and before < MOST_REALIZATIONS else None
-    return left if left > max(before, FIRST) else None
+    if fits <= left:
+        return n, draws
+    n, draws = (b + int((w - b) * left / fits) for b, w in zip(before, (n, draws), strict=True))
+    return (n, draws) if n >= FIRST else None
 
 
 def _promising(arms: list[Arm]) -> list[Arm]:

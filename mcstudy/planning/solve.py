@@ -46,8 +46,8 @@ def solve_study(
     ----------
     targets: see `mcstudy.planning.targets`. over: axes, see `mcstudy.planning.space.space_of`.
     group: name of the group, needed if there are several. cost: formula; the recording time when None.
-    precision: half-width of the 95 % interval of the answer, relative, at which the search ends. Where the measure is
-    flat, the search ends when the measure is known to half of that (`mcstudy.planning.next_look.Width`).
+    precision: half-width of a 95 % interval, relative, at which the search ends: that of the answer, or of the measure
+    there if it changes less than the axis (`mcstudy.planning.next_look.Width`).
     budget: fits at which it ends in any case. threads: that fit. say: called with a line for every step.
 
     Raises `InputError`, one line, for a target, axis or study that cannot be used.

@@ -89,7 +89,7 @@ def _flat(found: Solution) -> str:
     axis = next(c.axis for c in found.answer.crossings) if found.answer else ""
     known = 50 * (worst.high - worst.low) / abs(worst.value)
     return (
-        f"{worst.target.name} depends little on the {axis} there: it is known to ±{known:.1f} % of its value, "
+        f"{worst.target.name} changes less than the {axis} there: it is known to ±{known:.1f} % of its value, "
         "which leaves that interval."
     )
 

@@ -70,7 +70,7 @@ def test_everything_found_is_written(found: Any) -> None:
     assert "amplitude" in repr(found)
     assert not found.flat
     words = replace(found, flat=True).text().replace("\n", " ")
-    assert "cv(K11 + Kpas1) depends little on the amplitude there: it is known to ±" in words
+    assert "cv(K11 + Kpas1) changes less than the amplitude there: it is known to ±" in words
     svg = solution_svg(found)
     assert svg.count("<circle") == len(found.looks)
     assert "cv(K11 + Kpas1)" in svg

@@ -125,8 +125,12 @@ class Arm:
     def look(self, design: Design, realizations: int, draws: int = 0) -> None:
         """Fit a design and update the model; with so many draws of the control, if there is one, `draws` by default."""
         full = self.fitter.realizations(design, FULL, realizations)
-        if self.control is None:
-            self._choose_control(design, full)
+        first = self.control is None
+        if self.control in (None, FULL):  # a few realizations may refuse a control by chance
+            missed = self._missed(design, full, self.fitter.controls if first else self.fitter.controls[-1:])
+            self._choose_control(design, missed)
+            if first:
+                self._choose_prediction(missed)
         control = sample = None
         if self.control != FULL:
             control = self.fitter.realizations(design, str(self.control), realizations)
@@ -158,24 +162,31 @@ class Arm:
             found = found.with_unseen(float(np.abs(plain.own).max()))
         return found.times(self.factor(target))
 
-    def _choose_control(self, design: Design, full: np.ndarray) -> None:
-        """Whether a control is worth its cost for the target it suits least; a new prediction where it needs one.
-
-        Fits that start at the true values do not end in far minima. Where the complete fits often do, they predict
-        neither how large a measure is nor where it falls. Where these rarely do, the realizations of a first look may
-        hold none of them, and the difference would seem to be zero. So such fits are the control only where there is
-        no linearised start.
-        """
+    def _missed(self, design: Design, full: np.ndarray, kinds: Sequence[str]) -> dict[str, float]:
+        """What cheap fits of some kinds miss of complete ones, for the target that they suit least."""
         missed = {}
-        for kind in self.fitter.controls:
+        for kind in kinds:
             cheap = self.fitter.realizations(design, kind, len(full))
             missed[kind] = max(difference_of(Draws(t.of(full), t.truth, t.of(cheap)), t.measure) for t in self.targets)
+        return missed
+
+    def _choose_control(self, design: Design, missed: dict[str, float]) -> None:
+        """Whether a control is worth its cost.
+
+        Fits that start at the true values do not end in far minima. Where these rarely do, the realizations of a first
+        look may hold none of them, and the difference would seem to be zero. So such fits are the control only where
+        there is no linearised start.
+        """
         self.control = FULL
         for kind in self.fitter.controls[-1:]:
             costs = self.fitter.cost(kind), self.fitter.cost(FULL) + self.fitter.simulation(design.cycles)
             relative = relative_cost(missed[kind], *costs)
             if relative < WORTH:
                 self.control, self.relative_cost, self.share = kind, relative, best_share(missed[kind], *costs)
+
+    def _choose_prediction(self, missed: dict[str, float]) -> None:
+        """A new prediction where complete fits often end in far minima: fits from the true values predict neither how
+        large a measure is then nor where it falls."""
         if missed and missed[TRUTH] > TRUSTED and (kind := min(missed, key=missed.__getitem__)) != TRUTH:
             self.predict(kind)
 

@@ -42,6 +42,7 @@ class KnownEstimator:
     anew: bool = False
     controls: tuple[str, ...] = (TRUTH, LINEARISED)
     spent: Spent = field(default_factory=Spent)
+    made: dict[tuple[Design, str, bool], int] = field(default_factory=dict)
     group: Any = field(default_factory=lambda: SimpleNamespace(starts=STARTS, stimulus=SimpleNamespace(cycles=6)))
 
     def cv(self, signal: float) -> float:
@@ -61,7 +62,9 @@ class KnownEstimator:
         if kind != TRUTH:
             relative = np.where(u < self.far(signal), 1 / 3, relative)
         x[:, K12] *= relative
-        self.spent.add(Spent(n * (STARTS if kind == FULL else 1), 0))
+        before = self.made.get((design, kind, drawn), 0)
+        self.made[design, kind, drawn] = max(n, before)
+        self.spent.add(Spent(max(n - before, 0) * (STARTS if kind == FULL else 1), 0))
         return x
 
     def realizations(self, design: Design, kind: str, n: int) -> np.ndarray:
@@ -81,11 +84,13 @@ class KnownEstimator:
         return 80.0 * cycles
 
 
-def searched(fitter: KnownEstimator, limit: str, precision: float = 0.1, high: float = 16.0) -> Arm:
+def searched(
+    fitter: KnownEstimator, limit: str, precision: float = 0.1, high: float = 16.0, budget: int = 500_000
+) -> Arm:
     """The arm after a search over the amplitude at 6 cycles."""
     space = Space((6, 6), (2.0, high), (1.2,), None, ("amplitude",), 43.72, 1)
     arm = Arm(1.2, space, parse_targets(MODEL, [f"cv(K12) <= {limit}"]), fitter, 50)  # type: ignore[arg-type]
-    search([arm], Rules(precision, 500_000))
+    search([arm], Rules(precision, budget))
     return arm
 
 
@@ -165,6 +170,26 @@ def test_a_measure_that_hardly_depends_on_the_axis_ends_the_search_when_it_is_kn
     assert known.axis > 0.3
     assert known.measure <= 0.05
     assert fitter.spent.fits < 50_000
+
+
+def test_a_search_ends_at_the_precision_of_the_axis_or_of_the_measure_whichever_comes_first() -> None:
+    """Both are one demand where the measure is inversely proportional to the axis."""
+    for power in (1.6, 1.0, 0.5):
+        fitter = KnownEstimator(7, never, power=power)
+        arm = searched(fitter, f"{100 * fitter.cv(5 * np.sqrt(5)):.3g}%", 0.05)
+        known = width(arm, arm.cheapest())
+        assert known.axis <= 0.05 or (known.flat and known.measure <= 0.05)
+        assert known.measure / known.axis == pytest.approx(power, rel=0.25)
+
+
+def test_no_more_fits_are_made_than_the_budget_allows() -> None:
+    """Draws of the control count, of which a look may need many more than of complete fits."""
+    predicted = 9 * (128 + 64)
+    for budget in (10_000, 20_000, 40_000):
+        fitter = KnownEstimator(9, rarely)
+        arm = searched(fitter, "15%", precision=0.005, budget=budget)
+        assert width(arm, arm.cheapest()).relative > 0.005
+        assert budget / 2 < fitter.spent.fits <= budget + predicted
 
 
 def test_a_look_far_away_narrows_a_flat_crossing_for_fewer_fits() -> None:

@@ -49,7 +49,7 @@ SHELL = re.compile(r"[|&;<>()$`*?~{}\[\]]")
 """Characters that mean something to a shell."""
 SCRIPT = re.compile(r"[$&]|<<|^(umask|export|cd|for|while|if) ", re.MULTILINE)
 """What makes the lines of a block depend on each other."""
-MOST = {"realizations": 3, "starts": 4}
+MOST = {"realizations": 4, "starts": 4}
 GROUPS = 4
 """Of a study, the first ones."""
 WHOLE = ("paper_solver.toml",)

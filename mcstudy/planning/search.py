@@ -3,8 +3,8 @@
 For every Fmax, a prediction over all amplitudes and cycles comes from a few fits that start at the true values. Then
 designs are looked at with more and more realizations: first where the model expects the cheapest design that meets the
 targets, then where a look narrows its interval most (`mcstudy.planning.next_look`). An Fmax whose most optimistic cost
-is above the most pessimistic one of another is given up. The search ends when the answer is known as precisely as
-asked, or when the budget of fits is spent.
+is above the most pessimistic one of another is given up. The search ends when the answer, or the measure there, is
+known as precisely as asked, or when the budget of fits is spent.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ MOST_REALIZATIONS = 20_000
 
 @dataclass(frozen=True)
 class Rules:
-    """When to end: half-width of the 95 % interval of the answer, relative (`mcstudy.planning.next_look.Width`);
-    largest number of fits."""
+    """When to end: half-width of a 95 % interval, relative, of the answer or the measure there
+    (`mcstudy.planning.next_look.Width`); largest number of fits."""
 
     precision: float
     budget: int
@@ -54,8 +54,8 @@ def search(arms: list[Arm], rules: Rules, say: Callable[[str], object] = str) ->
             if wanted is None:
                 continue
             doubtful = _doubtful(arm)
-            design, *numbers = wanted if doubtful is None else (doubtful, FIRST, 0)
-            if (allowed := _affordable(arm, design, *numbers, rules)) is None:
+            design, n, draws = wanted if doubtful is None else (doubtful, FIRST, 0)
+            if (allowed := _affordable(arm, design, n, draws, rules)) is None:
                 continue
             n, draws = allowed
             say(f"{n} realizations of {design.cycles} cycles, {design.amplitude:g}, Fmax {design.fmax:g} Hz")

@@ -62,3 +62,12 @@ def test_a_second_report_needs_no_library_of_numbers_or_figures(two_chunks: Path
 
 def test_a_fast_diagnosis_of_a_netcdf_file_needs_no_library_of_tables_or_of_checks(recording: Path) -> None:
     assert not imported("gap", "diagnose", str(recording), "--fast") & (LARGE | UNUSED)
+
+
+def test_a_command_that_ends_is_not_searched_for_garbage() -> None:
+    script = "import gc, sys; from mcstudy.cli import main; main(); print(gc.get_freeze_count(), file=sys.stderr)"
+    as_command = subprocess.run([sys.executable, "-c", script, "studies"], capture_output=True, text=True)
+    called = script.replace("main()", "main(['studies'])")
+    as_function = subprocess.run([sys.executable, "-c", called], capture_output=True, text=True)
+    assert int(as_command.stderr) > 10_000
+    assert int(as_function.stderr) == 0, "somebody else's process is left as it is"

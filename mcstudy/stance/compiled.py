@@ -88,7 +88,7 @@ def compiled(function: Callable[..., Any], *, allocates: bool = True) -> Any:
     ``allocates``: False for a function that makes no arrays. It then does not count references to those it is handed,
     which costs the kernel, with its twenty arrays, some percent; and numba does not look for array expressions.
     """
-    options = {"nogil": True, "error_model": "numpy", "_nrt": allocates, "no_rewrites": not allocates}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": allocates, "no_rewrites": not allocates}
     dispatcher: Any = njit(**options)(function)
     dispatcher._cache = _Cache(function)  # as with `cache=True`, but with another check
     KEPT.append(dispatcher)
@@ -102,15 +102,16 @@ def inner(function: Callable[..., Any] | None = None, *, forceinline: bool = Fal
     """
     if function is None:
         return partial(inner, forceinline=forceinline)
-    return njit(
-        error_model="numpy",
-        forceinline=forceinline,
-        no_cpython_wrapper=True,
-        no_cfunc_wrapper=True,
-        no_rewrites=True,
-        pipeline_class=_Inner,
-        _nrt=False,
-    )(function)
+    options: dict[str, Any] = {
+        "error_model": "numpy",
+        "forceinline": forceinline,
+        "no_cpython_wrapper": True,
+        "no_cfunc_wrapper": True,
+        "no_rewrites": True,
+        "pipeline_class": _Inner,
+        "_nrt": False,
+    }
+    return njit(**options)(function)
 
 
 class _InnerCodegen:
@@ -146,7 +147,7 @@ class _InnerLibrary(JITCodeLibrary):
         return _InnerCodegen()
 
 
-class _Inner(Compiler):  # type: ignore[misc]
+class _Inner(Compiler):
     """Numba's compiler with another library."""
 
     def __init__(self, *arguments: Any) -> None:

@@ -74,8 +74,7 @@ def apart() -> Iterator[None]:
         _state.apart = False
 
 
-@intrinsic
-def call(_context: Any, address: Any, plan: Any, work: Any) -> Any:
+def _call(_context: Any, address: Any, plan: Any, work: Any) -> Any:
     """Run the compiled function that begins at an address, whose arguments have just these types."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -86,3 +85,7 @@ def call(_context: Any, address: Any, plan: Any, work: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(address, plan, work), code
+
+
+call: Any = intrinsic(_call)
+"""``call(address, plan, work)`` in compiled code; see `_call`."""

@@ -44,7 +44,8 @@ def _proper(score: Mapping[str, Any]) -> Rows:
     rows: Rows = [("proper score (lower is better)", "value [95 %]", "oracle bound", "cases")]
     for name, label in (("log_loss", "log loss"), ("brier", "Brier")):
         for kind, f in score["proper"][name].items():
-            rows.append((f"{label}, {kind}", _value(f, False), _ceiling(f, False), str(f["n"])))
+            if f["n"]:
+                rows.append((f"{label}, {kind}", _value(f, False), _ceiling(f, False), str(f["n"])))
     return rows
 
 

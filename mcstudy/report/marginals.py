@@ -9,11 +9,13 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.lost_table.unknowns import UNKNOWNS, Unknown
+from mcstudy.report.style import COLOURS
 from mcstudy.report.svg_document import svg_document
 
 COLUMNS, WIDTH, HEIGHT, GAP = 4, 190.0, 96.0, 34.0
 BINS = 16
 TOP = 34.0
+PRIOR, POSTERIOR, MARK, AXIS = (COLOURS[name] for name in ("grid", "blue", "orange", "muted"))
 
 
 def marginals_svg(result: xr.Dataset) -> str:
@@ -51,22 +53,22 @@ def _panel(unknown: Unknown, one: xr.Dataset, x: float, y: float) -> list[str]:
     unit = f" ({unknown.unit})" if unknown.unit not in ("", "1") else ""
     out = [
         f'<text x="{x:g}" y="{y - 3:g}">{html.escape(unknown.name + unit)}</text>',
-        f'<rect x="{x:g}" y="{y + HEIGHT - flat:.1f}" width="{WIDTH:g}" height="{flat:.1f}" fill="#d8dee4"/>',
+        f'<rect x="{x:g}" y="{y + HEIGHT - flat:.1f}" width="{WIDTH:g}" height="{flat:.1f}" fill="{PRIOR}"/>',
     ]
     step = WIDTH / bins
     for i, s in enumerate(share):
         if s > 0:
             out.append(
                 f'<rect x="{x + i * step + 1:.1f}" y="{y + HEIGHT - s * scale:.1f}" width="{step - 2:.1f}" '
-                f'height="{s * scale:.1f}" fill="#0b63a5" fill-opacity="0.75"/>'
+                f'height="{s * scale:.1f}" fill="{POSTERIOR}" fill-opacity="0.75"/>'
             )
     for place, dash in zip(marks, ("", ' stroke-dasharray="4 3"'), strict=True):
         at_x = x + np.clip(place, 0, 1) * WIDTH
         out.append(
             f'<line x1="{at_x:.1f}" x2="{at_x:.1f}" y1="{y:g}" y2="{y + HEIGHT:g}" '
-            f'stroke="#b5470a" stroke-width="1.4"{dash}/>'
+            f'stroke="{MARK}" stroke-width="1.4"{dash}/>'
         )
-    out.append(f'<line x1="{x:g}" x2="{x + WIDTH:g}" y1="{y + HEIGHT:g}" y2="{y + HEIGHT:g}" stroke="#57606a"/>')
+    out.append(f'<line x1="{x:g}" x2="{x + WIDTH:g}" y1="{y + HEIGHT:g}" y2="{y + HEIGHT:g}" stroke="{AXIS}"/>')
     if unknown.choices:
         out += [
             f'<text x="{x + (i + 0.5) * step:.1f}" y="{y + HEIGHT + 12:g}" text-anchor="middle">{html.escape(c)}</text>'

@@ -8,10 +8,11 @@ from typing import Any
 
 from mcstudy.challenge.score import LEADING
 from mcstudy.challenge.table import OVERALL
+from mcstudy.report.style import COLOURS
 from mcstudy.report.svg_document import svg_document
 
 SIDE, LEFT, TOP, GAP, COUNTS = 220.0, 48.0, 56.0, 64.0, 44.0
-AXIS, FOUND, LINE = "#57606a", "#0b63a5", "#b5470a"
+AXIS, FOUND, LINE = (COLOURS[name] for name in ("muted", "blue", "orange"))
 
 
 def reliability_svg(score: Mapping[str, Any]) -> str:

@@ -13,10 +13,11 @@ from mcstudy.planning.local_model import QUANTILE
 from mcstudy.planning.next_look import leading
 from mcstudy.planning.result import Solution
 from mcstudy.planning.space import CYCLES
+from mcstudy.report.style import COLOURS
 from mcstudy.report.svg_document import svg_document
 
 WIDTH, HEIGHT, LEFT, TOP, GAP = 360.0, 250.0, 60.0, 58.0, 84.0
-AXIS, BAND, LINE, LIMIT, CROSSING = "#57606a", "#ffd8b5", "#b5470a", "#0b5cad", "#0b5cad"
+AXIS, LINE, LIMIT = (COLOURS[name] for name in ("muted", "orange", "blue"))
 POINTS = 81
 
 
@@ -93,11 +94,11 @@ def _panel(found: Solution, arm: Arm, axis: str, k: int, x: float) -> list[str]:
             left, right = across(crossing.low), across(crossing.high)
             out.append(
                 f'<rect x="{left:.1f}" y="{TOP:g}" width="{max(right - left, 1):.1f}" height="{HEIGHT:g}" '
-                f'fill="{CROSSING}" opacity="0.15"><title>{crossing.low:.4g} to {crossing.high:.4g}</title></rect>'
+                f'fill="{LIMIT}" opacity="0.15"><title>{crossing.low:.4g} to {crossing.high:.4g}</title></rect>'
             )
     there = [f"{across(v):.1f} {up(c):.1f}" for v, c in zip(values, curves[2], strict=True)]
     back = [f"{across(v):.1f} {up(c):.1f}" for v, c in zip(values[::-1], curves[0][::-1], strict=True)]
-    out.append(f'<path d="M{" L".join([*there, *back])}Z" fill="{BAND}"/>')
+    out.append(f'<path d="M{" L".join([*there, *back])}Z" fill="{LINE}" fill-opacity="0.25"/>')
     middle = [f"{across(v):.1f} {up(c):.1f}" for v, c in zip(values, curves[1], strict=True)]
     out.append(f'<path d="M{" L".join(middle)}" fill="none" stroke="{LINE}" stroke-width="1.6"/>')
     for limit in (target.limit, -target.limit) if target.measure.signed else (target.limit,):

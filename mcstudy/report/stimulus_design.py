@@ -6,11 +6,12 @@ import html
 
 import numpy as np
 
+from mcstudy.report.style import COLOURS
 from mcstudy.report.svg_document import svg_document
 from mcstudy.stimulus_design.result import StimulusDesign
 
 WIDTH, HEIGHT, LEFT, TOP, GAP = 360.0, 250.0, 52.0, 52.0, 72.0
-BEFORE, AFTER, AXIS = "#57606a", "#b5470a", "#57606a"
+BEFORE, AFTER, AXIS = (COLOURS[name] for name in ("muted", "orange", "muted"))
 
 
 def stimulus_design_svg(design: StimulusDesign) -> str:

@@ -9,9 +9,11 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.lost_table.checks import LIMIT
+from mcstudy.report.style import COLOURS
 from mcstudy.report.svg_document import svg_document
 
 COLUMNS, WIDTH, HEIGHT, GAP, LEFT, TOP = 3, 220.0, 150.0, 62.0, 36.0, 40.0
+DOT, BEST = COLOURS["muted"], COLOURS["orange"]
 FURTHEST = 15.0
 """Distances beyond this are drawn at it."""
 
@@ -50,14 +52,14 @@ def _panel(result: xr.Dataset, key: str, x: float, y: float) -> list[str]:
     return [
         f'<text x="{x:g}" y="{y:g}">{html.escape(label)}</text>',
         *(
-            f'<circle cx="{a:.1f}" cy="{b:.1f}" r="1.8" fill="#57606a" fill-opacity="0.45"/>'
+            f'<circle cx="{a:.1f}" cy="{b:.1f}" r="1.8" fill="{DOT}" fill-opacity="0.45"/>'
             for a, b in zip(left, top, strict=True)
         ),
-        f'<line x1="{limit:.1f}" x2="{limit:.1f}" y1="{y + 8:g}" y2="{y + HEIGHT:g}" stroke="#57606a" '
+        f'<line x1="{limit:.1f}" x2="{limit:.1f}" y1="{y + 8:g}" y2="{y + HEIGHT:g}" stroke="{DOT}" '
         'stroke-dasharray="4 3"/>',
-        f'<polyline points="{line}" fill="none" stroke="#b5470a" stroke-width="1.6"/>',
-        f'<line x1="{x:g}" x2="{x + WIDTH:g}" y1="{y + HEIGHT:g}" y2="{y + HEIGHT:g}" stroke="#57606a"/>',
-        f'<line x1="{x:g}" x2="{x:g}" y1="{y + 8:g}" y2="{y + HEIGHT:g}" stroke="#57606a"/>',
+        f'<polyline points="{line}" fill="none" stroke="{BEST}" stroke-width="1.6"/>',
+        f'<line x1="{x:g}" x2="{x + WIDTH:g}" y1="{y + HEIGHT:g}" y2="{y + HEIGHT:g}" stroke="{DOT}"/>',
+        f'<line x1="{x:g}" x2="{x:g}" y1="{y + 8:g}" y2="{y + HEIGHT:g}" stroke="{DOT}"/>',
         f'<text x="{x:g}" y="{y + HEIGHT + 12:g}">0</text>',
         f'<text x="{x + WIDTH:g}" y="{y + HEIGHT + 12:g}" text-anchor="end">{FURTHEST:g} or more</text>',
         f'<text x="{x + WIDTH / 2:g}" y="{y + HEIGHT + 12:g}" text-anchor="middle">distance, errors</text>',

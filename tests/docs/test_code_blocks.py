@@ -3,7 +3,7 @@
 - ``bash`` blocks run in a shell, ``python`` blocks of a page share one namespace; both start where a clone's root is.
   Lines of nothing but ``mcstudy ...`` and ``python FILE ...`` are run in the process of the tests, which has
   everything imported.
-- The study files they name are cut down to a few realizations and starts, so that a page takes seconds.
+- The study files they name are cut down to a few groups, realizations and starts, so that a page takes seconds.
 - A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
 - The build of the site (`test_site.py`) runs the blocks of `docs/`, too. Where it is among the tests,
   ``MCSTUDY_TEST_SITE=1`` says so, and they are not run here (.ci/run).
@@ -49,7 +49,11 @@ SHELL = re.compile(r"[|&;<>()$`*?~{}\[\]]")
 """Characters that mean something to a shell."""
 SCRIPT = re.compile(r"[$&]|<<|^(umask|export|cd|for|while|if) ", re.MULTILINE)
 """What makes the lines of a block depend on each other."""
-MOST = {"realizations": 4, "starts": 10}
+MOST = {"realizations": 4, "starts": 4}
+GROUPS = 4
+"""Of a study, the first ones."""
+WHOLE = ("paper_solver.toml",)
+"""Studies whose every group an example asks for."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +77,11 @@ def blocks(page: str) -> list[Block]:
 
 
 def cut_down(study: Path) -> None:
-    """The same study with fewer realizations and starts."""
-    text = study.read_text(encoding="utf-8")
+    """The same study with fewer groups, realizations and starts."""
+    head, *tables = re.split(r"^(?=\[)", study.read_text(encoding="utf-8"), flags=re.M)
+    groups = list(dict.fromkeys(re.findall(r"^\[group\.(\w+)", "".join(tables), re.M)))
+    left_out = () if study.name in WHOLE else tuple(f"[group.{name}{end}" for name in groups[GROUPS:] for end in "].")
+    text = head + "".join(table for table in tables if not table.startswith(left_out))
     for key, most in MOST.items():
         text = re.sub(rf"^{key} = (\d+)", lambda m, k=key, n=most: f"{k} = {min(int(m[1]), n)}", text, flags=re.M)
     study.write_text(text, encoding="utf-8")

@@ -12,6 +12,7 @@ from xdist.scheduler import LoadScopeScheduling
 LONGEST = (
     "tests/system/test_wheel.py",
     "tests/docs/test_site.py",
+    "tests/system/test_slurm.py",
     "tests/system/test_state_machine.py",
     "tests/system/test_kill_campaign.py",
     "tests/docs/test_code_blocks.py",

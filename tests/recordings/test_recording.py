@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from fuzzing import MANY
 
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
@@ -162,11 +163,17 @@ def test_what_cannot_be_analysed_is_refused_by_name(recording: Recording, messag
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", [k for k in STIMULI if k != "visual_tilt"])
+KINDS = [k for k in STIMULI if k != "visual_tilt"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_every_mislabelled_channel_is_recognised(kind: str) -> None:
+    """Every reading with every other kind of stimulus, so with a torque and without; ``MCSTUDY_FUZZ=1``: with every."""
     recording = sway(kind=kind, scale={"rad": 0.003, "m": 0.01}.get(STIMULI[kind], 1.0))
     assert checked_lines(recording)[0].suspicions == ()
-    for name, reading in READINGS.items():
+    for k, (name, reading) in enumerate(READINGS.items()):
+        if not MANY and (k + KINDS.index(kind)) % 2:
+            continue
         matrix = reading.matrix
         if name == "space_angle" or reading.check == "fit":
             continue  # the hip is half the trunk's angle: told apart only by the fit

@@ -312,7 +312,7 @@ def test_what_nohup_ignores_stays_ignored(tmp_path: Path) -> None:
 
 def test_a_terminal_that_is_gone_is_no_reason_to_stay(study: Path) -> None:
     """Nobody reads what it says, and what it writes fails."""
-    study.write_text(STUDY.replace("realizations = 40", "realizations = 40000"))
+    study.write_text(STUDY.replace("realizations = 40", "realizations = 4000"))
     out = study.with_name("out.zarr")
     process = start("-m", "mcstudy", "run", str(study), "-o", str(out), folder=study.parent)
     assert process.stdout is not None

@@ -16,14 +16,18 @@ from typing import Any
 import numpy as np
 
 from mcstudy.fitting import kernel, lanes
-from mcstudy.fitting.arguments import Bounds, Options, Outcomes, Queue, pack
+from mcstudy.fitting.arguments import Bounds, LaneStates, Options, Outcomes, Queue, pack
 from mcstudy.fitting.plans import plan, workspace
 from mcstudy.fitting.problem import Problem
 
 WIDTH = lanes.WIDTH
 COMPILERS = {
-    "from numba import njit": "njit = lambda *a, **k: a[0] if a else (lambda f: f)",
-    "from mcstudy.stance.compiled import compiled": "compiled = lambda f, **_: f",
+    "from mcstudy.stance.compiled import compiled, inner": (
+        "compiled = lambda f, **_: f\ninner = lambda f=None, **_: f or inner"
+    ),
+    "from mcstudy.stance.separate import call, calling": (
+        "calling = lambda _: lambda f: f\ncall = lambda f, *arguments: f(*arguments)"
+    ),
 }
 """Lines of the kernel's source that import its compiler, and their replacements in plain Python."""
 
@@ -126,14 +130,12 @@ def whole(problem: Problem, starts: np.ndarray, tolerance: float, most: int) -> 
     queue = Queue(pack(problem.data, problem.weight)[None], np.zeros(len(starts), dtype=np.int64), starts)
     bounds, options, out = Bounds(model.lower, model.upper), Options(tolerance, most), Outcomes.empty(*starts.shape)
     space, passes = counting_kernel(), [0]
-    evaluate = space.levenberg_marquardt.__globals__["evaluate"]
 
     def counted(*arguments: Any) -> None:
         passes[0] += 1
-        evaluate(*arguments)
+        space.evaluate(*arguments)
 
-    space.levenberg_marquardt.__globals__["evaluate"] = counted
     Counter.flops = 0
     with np.errstate(all="ignore"):
-        space.levenberg_marquardt(table, workspace(table), queue, bounds, options, out)
+        space.levenberg_marquardt(counted, table, workspace(table), LaneStates.idle(WIDTH), queue, bounds, options, out)
     return Counter.flops, passes[0]

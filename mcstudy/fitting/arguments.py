@@ -98,6 +98,30 @@ class Queue(NamedTuple):
     starts: np.ndarray
 
 
+class LaneStates(NamedTuple):
+    """State of the fit in each of W lanes, (W,) each; made here, since to compile what makes arrays takes a second.
+
+    fit: int64, start of the queue; -1 none. fresh: bool, whether nothing is known of the start yet. evaluations: int64,
+    so far. outcome: int64, status with which it ends; 0 not yet. growth: factor of the damping at the next rejection.
+    floor: cost below which only rounding is left. predicted: decrease of the cost.
+    """
+
+    fit: np.ndarray
+    fresh: np.ndarray
+    evaluations: np.ndarray
+    outcome: np.ndarray
+    growth: np.ndarray
+    floor: np.ndarray
+    predicted: np.ndarray
+
+    @classmethod
+    def idle(cls, W: int) -> LaneStates:
+        """Of lanes without a fit."""
+        whole = [np.zeros(W, dtype=np.int64) for _ in range(2)]
+        real = [np.zeros(W) for _ in range(2)]
+        return cls(np.full(W, -1), np.zeros(W, dtype=np.bool_), *whole, np.full(W, 2.0), *real)
+
+
 class Bounds(NamedTuple):
     """Bounds of the parameters: (P,) for all starts alike, or (M, P)."""
 

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from mcstudy.fitting.kernel import evaluate
-from mcstudy.fitting.warm import PARTS, compile_here, missing
+from mcstudy.fitting.warm import PARTS, compile_here, missing, with_called
 from mcstudy.stance.compiled import folder_of
 
 LOCK = "mcstudy-compiling.lock"
@@ -65,7 +65,7 @@ class Compilation:
 
     def has(self, parts: Iterable[str]) -> bool:
         """Whether these parts, as far as they are compiled here, are done."""
-        return all(self._ended[part].is_set() for part in parts if part in self._ended)
+        return all(self._ended[part].is_set() for part in with_called(parts) if part in self._ended)
 
     @property
     def counted(self) -> int:
@@ -126,7 +126,7 @@ def begin(parts: Iterable[str] = ()) -> Compilation | None:
     be started (inside another program).
     """
     global _current
-    wanted = list(parts or PARTS)
+    wanted = with_called(parts or PARTS)
     with _lock:
         if _current is not None and not _current.has(_current.parts) and {*wanted} <= {*_current.parts}:
             return _current

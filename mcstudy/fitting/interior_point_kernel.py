@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Bounds, Options, Outcomes, Plan, Queue, Workspace
 from mcstudy.fitting.barrier_step import (
     barrier_gradient,
@@ -27,9 +28,10 @@ from mcstudy.fitting.barrier_step import (
     trust_region_step,
     update,
 )
-from mcstudy.fitting.kernel import CONVERGED, ITERATION_LIMIT, NON_FINITE_MODEL, STALLED, begin, evaluate_cost
+from mcstudy.fitting.kernel import CONVERGED, ITERATION_LIMIT, NON_FINITE_MODEL, STALLED, begin
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.stance.compiled import compiled
+from mcstudy.stance.separate import call, calling
 
 FIRST, DIFFERENCE, SEARCH, REGION = 0, 1, 2, 3
 """What the evaluation at ``trial`` is for: the start, the gradient, the line search, a trust-region step."""
@@ -285,9 +287,16 @@ def advance(m: Machines, k, cost, bounds: Bounds, options: Options):  # type: ig
     return outcome
 
 
-@compiled
+@calling(kernel.evaluate_cost)
 def interior_point(
-    plan: Plan, work: Workspace, m: Machines, queue: Queue, bounds: Bounds, options: Options, out: Outcomes
+    evaluate_cost: int,
+    plan: Plan,
+    work: Workspace,
+    m: Machines,
+    queue: Queue,
+    bounds: Bounds,
+    options: Options,
+    out: Outcomes,
 ) -> None:
     """Fit every start of the queue inside bounds (P,) and fill ``out``."""
     n_fits, P = queue.starts.shape
@@ -314,7 +323,7 @@ def interior_point(
             for p in range(P):
                 at = offset[p] + unit[p] * m.trial[lane, p]
                 w[(at_trial + p) * WIDTH + lane] = min(max(at, bounds.lower[p]), bounds.upper[p])
-        evaluate_cost(plan, work)
+        call(evaluate_cost, plan, work)
         for lane in range(WIDTH):
             index = fit[lane]
             if index < 0:

@@ -21,11 +21,11 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numba import njit
 
-from mcstudy.fitting.arguments import Bounds, Filters, Options, Outcomes, Plan, Queue, Workspace
+from mcstudy.fitting.arguments import Bounds, Filters, LaneStates, Options, Outcomes, Plan, Queue, Workspace
 from mcstudy.fitting.lanes import WIDTH, fma, fnma, load, nearest, negative, root, splat, store, where_less
-from mcstudy.stance.compiled import compiled
+from mcstudy.stance.compiled import compiled, inner
+from mcstudy.stance.separate import call, calling
 
 CONVERGED, STALLED, ITERATION_LIMIT, NON_FINITE_MODEL = 1, 2, 3, 4
 
@@ -51,7 +51,7 @@ _HALF_PI_3 = 2.0222662487959506e-21
 # --- elementary functions of lanes, and of complex numbers in lanes ---
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _sin_cos(x):
     """Sine and cosine of lanes by Taylor series on [-pi/4, pi/4]; no library call, so the same bits everywhere."""
     k = nearest(x * splat(_TWO_OVER_PI))
@@ -87,27 +87,27 @@ def _sin_cos(x):
     return sine, cosine
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _times(ar, ai, br, bi):
     """Complex product."""
     return fnma(ai, bi, ar * br), fma(ai, br, ar * bi)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _over(ar, ai, br, bi):
     """Complex quotient."""
     scale = splat(1.0) / fma(bi, bi, br * br)
     return fma(ai, bi, ar * br) * scale, fnma(ar, bi, ai * br) * scale
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _inverse(re, im):
     """One over a complex number."""
     scale = splat(1.0) / fma(im, im, re * re)
     return re * scale, negative(im * scale)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _times_s(re, im, order, omega):
     """Product with s**order at s = i omega."""
     if order == 0:
@@ -123,7 +123,7 @@ def _times_s(re, im, order, omega):
 # --- cost, gradient and Gram matrix ---
 
 
-@njit(nogil=True)
+@inner
 def _evaluate_filters(w, x, at, slope_at, omega, filters: Filters):
     """Value of every filter and its logarithmic derivative in every (filter, parameter) pair that it holds.
 
@@ -182,7 +182,7 @@ def _evaluate_filters(w, x, at, slope_at, omega, filters: Filters):
         store(w, slot + 1, im)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _gains(w, x, entry, weight, at_gain):
     """Gain of every term, which does not depend on the frequency."""
     for e in range(entry.shape[0]):
@@ -193,7 +193,7 @@ def _gains(w, x, entry, weight, at_gain):
         store(w, at_gain + e, gain)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _equations(
     w, x, n, omega, stimulus, constant, entry, weight, group_delay, group_filters, filters: Filters, at_A, at_E,
     at_gain, at_filter, at_slope, filter_stride,
@@ -276,7 +276,7 @@ def _equations(
                     store(w, at + F + f, fma(factor, im, load(w, at + F + f)))
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _solved(w, at):
     """Inverse of A(s) by the adjugate, and H = A^-1 b, at one frequency, from slot ``at`` on."""
     F = BLOCK
@@ -302,7 +302,7 @@ def _solved(w, at):
     return ar, ai, br, bi, cr, ci, dr, di, h0r, h0i, h1r, h1i
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _residual(w, at, y0r, y0i, y1r, y1i):
     """Weighted residual W (y - data) at one frequency, whose data and weights begin at slot ``at``."""
     w00, w11, w10r, w10i = load(w, at + 4), load(w, at + 5), load(w, at + 6), load(w, at + 7)
@@ -312,13 +312,13 @@ def _residual(w, at, y0r, y0i, y1r, y1i):
     return w00 * e0r, w00 * e0i, fma(w11, e1r, pr), fma(w11, e1i, pi)
 
 
-@njit(nogil=True)
+@inner
 def _add(w, slot, value):
     """Add lanes to a slot."""
     store(w, slot, load(w, slot) + value)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _tile(w, left, right, gram, stride, n):
     """Add Re(conj(left_i) right_j), summed over ``n`` frequencies, to the nine slots of a 3 x 3 tile.
 
@@ -669,7 +669,7 @@ def evaluate_cost(plan: Plan, work: Workspace) -> None:
     store(w, work.gram_trial + (P + 1) * (P + 2) // 2 - 1, cost)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _gather(w, to, of, factor, first, n):
     """Set (``first``) or add ``factor`` times complex numbers at ``n`` frequencies."""
     if first != 0:
@@ -682,7 +682,7 @@ def _gather(w, to, of, factor, first, n):
             store(w, to + BLOCK + f, fma(factor, load(w, of + BLOCK + f), load(w, to + BLOCK + f)))
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _products(w, to, left, right, n):
     """Add Re(conj(left) right), summed over ``n`` frequencies, to one slot."""
     total, more = load(w, to), splat(0.0)
@@ -692,7 +692,7 @@ def _products(w, to, left, right, n):
     store(w, to, total + more)
 
 
-@njit(nogil=True)
+@inner
 def _filtered_output(w, column, at_h, at_weight, at_filter, at_slope, number, output_filter):
     """Add to one column, at one frequency, what a parameter does to the measured angles through an output filter."""
     w00, w11, w10r, w10i = load(w, at_weight), load(w, at_weight + 1), load(w, at_weight + 2), load(w, at_weight + 3)
@@ -717,7 +717,7 @@ def _filtered_output(w, column, at_h, at_weight, at_filter, at_slope, number, ou
 # --- one step of eight fits ---
 
 
-@njit(nogil=True)
+@inner
 def _solve(w, matrix, right, n):
     """Solve a positive definite system in place, L D L^T by columns: the updates of a column wait for none another.
 
@@ -742,7 +742,7 @@ def _solve(w, matrix, right, n):
             store(w, right + k, fnma(factor, found, load(w, right + k)))
 
 
-@compiled
+@partial(compiled, allocates=False)
 def bounded_step(work: Workspace, bounds: Bounds):
     """One damped Gauss-Newton step inside the bounds for every lane; returns nothing, fills ``step`` and ``trial``.
 
@@ -813,7 +813,7 @@ def bounded_step(work: Workspace, bounds: Bounds):
         store(w, step + i, goal - load(w, x + i))
 
 
-@njit(nogil=True)
+@inner
 def _predicted(work: Workspace, P):
     """Decrease of the cost that the quadratic model predicts for ``step``: -(2 g + G p) . p, per lane."""
     w, gram, step = work.w, work.gram, work.step
@@ -828,7 +828,7 @@ def _predicted(work: Workspace, P):
     return total + total
 
 
-@njit(nogil=True)
+@inner
 def _steepest(work: Workspace, lane, bounds: Bounds):
     """Most that moving one parameter alone, inside its bounds, is predicted to lower the cost."""
     w, x, gram = work.w, work.x, work.gram
@@ -847,7 +847,7 @@ def _steepest(work: Workspace, lane, bounds: Bounds):
 # --- the queue of fits ---
 
 
-@compiled
+@partial(compiled, allocates=False)
 def begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
     """Put a start of the queue and its problem into a lane; returns the cost below which only rounding is left."""
     w, start, packed = work.w, queue.starts[index], queue.packed[queue.problem[index]]
@@ -864,9 +864,16 @@ def begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
     return ROUNDING * norm
 
 
-@compiled
+@calling(evaluate)
 def levenberg_marquardt(
-    plan: Plan, work: Workspace, queue: Queue, bounds: Bounds, options: Options, out: Outcomes
+    evaluate: int,
+    plan: Plan,
+    work: Workspace,
+    lanes: LaneStates,
+    queue: Queue,
+    bounds: Bounds,
+    options: Options,
+    out: Outcomes,
 ) -> None:
     """Fit every start of the queue inside bounds (P,) and fill ``out``."""
     n_fits, P = queue.starts.shape
@@ -874,13 +881,8 @@ def levenberg_marquardt(
     at_gram, at_gram_trial = work.gram, work.gram_trial
     n_triangle = (P + 1) * (P + 2) // 2
     at_cost, at_cost_trial = at_gram + n_triangle - 1, at_gram_trial + n_triangle - 1
-    fit = np.full(WIDTH, -1, dtype=np.int64)
-    fresh = np.zeros(WIDTH, dtype=np.bool_)
-    growth = np.full(WIDTH, 2.0)
-    floor = np.zeros(WIDTH)
-    predicted = np.zeros(WIDTH)
-    evaluations = np.zeros(WIDTH, dtype=np.int64)
-    outcome = np.zeros(WIDTH, dtype=np.int64)
+    fit, fresh, evaluations, outcome = lanes.fit, lanes.fresh, lanes.evaluations, lanes.outcome
+    growth, floor, predicted = lanes.growth, lanes.floor, lanes.predicted
     half = splat(0.5)
     next_fit = np.int64(0)  # a literal 0 would be a type of its own: `begin` would be compiled twice
     running = 0
@@ -893,7 +895,7 @@ def levenberg_marquardt(
             running += 1
 
     while running > 0:
-        evaluate(plan, work)
+        call(evaluate, plan, work)
         store(w, at_matrix, splat(0.0))
         for lane in range(WIDTH):
             if fit[lane] < 0:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Options, Outcomes, pack
+from mcstudy.fitting.arguments import Bounds, LaneStates, Options, Outcomes, pack
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.plans import kept_plan, plan, workspace
 from mcstudy.fitting.problem import Fits, Problem, queued
@@ -32,7 +32,8 @@ def lm_queue(
     if len(starts):
         queue = queued(problems, which, starts)
         bounds = Bounds(model.lower, model.upper)
-        kernel.levenberg_marquardt(table, workspace(table), queue, bounds, Options(tolerance, max_iterations), out)
+        lanes, options = LaneStates.idle(WIDTH), Options(tolerance, max_iterations)
+        kernel.levenberg_marquardt(table, workspace(table), lanes, queue, bounds, options, out)
     return Fits.of(model, *out)
 
 

@@ -13,11 +13,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Bounds, Ends, Goal, Options, Plan, Queue, Workspace
-from mcstudy.fitting.kernel import evaluate
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.small_linear import factor, solve_factored
-from mcstudy.stance.compiled import compiled
+from mcstudy.stance.separate import call, calling
 
 DATA, BOUND, GAVE_UP = 1, 2, 3
 
@@ -137,9 +137,9 @@ def _outward(G, g, x, low, high, d, room, scale, held, A, u, v, q, p):  # type: 
     return mu, kappa
 
 
-@compiled
+@calling(kernel.evaluate)
 def outermost(
-    plan: Plan, work: Workspace, queue: Queue, bounds: Bounds, goal: Goal, options: Options, out: Ends
+    evaluate: int, plan: Plan, work: Workspace, queue: Queue, bounds: Bounds, goal: Goal, options: Options, out: Ends
 ) -> None:
     """Largest direction . x with a deviance of at most the ceiling, inside bounds (P,), from every start.
 
@@ -177,7 +177,7 @@ def outermost(
         for lane in range(WIDTH):
             for i in range(P):
                 w[(work.trial + i) * WIDTH + lane] = trial[lane, i]
-        evaluate(plan, work)
+        call(evaluate, plan, work)
         for lane in range(WIDTH):
             index = fit[lane]
             if index < 0:

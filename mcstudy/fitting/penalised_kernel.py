@@ -11,11 +11,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Plan, Prior, Queue, Restraint, Workspace
-from mcstudy.fitting.kernel import evaluate
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.small_linear import solve
 from mcstudy.stance.compiled import compiled
+from mcstudy.stance.separate import call, calling
 
 DAMPING = 1e-3
 DAMPING_MOST = 1e9
@@ -87,8 +88,9 @@ def _off(x, restraint: Restraint, index):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled
+@calling(kernel.evaluate)
 def penalised_fits(
+    evaluate: int,
     plan: Plan,
     work: Workspace,
     queue: Queue,
@@ -129,7 +131,7 @@ def penalised_fits(
         for lane in range(WIDTH):
             for p in range(P):
                 w[(work.trial + p) * WIDTH + lane] = goal[lane, p]
-        evaluate(plan, work)
+        call(evaluate, plan, work)
         for lane in range(WIDTH):
             index = fit[lane]
             if index < 0:

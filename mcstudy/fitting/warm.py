@@ -1,4 +1,4 @@
-"""Every compiled function called once, on the smallest problem there is, so that nobody has to wait for it later.
+"""Every compiled function compiled once, for the smallest problem there is, so that nobody has to wait for it later.
 
 A function is compiled for the types that it is called with, so the calls are those that studies and diagnoses make:
 through the functions around the compiled code, not by lists of types that would have to be kept up. What is compiled
@@ -23,6 +23,7 @@ from mcstudy.fitting.problem import Problem, paper_cost
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.compiled import KEPT, NotCompiledError, only_compiled
 from mcstudy.stance.response import frf
+from mcstudy.stance.separate import apart
 from mcstudy.stance.simulate_time import simulate
 from mcstudy.stance.stability import growth_rate
 
@@ -35,15 +36,17 @@ class Part(NamedTuple):
 
     Attributes
     ----------
-    call: calls them. after: parts whose functions these call.
+    call: has them compiled, by a call. after: parts whose functions become part of these.
     functions: number of functions compiled for them by a new process that has those of ``after`` on disk.
-    seconds: CPU time this takes (2.1 GHz Xeon).
+    seconds: CPU time this takes (2.3 GHz Xeon, busy with other work).
+    calls: parts whose functions these call at their address (`mcstudy.stance.separate`): needed to run, not to compile.
     """
 
     call: Callable[[], None]
     functions: int
     seconds: float
     after: tuple[str, ...] = ()
+    calls: tuple[str, ...] = ()
 
 
 _ready: set[str] = set()
@@ -64,17 +67,24 @@ def load(part: str) -> bool:
 def compile_here(parts: Iterable[str] = ()) -> int:
     """Compile in this process what is not compiled yet of ``parts``, all unless some are named; returns how many."""
     before = _misses()
-    for part in parts or PARTS:
+    for part in with_called(parts or PARTS):
         if part not in _ready:
             PARTS[part].call()
             _ready.add(part)
     return _misses() - before
 
 
+def with_called(parts: Iterable[str]) -> list[str]:
+    """These parts and those that they call, in the order of `PARTS`."""
+    wanted = set(parts)
+    wanted.update(*(PARTS[part].calls for part in wanted))
+    return [part for part in PARTS if part in wanted]
+
+
 def missing(parts: Iterable[str]) -> list[str]:
     """What has to be compiled before ``parts`` can be called, in the order of `PARTS`; the others are loaded."""
     found: set[str] = set()
-    waiting = list(parts)
+    waiting = with_called(parts)
     while waiting:
         part = waiting.pop()
         if part not in found and not load(part):
@@ -115,12 +125,19 @@ def _steps() -> None:
 
 def _lm() -> None:
     problem = _problem()
-    lm(problem, problem.model.truth[None], 1e-12, 1)
+    with apart():
+        lm(problem, problem.model.truth[None], 1e-12, 1)
 
 
 def _interior_point() -> None:
     problem = _problem()
-    interior_point(problem, problem.model.truth[None], Options(max_iterations=1))
+    with apart():
+        interior_point(problem, problem.model.truth[None], Options(max_iterations=1))
+
+
+def _cost() -> None:
+    table = plan(_problem().model, _problem().f)
+    kernel.evaluate_cost(table, workspace(table))
 
 
 def _gram() -> None:
@@ -142,7 +159,8 @@ def _diagnosis() -> None:
     model = problem.model
     fitter = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f)
     data = pack(problem.data, problem.weight)
-    fitter.fits(data, model.truth)
+    with apart():
+        fitter.fits(data, model.truth)
     gaussian_factor(np.eye(2), np.ones((2, 1)), 1.0)
     orthonormal(np.eye(2, 4), np.ones((1, 4)), 1e-6)
     likelihood_ratios(np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones(1))
@@ -154,18 +172,20 @@ def _intervals() -> None:
     problem = _problem()
     model = problem.model
     fitter, P = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f), model.truth.size
-    fitter.ends(pack(problem.data, problem.weight), model.truth[None], np.eye(1, P), np.ones(1), np.ones(1))
+    with apart():
+        fitter.ends(pack(problem.data, problem.weight), model.truth[None], np.eye(1, P), np.ones(1), np.ones(1))
 
 
 PARTS = {
-    "stability": Part(_stability, 32, 4.3),
-    "gram": Part(_gram, 26, 6.0),
-    "steps": Part(_steps, 9, 1.3),
-    "lm": Part(_lm, 22, 3.3, ("gram", "steps")),
-    "interior_point": Part(_interior_point, 55, 13.0, ("steps",)),
-    "diagnosis": Part(_diagnosis, 38, 9.0, ("gram",)),
-    "intervals": Part(_intervals, 78, 11.0, ("gram",)),
-    "time_domain": Part(_simulation, 13, 1.7),
-    "linearised": Part(_starts, 20, 2.8),
+    "stability": Part(_stability, 16, 4.3),
+    "gram": Part(_gram, 29, 9.0),
+    "steps": Part(_steps, 10, 2.4),
+    "lm": Part(_lm, 9, 2.7, ("steps",), ("gram",)),
+    "cost": Part(_cost, 20, 2.9),
+    "interior_point": Part(_interior_point, 38, 16.0, ("steps",), ("cost",)),
+    "diagnosis": Part(_diagnosis, 32, 6.2, (), ("gram",)),
+    "intervals": Part(_intervals, 76, 10.0, (), ("gram",)),
+    "time_domain": Part(_simulation, 13, 2.4),
+    "linearised": Part(_starts, 20, 5.0),
 }
 """What needs which functions, by the name of the simulator, solver or kind of starts in a study file, or our own."""

@@ -27,6 +27,8 @@ from typing import Any
 import llvmlite.binding as llvm
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
@@ -36,14 +38,14 @@ FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*
 IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n]*)", re.MULTILINE)
 
 SLOW = {
-    "rightmost": 5,
+    "rightmost": 4,
     "evaluate": 8,
-    "levenberg_marquardt": 12,
-    "interior_point": 13,
-    "penalised_fits": 12,
-    "outermost": 12,
+    "evaluate_cost": 3,
+    "interior_point": 14,
+    "penalised_fits": 6,
+    "outermost": 9,
 }
-"""Functions that take several seconds to compile, with all they call: whoever waits for one of them is told."""
+"""Functions that take several seconds to compile, with what becomes part of them: whoever waits for one is told."""
 
 SAVING = "mcstudy-saving.lock"
 """File whose lock is held while code is written to its folder."""
@@ -84,13 +86,73 @@ def compiled(function: Callable[..., Any], *, allocates: bool = True) -> Any:
     """Compile without the interpreter's lock and with NumPy's division by zero; keep the result on disk.
 
     ``allocates``: False for a function that makes no arrays. It then does not count references to those it is handed,
-    which costs the kernel, with its twenty arrays, some percent.
+    which costs the kernel, with its twenty arrays, some percent; and numba does not look for array expressions.
     """
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": allocates}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": allocates, "no_rewrites": not allocates}
     dispatcher: Any = njit(**options)(function)
     dispatcher._cache = _Cache(function)  # as with `cache=True`, but with another check
     KEPT.append(dispatcher)
     return dispatcher
+
+
+def inner(function: Callable[..., Any] | None = None, *, forceinline: bool = False) -> Any:
+    """Decorator of a function that only compiled functions call, and that makes no arrays.
+
+    No code of its own is made or kept, only what becomes part of its callers. Python cannot call it.
+    """
+    if function is None:
+        return partial(inner, forceinline=forceinline)
+    options: dict[str, Any] = {
+        "error_model": "numpy",
+        "forceinline": forceinline,
+        "no_cpython_wrapper": True,
+        "no_cfunc_wrapper": True,
+        "no_rewrites": True,
+        "pipeline_class": _Inner,
+        "_nrt": False,
+    }
+    return njit(**options)(function)
+
+
+class _InnerCodegen:
+    """In the place of numba's, which would look for what is not in memory."""
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """The callers have their own."""
+
+
+class _InnerLibrary(JITCodeLibrary):
+    """LLVM's code of a function and of those it calls, neither optimised as a whole nor turned into machine code."""
+
+    def finalize(self) -> None:
+        """As numba's, as far as others need it to link to."""
+        own: Any = self
+        own._raise_if_finalized()
+        for library in dict.fromkeys(own._linking_libraries):
+            own._reload_init.update(library._reload_init)
+            own._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        own._final_module.verify()
+        own._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """None: it is not in memory."""
+        del name
+        own: Any = self
+        own._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        """See `_InnerCodegen`."""
+        return _InnerCodegen()
+
+
+class _Inner(Compiler):
+    """Numba's compiler with another library."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.library = _InnerLibrary(self.state.targetctx.codegen(), "inner")
 
 
 def ship(folder: Path, package: str = "mcstudy") -> None:

@@ -18,7 +18,7 @@ from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.rational import rational_rows
 from mcstudy.stance.realize import FILTERS, Realisation, realise
-from mcstudy.stance.stability_kernel import CERTIFIED, CHAIN, rightmost
+from mcstudy.stance.stability_kernel import CERTIFIED, CHAIN, Room, rightmost
 
 FALLBACK_ORDER = 32
 """Chebyshev order of the fallback: 1e-8 and better for every root inside 60 rad/s at the delays of balance."""
@@ -106,14 +106,15 @@ def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     numerator, delay = np.ascontiguousarray(rows.folded()[..., :2, :]), np.ascontiguousarray(rows.delay)
     root = np.empty(len(theta), dtype=complex)
     outcome, rounds = np.empty(len(theta), dtype=np.int8), np.empty(len(theta), dtype=np.int8)
-    rightmost(numerator, delay, np.empty((len(theta), 0), dtype=complex), root, outcome, rounds)
+    room = Room.of(delay.shape[1], numerator.shape[-1])
+    rightmost(numerator, delay, np.empty((len(theta), 0), dtype=complex), room, root, outcome, rounds)
     proof = np.where(rounds > 1, Proof.RESTART, Proof.SEARCH).astype(np.int8)
     proof[outcome == CHAIN] = Proof.CHAIN
     for b in np.flatnonzero((outcome != CERTIFIED) & (outcome != CHAIN)):
         eigenvalues = roots_chebyshev(model, theta[b], FALLBACK_ORDER)
         hints = eigenvalues[eigenvalues.imag >= 0][None, :12].copy()
         one = slice(b, b + 1)
-        rightmost(numerator[one], delay[one], hints, root[one], outcome[one], rounds[one])
+        rightmost(numerator[one], delay[one], hints, room, root[one], outcome[one], rounds[one])
         proof[b] = {CERTIFIED: Proof.CHEBYSHEV, CHAIN: Proof.CHAIN}.get(int(outcome[b]), Proof.UNCERTAIN)
         if proof[b] == Proof.UNCERTAIN and not root[b].real >= hints[0, 0].real - 1e-6:
             root[b] = hints[0, 0]

@@ -21,10 +21,12 @@ Derived; the argument principle for quasi-polynomials is classical (Stepan 1989,
 from __future__ import annotations
 
 import math
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from mcstudy.stance.compiled import compiled
+from mcstudy.stance.compiled import compiled, inner
 
 CERTIFIED, CHAIN, FAILED = 0, 1, 2
 """Outcome per vector: certified; neutral and bounded by the abscissa of its root chain; not certified."""
@@ -38,11 +40,37 @@ CHAIN_MARGIN = 0.1  # 1/s, how far right of a neutral system's root chain the li
 FLOOR = -60.0  # 1/s, roots left of this are not followed
 MAX_MARCH = 20000
 
+
+class Room(NamedTuple):
+    """Arrays that `rightmost` works in; made here, since to compile what makes arrays takes a second.
+
+    coefficient: (K, L), of K pairs of delays. exponent, first, second, degree: (K,). factor: (G,), of G delays. roots,
+    starts: (`MAX_ROOTS`,) and (`MAX_STARTS`,).
+    """
+
+    coefficient: np.ndarray
+    exponent: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    degree: np.ndarray
+    factor: np.ndarray
+    roots: np.ndarray
+    starts: np.ndarray
+
+    @classmethod
+    def of(cls, groups: int, length: int) -> Room:
+        """For delay systems of G delays and numerators of L coefficients."""
+        pairs = groups * (groups + 1) // 2 + 1
+        whole = [np.zeros(pairs, dtype=np.int64) for _ in range(3)]
+        points = [np.zeros(size, dtype=np.complex128) for size in (groups, MAX_ROOTS, MAX_STARTS)]
+        return cls(np.zeros((pairs, 2 * length - 1)), np.zeros(pairs), *whole, *points)
+
+
 Loop = tuple[np.ndarray, ...]
 """One quasi-polynomial: coefficient (K, L), exponent, first and second delay, degree (K,), delay, scratch (G,)."""
 
 
-@compiled
+@inner
 def _characteristic(
     numerator: np.ndarray,
     delay: np.ndarray,
@@ -77,7 +105,7 @@ def _characteristic(
     return kept
 
 
-@compiled
+@inner
 def _evaluate(s: complex, loop: Loop) -> tuple[complex, complex, complex]:
     """f(s), f'(s) and the undelayed part of f(s)."""
     coefficient, exponent, first, second, degree, delay, factor = loop
@@ -101,7 +129,7 @@ def _evaluate(s: complex, loop: Loop) -> tuple[complex, complex, complex]:
     return f, df, undelayed
 
 
-@compiled
+@inner
 def _deflation(s: complex, roots: np.ndarray, found: int) -> tuple[complex, complex]:
     """sum of 1/(s - r) over the roots found and their conjugates, and the product of the (s - r)."""
     total, product = 0j, 1.0 + 0j
@@ -117,7 +145,7 @@ def _deflation(s: complex, roots: np.ndarray, found: int) -> tuple[complex, comp
     return total, product
 
 
-@compiled
+@inner
 def _newton(s: complex, roots: np.ndarray, found: int, loop: Loop) -> tuple[bool, complex]:
     """Newton's iteration, roots found divided out until it has nearly converged; returns (converged, root)."""
     for _ in range(40):
@@ -158,7 +186,7 @@ def _newton(s: complex, roots: np.ndarray, found: int, loop: Loop) -> tuple[bool
     return last < 1e-6 * (1.0 + abs(s)) or last == 1e300, complex(s.real, abs(s.imag))
 
 
-@compiled
+@inner
 def _add(s: complex, roots: np.ndarray, found: int) -> int:
     """Store a root unless it is already there."""
     for j in range(found):
@@ -170,7 +198,7 @@ def _add(s: complex, roots: np.ndarray, found: int) -> int:
     return found
 
 
-@compiled
+@inner
 def _scan(c: float, starts: np.ndarray, loop: Loop) -> int:
     """Points of the line Re s = c, on a fixed grid, where Newton's correction is locally smallest."""
     count = 0
@@ -187,7 +215,7 @@ def _scan(c: float, starts: np.ndarray, loop: Loop) -> int:
     return count
 
 
-@compiled
+@inner
 def _more(s: complex, starts: np.ndarray, count: int) -> int:
     """Store one more start if there is room."""
     if count < starts.size:
@@ -196,7 +224,7 @@ def _more(s: complex, starts: np.ndarray, count: int) -> int:
     return count
 
 
-@compiled
+@inner
 def _dominated(omega: float, sigma: float, loop: Loop) -> bool:
     """Whether the leading term outweighs all others for every s = sigma + i w with w >= omega."""
     coefficient, exponent, _, _, degree, _, _ = loop
@@ -211,7 +239,7 @@ def _dominated(omega: float, sigma: float, loop: Loop) -> bool:
     return rest < 0.95 * abs(coefficient[0, n])
 
 
-@compiled
+@inner
 def _count_right(sigma: float, roots: np.ndarray, found: int, starts: np.ndarray, loop: Loop) -> tuple[int, int]:
     """Number of roots right of Re s = sigma (-1 if not resolved), and how many starts were stored."""
     coefficient, exponent, _, _, degree, _, _ = loop
@@ -282,7 +310,7 @@ def _count_right(sigma: float, roots: np.ndarray, found: int, starts: np.ndarray
     return nearest, stored
 
 
-@compiled
+@inner
 def _chain(loop: Loop) -> float:
     """Abscissa that bounds the root chains of a neutral system (-inf if retarded, +inf if it has none).
 
@@ -312,11 +340,12 @@ def _chain(loop: Loop) -> float:
     return high
 
 
-@compiled
+@partial(compiled, allocates=False)
 def rightmost(
     numerator: np.ndarray,
     delay: np.ndarray,
     hints: np.ndarray,
+    room: Room,
     root: np.ndarray,
     outcome: np.ndarray,
     rounds: np.ndarray,
@@ -324,19 +353,11 @@ def rightmost(
     """Rightmost root of each delay system.
 
     numerator (B, G, 2, 2, L), the angles' part of `RationalRows.folded`; delay (B, G); hints (B, Q) complex, more
-    starts (NaN: none). Writes root (B,) complex with Im >= 0, outcome (B,) and rounds (B,), the certificates tried.
+    starts (NaN: none); room, to work in. Writes root (B,) complex with Im >= 0, outcome (B,) and rounds (B,), the
+    certificates tried.
     """
-    batch, groups, length = numerator.shape[0], numerator.shape[1], numerator.shape[4]
-    pairs = groups * (groups + 1) // 2
-    coefficient = np.zeros((pairs + 1, 2 * length - 1))
-    exponent = np.zeros(pairs + 1)
-    first = np.zeros(pairs + 1, dtype=np.int64)
-    second = np.zeros(pairs + 1, dtype=np.int64)
-    degree = np.zeros(pairs + 1, dtype=np.int64)
-    factor = np.zeros(groups, dtype=np.complex128)
-    roots = np.zeros(MAX_ROOTS, dtype=np.complex128)
-    starts = np.zeros(MAX_STARTS, dtype=np.complex128)
-    for b in range(batch):
+    coefficient, exponent, first, second, degree, factor, roots, starts = room
+    for b in range(numerator.shape[0]):
         root[b], outcome[b], rounds[b] = complex(math.nan, math.nan), FAILED, 0
         kept = _characteristic(numerator[b], delay[b], coefficient, exponent, first, second, degree)
         n = degree[0]

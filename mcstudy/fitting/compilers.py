@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from mcstudy.fitting.kernel import evaluate
-from mcstudy.fitting.warm import PARTS, compile_here, missing, with_called
+from mcstudy.fitting.warm import PARTS, compile_here, compile_part, missing, with_called
 from mcstudy.stance.compiled import folder_of
 
 LOCK = "mcstudy-compiling.lock"
@@ -208,7 +208,7 @@ def _serve() -> None:
     threading.Thread(target=listen, daemon=True).start()
     event.register("numba:compile", Dots())
     while True:
-        compile_here([asked.get()])
+        compile_part(asked.get())
         os.write(1, b"\n")
 
 

@@ -68,10 +68,15 @@ def compile_here(parts: Iterable[str] = ()) -> int:
     """Compile in this process what is not compiled yet of ``parts``, all unless some are named; returns how many."""
     before = _misses()
     for part in with_called(parts or PARTS):
-        if part not in _ready:
-            PARTS[part].call()
-            _ready.add(part)
+        compile_part(part)
     return _misses() - before
+
+
+def compile_part(part: str) -> None:
+    """Compile in this process what is not compiled yet of one part, without the parts that it calls."""
+    if part not in _ready:
+        PARTS[part].call()
+        _ready.add(part)
 
 
 def with_called(parts: Iterable[str]) -> list[str]:

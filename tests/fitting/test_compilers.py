@@ -64,3 +64,15 @@ def test_parts_are_compiled_after_those_they_call(monkeypatch: pytest.MonkeyPatc
     assert warm.missing(["lm", "stability"]) == ["stability", "gram", "lm"]
     for part, one in PARTS.items():
         assert all(list(PARTS).index(before) < list(PARTS).index(part) for before in one.after)
+
+
+def test_a_process_that_compiles_a_part_leaves_what_it_calls_to_another(tmp_path: Path) -> None:
+    script = (
+        "from mcstudy.fitting.kernel import evaluate, levenberg_marquardt\n"
+        "from mcstudy.fitting.warm import compile_part\n"
+        "compile_part('lm')\n"
+        "print(len(levenberg_marquardt.dispatcher.overloads), len(evaluate.overloads))"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment)
+    assert ran.stdout.split() == ["1", "0"], ran.stderr

@@ -117,9 +117,8 @@ class LaneStates(NamedTuple):
     @classmethod
     def idle(cls, W: int) -> LaneStates:
         """Of lanes without a fit."""
-        whole = [np.zeros(W, dtype=np.int64) for _ in range(2)]
-        real = [np.zeros(W) for _ in range(2)]
-        return cls(np.full(W, -1), np.zeros(W, dtype=np.bool_), *whole, np.full(W, 2.0), *real)
+        none, evaluations, outcome = np.full(W, -1, dtype=np.int64), np.zeros(W, np.int64), np.zeros(W, np.int64)
+        return cls(none, np.zeros(W, np.bool_), evaluations, outcome, np.full(W, 2.0), np.zeros(W), np.zeros(W))
 
 
 class Bounds(NamedTuple):

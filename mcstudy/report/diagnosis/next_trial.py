@@ -40,6 +40,7 @@ def twin_map(before: Twins, after: Twins, ax: Axes | None = None) -> Axes:
     ax.set_yticks(range(len(names)), [f"{name}  {k + 1}" for k, name in enumerate(names)])
     ax.set_xlim(-0.5, 1.2 * len(names))  # room for the legend
     ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.spines[["top", "right"]].set_visible(False)
     ax.spines["bottom"].set_bounds(-0.5, len(names) - 0.5)
     ax.grid(visible=False)
     texts = [f"< {STEPS[0]:g}", *(f"> {s:g}" for s in STEPS)]

@@ -5,10 +5,22 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from mcstudy.exits import Exit
 
 SHELLS = ("bash", "zsh", "fish")
+
+SHIPPED = {
+    "mcstudy run study": "study",
+    "mcstudy plan study": "study",
+    "mcstudy solve study": "study",
+    "mcstudy design file": "design",
+    "mcstudy infer file": "inference",
+    "mcstudy gap challenge make file": "challenge",
+    "mcstudy gap challenge run file": "challenge",
+}
+"""Verb and argument that takes a file or the name of a shipped one, and the kind of the latter."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,17 +38,52 @@ def main(args: argparse.Namespace) -> Exit:
     except ModuleNotFoundError:
         raise InputError("completion: shtab is not installed; install mcstudy with the extra [completion]") from None
     parser = whole_parser()
-    for action in _actions(parser):
-        if action.type is Path:
+    words = _words()
+    for name, action in _actions(parser):
+        if name in SHIPPED:
+            action.complete = _names_or_files(SHIPPED[name])  # type: ignore[attr-defined]
+        elif action.type is Path:
             action.complete = shtab.FILE  # type: ignore[attr-defined]
+        elif name in words:
+            action.choices = words[name]
     print(shtab.complete(parser, shell=args.shell))
     return Exit.DONE
 
 
-def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """All arguments of a parser and of its sub-verbs."""
+def _words() -> dict[str, list[str]]:
+    """Verb and argument that takes one of some words, which its parser leaves to the verb."""
+    from mcstudy.cli import VERBS
+    from mcstudy.cli.help import TOPICS
+    from mcstudy.effect_library.library import LIBRARY
+    from mcstudy.study.catalogue import shipped
+
+    return {
+        "mcstudy studies name": sorted(shipped()),
+        "mcstudy help topic": sorted({*TOPICS, *VERBS}),
+        "mcstudy simulate effect": sorted(LIBRARY),
+    }
+
+
+def _names_or_files(kind: str) -> dict[str, Any]:
+    """What shtab needs to complete files and the names of shipped ones."""
+    from mcstudy.study.catalogue import shipped
+
+    names, function = " ".join(shipped(kind)), f"_mcstudy_{kind}_files"
+    return {
+        "bash": function,
+        "zsh": function,
+        "fish": f"(string split ' ' '{names}'; __fish_complete_path (commandline -ct))",
+        "preamble": {
+            "bash": f'{function}() {{\n  compgen -W "{names}" -- "$1"\n  compgen -f -- "$1"\n}}\n',
+            "zsh": f"{function}() {{\n  _alternative 'names:shipped {kind}:({names})' 'files:file:_files'\n}}\n",
+        },
+    }
+
+
+def _actions(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
+    """All arguments of a parser and of its sub-verbs, with the words that lead to them."""
     for action in parser._actions:  # what shtab itself reads
-        yield action
+        yield f"{parser.prog} {action.dest}", action
         if isinstance(action, argparse._SubParsersAction):
             for sub in action.choices.values():
                 yield from _actions(sub)

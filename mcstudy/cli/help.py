@@ -7,6 +7,9 @@ from pathlib import Path
 
 from mcstudy.exits import Exit
 
+IN_WHEEL = ("pipelines", "results_schema", "docs")
+"""Folders of pages that `mcstudy.files.packaged` finds."""
+
 TOPICS = {
     "studies": ("every field of a study file, and what each shipped study answers", "pipelines/README.md"),
     "paper": ("reproduce the paper, figure by figure", "pipelines/reproduce.md"),
@@ -18,6 +21,9 @@ TOPICS = {
     "parameters": ("the parameters of one person, with intervals", "identification/README.md"),
     "diagnosis": ("read a diagnosis, add an effect", "gap/README.md"),
     "challenge": ("the benchmark of the diagnosis", "pipelines/gap_challenge.md"),
+    "solve": ("the cheapest design that reaches a target", "docs/reference/solve.md"),
+    "design": ("every field of a design file, and what the design does", "docs/reference/design.md"),
+    "infer": ("what the printed numbers tell about the lost Table I", "pipelines/table_one.md"),
     "cluster": ("run on a cluster", "study/CLUSTER.md"),
     "faults": ("what a study survives", "study/RELIABILITY.md"),
     "python": ("the Python interface", "API.md"),
@@ -32,10 +38,12 @@ OF_VERB = {
     "verify": "faults",
     "show": "statistics",
     "replay": "cube",
+    "performance": "statistics",
     "report": "pages",
     "simulate": "diagnosis",
     "import": "recordings",
     "fit": "parameters",
+    "study-from": "parameters",
     "gap": "diagnosis",
 }
 """Topic whose page belongs to a verb."""
@@ -43,7 +51,11 @@ OF_VERB = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("topic", nargs="?", help="a topic of the list, or a verb; without it the topics are listed")
+    parser.add_argument(
+        "topic",
+        nargs="*",
+        help="a topic of the list, a verb, or a verb of gap (gap next); without it the topics are listed",
+    )
 
 
 def main(args: argparse.Namespace) -> Exit:
@@ -55,22 +67,40 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.text_tables import fill, table
 
-    if args.topic is None:
+    if not args.topic:
         print(table(["topic", "about"], [(topic, about) for topic, (about, _) in TOPICS.items()], of_text=True))
         print(fill("\nmcstudy help TOPIC prints a page, mcstudy help VERB the options of a verb and its page."))
         print(fill(f"Verbs: {', '.join(VERBS)}"))
         return Exit.DONE
-    topic = OF_VERB.get(args.topic, args.topic)
-    if args.topic in VERBS:
-        print(parser_of(args.topic).format_help())
-    if topic in TOPICS:
+    word, *below = args.topic
+    topic = OF_VERB.get(word, word)
+    if word not in VERBS and (below or topic not in TOPICS):
+        near = ", ".join(difflib.get_close_matches(word, [*TOPICS, *VERBS], n=3))
+        hint = f"similar: {near}" if near else "mcstudy help lists them"
+        raise InputError(f"{' '.join(args.topic)}: expected a topic or a verb ({hint})")
+    if word in VERBS:
+        parser = parser_of(word)
+        for verb in below:
+            parser = _below(parser, verb)
+        print(parser.format_help())
+    if topic in TOPICS and not below:
         file = page(topic)
         print(f"{as_text(file.read_text(encoding='utf-8'))}\nThis page: {file}")
-    elif args.topic not in VERBS:
-        near = ", ".join(difflib.get_close_matches(args.topic, [*TOPICS, *VERBS], n=3))
-        hint = f"similar: {near}" if near else "mcstudy help lists them"
-        raise InputError(f"{args.topic}: expected a topic or a verb ({hint})")
     return Exit.DONE
+
+
+def _below(parser: argparse.ArgumentParser, verb: str) -> argparse.ArgumentParser:
+    """The parser of a verb of a verb; raises `InputError` if there is none of that name."""
+    from mcstudy.errors import InputError
+
+    known: dict[str, argparse.ArgumentParser] = {}
+    for action in parser._actions:  # argparse offers no public way to them
+        if isinstance(action, argparse._SubParsersAction):
+            known |= action.choices
+    if verb not in known:
+        wanted = f"one of {', '.join(known)}" if known else "no further word"
+        raise InputError(f"{verb}: expected {wanted} after {parser.prog}")
+    return known[verb]
 
 
 def page(topic: str) -> Path:
@@ -78,4 +108,4 @@ def page(topic: str) -> Path:
     from mcstudy.files.packaged import PACKAGE, packaged
 
     folder, _, rest = TOPICS[topic][1].partition("/")
-    return packaged(folder) / rest if folder in ("pipelines", "results_schema") else PACKAGE / folder / rest
+    return packaged(folder) / rest if folder in IN_WHEEL else PACKAGE / folder / rest

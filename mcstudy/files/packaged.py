@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).resolve().parent.parent
 
 @cache
 def packaged(name: str) -> Path:
-    """The folder ``results_schema`` or ``pipelines``; raises `FileNotFoundError` when it is missing."""
+    """The folder ``results_schema``, ``pipelines`` or ``docs``; raises `FileNotFoundError` when it is missing."""
     for folder in (PACKAGE / name, PACKAGE.parent / name):
         if folder.is_dir():
             return folder

@@ -58,7 +58,7 @@ def search(arms: list[Arm], rules: Rules, say: Callable[[str], object] = str) ->
             if (allowed := _affordable(arm, design, n, draws, rules)) is None:
                 continue
             n, draws = allowed
-            say(f"{n} realizations of {design.cycles} cycles, {design.amplitude:g}, Fmax {design.fmax:g} Hz")
+            say(f"{n} realizations of {design.cycles} cycles, amplitude {design.amplitude:g}, Fmax {design.fmax:g} Hz")
             arm.look(design, n, draws)
             looked = True
         if not looked:

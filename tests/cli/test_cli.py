@@ -124,6 +124,19 @@ def test_help_prints_the_page_of_every_topic_and_of_verbs(capsys: pytest.Capture
     assert "similar: diagnosis" in capsys.readouterr().err
 
 
+def test_help_prints_the_options_of_a_verb_of_a_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["help", "gap", "challenge", "run"]) == Exit.DONE
+    assert capsys.readouterr().out.startswith("usage: mcstudy gap challenge run ")
+    assert main(["help", "gap", "nxt"]) == Exit.BAD_INPUT
+    assert "nxt: expected one of effects, " in capsys.readouterr().err
+    assert main(["help", "run", "quick"]) == Exit.BAD_INPUT
+    assert "quick: expected no further word after mcstudy run" in capsys.readouterr().err
+
+
+def test_every_verb_that_works_on_data_has_a_page() -> None:
+    assert {*VERBS} - {*OF_VERB} - {*TOPICS} == {"warm", "help", "completion"}
+
+
 @pytest.mark.parametrize("shell", SHELLS)
 def test_completion_knows_every_verb_and_is_a_valid_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["completion", shell]) == Exit.DONE
@@ -132,6 +145,38 @@ def test_completion_knows_every_verb_and_is_a_valid_script(shell: str, capsys: p
     assert "until-mcse" in script
     if program := shutil.which(shell):
         subprocess.run([program, "-n"], input=script, text=True, check=True)
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("mcstudy ve", {"verify"}),
+        ("mcstudy run goodworth", {"goodworth2018", "goodworth2018_inferred", "goodworth_mine.toml"}),
+        ("mcstudy studies goodworth", {"goodworth2018", "goodworth2018_inferred"}),
+        ("mcstudy show goodworth", {"goodworth_mine.toml"}),
+        ("mcstudy simulate --effect sensor_lag_t", {"sensor_lag_theta1", "sensor_lag_theta2"}),
+        ("mcstudy help sol", {"solve"}),
+        ("mcstudy gap challenge sc", {"score"}),
+        ("mcstudy run --sch", {"--scheduler"}),
+    ],
+)
+def test_bash_offers_verbs_options_shipped_studies_effects_and_files(
+    typed: str, offered: set[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "goodworth_mine.toml").touch()
+    assert main(["completion", "bash"]) == Exit.DONE
+    words = " ".join(f"'{word}'" for word in typed.split(" "))
+    ask = f"COMP_WORDS=({words}); COMP_CWORD={typed.count(' ')}; _shtab_mcstudy 2>/dev/null\n"
+    answer = subprocess.run(
+        ["bash"],
+        input=capsys.readouterr().out + "\n" + ask + "printf '%s\\n' \"${COMPREPLY[@]}\"\n",
+        text=True,
+        check=True,
+        capture_output=True,
+        cwd=tmp_path,
+    )
+    assert set(answer.stdout.split()) == offered
 
 
 def test_bad_study_files_are_one_line_on_stderr_and_exit_2(

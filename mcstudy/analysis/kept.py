@@ -29,15 +29,13 @@ from typing import Any
 
 from mcstudy.errors import StoreError
 from mcstudy.files import schema
-from mcstudy.files.durable import log_folder, write
-from mcstudy.files.untrusted import json_document, real_bytes
+from mcstudy.files.durable import log_folder
+from mcstudy.files.sealed import read_sealed, write_sealed
+from mcstudy.files.untrusted import json_document
 from mcstudy.study.environment import environment, source
 
 MOST = 8
 """Files that are kept per cube; the oldest are removed."""
-
-LARGEST = 1 << 28
-"""Bytes of a file that is read at most."""
 
 CHECKSUM_BYTES = 4
 """Bytes of the CRC-32C at the end of a chunk."""
@@ -100,9 +98,13 @@ class Look:
 
 def _key(kind: str, content: Sequence[str], words: Sequence[str]) -> str:
     """Hash of everything that the statistics depend on."""
-    versions = {name: _version(name) for name in PACKAGES}
-    parts = [kind, list(content), list(words), environment(), versions, source((".",))]
+    parts = [kind, list(content), list(words), *program()]
     return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def program() -> list[Any]:
+    """What computes: versions, CPU, threads and the source of this package, as a JSON value."""
+    return [environment(), {name: _version(name) for name in PACKAGES}, source((".",))]
 
 
 def _contents(cubes: Sequence[Path]) -> list[str] | None:
@@ -159,10 +161,10 @@ def _is_chunk(name: str) -> bool:
 
 
 def _read(file: Path, kind: str) -> dict[str, Any] | None:
-    with contextlib.suppress(OSError, ValueError, StoreError):
-        seal, _, text = real_bytes(file, LARGEST).partition(b"\n")
-        if seal == _seal(file.name, text):
-            value = json_document(text)
+    content = read_sealed(file)
+    with contextlib.suppress(ValueError, StoreError):
+        if content is not None:
+            value = json_document(content)
             if kind in schema.names():
                 schema.validate(kind, value, str(file))
             return dict(value)
@@ -171,14 +173,6 @@ def _read(file: Path, kind: str) -> dict[str, Any] | None:
 
 def _write(file: Path, value: dict[str, Any]) -> None:
     with contextlib.suppress(OSError, ValueError):  # a read-only or full disk, or numbers that JSON cannot hold
-        text = json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
+        content = json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
         file.parent.mkdir(parents=True, exist_ok=True)
-        write(file, _seal(file.name, text) + b"\n" + text)
-        newest = sorted(file.parent.iterdir(), key=lambda f: f.stat().st_mtime_ns, reverse=True)
-        for old in newest[MOST:]:
-            old.unlink(missing_ok=True)
-
-
-def _seal(key: str, text: bytes) -> bytes:
-    """Checksum of a file's text and name, so that a file under another name is not taken for its own."""
-    return sha256(key.encode() + b"\n" + text).hexdigest().encode()
+        write_sealed(file, content, MOST)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -178,20 +180,58 @@ def _effects(_: argparse.Namespace) -> Exit:
 
 
 def _diagnosed(args: argparse.Namespace) -> Diagnosis:
+    """The diagnosis that was asked for; one that is kept is not computed again."""
+    from mcstudy.cli.kept_diagnosis import kept_diagnosis
     from mcstudy.errors import InputError
-    from mcstudy.gap.diagnose import diagnose, diagnose_fast
-    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 
     if args.fast and args.bootstrap is not None:
         raise InputError("--bootstrap: not used with --fast; give one of the two")
-    options = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
-    if args.bootstrap is not None:
-        options["bootstrap"] = args.bootstrap
-    run = diagnose_fast if args.fast else diagnose
+    if args.fast:
+        return _fast(args)
+    bootstrap = {} if args.bootstrap is None else {"bootstrap": args.bootstrap}
+    options = _options(args) | bootstrap
     read = read_recordings(args)
+
+    def compute() -> Diagnosis:
+        from mcstudy.gap.diagnose import diagnose
+
+        with _ready(args):
+            return diagnose(read, **options)
+
+    return kept_diagnosis(read, {"method": "bootstrap", **options}, compute)
+
+
+def _fast(args: argparse.Namespace, cause_only: bool = False) -> Diagnosis:
+    """The fast diagnosis. ``cause_only``: with nothing else, unless all is kept."""
+    from mcstudy.cli.kept_diagnosis import kept_diagnosis
+
+    options, read = _options(args), read_recordings(args)
+
+    def compute() -> Diagnosis:
+        from mcstudy.gap.asked import CAUSE_ONLY, EVERYTHING
+        from mcstudy.gap.diagnose import diagnose_fast
+
+        with _ready(args):
+            return diagnose_fast(read, **options, asked=CAUSE_ONLY if cause_only else EVERYTHING)
+
+    whole = {"method": "fast", **options}
+    if cause_only:
+        return kept_diagnosis(read, {**whole, "asked": "cause"}, compute, also=[whole])
+    return kept_diagnosis(read, whole, compute)
+
+
+def _options(args: argparse.Namespace) -> dict[str, Any]:
+    return {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
+
+
+@contextmanager
+def _ready(args: argparse.Namespace) -> Iterator[None]:
+    """Kernels are compiled, and errors about the recordings begin with the names of their files."""
+    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
+
     compile_kernels(DIAGNOSIS)
     with with_names(args):
-        return run(read, **options)
+        yield
 
 
 def _diagnose(args: argparse.Namespace) -> Exit:
@@ -208,12 +248,9 @@ def _diagnose(args: argparse.Namespace) -> Exit:
 def _next(args: argparse.Namespace) -> Exit:
     from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
     from mcstudy.errors import InputError
-    from mcstudy.gap.asked import CAUSE_ONLY
-    from mcstudy.gap.diagnose import diagnose_fast
     from mcstudy.gap.planned.choice import TRIALS, require_possible
     from mcstudy.gap.planned.next_trial import next_trial
     from mcstudy.scheduler.activity import activity, doing
-    from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 
     amplitudes: dict[str, list[float]] = {}
     for text in args.amplitude:
@@ -229,13 +266,11 @@ def _next(args: argparse.Namespace) -> Exit:
         from mcstudy.report.style import require_matplotlib
 
         require_matplotlib()
-    read = read_recordings(args)
-    compile_kernels(DIAGNOSIS)
-    with activity(f"{args.recordings[0]}: diagnosing"), with_names(args):
-        by = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
-        d = diagnose_fast(read, **by, asked=CAUSE_ONLY)
+    with activity(f"{args.recordings[0]}: diagnosing"):
+        d = _fast(args, cause_only=True)
         doing(f"{args.recordings[0]}: simulating possible next trials")
-        found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
+        with with_names(args):
+            found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
     tell(args, "next_trial", found.to_dict, found.text)
     if args.figure:
         from mcstudy.report.diagnosis.next_trial import twin_picture

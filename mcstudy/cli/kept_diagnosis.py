@@ -1,0 +1,135 @@
+"""Diagnoses that are kept, so that the next look at the same recordings need not compute them again.
+
+They lie in ``$MCSTUDY_CACHE_DIR/diagnoses``, by default ``~/.cache/mcstudy/diagnoses``; whoever deletes them loses
+nothing but time. The name of a file is a hash of everything that a diagnosis depends on: all that was read of the
+recordings, the options, the source of this package, versions, CPU and threads. So other data, other options, another
+program and another machine do not find it.
+
+A file is a pickled `Diagnosis` without the signals that were recorded: these may be a patient's, and belong where their
+owner has put them. Reading a pickled object executes what it says. Therefore only a folder is used that belongs to this
+user and that nobody else may write to. A folder that cannot be used, and a damaged file, are as if they were not there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mcstudy.analysis.kept import program
+from mcstudy.files.sealed import read_sealed, write_sealed
+from mcstudy.recordings.recording import Recording, Trial
+
+if TYPE_CHECKING:
+    from mcstudy.gap.diagnosis import Diagnosis
+    from mcstudy.recordings.frf import FrfRecording
+
+VARIABLE = "MCSTUDY_CACHE_DIR"
+"""Environment variable: where files are kept that only save time; empty, none are kept."""
+
+MOST = 32
+"""Diagnoses that are kept; the oldest are removed. Each takes some 0.4 MB."""
+
+OTHERS_WRITE = 0o022
+"""Permission bits with which others may write."""
+
+
+def folder() -> Path | None:
+    """Where diagnoses are kept; None where none are."""
+    chosen = os.environ.get(VARIABLE)
+    if chosen is not None:
+        return Path(chosen) / "diagnoses" if chosen else None
+    caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not caches.is_absolute():
+        try:
+            caches = Path.home() / ".cache"
+        except RuntimeError:  # a user without a home
+            return None
+    return caches / "mcstudy" / "diagnoses"
+
+
+def kept_diagnosis(
+    recordings: Sequence[Recording | FrfRecording],
+    options: Mapping[str, Any],
+    compute: Callable[[], Diagnosis],
+    also: Sequence[Mapping[str, Any]] = (),
+) -> Diagnosis:
+    """What ``compute`` returns for these recordings and ``options`` (JSON values); computed only if it is not kept.
+
+    ``also``: other options whose diagnosis holds all that is asked for, and the same numbers.
+    """
+    place = folder()
+    if place is None:
+        return compute()
+    read, made_by = sha256(pickle.dumps(list(recordings), protocol=5)).hexdigest(), program()
+    trials = [trial for r in recordings if isinstance(r, Recording) for trial in r.trials]
+
+    def name(options: Mapping[str, Any]) -> str:
+        return sha256(json.dumps([read, dict(options), made_by], sort_keys=True).encode()).hexdigest()
+
+    for each in (options, *also):
+        found = _read(place / name(each), trials)
+        if found is not None:
+            return found
+    diagnosis = compute()
+    _ = diagnosis.sway_noise_deg  # computed when it is asked for, which every text and page does
+    _write(place / name(options), diagnosis, trials)
+    return diagnosis
+
+
+class _Without(pickle.Pickler):
+    """Writes the number of each of ``trials`` in its place. `PicklingError` for any other trial."""
+
+    def __init__(self, file: io.BytesIO, trials: Sequence[Trial]) -> None:
+        super().__init__(file, protocol=5)
+        self._number = {id(trial): k for k, trial in enumerate(trials)}
+
+    def persistent_id(self, obj: object) -> int | None:
+        if not isinstance(obj, Trial):
+            return None
+        if id(obj) not in self._number:
+            raise pickle.PicklingError("a trial that was not read")
+        return self._number[id(obj)]
+
+
+class _With(pickle.Unpickler):
+    """Puts the ``trials`` where `_Without` has left them out."""
+
+    def __init__(self, file: io.BytesIO, trials: Sequence[Trial]) -> None:
+        super().__init__(file)
+        self._trials = trials
+
+    def persistent_load(self, pid: int) -> Trial:
+        return self._trials[pid]
+
+
+def _read(file: Path, trials: Sequence[Trial]) -> Diagnosis | None:
+    content = read_sealed(file) if _ours(file.parent) else None
+    if content is None:
+        return None
+    diagnosis: Diagnosis = _With(io.BytesIO(content), trials).load()
+    return diagnosis
+
+
+def _write(file: Path, diagnosis: Diagnosis, trials: Sequence[Trial]) -> None:
+    content = io.BytesIO()
+    with contextlib.suppress(OSError, pickle.PicklingError):  # a read-only or full disk; signals that were changed
+        _Without(content, trials).dump(diagnosis)
+        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if _ours(file.parent):
+            write_sealed(file, content.getvalue(), MOST)
+
+
+def _ours(place: Path) -> bool:
+    """Whether a folder is this user's, and nobody else may write to it."""
+    try:
+        about = place.stat()
+    except OSError:
+        return False
+    return about.st_uid == os.getuid() and not about.st_mode & OTHERS_WRITE

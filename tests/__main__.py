@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -26,6 +27,10 @@ GATES: tuple[tuple[str, ...], ...] = (
 
 def main(arguments: list[str]) -> int:
     """Run the gates one after the other; the status of the first that fails."""
+    missing = [gate[0] for gate in GATES if find_spec(gate[0]) is None]
+    if missing:
+        print(f"tests: {', '.join(dict.fromkeys(missing))} not installed; pip install -c constraints.txt -e '.[dev]'")
+        return 2
     # The tests start hundreds of processes, which load bytecode; pip has compiled that of the packages.
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONDONTWRITEBYTECODE", "PYTHONPYCACHEPREFIX")}
     run = partial(subprocess.Popen, cwd=ROOT, env=environment)

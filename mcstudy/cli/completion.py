@@ -36,7 +36,7 @@ def main(args: argparse.Namespace) -> Exit:
     try:
         import shtab
     except ModuleNotFoundError:
-        raise InputError("completion: shtab is not installed; install mcstudy with the extra [completion]") from None
+        raise InputError("completion: shtab is not installed; pip install shtab") from None
     parser = whole_parser()
     words = _words()
     for name, action in _actions(parser):

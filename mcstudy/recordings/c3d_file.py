@@ -31,7 +31,7 @@ def variables_of(path: Path) -> dict[str, Variable]:
     try:
         import c3d
     except ImportError:
-        raise InputError(f"{path}: reading C3D needs the package c3d; pip install 'mcstudy[c3d]'") from None
+        raise InputError(f"{path}: reading C3D needs the package c3d; pip install c3d") from None
     raw = content(path, LARGEST)
     try:
         with warnings.catch_warnings():

@@ -97,4 +97,4 @@ def require_matplotlib() -> None:
     try:
         import matplotlib  # noqa: F401 - only whether it is there
     except ModuleNotFoundError:
-        raise InputError("report: matplotlib is not installed; pip install 'mcstudy[report]'") from None
+        raise InputError("report: matplotlib is not installed; pip install matplotlib") from None

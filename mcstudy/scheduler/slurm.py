@@ -30,7 +30,7 @@ from mcstudy.files.toml_files import parse_toml, read_text
 from mcstudy.files.unfinished import scratch_folder
 from mcstudy.scheduler.beside import beside
 
-EXTRA = "pip install 'mcstudy[slurm]'"
+EXTRA = "pip install dask-jobqueue cryptography"
 
 REPLACE_S = 5.0
 """Seconds between two looks at whether jobs ended and have to be replaced."""

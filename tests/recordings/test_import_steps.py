@@ -221,7 +221,7 @@ def test_units_that_the_file_contradicts_are_refused(tmp_path: Path) -> None:
 def test_without_the_library_for_c3d_one_line_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "c3d", None)
     (tmp_path / "a.c3d").touch()
-    with pytest.raises(InputError, match=r"a\.c3d: reading C3D needs .*pip install 'mcstudy\[c3d\]'"):
+    with pytest.raises(InputError, match=r"a\.c3d: reading C3D needs .*pip install c3d"):
         import_files([tmp_path / "a.c3d"], None, described())
 
 

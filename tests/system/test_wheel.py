@@ -144,6 +144,8 @@ def test_what_pip_installs_holds_kernels_that_need_no_compiling_and_give_the_sam
             ["gap", "effects"],
             ["studies"],
             ["help", "examples"],
+            ["help", "solve"],
+            ["help", "design"],
         ]
         said = installed(str(programs / "python"), "-c", COMMANDS, json.dumps(commands))
         assert "usage: mcstudy gap" in installed(str(programs / "mcstudy"), "help", "gap")

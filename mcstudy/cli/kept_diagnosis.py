@@ -5,24 +5,24 @@ nothing but time. The name of a file is a hash of everything that a diagnosis de
 recordings, the options, the source of this package, versions, CPU and threads. So other data, other options, another
 program and another machine do not find it.
 
-A file is a pickled `Diagnosis` without the signals that were recorded: these may be a patient's, and belong where their
-owner has put them. Reading a pickled object executes what it says. Therefore only a folder is used that belongs to this
-user and that nobody else may write to. A folder that cannot be used, and a damaged file, are as if they were not there.
+A file is a `Diagnosis` as data (`mcstudy.files.objects`: nothing in it can be executed) without the signals that were
+recorded: these may be a patient's, and belong where their owner has put them. Only a folder is used that belongs to
+this user and that nobody else may write to. A folder that cannot be used, and a damaged file, are as if they were not
+there.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import os
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcstudy.analysis.kept import program
+from mcstudy.files.objects import NotData, from_bytes, to_bytes
 from mcstudy.files.sealed import read_sealed, write_sealed
 from mcstudy.recordings.recording import Recording, Trial
 
@@ -67,7 +67,7 @@ def kept_diagnosis(
     place = folder()
     if place is None:
         return compute()
-    read, made_by = sha256(pickle.dumps(list(recordings), protocol=5)).hexdigest(), program()
+    read, made_by = sha256(to_bytes(list(recordings))).hexdigest(), program()
     trials = [trial for r in recordings if isinstance(r, Recording) for trial in r.trials]
 
     def name(options: Mapping[str, Any]) -> str:
@@ -83,47 +83,20 @@ def kept_diagnosis(
     return diagnosis
 
 
-class _Without(pickle.Pickler):
-    """Writes the number of each of ``trials`` in its place. `PicklingError` for any other trial."""
-
-    def __init__(self, file: io.BytesIO, trials: Sequence[Trial]) -> None:
-        super().__init__(file, protocol=5)
-        self._number = {id(trial): k for k, trial in enumerate(trials)}
-
-    def persistent_id(self, obj: object) -> int | None:
-        if not isinstance(obj, Trial):
-            return None
-        if id(obj) not in self._number:
-            raise pickle.PicklingError("a trial that was not read")
-        return self._number[id(obj)]
-
-
-class _With(pickle.Unpickler):
-    """Puts the ``trials`` where `_Without` has left them out."""
-
-    def __init__(self, file: io.BytesIO, trials: Sequence[Trial]) -> None:
-        super().__init__(file)
-        self._trials = trials
-
-    def persistent_load(self, pid: int) -> Trial:
-        return self._trials[pid]
-
-
 def _read(file: Path, trials: Sequence[Trial]) -> Diagnosis | None:
     content = read_sealed(file) if _ours(file.parent) else None
     if content is None:
         return None
-    diagnosis: Diagnosis = _With(io.BytesIO(content), trials).load()
+    diagnosis: Diagnosis = from_bytes(content, trials)
     return diagnosis
 
 
 def _write(file: Path, diagnosis: Diagnosis, trials: Sequence[Trial]) -> None:
-    content = io.BytesIO()
-    with contextlib.suppress(OSError, pickle.PicklingError):  # a read-only or full disk; signals that were changed
-        _Without(content, trials).dump(diagnosis)
+    with contextlib.suppress(OSError, NotData):  # a read-only or full disk; signals that were changed
+        content = to_bytes(diagnosis, trials, only_apart=Trial)
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         if _ours(file.parent):
-            write_sealed(file, content.getvalue(), MOST)
+            write_sealed(file, content, MOST)
 
 
 def _ours(place: Path) -> bool:

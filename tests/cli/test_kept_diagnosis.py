@@ -196,7 +196,7 @@ def test_what_others_could_have_written_is_never_read(
 ) -> None:
     kept_diagnosis(plain_recordings[:1], OPTIONS, computed)
     place.chmod(mode)
-    monkeypatch.setattr(module, "_With", lambda *_: pytest.fail("executed what others could have written"))
+    monkeypatch.setattr(module, "from_bytes", lambda *_: pytest.fail("read what others could have written"))
     kept_diagnosis(plain_recordings[:1], OPTIONS, computed)
     assert computed.times == 2
 

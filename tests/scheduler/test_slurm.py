@@ -78,9 +78,9 @@ def test_a_missing_file_a_missing_sbatch_and_two_schedulers_are_one_line(
     assert not list(tmp_path.iterdir())  # the certificate is gone
 
 
-def test_a_missing_library_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "dask_jobqueue", None)
-    with pytest.raises(InputError, match=r"mcstudy\[slurm\]"):
+    with pytest.raises(InputError, match="pip install dask-jobqueue cryptography"):
         _dask_jobqueue()
 
 

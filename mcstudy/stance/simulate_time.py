@@ -21,6 +21,7 @@ step, where they limit the order to three; on smooth inputs the order is five.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -243,8 +244,9 @@ def _linear_weights(x: float) -> np.ndarray:
     return weights
 
 
+@lru_cache(maxsize=1024)  # trials, iterations and both kinds of records ask for the same places
 def _hermite_weights(x: float, h: float) -> np.ndarray:
-    """Quintic Hermite at x in [0, 1]: weights (derivative, (value, rate, acceleration) at both ends)."""
+    """Quintic Hermite at x in [0, 1]: weights (derivative, (value, rate, acceleration) at both ends), read-only."""
     powers = np.arange(6)
 
     def row(at: float, k: int) -> np.ndarray:
@@ -253,7 +255,9 @@ def _hermite_weights(x: float, h: float) -> np.ndarray:
         return factor * at ** np.maximum(powers - k, 0) / h**k
 
     conditions = np.array([row(end, k) for end in (0.0, 1.0) for k in range(3)])
-    return np.array([np.linalg.solve(conditions.T, row(x, k)) for k in range(3)])
+    weights = np.array([np.linalg.solve(conditions.T, row(x, k)) for k in range(3)])
+    weights.setflags(write=False)
+    return weights
 
 
 def _linear(samples: np.ndarray, substeps: int) -> np.ndarray:

@@ -121,6 +121,24 @@ def sentences(d: Diagnosis) -> list[str]:
     return [part for part in parts if part]
 
 
+def differing_tests(d: Diagnosis) -> str:
+    """Both tests of the mean response by name, if only one of them finds a gap; empty otherwise."""
+    t = d.detection
+    if (t.p_value < LEVEL) == (t.fit_p_value < LEVEL):
+        return ""
+    least = 1 / (1 + t.draws)
+    shape, lines = p_words(t.p_value, least), p_words(t.fit_p_value, least)
+    if t.p_value < LEVEL:
+        why = "The second adds the noise of every line, in which a gap of one shape can be lost."
+    else:
+        why = "The first looks only along shapes that effects of the library or a smooth unknown torque would leave."
+    return (
+        f"Two tests of the mean response differ: deviations of known shape, {shape}; residual of all lines, {lines}. "
+        f"{why} The p-value of any gap ({p_words(d.p_value, d.p_least)}) combines all tests, with a margin for noise "
+        "of another colour."
+    )
+
+
 def undetected(d: Diagnosis) -> list[Undetectable]:
     """Effects below the detection limit, except those of the leading cause and of the 95 % set, which these data show.
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from mcstudy.errors import InputError
 from mcstudy.files.durable import replacing
 from mcstudy.report.html import escape
+from mcstudy.report.minus import true_minus
 from mcstudy.report.style import COLOURS, DARK
 
 _FIGURE = re.compile(r'<figure id="([^"]+)".*?<h3[^>]*>(.*?)</h3>', re.DOTALL)
@@ -45,8 +46,8 @@ def document(title: str, introduction: str, parts: Sequence[tuple[str, str, str]
         f"<noscript><style>{_OPEN}</style></noscript></head><body>"
         '<a class="skip" href="#main">Skip to the results</a>'
         f'<nav aria-label="Contents"><details><summary>Contents</summary><ul>{contents}</ul></details></nav>'
-        f'<div class="page"><header><h1>{escape(title)}</h1>{introduction}</header>'
-        f'<main id="main" tabindex="-1">{body}</main><footer><p>{escape(footer)}</p></footer></div>'
+        f'<div class="page"><header><h1>{escape(title)}</h1>{true_minus(introduction)}</header>'
+        f'<main id="main" tabindex="-1">{true_minus(body)}</main><footer><p>{escape(footer)}</p></footer></div>'
         f"<script>{script}</script></body></html>\n"
     )
 

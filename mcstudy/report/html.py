@@ -25,19 +25,13 @@ def escape(text: object) -> str:
 def table(content: Table, kind: str = "") -> str:
     """A table in a box of its own that scrolls when the window is narrow.
 
-    ``kind``: its class instead of the table's own. Tables of kind "rows" wrap long cells; those of kind "wide" also
-    show their cells one below another on a telephone.
+    ``kind``: its class instead of the table's own. Tables of kinds "rows" and "wide" wrap long cells.
     """
     kind = kind or content.kind
-
-    def cell(heading: str, text: str) -> str:
-        label = f' data-label="{escape(heading)}"' if kind == "wide" and text else ""
-        return f"<td{label}>{escape(text)}</td>"
-
     kind += " broad" if len(content.header) > 8 else ""
     head = "".join(f'<th scope="col">{escape(h)}</th>' for h in content.header)
     body = "".join(
-        f'<tr><th scope="row">{escape(row[0])}</th>' + "".join(map(cell, content.header[1:], row[1:])) + "</tr>"
+        f'<tr><th scope="row">{escape(row[0])}</th>' + "".join(f"<td>{escape(text)}</td>" for text in row[1:]) + "</tr>"
         for row in content.rows
     )
     return (

@@ -20,7 +20,7 @@
     const v = low + (at - axis[0]) / (axis[1] - axis[0]) * (high - low);
     return axis[4] === "log" ? Math.exp(v) : v;
   };
-  const short = v => String(Number(v.toPrecision(4)));
+  const short = v => String(Number(v.toPrecision(4))).replaceAll("-", "−");
 
   function reading(panel, x, y, reach) {
     let best = null, least = reach;
@@ -137,7 +137,7 @@
     figure.querySelector("h3").after(tools);
   }
 
-  const number = text => { const m = /-?\d+(\.\d+)?(e[+-]?\d+)?/i.exec(text.replace("−", "-")); return m ? +m[0] : NaN; };
+  const number = text => { const m = /-?\d+(\.\d+)?(e[+-]?\d+)?/i.exec(text.replaceAll("−", "-")); return m ? +m[0] : NaN; };
   function sort(table, column, th) {
     const down = th.getAttribute("aria-sort") === "ascending", body = table.tBodies[0];
     const rows = [...body.rows].map(row => [row, row.cells[column].textContent.trim()]);
@@ -162,7 +162,7 @@
   for (const table of document.querySelectorAll("table")) {
     if (!table.tHead || !table.caption || !table.tHead.textContent.trim()) continue;
     const title = table.caption.textContent;
-    const cells = () => [...table.rows].map(row => [...row.cells].map(c => c.textContent.trim()));
+    const cells = () => [...table.rows].map(row => [...row.cells].map(c => c.textContent.trim().replaceAll("−", "-")));  // a minus that programs read
     const done = button("Copy", "Copy this table for a spreadsheet", async () => {
       await copy(cells().map(row => row.join("\t")).join("\n"));
       done.textContent = "Copied";

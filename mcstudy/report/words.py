@@ -59,10 +59,7 @@ def _headline(context: Context) -> str:
         )
     counts = {name: sum(r["verdict"] == name for r in rows) for name in (AGREES, DIFFERS, CANNOT_TELL)}
     notes = list(dict.fromkeys(r["explanation"] for r in rows if r["explanation"]))
-    head = "".join(
-        f'<th scope="col" role="columnheader">{h}</th>'
-        for h in ("What", "Paper", "Ours ± MCSE", "Apart", "Verdict", "Where")
-    )
+    head = "".join(f'<th scope="col">{h}</th>' for h in ("What", "Paper", "Ours ± MCSE", "Apart", "Verdict", "Where"))
     body = "".join(_headline_row(r, notes) for r in rows)
     margins = {kind: margin for kind, (margin, _) in MARGINS.items()}
     listed = "".join(f'<li id="note-{i}">{escape(with_units(n))}</li>' for i, n in enumerate(notes, 1))
@@ -70,8 +67,9 @@ def _headline(context: Context) -> str:
         f"<p>Of {sum(counts.values())} published statements, {counts[AGREES]} agree with ours, {counts[DIFFERS]} "
         f"differ, and {counts[CANNOT_TELL]} cannot be told ({escape(context.data['paper']['reference'])}).</p>"
         + _table_ii(rows)
-        + f'<table class="stack" role="table"><caption>All published statements</caption><thead role="rowgroup">'
-        f'<tr role="row">{head}</tr></thead><tbody role="rowgroup">{body}</tbody></table>'
+        + '<div class="scroll tall" role="region" tabindex="0" aria-label="All published statements">'
+        '<table class="stack"><caption><span>All published statements</span></caption>'
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
         + (f'<p>Why ours differs:</p><ol class="notes">{listed}</ol>' if notes else "")
         + "".join(f"<p>{escape(text.format(**margins))}</p>" for text in READING)
         + "<p>Floor: mean |bias| expected from chance alone, for unbiased estimates from 50 realizations. "
@@ -101,15 +99,15 @@ def _headline_row(row: dict[str, Any], notes: Sequence[str]) -> str:
     note = notes.index(row["explanation"]) + 1 if row["explanation"] else 0
     why = f' <a href="#note-{note}">[{note}]</a>' if note else ""
     cells = [
-        ("Paper", escape(_paper(row)), ""),
-        ("Ours", f"{escape(ours(row))}{escape(floor)}{detail}", ""),
-        ("Apart", number(row["distance"], 2), ""),
-        ("Verdict", escape(verdict(row)) + why, CLASS[row["verdict"]]),
-        ("Where", f"<small>{escape(row['where'])}</small>", ""),
+        (escape(_paper(row)), ""),
+        (f"{escape(ours(row))}{escape(floor)}{detail}", ""),
+        (number(row["distance"], 2), ""),
+        (escape(verdict(row)) + why, CLASS[row["verdict"]]),
+        (f"<small>{escape(row['where'])}</small>", ""),
     ]
     return (
-        f'<tr role="row"><th scope="row" role="rowheader">{escape(with_units(row["label"]))}</th>'
-        + "".join(f'<td role="cell" data-label="{label}" class="{kind}">{text}</td>' for label, text, kind in cells)
+        f'<tr><th scope="row">{escape(with_units(row["label"]))}</th>'
+        + "".join(f'<td class="{kind}">{text}</td>' for text, kind in cells)
         + "</tr>"
     )
 

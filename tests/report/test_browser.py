@@ -19,6 +19,7 @@ FIGURES = """[...document.querySelectorAll('svg.plot')].map(s => {
   return [s.getAttribute('aria-label'), box.width, box.height, marks.length,
           s.querySelectorAll('text').length]; })"""
 SIDEWAYS = """[...document.querySelectorAll('body *')].filter(e => !e.closest('.scroll, svg, .skip, thead') &&
+  !(e.closest('.panels') && getComputedStyle(e.closest('.panels')).overflowX === 'auto') &&
   e.getBoundingClientRect().right > document.documentElement.clientWidth + 1).map(e => e.outerHTML.slice(0, 90))"""
 SMALLEST_TEXT = """Math.min(...[...document.querySelectorAll('svg.plot text')].map(t => {
   const s = t.closest('svg'); const scale = s.getBoundingClientRect().width / s.viewBox.baseVal.width;
@@ -107,6 +108,27 @@ def test_on_a_phone_a_table_that_scrolls_keeps_its_title_and_its_buttons_in_view
     assert browser.evaluate(outside) == []
 
 
+def test_on_a_phone_the_page_is_not_a_scroll_of_cards(browser: Browser, paper_page: Path) -> None:
+    """The list of published statements scrolls in its own box, and many panels stand in rows that scroll."""
+    browser.open(paper_page, 380)
+    heights = browser.evaluate("""[...document.querySelectorAll('.tall, .panels')].map(
+      e => e.getBoundingClientRect().height)""")
+    assert len(heights) > 10
+    assert max(heights) < 1300
+    rows = "document.querySelectorAll('.tall tbody tr').length"
+    assert browser.evaluate(rows) > 20
+    assert browser.evaluate("(e => e.scrollHeight > e.clientHeight)(document.querySelector('.tall'))")
+    browser.evaluate("document.querySelector('.tall').scrollTop = 1e6")
+    last = "document.querySelector('.tall tbody tr:last-child').getBoundingClientRect().bottom"
+    assert browser.evaluate(f"{last} <= document.querySelector('.tall').getBoundingClientRect().bottom + 2")
+    browser.send("Emulation.setEmulatedMedia", media="print")
+    try:
+        cut = "(e => e.scrollHeight > e.clientHeight + 1)(document.querySelector('.tall'))"
+        assert not browser.evaluate(cut)
+    finally:
+        browser.send("Emulation.setEmulatedMedia", media="")
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_text_and_series_stand_out_from_the_page_in_light_and_dark(
     browser: Browser, paper_page: Path, scheme: str
@@ -160,6 +182,25 @@ def test_a_click_on_a_heading_sorts_its_column_as_numbers(browser: Browser, pape
     })()""")
     assert len(truths) == 12
     assert truths == sorted(truths)
+
+
+def test_numbers_with_a_true_minus_sort_and_copy_as_numbers(browser: Browser, paper_page: Path) -> None:
+    browser.open(paper_page, 1600)
+    shown, saved = browser.evaluate("""(async () => {
+      const table = document.querySelector('table.stack');
+      table.tHead.rows[0].cells[2].querySelector('button').click();
+      let blob, real = URL.createObjectURL;
+      URL.createObjectURL = b => { blob = b; return real(b); };
+      HTMLAnchorElement.prototype.click = () => {};
+      [...table.caption.querySelectorAll('button')].find(b => b.textContent === 'CSV').click();
+      return [[...table.tBodies[0].rows].map(r => r.cells[2].textContent), await blob.text()];
+    })()""")
+    found = [re.match(r"−?\d+(\.\d+)?(e−?\d+)?", text) for text in shown]
+    numbers = [float(m[0].replace("−", "-")) for m in found if m is not None]
+    assert min(numbers) < 0 < max(numbers)
+    assert numbers == sorted(numbers)
+    assert "−" not in saved
+    assert f",{min(numbers):g} ± " in saved
 
 
 def test_every_figure_offers_files_and_its_svg_stands_alone(browser: Browser, paper_page: Path) -> None:

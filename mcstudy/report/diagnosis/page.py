@@ -10,7 +10,7 @@ from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.next_trial import NextTrial
 from mcstudy.gap.tables import closing, evidence, tables
-from mcstudy.gap.verdict import added_name, effects_of, sentences
+from mcstudy.gap.verdict import added_name, effects_of, sentences, differing_tests
 from mcstudy.recordings.joint import part_labels
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.diagnosis.next_trial import next_figure
@@ -101,7 +101,9 @@ def _introduction(data: GapData) -> str:
         )
     else:
         after = f"{added_name(d).capitalize()}: the base model with {effects_of(d.leading)}, refitted."
-    said = "".join(f"<p>{escape(with_units(part))}</p>" for part in sentences(d))
+    first, *others = sentences(d)
+    parts = [part for part in (first, differing_tests(d), *others) if part]
+    said = "".join(f"<p>{escape(with_units(part))}</p>" for part in parts)
     return (
         f'<div class="truth"><p><strong>Verdict</strong></p>{said}</div>'
         f"<p>Base model: {escape(data.model.name.replace('_', ' '))}, fitted to this recording. {escape(after)}</p>"

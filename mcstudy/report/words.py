@@ -95,7 +95,7 @@ def _table_ii(rows: Sequence[dict[str, Any]]) -> str:
 
 def _headline_row(row: dict[str, Any], notes: Sequence[str]) -> str:
     floor = f" (floor {number(row['floor'], 2)})" if row["floor"] is not None else ""
-    detail = f"<br><small>{escape(row['detail'])}</small>" if row["detail"] else ""
+    detail = f"<br> <small>{escape(row['detail'])}</small>" if row["detail"] else ""
     note = notes.index(row["explanation"]) + 1 if row["explanation"] else 0
     why = f' <a href="#note-{note}">[{note}]</a>' if note else ""
     cells = [

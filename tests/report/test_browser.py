@@ -200,7 +200,7 @@ def test_numbers_with_a_true_minus_sort_and_copy_as_numbers(browser: Browser, pa
     assert min(numbers) < 0 < max(numbers)
     assert numbers == sorted(numbers)
     assert "−" not in saved
-    assert f",{min(numbers):g} ± " in saved
+    assert f"{min(numbers):g} ± " in saved
 
 
 def test_every_figure_offers_files_and_its_svg_stands_alone(browser: Browser, paper_page: Path) -> None:

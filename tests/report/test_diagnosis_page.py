@@ -20,7 +20,7 @@ from mcstudy.fitting.penalised import Data
 from mcstudy.gap.diagnose import diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.tables import SHOWN, tables
-from mcstudy.gap.verdict import p_words, sentences, differing_tests
+from mcstudy.gap.verdict import differing_tests, p_words, sentences
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording

@@ -10,7 +10,7 @@ from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.next_trial import NextTrial
 from mcstudy.gap.tables import closing, evidence, tables
-from mcstudy.gap.verdict import added_name, effects_of, sentences, differing_tests
+from mcstudy.gap.verdict import added_name, differing_tests, effects_of, sentences
 from mcstudy.recordings.joint import part_labels
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.diagnosis.next_trial import next_figure

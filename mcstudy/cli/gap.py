@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.cli.options import NestedParser, add_scheduler_arguments, cluster_options
 from mcstudy.cli.recording_options import (
     add_output_arguments,
     add_recording_arguments,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb and of its sub-verbs."""
-    verbs = parser.add_subparsers(dest="gap", metavar="VERB", required=True)
+    verbs = parser.add_subparsers(dest="gap", metavar="VERB", required=True, parser_class=NestedParser)
     effects = verbs.add_parser(
         "effects", help="list the effects that a model may lack, with equations, usual sizes and their sources"
     )

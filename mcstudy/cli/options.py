@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mcstudy.exits import Exit
 
@@ -12,6 +12,17 @@ if TYPE_CHECKING:
     from mcstudy.scheduler.cluster import ClusterOptions
     from mcstudy.study.design import Study
     from mcstudy.study.submission import Outcome
+
+
+class NestedParser(argparse.ArgumentParser):
+    """Parser of a verb of a verb, which shows its own usage beside a word that it does not know."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """As `argparse.ArgumentParser`, but no word may be left."""
+        known, left = super().parse_known_args(args, namespace)
+        if left:
+            self.error(f"unrecognized arguments: {' '.join(left)}")
+        return known, left
 
 
 def add_scheduler_arguments(parser: argparse._ActionsContainer) -> None:

@@ -13,7 +13,13 @@ from mcstudy.scheduler.display import Display
 from mcstudy.scheduler.progress import duration
 
 SILENT_S = 2.0
-"""Seconds without a line: what is done by then needs none."""
+"""Seconds without a line: what is done by then needs none.
+
+CPU seconds of the process so far count among them: it was silent while it loaded its libraries.
+"""
+
+SHORTEST_S = 0.2
+"""Seconds that any activity takes at least before it shows a line."""
 
 EVERY_S = 0.5
 
@@ -42,7 +48,7 @@ def activity(what: str) -> Iterator[None]:
 
     def show(ended: threading.Event) -> None:
         begun = time.monotonic()
-        pause = SILENT_S
+        pause = max(SILENT_S - time.process_time(), SHORTEST_S)
         while not ended.wait(pause):
             display.show([f"{_now[-1]} ... {duration(time.monotonic() - begun)}"])
             pause = EVERY_S

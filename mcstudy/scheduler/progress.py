@@ -24,6 +24,9 @@ WINDOW_S = 30.0
 LEAST_STEPS = 4
 """Steps over which the speed is averaged even if they took longer."""
 
+STARTING_S = 10.0
+"""Seconds in which the first result, for which every thread had to load its code, would spoil the speed."""
+
 
 def duration(seconds: float) -> str:
     """``seconds`` as text: 42 s, 3 min 20 s, 5 h 12 min."""
@@ -50,14 +53,28 @@ def counts_line(done: int, total: int, failed: int, rate: float, unit: str = "fi
 
 
 class Speed:
-    """Units per second in the last `WINDOW_S` seconds, or `LEAST_STEPS` steps, whichever is longer."""
+    """Units per second in the last `WINDOW_S` seconds, or `LEAST_STEPS` steps, whichever is longer.
+
+    In the first `STARTING_S` seconds it is that of the steps after the first one, and known from `LEAST_STEPS` on.
+    """
 
     def __init__(self) -> None:
         self._seen: deque[tuple[float, int]] = deque()
+        self._first: tuple[float, int] | None = None
+        self._steps = 0
+
+    def begin(self, done: int) -> None:
+        """Work begins now, with so many units done before."""
+        self._seen.append((time.monotonic(), done))
 
     def note(self, done: int) -> None:
         """So many units are done now."""
         now = time.monotonic()
+        if not self._seen or done > self._seen[-1][1]:
+            if self._first is None:
+                self._first = now, done
+            else:
+                self._steps += 1
         self._seen.append((now, done))
         while len(self._seen) > LEAST_STEPS + 1 and self._seen[1][0] < now - WINDOW_S:
             self._seen.popleft()
@@ -66,9 +83,13 @@ class Speed:
         """Units per second until now; 0 before anything is known."""
         if not self._seen:
             return 0.0
+        now = time.monotonic()
         (begun, before), (_, done) = self._seen[0], self._seen[-1]
-        seconds = time.monotonic() - begun
-        return (done - before) / seconds if seconds > 0 else 0.0
+        if now < begun + STARTING_S:
+            if self._first is None or self._steps < LEAST_STEPS:
+                return 0.0
+            begun, before = self._first
+        return (done - before) / (now - begun) if now > begun else 0.0
 
 
 class Progress:
@@ -105,7 +126,7 @@ class Progress:
         self._begun = self._looked = time.monotonic()
         self._speed = Speed()
         if ready:
-            self._speed.note(self.done)
+            self._speed.begin(self.done)
 
     @property
     def seconds(self) -> float:

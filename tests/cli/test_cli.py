@@ -124,6 +124,19 @@ def test_help_prints_the_page_of_every_topic_and_of_verbs(capsys: pytest.Capture
     assert "similar: diagnosis" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("verb", "rest"), [("gap next", "a.nc"), ("gap challenge run", "a.toml -o a"), ("fit", "a.nc")]
+)
+def test_an_unknown_option_shows_the_usage_of_its_own_verb(
+    verb: str, rest: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(f"{verb} {rest} --fats".split())
+    said = capsys.readouterr().err
+    assert said.startswith(f"usage: mcstudy {verb} [")
+    assert "error: unrecognized arguments: --fats" in said
+
+
 def test_help_prints_the_options_of_a_verb_of_a_verb(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["help", "gap", "challenge", "run"]) == Exit.DONE
     assert capsys.readouterr().out.startswith("usage: mcstudy gap challenge run ")

@@ -108,7 +108,7 @@ class Named(NamedTuple):
         Body,
         np.datetime64(1, "s"),
     ],
-    ids=repr,
+    ids=lambda value: type(value).__name__,
 )
 def test_nothing_else_is_written(value: object) -> None:
     with pytest.raises(NotData):

@@ -14,7 +14,7 @@ from mcstudy.scheduler import activity as activity_module
 from mcstudy.scheduler import progress as module
 from mcstudy.scheduler.activity import activity, doing
 from mcstudy.scheduler.display import Display
-from mcstudy.scheduler.progress import Progress, duration
+from mcstudy.scheduler.progress import LEAST_STEPS, Progress, duration
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
@@ -57,8 +57,8 @@ def test_the_line_says_chunks_fits_speed_time_left_and_failures(monkeypatch: pyt
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
     progress = Progress(1000, io.StringIO(), chunks=8)
     progress.add(250, 3, 2)
-    clock[0] += 5.0
-    assert progress.line() == "2/8 chunks  250/1000 fits (25 %)  50 fits/s  15 s left  3 failed"
+    clock[0] += 10.0
+    assert progress.line() == "2/8 chunks  250/1000 fits (25 %)  25 fits/s  30 s left  3 failed"
 
 
 def test_what_had_to_be_done_before_the_first_unit_is_in_no_rate(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,10 +67,23 @@ def test_what_had_to_be_done_before_the_first_unit_is_in_no_rate(monkeypatch: py
     progress = Progress(100, io.StringIO())
     clock[0] += 40.0
     progress.begin()
-    clock[0] += 5.0
+    clock[0] += 10.0
     progress.add(50, 0)
-    assert progress.line() == "50/100 fits (50 %)  10 fits/s  5 s left  0 failed"
-    assert progress.seconds == 5.0
+    assert progress.line() == "50/100 fits (50 %)  5 fits/s  10 s left  0 failed"
+    assert progress.seconds == 10.0
+
+
+def test_the_first_result_for_which_code_was_loaded_is_in_no_early_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    progress = Progress(1000, io.StringIO())
+    clock[0] += 2.0  # of which fits are a tenth
+    progress.add(100, 0)
+    for _ in range(LEAST_STEPS):
+        assert "time left: estimating" in progress.line()
+        clock[0] += 0.25
+        progress.add(100, 0)
+    assert "400 fits/s  1 s left" in progress.line()
 
 
 def test_the_speed_is_that_of_the_last_while(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,9 +105,9 @@ def test_workers_that_compile_first_are_in_no_speed(monkeypatch: pytest.MonkeyPa
     assert progress.line() == "0/100 fits (0 %)  time left: estimating  0 failed"
     progress.add(10, 0)
     assert "time left: estimating" in progress.line()
-    clock[0] += 1.0
-    progress.add(10, 0)
-    assert progress.line() == "20/100 fits (20 %)  10 fits/s  8 s left  0 failed"
+    clock[0] += 10.0
+    progress.add(20, 0)
+    assert progress.line() == "30/100 fits (30 %)  2 fits/s  35 s left  0 failed"
 
 
 def test_the_last_lines_are_those_of_the_finished_study() -> None:
@@ -111,6 +124,7 @@ def test_the_last_lines_are_those_of_the_finished_study() -> None:
 
 def test_what_takes_long_says_what_it_does_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(activity_module, "SILENT_S", 0.0)
+    monkeypatch.setattr(activity_module, "SHORTEST_S", 0.0)
     monkeypatch.setattr(activity_module, "EVERY_S", 0.001)
     plain, terminal = io.StringIO(), Terminal()
     for stream in (plain, terminal):
@@ -126,10 +140,10 @@ def test_what_takes_long_says_what_it_does_on_a_terminal_only(monkeypatch: pytes
 def test_the_line_counts_in_the_unit_of_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    progress = Progress(8, io.StringIO(), unit="cases")
-    progress.add(1, 0)
-    clock[0] += 0.5
-    assert progress.line() == "1/8 cases (12 %)  2 cases/s  4 s left  0 failed"
+    progress = Progress(80, io.StringIO(), unit="cases")
+    progress.add(20, 0)
+    clock[0] += 10.0
+    assert progress.line() == "20/80 cases (25 %)  2 cases/s  30 s left  0 failed"
 
 
 def test_slow_work_is_counted_per_minute(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,8 +151,8 @@ def test_slow_work_is_counted_per_minute(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
     progress = Progress(8, io.StringIO(), unit="cases")
     progress.add(1, 0)
-    clock[0] += 4.0
-    assert progress.line() == "1/8 cases (12 %)  15 cases/min  28 s left  0 failed"
+    clock[0] += 20.0
+    assert progress.line() == "1/8 cases (12 %)  3 cases/min  2 min 20 s left  0 failed"
 
 
 def test_a_terminal_shows_the_latest_lines_below_all_messages() -> None:

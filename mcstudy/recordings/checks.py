@@ -7,6 +7,7 @@ addition compares the responses with those that a standing body can have.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -228,12 +229,14 @@ def _clock(recording: Recording) -> None:
     if period is None or max(recording.cycles) < 3:
         return
     angles = [trial.theta for trial in recording.trials]
-    alone = [k for k, theta in enumerate(angles) if _wrong_delay([theta], period, recording.rate_hz)]
-    some = 0 < len(alone) < len(angles)
-    samples = _wrong_delay([angles[k] for k in alone] if some else angles, period, recording.rate_hz)
+    seen = [_alike(theta, period) for theta in angles]
+    alone = [k for k in range(len(angles)) if _wrong_delay(angles[k : k + 1], seen[k : k + 1], recording.rate_hz)]
+    tested = alone or range(len(angles))
+    samples = _wrong_delay([angles[k] for k in tested], [seen[k] for k in tested], recording.rate_hz)
     if samples == 0:
         return
     trials = ", ".join(str(k + 1) for k in alone)
+    some = 0 < len(alone) < len(angles)
     where = f"trial{'s' * (len(alone) > 1)} {trials}: theta1, theta2" if some else "theta1, theta2"
     shift, clock = ("later", "faster") if samples > 0 else ("earlier", "slower")
     raise RecordingError(
@@ -242,12 +245,17 @@ def _clock(recording: Recording) -> None:
     )
 
 
-def _wrong_delay(angles: Sequence[np.ndarray], period: int, rate_hz: float) -> int:
-    """Delay per cycle, in samples, that a wrong clock adds to angles (n, 2) per trial; 0 where the clock is right."""
-    samples, alike, gain = _common_delay(angles, period)
+def _wrong_delay(angles: Sequence[np.ndarray], seen: Sequence[_Alike], rate_hz: float) -> int:
+    """Delay per cycle, in samples, that a wrong clock adds to angles (n, 2) per trial; 0 where the clock is right.
+
+    ``seen``: how alike the cycles of every trial are.
+    """
+    samples, alike, gain = _common_delay(seen)
     if abs(samples) / rate_hz < CLOCK_S or alike < CLOCK_ALIKE or gain < CLOCK_GAIN:
         return 0
-    left, _, gain = _common_delay(angles, period, _strongest(angles, period))
+    period = seen[0].period
+    without = _strongest(angles, period)
+    left, _, gain = _common_delay([_alike(theta, period, without) for theta in angles])
     return 0 if abs(left - samples) > abs(samples) / 4 or gain < CLOCK_GAIN else samples
 
 
@@ -262,33 +270,52 @@ def _strongest(angles: Sequence[np.ndarray], period: int) -> slice:
     return slice(max(centre - CLOCK_NARROW, 0), centre + CLOCK_NARROW + 1)
 
 
-def _common_delay(angles: Sequence[np.ndarray], period: int, without: slice | None = None) -> tuple[int, float, float]:
-    """Delay per cycle, in samples, of angles (n, 2) per trial.
+@dataclass(frozen=True, eq=False)
+class _Alike:
+    """Correlations of all pairs of cycles of a trial, summed, (2 R + 1,) for delays of -R to R samples per cycle.
 
-    Also the mean correlation of the cycles when it is removed, and how much that increases it. The first cycle of every
-    trial and the harmonics ``without`` are left out. Then cycles are tapered, because what rings at one frequency leaks
-    from the ends of a cycle into all others.
+    ``pairs``: their number. ``period``: of the stimulus, in samples.
+    """
+
+    total: np.ndarray
+    pairs: int
+    period: int
+
+
+def _alike(theta: np.ndarray, period: int, without: slice | None = None) -> _Alike:
+    """How alike the cycles of angles (n, 2) are.
+
+    The first cycle and the harmonics ``without`` are left out. Then cycles are tapered, because what rings at one
+    frequency leaks from the ends of a cycle into all others.
     """
     taper = 1.0 if without is None else np.hanning(period)[:, None]
     reach = max(1, round(CLOCK_SHARE * period))
     lags = np.arange(-reach, reach + 1)
-    total, pairs = np.zeros(lags.size), 0
-    for theta in angles:
-        cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, 2)[1:]
-        n = len(cycles)
-        spectra = np.fft.rfft(cycles * taper, axis=1)
-        spectra[:, :CLOCK_HARMONIC] = 0.0
-        if without is not None:
-            spectra[:, without] = 0.0
-        power = 2 * (np.abs(spectra) ** 2).sum(axis=(0, 1)) / max(n, 1)
-        spectra = spectra / np.sqrt(np.maximum(power, 1e-300))
-        for apart in range(1, n):
-            cross = (spectra[apart:] * spectra[: n - apart].conj()).sum(axis=(0, 2))
-            total += period / 2 * np.fft.irfft(cross, period)[lags * apart % period]
-            pairs += n - apart
+    cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, 2)[1:]
+    n = len(cycles)
+    spectra = np.fft.rfft(cycles * taper, axis=1)
+    spectra[:, :CLOCK_HARMONIC] = 0.0
+    if without is not None:
+        spectra[:, without] = 0.0
+    power = 2 * (np.abs(spectra) ** 2).sum(axis=(0, 1)) / max(n, 1)
+    spectra = spectra / np.sqrt(np.maximum(power, 1e-300))
+    total = np.zeros(lags.size)
+    for apart in range(1, n):
+        cross = (spectra[apart:] * spectra[: n - apart].conj()).sum(axis=(0, 2))
+        total += period / 2 * np.fft.irfft(cross, period)[lags * apart % period]
+    return _Alike(total, n * (n - 1) // 2, period)
+
+
+def _common_delay(trials: Sequence[_Alike]) -> tuple[int, float, float]:
+    """Delay per cycle, in samples, that makes the cycles of all trials most alike.
+
+    Also the mean correlation of the cycles when it is removed, and how much that increases it.
+    """
+    total, pairs = np.sum([t.total for t in trials], axis=0), sum(t.pairs for t in trials)
+    reach = total.size // 2
     alike = total / max(pairs, 1)
     best = int(np.argmax(alike)) if pairs else reach
-    return int(lags[best]), float(alike[best]), float(alike[best] - alike[reach])
+    return best - reach, float(alike[best]), float(alike[best] - alike[reach])
 
 
 def repeats_every(stimulus: np.ndarray, rate_hz: float) -> float | None:

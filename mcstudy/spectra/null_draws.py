@@ -97,22 +97,7 @@ class NullDraws:
 
     def _factors(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Elements (N, n) of L = [[l11, 0], [l21, l22]] for random S~ = L L^H."""
-        E = self._window.shape[1]
-        products = np.zeros((4, E, n))
-        x, first, second = np.empty((4, E, n)), np.empty((E, n)), np.empty((E, n))
-        for _ in range(self._records):
-            rng.standard_normal(out=x)
-            x *= np.sqrt(0.5)
-            for k, (a, b), (c, d), join in (
-                (0, (0, 0), (1, 1), np.add),
-                (1, (2, 2), (3, 3), np.add),
-                (2, (2, 0), (3, 1), np.add),
-                (3, (3, 0), (2, 1), np.subtract),
-            ):
-                np.multiply(x[a], x[b], out=first)
-                np.multiply(x[c], x[d], out=second)
-                products[k] += join(first, second, out=first)
-        products /= self._records
+        products = self._products(rng, n)
         if self._colour is None:
             s11, s22, re, im = np.einsum("le,pen->pln", self._window, products, optimize=True)
         else:
@@ -120,6 +105,25 @@ class NullDraws:
         l11 = np.sqrt(s11)
         l21 = (re + 1j * im) / l11
         return l11, l21, np.sqrt(np.maximum(s22 - np.abs(l21) ** 2, 1e-12))
+
+    def _products(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        """|a|^2, |b|^2 and the parts of b a*, (4, E, n), averaged over the records of two errors a, b at even lines.
+
+        They follow a complex Wishart distribution (Goodman 1963, Ann. Math. Statist. 34, 152-177). It is drawn by its
+        Cholesky factor (Bartlett's decomposition), so the cost does not grow with the number of records.
+        """
+        K, shape = self._records, (self._window.shape[1], n)
+        out = np.empty((4, *shape))
+        rng.standard_gamma(K, out=out[0])
+        rng.standard_normal(out=out[2])
+        rng.standard_normal(out=out[3])
+        out[2:] *= np.sqrt(0.5)
+        np.square(out[2:]).sum(axis=0, out=out[1])
+        if K > 1:
+            out[1] += rng.standard_gamma(K - 1, shape)
+        out[2:] *= np.sqrt(out[0])
+        out /= K
+        return out
 
     def _continued(self, colour: Colour, products: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Products (4, E, n) at the lines, (4, L, n), with a slope that is estimated for every sample.

@@ -90,7 +90,7 @@ def test_a_sound_recording_is_left_as_it_is() -> None:
 
 
 def test_a_ringing_mode_is_not_taken_for_a_wrong_clock(rings: Recording) -> None:
-    samples, alike, gain = checks._common_delay([t.theta for t in rings.trials], PRTS.samples)
+    samples, alike, gain = checks._common_delay([checks._alike(t.theta, PRTS.samples) for t in rings.trials])
     assert abs(samples) / PRTS.rate_hz > checks.CLOCK_S
     assert min(alike / checks.CLOCK_ALIKE, gain / checks.CLOCK_GAIN) > 1
     checks.check(rings)

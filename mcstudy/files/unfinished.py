@@ -74,13 +74,14 @@ def _remove(path: Path) -> None:
         return
     import shutil  # already imported if any folder was created
 
-    # Under another name, other threads that write into the folder by its path no longer find it.
+    # Under another name, other threads that write into the folder by its path no longer find it; a library may make it
+    # anew.
     aside = path.with_name(path.name + ".removed")
-    try:
-        path.rename(aside)
-    except OSError:
-        aside = path
     for _ in range(TRIES):
+        try:
+            path.rename(aside)
+        except OSError:
+            shutil.rmtree(path, ignore_errors=True)
         shutil.rmtree(aside, ignore_errors=True)
-        if not os.path.lexists(aside):
+        if not os.path.lexists(aside) and not os.path.lexists(path):
             return

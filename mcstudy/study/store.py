@@ -24,6 +24,7 @@ import numpy as np
 from mcstudy.errors import DesignError, StoreError
 from mcstudy.files import durable, schema
 from mcstudy.files.durable import sync_folder, sync_tree
+from mcstudy.files.unfinished import unfinished
 from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, real_end, refuse_links, sealed
 from mcstudy.fitting.status import USABLE, Status
 from mcstudy.study.checksums import LARGEST_NOTE, Checked, checksum, note, noted
@@ -243,22 +244,23 @@ class Cube:
                 shutil.rmtree(building)
             attributes = _root_attributes(study, made_in or environment())
             cube = cls(building, study, attributes, depths)
-            root = zarr.create_group(building, zarr_format=3, attributes=attributes)
-            made: dict[str, Path] = {}
-            for name, group in cube.groups.items():
-                node = root.create_group(name, attributes=_group_attributes(group, attributes))
-                for spec in group.layout.arrays.values():
-                    _create(node, spec, building / name / spec.name, made)
-            with warnings.catch_warnings():
-                # inline metadata is not in the v3 specification; without it, xarray.open_zarr prints a warning
-                warnings.simplefilter("ignore", ZarrUserWarning)
-                for name in cube.groups:
-                    zarr.consolidate_metadata(root.store, path=name)
-                zarr.consolidate_metadata(root.store)
-            schema.validate(SCHEMA, describe(building), str(path))
-            sync_tree(building)
-            building.rename(path)
-            sync_folder(path.parent)
+            with unfinished(building, building.mkdir):
+                root = zarr.create_group(building, zarr_format=3, attributes=attributes)
+                made: dict[str, Path] = {}
+                for name, group in cube.groups.items():
+                    node = root.create_group(name, attributes=_group_attributes(group, attributes))
+                    for spec in group.layout.arrays.values():
+                        _create(node, spec, building / name / spec.name, made)
+                with warnings.catch_warnings():
+                    # inline metadata is not in the v3 specification; without it, xarray.open_zarr prints a warning
+                    warnings.simplefilter("ignore", ZarrUserWarning)
+                    for name in cube.groups:
+                        zarr.consolidate_metadata(root.store, path=name)
+                    zarr.consolidate_metadata(root.store)
+                schema.validate(SCHEMA, describe(building), str(path))
+                sync_tree(building)
+                building.rename(path)
+                sync_folder(path.parent)
         except OSError as error:
             raise StoreError(f"{path}: expected a writable folder ({error.strerror})") from None
         return cls(path, study, attributes, depths)

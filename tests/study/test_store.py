@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import shutil
 import subprocess
@@ -36,6 +37,19 @@ def fake(cube: Cube, group: str, chunk: Chunk) -> dict[str, np.ndarray]:
     data["status"][:] = Status.CONVERGED
     data["estimate"][:] = np.arange(data["estimate"].size).reshape(data["estimate"].shape)
     return data
+
+
+@pytest.mark.parametrize("fails", ["sync_tree", "_create"])
+def test_a_cube_that_cannot_be_completed_leaves_nothing(
+    tmp_path: Path, tiny: str, fails: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(f"mcstudy.study.store.{fails}", full)
+    with pytest.raises(StoreError, match="No space left on device"):
+        Cube.create(tmp_path / "out.zarr", parse_study(tiny))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_xarray_alone_shows_labelled_dimensions_with_units_and_no_warning(cube: Cube) -> None:

@@ -43,7 +43,7 @@ class Estimate:
         Profile likelihood interval.
     low_from, high_from
         What ends it: "data", "bound" (of the parameters), "not finite" (the quantity is not defined beyond) or "steps"
-        (the search gave up).
+        (the search did not converge: the interval extends at least to there).
     wald_low, wald_high
         Gauss-Newton interval, for comparison; nan on a bound.
     information

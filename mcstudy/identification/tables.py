@@ -23,9 +23,12 @@ ENDED = {
     "data": "",
     "bound": " (bound)",
     "not finite": " (not defined beyond)",
-    "steps": " (search gave up)",
+    "steps": "",
 }
 """What is printed behind an end of an interval, by what ends it."""
+
+AT_MOST, AT_LEAST = "≤", "≥"
+"""In front of a lower and an upper end that the search did not reach: the interval extends at least to there."""
 
 LEANS = "*"
 """Behind an end of an interval at which another parameter lies on its bound."""
@@ -46,13 +49,18 @@ class Table:
 
 def interval(e: Estimate) -> str:
     """``586 to 1309``, with what ends it where that is not the data."""
-    return f"{number(e.low)}{ENDED[e.low_from]} to {number(e.high)}{ENDED[e.high_from]}"
+    return _interval(e, "", "")
 
 
 def marked(r: FitResult, e: Estimate) -> str:
     """The interval, with `LEANS` behind an end that the data set only together with a bound of another parameter."""
     low, high = (LEANS if names else "" for names in r.leaning(e.name))
-    return f"{number(e.low)}{ENDED[e.low_from]}{low} to {number(e.high)}{ENDED[e.high_from]}{high}"
+    return _interval(e, low, high)
+
+
+def _interval(e: Estimate, low: str, high: str) -> str:
+    before, after = (AT_MOST if e.low_from == "steps" else ""), (AT_LEAST if e.high_from == "steps" else "")
+    return f"{before}{number(e.low)}{ENDED[e.low_from]}{low} to {after}{number(e.high)}{ENDED[e.high_from]}{high}"
 
 
 def estimate(r: FitResult, e: Estimate) -> str:
@@ -88,8 +96,8 @@ def estimates(r: FitResult) -> Table:
     ]
     note = (
         "Everything comes from the data, but for what is marked “bound”: there a bound of the fit decides. No prior is "
-        f"used.{_leaning(r)} Wald: symmetric Gauss-Newton interval, for comparison only; - where a bound holds the "
-        "estimate."
+        f"used.{_leaning(r)}{_not_reached(r)} Wald: symmetric Gauss-Newton interval, for comparison only; - where a "
+        "bound holds the estimate."
     )
     if r.paper is not None:
         header = (*header, "paper's cost")
@@ -107,6 +115,13 @@ def _leaning(r: FitResult) -> str:
     if not bounds:
         return ""
     return f" {LEANS} set by the data together with a bound of another parameter ({', '.join(bounds)})."
+
+
+def _not_reached(r: FitResult) -> str:
+    """What `AT_MOST` and `AT_LEAST` mean; empty where the search reached every end."""
+    if not any("steps" in (e.low_from, e.high_from) for e in r.estimates):
+        return ""
+    return f" {AT_MOST} {AT_LEAST} the search for this end did not converge: the interval extends at least to there."
 
 
 def _paper(r: FitResult, e: Estimate) -> str:

@@ -12,7 +12,7 @@ from mcstudy.files import schema
 from mcstudy.identification import words
 from mcstudy.identification.belief import GapFound
 from mcstudy.identification.result import FitResult
-from mcstudy.identification.tables import ENDED, LEANS, ROUGH, estimates, help_needed
+from mcstudy.identification.tables import AT_LEAST, AT_MOST, ENDED, LEANS, ROUGH, estimates, help_needed
 from mcstudy.text_tables import number
 
 Fits = dict[str, FitResult]
@@ -68,6 +68,17 @@ def test_every_number_says_what_it_comes_from(variants: Fits) -> None:
         assert "No prior is used" in said
     assert bounded > 10
     assert leaning > 10
+
+
+def test_an_end_that_the_search_did_not_reach_is_a_limit_on_it_and_the_note_says_so(fits: Fits) -> None:
+    r = fits["good"]
+    assert not {AT_LEAST, AT_MOST} & set(estimates(r).note)
+    first = replace(r.estimates[0], low_from="steps", high_from="steps")
+    found = estimates(replace(r, estimates=(first, *r.estimates[1:])))
+    low, high = found.rows[0][3].split(" to ")
+    assert (low[0], high[0]) == (AT_MOST, AT_LEAST)
+    assert (low[1:].rstrip(LEANS), high[1:].rstrip(LEANS)) == (number(first.low), number(first.high))
+    assert f"{AT_MOST} {AT_LEAST} the search for this end did not converge" in found.note
 
 
 def test_what_is_open_in_the_table_is_open_in_the_sentence(variants: Fits) -> None:

@@ -59,7 +59,7 @@ def _headline(context: Context) -> str:
         )
     counts = {name: sum(r["verdict"] == name for r in rows) for name in (AGREES, DIFFERS, CANNOT_TELL)}
     notes = list(dict.fromkeys(r["explanation"] for r in rows if r["explanation"]))
-    head = "".join(f'<th scope="col">{h}</th>' for h in ("What", "Paper", "Ours ± MCSE", "Apart", "Verdict", "Where"))
+    head = "".join(f'<th scope="col">{h}</th>' for h in ("What", "Verdict", "Paper", "Ours ± MCSE", "Apart", "Where"))
     body = "".join(_headline_row(r, notes) for r in rows)
     margins = {kind: margin for kind, (margin, _) in MARGINS.items()}
     listed = "".join(f'<li id="note-{i}">{escape(with_units(n))}</li>' for i, n in enumerate(notes, 1))
@@ -99,10 +99,10 @@ def _headline_row(row: dict[str, Any], notes: Sequence[str]) -> str:
     note = notes.index(row["explanation"]) + 1 if row["explanation"] else 0
     why = f' <a href="#note-{note}">[{note}]</a>' if note else ""
     cells = [
+        (escape(verdict(row)) + why, CLASS[row["verdict"]]),
         (escape(_paper(row)), ""),
         (f"{escape(ours(row))}{escape(floor)}{detail}", ""),
         (number(row["distance"], 2), ""),
-        (escape(verdict(row)) + why, CLASS[row["verdict"]]),
         (f"<small>{escape(row['where'])}</small>", ""),
     ]
     return (

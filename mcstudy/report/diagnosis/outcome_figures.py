@@ -39,6 +39,9 @@ def cause_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     return _bars(axes(ax), names, values, "cause")
 
 
+MARGIN, LABEL = 0.12, 0.3
+"""Room beside the intervals of sizes, and for the label of a size, as shares of what the intervals span."""
+
 BINS = 40
 OFF_SCALE = 1.5
 """An observed value farther from the null samples than this many times their range is drawn at the edge."""
@@ -85,16 +88,22 @@ def effect_sizes(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     if not found:
         raise InputError(f"{diagnosis.name}: no cause leads or is in the 95 % set, so there is no size to show")
     ax = axes(ax)
-    for y, (_, s) in enumerate(found):
-        at = s.estimate / s.se
-        bar = [[(s.estimate - s.low) / s.se], [(s.high - s.estimate) / s.se]]
-        ax.errorbar(at, y, xerr=bar, fmt="o", color=AFTER, capsize=4, elinewidth=1.4)
-        ax.annotate(f"{at:.3g}", (at, y), (4, 7), textcoords="offset points")
+    at, low, high = np.array([(s.estimate / s.se, s.low / s.se, s.high / s.se) for _, s in found]).T
+    ax.errorbar(at, np.arange(at.size), xerr=[at - low, high - at], fmt="o", color=AFTER, capsize=4, elinewidth=1.4)
+    for y, x in enumerate(at):
+        away = -1 if x < 0 else 1  # a label on the other side would touch the line at zero
+        text = f"{x:.0f}" if abs(x) >= 100 else f"{x:.3g}"
+        ax.annotate(text, (x, y), (4 * away, 7), textcoords="offset points", ha="right" if x < 0 else "left")
+    least, most = min(0.0, low.min()), max(0.0, high.max())
+    span = most - least
+    ax.set_xlim(
+        min(least - MARGIN * span, np.min(at[at < 0], initial=0.0) - LABEL * span),
+        max(most + MARGIN * span, np.max(at[at >= 0], initial=0.0) + LABEL * span),
+    )
     ax.axvline(0, color=MEASURED, linewidth=1.0, linestyle=DASHES[1], label="no effect")
     ax.set_ylim(len(found) - 0.4, -0.6)
     ax.set_yticks(range(len(found)), ["\n".join(_wrapped(part) for part in name.split("\n")) for name, _ in found])
     ax.grid(axis="y", visible=False)
-    ax.margins(x=0.12)
     ax.set_xlabel("size / its standard error")
     ax.set_title("sizes of the causes")
     legend_below(ax, 1)

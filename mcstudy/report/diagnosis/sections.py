@@ -132,7 +132,7 @@ def evidence_figure(d: Diagnosis) -> Figure:
         Panel("residual of all lines", partial(outcome_figures.null_residual, d)),
     ]
     text = [
-        "Grey: what recordings without a gap would give, simulated with the noise of this one. Blue line: this "
+        "Bars: what recordings without a gap would give, simulated with the noise of this one. Thick line: this "
         "recording. The further it lies to the right of the grey, the stronger the evidence. First: the test for "
         "deviations of known shape. Second: the residual of all lines (goodness of fit).",
         numbers.note,

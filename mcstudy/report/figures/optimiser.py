@@ -124,14 +124,14 @@ def basin_atlas(
             fontsize=9,
             color=COLOURS["ink"],
         )
-    ax.annotate("starts\nlowest", (1.02, -0.62), xycoords=("axes fraction", "data"), va="bottom", fontsize=9)
-    for words, at, side in (("upper bound", -0.42, "bottom"), ("lower bound", rows[-1] + 0.42, "top")):
+    ax.annotate("starts\nlowest", (1.02, -0.5), xycoords=("axes fraction", "data"), va="bottom", fontsize=9)
+    for words, at, side in (("upper bound", -0.46, "bottom"), ("lower bound", rows[-1] + 0.46, "top")):
         ax.annotate(words, (-0.5, at), va=side, fontsize=9, color=COLOURS["muted"])
     fixed_ticks(ax.xaxis, x, names)
     ax.tick_params(axis="x", labelrotation=90)
     fixed_ticks(ax.yaxis, rows, [str(i + 1) for i in rows])
     ax.set_xlim(-0.7, len(names) - 0.3)
-    ax.set_ylim(shown.sizes["cluster"] - 0.2, -0.6)
+    ax.set_ylim(rows[-1] + 1.0, -1.0)  # half a row beyond the bounds, for their names
     ax.grid(visible=False)
     ax.set_ylabel("cluster of local minima")
     ax.set_title(cell_label(view, a, f))

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
-from mcstudy.report.axes import axes, fixed_ticks
+from mcstudy.report.axes import axes, fixed_ticks, legend_below
 from mcstudy.report.figures.common import MOST_POINTS, GroupLike, chosen_amplitude, chosen_fmax, view_of
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label, with_units
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
@@ -28,7 +28,7 @@ def correlation_map(
 ) -> Axes:
     """Correlations of all pairs of estimates: area is |r|; discs positive, hollow squares negative.
 
-    The values from `WRITTEN` on stand in the other half.
+    The values from `WRITTEN` on stand in the other half, in hundredths.
     """
     view, ax = view_of(data), axes(ax, (4.3, 4.3))
     a, f = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
@@ -39,7 +39,10 @@ def correlation_map(
 
 
 def draw_correlations(ax: Axes, names: list[str], matrix: np.ndarray) -> None:
-    """Draw correlations ``matrix`` (P, P) as in `correlation_map`; those that are nan are left out."""
+    """Draw correlations ``matrix`` (P, P) as in `correlation_map`; those that are nan are left out.
+
+    Hundredths, because two numbers such as -0.93 side by side would run together.
+    """
     row, column = np.tril_indices(len(names), -1)
     value = matrix[row, column]
     for which, marker, colour, fill in ((value > 0, "o", "blue", True), (value < 0, "s", "orange", False)):
@@ -57,7 +60,7 @@ def draw_correlations(ax: Axes, names: list[str], matrix: np.ndarray) -> None:
             ax.text(
                 float(i),
                 float(j),
-                f"{v:.2f}".replace("0.", "."),  # a minus sign would touch the neighbour
+                f"{100 * v:.0f}",
                 fontsize=8.8,
                 ha="center",
                 va="center",
@@ -95,5 +98,5 @@ def estimate_scatter(
     ax.set_xlabel(f"{first} ({with_units(units[first])})")
     ax.set_ylabel(f"{second} ({with_units(units[second])})")
     ax.set_title(amplitude_label(view, a))
-    ax.legend(ncols=2)
+    legend_below(ax, 4)
     return ax

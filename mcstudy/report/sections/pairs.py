@@ -12,7 +12,7 @@ from mcstudy.report import figures
 from mcstudy.report.context import Context, conditions, largest_amplitude, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.common import MOST_POINTS, chosen_fmax
-from mcstudy.report.figures.pairs import correlations_of
+from mcstudy.report.figures.pairs import WRITTEN, correlations_of
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 
@@ -34,10 +34,10 @@ def pairs_figure(context: Context) -> Figure | Missing:
         title,
         [
             "Left: correlation of every pair of estimates over realizations. Its area is |r|; blue discs are positive, "
-            "orange squares negative; the upper half gives the values. Right: best fits of active and passive "
-            f"stiffness, one point per realization (at most the first {MOST_POINTS}). On the dashed line their sum is "
-            "the true one. The data determine this sum but not its parts (the paper's third conclusion): points move "
-            "along the line, up to the bounds.",
+            f"orange squares negative; the upper half gives 100 r where |r| is at least {WRITTEN:g}. Right: best fits "
+            f"of active and passive stiffness, one point per realization (at most the first {MOST_POINTS}). On the "
+            "dashed line their sum is the true one. The data determine this sum but not its parts (the paper's third "
+            "conclusion): points move along the line, up to the bounds.",
         ],
         [
             Panel("correlations", partial(figures.correlation_map, view, a, f), (4.3, 4.3)),

@@ -102,10 +102,35 @@ def test_on_a_phone_a_table_that_scrolls_keeps_its_title_and_its_buttons_in_view
     browser: Browser, page: str, request: pytest.FixtureRequest
 ) -> None:
     browser.open(request.getfixturevalue(page), 380)
-    outside = """[...document.querySelectorAll('.scroll caption > span')].filter(e => e.offsetParent &&
-      e.getBoundingClientRect().right > 380).map(e => e.textContent)"""
+    outside = """[...document.querySelectorAll('.scroll caption > span')].filter(e => {
+      const words = document.createRange(); words.selectNodeContents(e);
+      return e.offsetParent && words.getBoundingClientRect().right > 380; }).map(e => e.textContent)"""
     assert browser.evaluate("document.querySelectorAll('.scroll caption > span').length") > 8
     assert browser.evaluate(outside) == []
+
+
+def test_a_phone_shows_the_verdict_on_a_published_statement_at_once(browser: Browser, paper_page: Path) -> None:
+    browser.open(paper_page, 380)
+    hidden = """(box => { const edge = box.getBoundingClientRect().right;
+      const column = [...box.querySelectorAll('thead th')].findIndex(th => th.textContent === 'Verdict');
+      return [...box.querySelectorAll('tr')].filter(
+        row => row.cells[column].getBoundingClientRect().right > edge).length; })(document.querySelector('.tall'))"""
+    assert browser.evaluate("document.querySelectorAll('.tall tbody tr').length") > 20
+    assert browser.evaluate(hidden) == 0
+
+
+@pytest.mark.parametrize("width", [380, 1200, 1600])
+@pytest.mark.parametrize("page", ["paper_page", "gap_page"])
+def test_buttons_cover_no_title(browser: Browser, page: str, width: int, request: pytest.FixtureRequest) -> None:
+    browser.open(request.getfixturevalue(page), width)
+    covered = """[...document.querySelectorAll('h3 + .tools')].filter(tools => {
+      const words = document.createRange(); words.selectNodeContents(tools.previousElementSibling);
+      const b = tools.getBoundingClientRect();
+      return [...words.getClientRects()].some(
+        a => a.right > b.left && a.left < b.right && a.bottom > b.top && a.top < b.bottom);
+    }).map(tools => tools.previousElementSibling.textContent)"""
+    assert browser.evaluate("document.querySelectorAll('h3 + .tools').length") > 5
+    assert browser.evaluate(covered) == []
 
 
 def test_on_a_phone_the_page_is_not_a_scroll_of_cards(browser: Browser, paper_page: Path) -> None:
@@ -188,12 +213,12 @@ def test_numbers_with_a_true_minus_sort_and_copy_as_numbers(browser: Browser, pa
     browser.open(paper_page, 1600)
     shown, saved = browser.evaluate("""(async () => {
       const table = document.querySelector('table.stack');
-      table.tHead.rows[0].cells[2].querySelector('button').click();
+      table.tHead.rows[0].cells[3].querySelector('button').click();
       let blob, real = URL.createObjectURL;
       URL.createObjectURL = b => { blob = b; return real(b); };
       HTMLAnchorElement.prototype.click = () => {};
       [...table.caption.querySelectorAll('button')].find(b => b.textContent === 'CSV').click();
-      return [[...table.tBodies[0].rows].map(r => r.cells[2].textContent), await blob.text()];
+      return [[...table.tBodies[0].rows].map(r => r.cells[3].textContent), await blob.text()];
     })()""")
     found = [re.match(r"−?\d+(\.\d+)?(e−?\d+)?", text) for text in shown]
     numbers = [float(m[0].replace("−", "-")) for m in found if m is not None]
@@ -242,6 +267,11 @@ def test_print_shows_the_numbers_behind_every_figure_on_few_pages(
         "[...document.querySelectorAll('details table')].filter(t => !t.checkVisibility()).length"
     )
     assert hidden == 0
+    apart = "[...document.querySelectorAll('.panels')].filter(e => getComputedStyle(e).breakInside !== 'avoid').length"
+    assert browser.evaluate(apart) == 0
+    # A browser leaves boxes, such as buttons, out of the headings that it repeats on the next page.
+    boxes = "[...document.querySelectorAll('thead button')].map(e => getComputedStyle(e).display)"
+    assert set(browser.evaluate(boxes)) == {"contents"}
     pdf = browser.printed()
     assert pdf.startswith(b"%PDF")
     assert len(re.findall(rb"/Type\s*/Page[^s]", pdf)) <= most

@@ -25,13 +25,15 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.data import GapData
-from mcstudy.report.diagnosis.outcome_figures import cause_bars
+from mcstudy.report.diagnosis.outcome_figures import cause_bars, effect_sizes
 from mcstudy.report.diagnosis.page import gap_page as page_of
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
 from mcstudy.report.diagnosis.sections import which_figures
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.figure import Figure
+from mcstudy.report.frame import place
 from mcstudy.report.minus import true_minus
+from mcstudy.report.svg import drawn, style
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +104,28 @@ def test_long_names_of_causes_do_not_run_into_each_other(diagnosis: Diagnosis) -
     boxes = sorted((label.get_window_extent() for label in ax.get_yticklabels()), key=lambda box: box.y0)
     plt.close(figure)
     assert all(upper.y0 > lower.y1 for lower, upper in pairwise(boxes))
+
+
+@pytest.mark.parametrize("sizes", [(4.85, -3.49, -2.34), (-221.0,), (221.0, -0.05), (-1234.0, 2.1)])
+def test_the_label_of_a_size_touches_neither_the_line_at_zero_nor_the_edge(
+    diagnosis: Diagnosis, sizes: tuple[float, ...]
+) -> None:
+    leading = diagnosis.leading
+    assert leading is not None
+    size = replace(leading.sizes[0], se=1.0)
+    shown = tuple(replace(size, estimate=x, low=x - 1.96, high=x + 1.96) for x in sizes)
+    cause = replace(leading, sizes=shown)
+    d = replace(diagnosis, causes=(cause,), credible_set=(0,))
+    with style():
+        ax = drawn(lambda ax: effect_sizes(d, ax))
+        renderer = ax.figure.canvas.get_renderer()  # type: ignore[union-attr,attr-defined]
+        place(ax, renderer)
+    frame, zero = ax.get_window_extent(renderer), ax.transData.transform((0, 0))[0]
+    boxes = [t.get_window_extent(renderer) for t in ax.texts]
+    assert len(boxes) == len(sizes)
+    for x, box in zip(sizes, boxes, strict=True):
+        assert frame.x0 < box.x0 < box.x1 < frame.x1
+        assert box.x1 < zero if x < 0 else box.x0 > zero
 
 
 def test_every_figure_says_which_command_made_it(gap_page: Path, lagging_recording: Path) -> None:

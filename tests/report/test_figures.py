@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import xarray as xr
 pytest.importorskip("matplotlib")
 
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
 
 from mcstudy.analysis.by_starts import best_of_first
@@ -22,9 +24,12 @@ from mcstudy.report import figures
 from mcstudy.report.alternatives import read_alternative
 from mcstudy.report.figures import common
 from mcstudy.report.figures.optimiser import best_by_starts_of
+from mcstudy.report.figures.pairs import draw_correlations
 from mcstudy.report.figures.responses import phase_errors
 from mcstudy.report.figures.signals import Signals, envelope
+from mcstudy.report.frame import place
 from mcstudy.report.sections.standard_errors import zipper_figures
+from mcstudy.report.svg import drawn, style
 from mcstudy.stance.response import frf
 
 
@@ -199,7 +204,53 @@ def test_a_map_of_correlations_writes_the_large_ones_out(paper_tree: xr.DataTree
     assert len(ax.texts) == int((pairs >= 0.3).sum()) > 0
     first = ax.texts[0]
     i, j = (round(v) for v in first.get_position())
-    assert float(first.get_text().replace("−", "-")) == pytest.approx(r[i, j], abs=0.005)
+    assert float(first.get_text().replace("−", "-")) == pytest.approx(100 * r[i, j], abs=0.5)
+
+
+def _laid_out(drawing: Callable[[Axes], object], size: tuple[float, float]) -> tuple[Axes, RendererBase]:
+    """Axes as they stand on the page, and what measures their texts."""
+    with style():
+        ax = drawn(drawing, size)
+        renderer = ax.figure.canvas.get_renderer()  # type: ignore[union-attr,attr-defined]
+        place(ax, renderer)
+    return ax, renderer
+
+
+def test_numbers_side_by_side_on_a_map_of_correlations_do_not_touch() -> None:
+    names = [f"Kpas{i}" for i in range(12)]
+    ax, renderer = _laid_out(lambda ax: draw_correlations(ax, names, np.full((12, 12), -0.93)), (4.3, 4.3))
+    boxes = [t.get_window_extent(renderer) for t in ax.texts if t.get_position()[1] == 0]
+    assert len(boxes) == 11
+    boxes.sort(key=lambda box: float(box.x0))
+    assert all(right.x0 - left.x1 > 1.5 for left, right in pairwise(boxes))
+
+
+def test_the_legend_of_a_scatter_covers_no_point(paper_tree: xr.DataTree) -> None:
+    ax, renderer = _laid_out(
+        lambda ax: figures.estimate_scatter(paper_tree["accuracy"], "K11", "Kpas1", ax=ax), (4.3, 4.3)
+    )
+    legend = ax.get_legend()
+    assert legend is not None
+    box = legend.get_window_extent(renderer)
+    assert box.x0 >= 0
+    assert box.x1 <= 72 * 4.3
+    assert box.y1 < ax.get_window_extent(renderer).y0
+
+
+def test_names_in_an_atlas_lie_between_its_bars_and_the_edge(paper_tree: xr.DataTree) -> None:
+    ax, renderer = _laid_out(lambda ax: figures.basin_atlas(paper_tree["accuracy"], ax=ax), (4.3, 4.4))
+    boxes = {t.get_text(): t.get_window_extent(renderer) for t in ax.texts}
+    frame = ax.get_window_extent(renderer)
+    last = len(ax.get_yticks()) - 1
+
+    def height(row: float) -> float:
+        return float(ax.transData.transform((0, row))[1])
+
+    upper, lower = boxes["upper bound"], boxes["lower bound"]
+    assert height(-0.4) < upper.y0 < upper.y1 <= frame.y1
+    assert frame.y0 <= lower.y0 < lower.y1 < height(last + 0.4)
+    heading = boxes["starts\nlowest"]
+    assert heading.y0 > max(box.y1 for text, box in boxes.items() if "/" in text)
 
 
 def test_the_dashed_line_of_a_scatter_holds_the_pairs_with_the_true_sum(paper_tree: xr.DataTree, ax: Axes) -> None:

@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,7 @@ from mcstudy.exits import Exit
 from mcstudy.report.context import Context
 from mcstudy.report.figure import Figure
 from mcstudy.report.minus import true_minus
-from mcstudy.report.page import page
+from mcstudy.report.page import DRESS, page
 from mcstudy.report.sections.search import paper_search_figures
 from mcstudy.report.words import headline
 from mcstudy.scheduler.cluster import ClusterOptions
@@ -238,6 +239,17 @@ def test_fingerprint_seed_versions_and_commands_are_on_the_page(paper_page: Path
 
 def test_the_same_cube_gives_the_same_bytes(other_cube: Path, other_page: Path) -> None:
     assert page(other_cube) == other_page.read_text(encoding="utf-8")
+
+
+def test_a_kept_page_is_drawn_again_when_style_or_script_changed(
+    other_cube: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page(other_cube)
+    monkeypatch.setattr("mcstudy.report.study_page.study_page", lambda *_: "drawn again")
+    assert page(other_cube) != "drawn again"
+    monkeypatch.setattr("mcstudy.report.page.DRESS", DRESS[:1])
+    assert page(other_cube) == "drawn again"
+    assert {f.name for f in files("mcstudy.report").iterdir() if f.name.endswith((".css", ".js"))} == set(DRESS)
 
 
 def test_an_unfinished_cube_has_a_page(other_cube: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from mcstudy.identification.tables import Table as FitTable
 from mcstudy.identification.tables import estimates, help_needed, interval, relative
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure, of_part
+from mcstudy.report.figures.pairs import WRITTEN
 from mcstudy.report.html import Table, escape, table, tiles
 from mcstudy.report.origin import recording_rows
 from mcstudy.report.person import figures, responses
@@ -166,8 +167,8 @@ def _profiles(fit: FitResult) -> list[Figure]:
         "",
         "Correlations near the estimate",
         [
-            "Correlations of the Gauss-Newton errors. Disc: positive. Square: negative. Area: size. Parameters on a "
-            "bound are left out.",
+            "Correlations of the Gauss-Newton errors. Disc: positive. Square: negative. Area: size. Upper half: "
+            f"100 r where |r| is at least {WRITTEN:g}. Parameters on a bound are left out.",
             words.correlated(fit),
         ],
         [Panel("correlations", partial(figures.correlations, fit), (4.3, 4.3))],

@@ -118,6 +118,8 @@ def test_the_label_of_a_size_touches_neither_the_line_at_zero_nor_the_edge(
     d = replace(diagnosis, causes=(cause,), credible_set=(0,))
     with style():
         ax = drawn(lambda ax: effect_sizes(d, ax))
+        for text in ax.texts:
+            text.set_text(text.get_text().replace("-", "−"))  # as on the page, and wider
         renderer = ax.figure.canvas.get_renderer()  # type: ignore[union-attr,attr-defined]
         place(ax, renderer)
     frame, zero = ax.get_window_extent(renderer), ax.transData.transform((0, 0))[0]

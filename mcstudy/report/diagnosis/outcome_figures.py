@@ -39,7 +39,7 @@ def cause_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     return _bars(axes(ax), names, values, "cause")
 
 
-MARGIN, LABEL = 0.12, 0.3
+MARGIN, LABEL = 0.12, 0.33
 """Room beside the intervals of sizes, and for the label of a size, as shares of what the intervals span."""
 
 BINS = 40
@@ -96,10 +96,8 @@ def effect_sizes(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
         ax.annotate(text, (x, y), (4 * away, 7), textcoords="offset points", ha="right" if x < 0 else "left")
     least, most = min(0.0, low.min()), max(0.0, high.max())
     span = most - least
-    ax.set_xlim(
-        min(least - MARGIN * span, np.min(at[at < 0], initial=0.0) - LABEL * span),
-        max(most + MARGIN * span, np.max(at[at >= 0], initial=0.0) + LABEL * span),
-    )
+    labels = at + np.where(at < 0, -LABEL, LABEL) * span
+    ax.set_xlim(min(least - MARGIN * span, labels.min()), max(most + MARGIN * span, labels.max()))
     ax.axvline(0, color=MEASURED, linewidth=1.0, linestyle=DASHES[1], label="no effect")
     ax.set_ylim(len(found) - 0.4, -0.6)
     ax.set_yticks(range(len(found)), ["\n".join(_wrapped(part) for part in name.split("\n")) for name, _ in found])

@@ -133,7 +133,7 @@ def evidence_figure(d: Diagnosis) -> Figure:
     ]
     text = [
         "Bars: what recordings without a gap would give, simulated with the noise of this one. Thick line: this "
-        "recording. The further it lies to the right of the grey, the stronger the evidence. First: the test for "
+        "recording. The further it lies to the right of the bars, the stronger the evidence. First: the test for "
         "deviations of known shape. Second: the residual of all lines (goodness of fit).",
         numbers.note,
     ]

@@ -55,7 +55,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
                 Table(
                     "RMS of the noise-evoked sway, this realization (°)",
                     ["angle", "ours", "paper"],
-                    [[n, short(rms[i], 2), f"~{paper[i]:g}"] for i, n in enumerate(s.angles)],
+                    [[n, short(rms[i], 2), f"about {paper[i]:g}"] for i, n in enumerate(s.angles)],
                 )
             ],
             published=("sway_1", "sway_1_cycle", "sway_2", "sway_2_cycle"),

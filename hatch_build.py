@@ -65,7 +65,7 @@ import sys
 from pathlib import Path
 
 from mcstudy.fitting.warm import compile_here
-from mcstudy.stance.compiled import ship
+from mcstudy.compiling.decorators import ship
 
 compile_here(sys.argv[2:])
 ship(Path(sys.argv[1]))

@@ -22,11 +22,11 @@ from mcstudy.fitting.problem import Problem
 
 WIDTH = lanes.WIDTH
 COMPILERS = {
-    "from mcstudy.stance.compiled import compiled, inner": (
-        "compiled = lambda f, **_: f\ninner = lambda f=None, **_: f or inner"
+    "from mcstudy.compiling.decorators import compiled, inner": (
+        "compiled = lambda f=None, **_: f or compiled\ninner = lambda f=None, **_: f or inner"
     ),
-    "from mcstudy.stance.separate import call, calling": (
-        "calling = lambda _: lambda f: f\ncall = lambda f, *arguments: f(*arguments)"
+    "from mcstudy.compiling.addresses import call, calling": (
+        "calling = lambda *_, **__: lambda f: f\ncall = lambda f, *arguments: f(*arguments)"
     ),
 }
 """Lines of the kernel's source that import its compiler, and their replacements in plain Python."""

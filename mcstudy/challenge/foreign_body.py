@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mcstudy.stance.compiled import compiled
+from mcstudy.compiling.decorators import compiled
 
 STEPS_PER_SAMPLE = 5
 """Steps of the integration per sample: 1 ms at 200 Hz."""

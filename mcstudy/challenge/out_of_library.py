@@ -13,10 +13,10 @@ import numpy as np
 from scipy import fft, signal
 from scipy.interpolate import CubicSpline
 
+from mcstudy.compiling.decorators import compiled
 from mcstudy.effect_library.simulate import Distortion, Protocol, Torque, simulate_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import Body, two_segment
-from mcstudy.stance.compiled import compiled
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
 from mcstudy.stance.simulate_time import Sway
 

@@ -21,9 +21,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+from mcstudy.compiling.decorators import folder_of
 from mcstudy.fitting.kernel import evaluate
 from mcstudy.fitting.warm import PARTS, compile_here, compile_part, missing, with_called
-from mcstudy.stance.compiled import folder_of
 
 LOCK = "mcstudy-compiling.lock"
 

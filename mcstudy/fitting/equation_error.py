@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mcstudy.compiling.decorators import compiled
 from mcstudy.fitting.arguments import Bounds
 from mcstudy.fitting.small_linear import solve
-from mcstudy.stance.compiled import compiled
 
 RIDGE = 1e-14
 """Least damping, relative to the largest diagonal element of the Gram matrix in units of the bounds' widths."""

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from mcstudy.compiling.addresses import call, calling
+from mcstudy.compiling.decorators import compiled
 from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Bounds, Options, Outcomes, Plan, Queue, Workspace
 from mcstudy.fitting.barrier_step import (
@@ -30,8 +32,6 @@ from mcstudy.fitting.barrier_step import (
 )
 from mcstudy.fitting.kernel import CONVERGED, ITERATION_LIMIT, NON_FINITE_MODEL, STALLED, begin
 from mcstudy.fitting.lanes import WIDTH
-from mcstudy.stance.compiled import compiled
-from mcstudy.stance.separate import call, calling
 
 FIRST, DIFFERENCE, SEARCH, REGION = 0, 1, 2, 3
 """What the evaluation at ``trial`` is for: the start, the gradient, the line search, a trust-region step."""
@@ -287,7 +287,7 @@ def advance(m: Machines, k, cost, bounds: Bounds, options: Options):  # type: ig
     return outcome
 
 
-@calling(kernel.evaluate_cost)
+@calling(kernel.evaluate_cost, seconds=14)
 def interior_point(
     evaluate_cost: int,
     plan: Plan,

@@ -18,14 +18,12 @@ Slots of the workspace are counted in lanes (`mcstudy.fitting.lanes`).
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
+from mcstudy.compiling.addresses import call, calling
+from mcstudy.compiling.decorators import compiled, inner
 from mcstudy.fitting.arguments import Bounds, Filters, LaneStates, Options, Outcomes, Plan, Queue, Workspace
 from mcstudy.fitting.lanes import WIDTH, fma, fnma, load, nearest, negative, root, splat, store, where_less
-from mcstudy.stance.compiled import compiled, inner
-from mcstudy.stance.separate import call, calling
 
 CONVERGED, STALLED, ITERATION_LIMIT, NON_FINITE_MODEL = 1, 2, 3, 4
 
@@ -345,7 +343,7 @@ def _tile(w, left, right, gram, stride, n):
     store(w, gram + 8, c22)
 
 
-@partial(compiled, allocates=False)
+@compiled(allocates=False, seconds=8)
 def evaluate(plan: Plan, work: Workspace) -> None:
     """Cost, gradient and Gram matrix at the parameters in ``work.trial``; a few frequencies at a time.
 
@@ -633,7 +631,7 @@ def evaluate(plan: Plan, work: Workspace) -> None:
             tile += 9
 
 
-@partial(compiled, allocates=False)
+@compiled(allocates=False, seconds=3)
 def evaluate_cost(plan: Plan, work: Workspace) -> None:
     """The cost alone at the parameters in ``work.trial``, as `evaluate` computes it, to the last slot of its sums."""
     w, x, data, omega, output_filter = work.w, work.trial, work.data, plan.omega, plan.filters.output
@@ -742,7 +740,7 @@ def _solve(w, matrix, right, n):
             store(w, right + k, fnma(factor, found, load(w, right + k)))
 
 
-@partial(compiled, allocates=False)
+@compiled(allocates=False)
 def bounded_step(work: Workspace, bounds: Bounds):
     """One damped Gauss-Newton step inside the bounds for every lane; returns nothing, fills ``step`` and ``trial``.
 
@@ -847,7 +845,7 @@ def _steepest(work: Workspace, lane, bounds: Bounds):
 # --- the queue of fits ---
 
 
-@partial(compiled, allocates=False)
+@compiled(allocates=False)
 def begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
     """Put a start of the queue and its problem into a lane; returns the cost below which only rounding is left."""
     w, start, packed = work.w, queue.starts[index], queue.packed[queue.problem[index]]

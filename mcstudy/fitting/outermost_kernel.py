@@ -13,11 +13,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mcstudy.compiling.addresses import call, calling
 from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Bounds, Ends, Goal, Options, Plan, Queue, Workspace
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.small_linear import factor, solve_factored
-from mcstudy.stance.separate import call, calling
 
 DATA, BOUND, GAVE_UP = 1, 2, 3
 
@@ -137,7 +137,7 @@ def _outward(G, g, x, low, high, d, room, scale, held, A, u, v, q, p):  # type: 
     return mu, kappa
 
 
-@calling(kernel.evaluate)
+@calling(kernel.evaluate, seconds=9)
 def outermost(
     evaluate: int, plan: Plan, work: Workspace, queue: Queue, bounds: Bounds, goal: Goal, options: Options, out: Ends
 ) -> None:

@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mcstudy.compiling.addresses import call, calling
+from mcstudy.compiling.decorators import compiled
 from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Plan, Prior, Queue, Restraint, Workspace
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.small_linear import solve
-from mcstudy.stance.compiled import compiled
-from mcstudy.stance.separate import call, calling
 
 DAMPING = 1e-3
 DAMPING_MOST = 1e9
@@ -88,7 +88,7 @@ def _off(x, restraint: Restraint, index):  # type: ignore[no-untyped-def]
     return total
 
 
-@calling(kernel.evaluate)
+@calling(kernel.evaluate, seconds=6)
 def penalised_fits(
     evaluate: int,
     plan: Plan,

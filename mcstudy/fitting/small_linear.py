@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mcstudy.stance.compiled import compiled
+from mcstudy.compiling.decorators import compiled
 
 RELATIVE_RIDGE = 1e-14
 """Added to a diagonal, relative to it, so that a matrix with a direction of zero curvature has a factor."""

@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mcstudy.compiling.addresses import apart
+from mcstudy.compiling.decorators import KEPT, NotCompiledError, only_compiled
 from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Bounds, Options, Prior, Queue, pack
 from mcstudy.fitting.interior_point import interior_point
@@ -21,9 +23,7 @@ from mcstudy.fitting.lm import lm, normal_equations
 from mcstudy.fitting.plans import plan, workspace
 from mcstudy.fitting.problem import Problem, paper_cost
 from mcstudy.stance.body import two_segment
-from mcstudy.stance.compiled import KEPT, NotCompiledError, only_compiled
 from mcstudy.stance.response import frf
-from mcstudy.stance.separate import apart
 from mcstudy.stance.simulate_time import simulate
 from mcstudy.stance.stability import growth_rate
 
@@ -39,7 +39,8 @@ class Part(NamedTuple):
     call: has them compiled, by a call. after: parts whose functions become part of these.
     functions: number of functions compiled for them by a new process that has those of ``after`` on disk.
     seconds: CPU time this takes (2.3 GHz Xeon, busy with other work).
-    calls: parts whose functions these call at their address (`mcstudy.stance.separate`): needed to run, not to compile.
+    calls: parts whose functions these call at their address (`mcstudy.compiling.addresses`): needed to run, not to
+        compile.
     """
 
     call: Callable[[], None]

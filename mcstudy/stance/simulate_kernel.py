@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.stance.compiled import compiled
+from mcstudy.compiling.decorators import compiled
 
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0])
 """Stage times of a step, in steps."""

@@ -21,12 +21,11 @@ Derived; the argument principle for quasi-polynomials is classical (Stepan 1989,
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from mcstudy.stance.compiled import compiled, inner
+from mcstudy.compiling.decorators import compiled, inner
 
 CERTIFIED, CHAIN, FAILED = 0, 1, 2
 """Outcome per vector: certified; neutral and bounded by the abscissa of its root chain; not certified."""
@@ -340,7 +339,7 @@ def _chain(loop: Loop) -> float:
     return high
 
 
-@partial(compiled, allocates=False)
+@compiled(allocates=False, seconds=4)
 def rightmost(
     numerator: np.ndarray,
     delay: np.ndarray,

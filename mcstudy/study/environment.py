@@ -16,7 +16,7 @@ PACKAGES = ("mcstudy", "numpy", "scipy", "numba", "llvmlite", "zarr", "numcodecs
 THREADS = ("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 """Variables that set the number of threads of a library; sums that are split differently differ in the last digits."""
 
-LAYERS = ("stance", "files", "recordings", "spectra", "fitting", "study", "streams.py")
+LAYERS = ("compiling", "stance", "files", "recordings", "spectra", "fitting", "study", "streams.py")
 """Folders and files of this package that affect numbers."""
 
 DIGITS = 12

@@ -15,6 +15,7 @@ PACKAGE = Path(mcstudy.__file__).parent
 
 LAYERS = (
     ("errors", "exits", "streams", "text_tables", "short_repr"),
+    ("compiling",),
     ("stance",),
     ("files",),
     ("recordings",),

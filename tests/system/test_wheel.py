@@ -101,7 +101,7 @@ def test_what_pip_installs_holds_kernels_that_need_no_compiling_and_give_the_sam
 ) -> None:
     from llvmlite import binding
 
-    from mcstudy.stance.shipped import FOLDER
+    from mcstudy.compiling.shipped import FOLDER
 
     if not {"avx2", "fma", "bmi2"} <= {name for name, on in binding.get_host_cpu_features().items() if on}:
         pytest.skip("this processor compiles for itself")

@@ -9,19 +9,18 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from mcstudy.stance.compiled import KEPT, folder_of
-from mcstudy.stance.separate import apart
+from mcstudy.compiling.addresses import apart
+from mcstudy.compiling.decorators import KEPT, folder_of
 
 SOURCE = """
-from functools import partial
-from mcstudy.stance.compiled import compiled, inner
-from mcstudy.stance.separate import call, calling
+from mcstudy.compiling.decorators import compiled, inner
+from mcstudy.compiling.addresses import call, calling
 
 @inner
 def part(x):
     return 2.0 * x
 
-@partial(compiled, allocates=False)
+@compiled(allocates=False)
 def step(plan, work):
     work[0] = part(work[0]) + plan[0]
 

@@ -13,33 +13,49 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 FOLDER = "_compiled"
 INDEX = "index.json"
 
 
-def made_with() -> dict[str, Any]:
+class Machine(NamedTuple):
+    """What code is compiled for.
+
+    Attributes
+    ----------
+    triple: LLVM's name of processor and system. features: instruction sets that code may use.
+    svml: whether elementary functions are Intel's, which round otherwise than the C library's.
+    """
+
+    triple: str
+    features: frozenset[str]
+    svml: bool
+
+
+class Code(NamedTuple):
+    """A compiled function: the function, the stamp of its sources, the types of its arguments, its code."""
+
+    function: Callable[..., Any]
+    stamp: str
+    arguments: tuple[Any, ...]
+    content: bytes
+
+
+def made_with(machine: Machine) -> dict[str, Any]:
     """What compiled code must have been made with to be used by this process, the processor left out."""
     import llvmlite
     import numba
-    from numba.core import config
 
     return {
         "python": f"{sys.implementation.cache_tag}{sys.abiflags}",
         "numba": numba.__version__,
         "llvmlite": llvmlite.__version__,
-        # Intel's elementary functions round otherwise than the C library's.
-        "svml": bool(getattr(config, "USING_SVML", False)),
+        "svml": machine.svml,
     }
-
-
-def features(codegen: Any) -> set[str]:
-    """What code may use that ``codegen`` makes: of this processor, or what numba's variables allow."""
-    return {name[1:] for name in codegen.magic_tuple()[2].split(",") if name.startswith("+")}
 
 
 def name_of(function: Any) -> str:
@@ -57,18 +73,20 @@ def bytecode_of(function: Any) -> str:
     return hashlib.sha256(function.__code__.co_code).hexdigest()
 
 
-def find(function: Any, stamp: str, arguments: Iterable[Any], codegen: Any) -> bytes | None:
-    """The code of ``function`` for these types, as `mcstudy.stance.compiled.ship` wrote it; None if there is none.
+def find(function: Any, stamp: str, arguments: Iterable[Any], machine: Machine) -> bytes | None:
+    """The code of ``function`` for these types, as `write` has written it; None if there is none.
 
     ``stamp``: of the sources that the function is compiled from. May raise anything when the index is damaged.
     """
     package = sys.modules[function.__module__.partition(".")[0]]
     if function.__closure__ is not None or not package.__file__:
         return None
-    made, triple, can = made_with(), codegen.magic_tuple()[0], features(codegen)
+    made = made_with(machine)
     wanted = {"signature": signature_of(arguments), "stamp": stamp, "bytecode": bytecode_of(function)}
     for folder, index in _indices(Path(package.__file__).parent / FOLDER):
-        if index["made_with"] != made or index["triple"] != triple or not can.issuperset(index["features"]):
+        if index["made_with"] != made or index["triple"] != machine.triple:
+            continue
+        if not machine.features.issuperset(index["features"]):
             continue
         for entry in index["functions"].get(name_of(function), ()):
             if wanted.items() <= entry.items():
@@ -78,27 +96,29 @@ def find(function: Any, stamp: str, arguments: Iterable[Any], codegen: Any) -> b
     return None
 
 
-def write(folder: Path, codes: Iterable[tuple[Any, str, Iterable[Any], bytes]], codegen: Any) -> None:
-    """Make the folder: function, stamp, types and code of each."""
+def write(folder: Path, codes: Iterable[tuple[Code, Machine]]) -> None:
+    """Make the folder, from everything that was compiled (for one machine)."""
     folder.mkdir(parents=True)
+    compiled = list(codes)
     functions: dict[str, list[dict[str, str]]] = {}
-    for function, stamp, arguments, code in codes:
-        entries = functions.setdefault(name_of(function), [])
-        file = f"{name_of(function)}-{len(entries) + 1}.code"
-        (folder / file).write_bytes(code)
+    for code, _ in compiled:
+        entries = functions.setdefault(name_of(code.function), [])
+        file = f"{name_of(code.function)}-{len(entries) + 1}.code"
+        (folder / file).write_bytes(code.content)
         entries.append(
             {
-                "signature": signature_of(arguments),
-                "stamp": stamp,
-                "bytecode": bytecode_of(function),
+                "signature": signature_of(code.arguments),
+                "stamp": code.stamp,
+                "bytecode": bytecode_of(code.function),
                 "file": file,
-                "sha256": hashlib.sha256(code).hexdigest(),
+                "sha256": hashlib.sha256(code.content).hexdigest(),
             }
         )
+    machine = compiled[0][1]
     index = {
-        "made_with": made_with(),
-        "triple": codegen.magic_tuple()[0],
-        "features": sorted(features(codegen)),
+        "made_with": made_with(machine),
+        "triple": machine.triple,
+        "features": sorted(machine.features),
         "functions": functions,
     }
     (folder / INDEX).write_text(json.dumps(index, indent=1, sort_keys=True) + "\n", encoding="utf-8")

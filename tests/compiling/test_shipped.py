@@ -13,9 +13,8 @@ from typing import Any
 import pytest
 from numba import config
 
-from mcstudy.stance import compiled as module
-from mcstudy.stance import shipped
-from mcstudy.stance.compiled import KEPT, NotCompiledError, compiled, only_compiled, ship
+from mcstudy.compiling import decorators, numba_internals, shipped
+from mcstudy.compiling.decorators import KEPT, NotCompiledError, compiled, only_compiled, ship
 
 SOURCE = """
 def inner(x):
@@ -38,10 +37,10 @@ def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call]:
     monkeypatch.syspath_prepend(str(tmp_path))
     homes = iter(range(1000))
 
-    def once(x: Any, name: str = "inner") -> tuple[Any, int]:
+    def once(x: Any, name: str = "inner", seconds: float | None = None) -> tuple[Any, int]:
         monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / f"home{next(homes)}"))
         shipped._indices.cache_clear()
-        dispatcher = compiled(getattr(importlib.import_module("tiny_shipped.kernel"), name))
+        dispatcher = compiled(getattr(importlib.import_module("tiny_shipped.kernel"), name), seconds=seconds)
         return dispatcher(x), sum(dispatcher.stats.cache_misses.values())
 
     yield once
@@ -111,7 +110,7 @@ def test_damage_is_silent_and_only_code_with_the_noted_checksum_is_read(
     (code,) = folder.glob("*.code")
     sound, index = code.read_bytes(), (folder / shipped.INDEX).read_bytes()
     with monkeypatch.context() as patched:
-        patched.setattr(module.pickle, "loads", _never)
+        patched.setattr(numba_internals.pickle, "loads", _never)
         code.write_bytes(sound[:-1] + bytes([sound[-1] ^ 1]))
         assert call(7) == (21, 1)
         code.write_bytes(b"")
@@ -128,18 +127,18 @@ def test_damage_is_silent_and_only_code_with_the_noted_checksum_is_read(
 
 
 def test_where_nothing_can_be_kept_everything_is_compiled(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module._Impl, "_locator_classes", [module._ReadOnly])
-    monkeypatch.setattr(module._ReadOnly, "ensure_cache_path", _full)
+    monkeypatch.setattr(numba_internals._Impl, "_locator_classes", [numba_internals._ReadOnly])
+    monkeypatch.setattr(numba_internals._ReadOnly, "ensure_cache_path", _full)
     assert call(7) == (21, 1)
 
 
 def test_who_waits_for_a_slow_function_is_told_once(call: Call, capsys: pytest.CaptureFixture[str]) -> None:
-    module._notice.cache_clear()
+    decorators._notice.cache_clear()
     for x in (7, 7.0):
         call(x, "inner")
     assert capsys.readouterr().err == ""
     for x in (7, 7.0):
-        assert call(x, "evaluate")[1] == 1
+        assert call(x, "evaluate", 8.0)[1] == 1
     assert capsys.readouterr().err == "compiling evaluate, once for this installation: about 8 s ...\n"
 
 

@@ -3,21 +3,21 @@
 numba puts a copy of every function that a compiled function calls into the code of the caller, and optimises it once
 more. For a large function that several others call, this is most of what their compilation takes, and they have to
 wait for its own. Here the caller gets the address of the other function as its first argument. Both are compiled apart,
-at the same time if there are processes for it.
+at the same time if there are processes for it. Without the private parts of numba that give an address, the caller
+holds a copy like any other; the numbers are the same.
 """
 
 from __future__ import annotations
 
 import contextlib
 import threading
+import types
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from numba import types
-from numba._dispatcher import compute_fingerprint
-from numba.extending import intrinsic
+from numba import njit
 
-from mcstudy.stance.compiled import compiled
+from mcstudy.compiling.decorators import INTERNALS, compiled
 
 _state = threading.local()
 
@@ -30,11 +30,13 @@ class Caller:
     """A compiled function ``function(address, plan, work, ...)`` that does ``call(address, plan, work)``.
 
     It is called without the address, which is that of ``callee`` for these types. ``callee`` must raise nothing and
-    return nothing: its result is not looked at.
+    return nothing: its result is not looked at. ``seconds``: see `mcstudy.compiling.decorators.compiled`.
     """
 
-    def __init__(self, function: Callable[..., Any], callee: Any) -> None:
-        self.dispatcher, self.callee = compiled(function), callee
+    def __init__(self, function: Callable[..., Any], callee: Any, seconds: float | None = None) -> None:
+        if INTERNALS is None:
+            function = _with_copy(function, callee)
+        self.dispatcher, self.callee = compiled(function, seconds=seconds), callee
         self._addresses: dict[bytes, int] = {}
 
     def __call__(self, plan: Any, work: Any, *others: Any) -> Any:
@@ -42,23 +44,31 @@ class Caller:
         if getattr(_state, "apart", False):
             self.dispatcher.compile(tuple(map(self.dispatcher.typeof_pyval, (0, plan, work, *others))))
             raise _Compiled
-        key = compute_fingerprint((plan, work))  # of their types
+        if INTERNALS is None:
+            return self.dispatcher(0, plan, work, *others)
+        key = INTERNALS.types_of((plan, work))
         if key not in self._addresses:
-            self._addresses[key] = self._address(plan, work)
+            self._addresses[key] = INTERNALS.address(self.callee, (plan, work))
         return self.dispatcher(self._addresses[key], plan, work, *others)
 
-    def _address(self, *arguments: Any) -> int:
-        signature = tuple(map(self.callee.typeof_pyval, arguments))
-        self.callee.compile(signature)
-        code = self.callee.overloads[signature]
-        return int(code.library.get_pointer_to_function(code.fndesc.llvm_func_name))
+
+def _with_copy(function: Callable[..., Any], callee: Any) -> Callable[..., Any]:
+    """The function with a `call` that calls ``callee``, whatever the address."""
+
+    @njit(error_model="numpy")
+    def call(_address: Any, plan: Any, work: Any) -> None:
+        callee(plan, work)
+
+    copy = types.FunctionType(function.__code__, {**function.__globals__, "call": call}, function.__name__)
+    copy.__module__, copy.__qualname__ = function.__module__, function.__qualname__
+    return copy
 
 
-def calling(callee: Any) -> Callable[[Callable[..., Any]], Caller]:
+def calling(callee: Any, *, seconds: float | None = None) -> Callable[[Callable[..., Any]], Caller]:
     """Decorator: compile a function, as `compiled` does, that calls ``callee`` through `call`; see `Caller`."""
 
     def decorate(function: Callable[..., Any]) -> Caller:
-        return Caller(function, callee)
+        return Caller(function, callee, seconds)
 
     return decorate
 
@@ -74,18 +84,5 @@ def apart() -> Iterator[None]:
         _state.apart = False
 
 
-def _call(_context: Any, address: Any, plan: Any, work: Any) -> Any:
-    """Run the compiled function that begins at an address, whose arguments have just these types."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        taken = signature.args[1:]
-        kind = context.call_conv.get_function_type(types.none, taken)
-        function = builder.inttoptr(args[0], kind.as_pointer())
-        context.call_conv.call_function(builder, function, types.none, taken, args[1:])
-        return context.get_dummy_value()
-
-    return types.void(address, plan, work), code
-
-
-call: Any = intrinsic(_call)
-"""``call(address, plan, work)`` in compiled code; see `_call`."""
+call: Any = None if INTERNALS is None else INTERNALS.call
+"""``call(address, plan, work)`` in compiled code: run the function at an address, whose arguments have these types."""

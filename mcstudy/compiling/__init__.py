@@ -1,0 +1,1 @@
+"""Compiled functions, kept on disk: decorators, and the one module that knows private parts of numba."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import xarray as xr
 from xarray.backends import BackendArray
-from xarray.core import indexing
+from xarray.core import indexing  # documented: "How to add a new backend", lazy loading
 
 from mcstudy.analysis.labels import ONE, label, labelled, relabelled
 from mcstudy.errors import InputError

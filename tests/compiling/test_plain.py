@@ -27,7 +27,8 @@ from mcstudy.stance.stability import growth_rate
 model, f = two_segment(), np.array([0.1, 0.3, 1.0, 3.0])
 problem = paper_cost(model, f, frf(model, model.truth * 1.1, f))
 fits = lm(problem, model.truth[None] * np.array([[1.0], [0.9]]), 1e-12, 50)
-bits = b"".join(np.ascontiguousarray(x).tobytes() for x in (fits.estimate, fits.cost, growth_rate(model, fits.estimate)))
+numbers = fits.estimate, fits.cost, growth_rate(model, fits.estimate)
+bits = b"".join(np.ascontiguousarray(x).tobytes() for x in numbers)
 print(decorators.INTERNALS is None, hashlib.sha256(bits).hexdigest())
 """
 HIDE = "from numba.core import {module}\ndelattr({module}.{owner}, {name!r})"

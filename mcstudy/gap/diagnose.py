@@ -15,6 +15,7 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.asked import EVERYTHING, Asked
 from mcstudy.gap.candidates.scores import Scores
+from mcstudy.gap.candidates.unknown import LENGTHS
 from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
@@ -284,10 +285,9 @@ def _closed(
 
 
 def _space(scores: Scores) -> np.ndarray:
-    """(4 N, M) columns that span the signatures of the library and the smooth deviations."""
-    return np.concatenate(
-        [*(s.vector[:, None] for s in scores.library), *(f.columns for f in scores.families[:4])], axis=1
-    )
+    """(4 N, M) columns that span the signatures of the library and the smooth deviations, of the shortest length."""
+    shortest = scores.families[: len(scores.families) // len(LENGTHS)]
+    return np.concatenate([*(s.vector[:, None] for s in scores.library), *(f.columns for f in shortest)], axis=1)
 
 
 def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict[str, float | None]:

@@ -96,8 +96,9 @@ def fit_lines(
     if not 0.5 <= level < 1:
         raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
     model = bounded(apply(nominal, *effects), nominal, bounds or {})
-    if 4 * len(lines) <= len(model.parameters):
-        raise RecordingError(f"{name}: expected more than {len(model.parameters) // 4} lines, got {len(lines)}")
+    numbers = 2 * model.n_angles  # of one line
+    if numbers * len(lines) <= len(model.parameters):
+        raise RecordingError(f"{name}: expected more than {len(model.parameters) // numbers} lines, got {len(lines)}")
     data, of = Data.of(lines), quantities(model, wanted)
     fitter = Fitter(model, without_prior(model, nominal), lines.f)
     minima = search(fitter, data, seed)

@@ -92,7 +92,7 @@ def _published(frf: FrfRecording) -> Lines:
     return Lines(
         f=frf.f,
         y=y,
-        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * one),
+        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * one, angles=1 if frf.single else 2),
         repeats=y[None],
         weight=one[None],
         trial=np.zeros(1, dtype=int),

@@ -26,7 +26,7 @@ def compare(
     paired: bool | None = None,
     names: tuple[str, str] = ("a", "b"),
     permutations: int = 999,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int = 1,
     seed: int = 0,
 ) -> ComparisonWithFigure:
@@ -46,7 +46,7 @@ def compare(
     permutations
         Relabellings of the groups in the tests.
     fmax, discard
-        Of recordings: highest frequency, Hz; cycles left out at the start.
+        Of recordings: highest frequency, Hz, 8 when None; cycles left out at the start.
     seed
         Random seed; the same seed gives the same numbers.
 
@@ -66,7 +66,7 @@ def compare(
     return ComparisonWithFigure.of(compare_groups(groups[0], groups[1], paired, permutations, seed, names))
 
 
-def _group(given: xr.Dataset | Sequence[AnyRecording], where: str, fmax: float, discard: int) -> xr.Dataset:
+def _group(given: xr.Dataset | Sequence[AnyRecording], where: str, fmax: float | None, discard: int) -> xr.Dataset:
     if isinstance(given, xr.Dataset):
         if missing := [name for name in ("frf", "average") if name not in given]:
             raise InputError(f"{where}: expected what read_frf_group returns, {', '.join(missing)} missing")

@@ -13,7 +13,7 @@ from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refus
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines
-from mcstudy.spectra.measure import measure, require_noise, up_to, wide_lines
+from mcstudy.spectra.measure import highest, measure, require_noise, up_to, wide_lines
 from mcstudy.stance.feedback import Model
 
 Discard = int | tuple[int, ...]
@@ -69,7 +69,7 @@ def given_model(model: Model | None, recording: AnyRecording, lines: Lines) -> M
 
 def checked_lines(
     recording: AnyRecording | Sequence[Recording | FrfRecording],
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: Discard = 1,
     accept: Iterable[str] = (),
 ) -> tuple[AnyRecording, Lines]:
@@ -90,6 +90,7 @@ def checked_lines(
         require_noise(lines, one.name)
         return one, lines
     noted = check(one)
+    fmax = highest(one, fmax)
     wide = wide_lines(one, fmax, discard)
     lines = up_to(fmax, wide, one.name)
     require_noise(lines, one.name)

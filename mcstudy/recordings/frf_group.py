@@ -18,6 +18,7 @@ from mcstudy.recordings.frf import GAIN
 from mcstudy.recordings.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
 from mcstudy.recordings.guards import inside
 from mcstudy.recordings.lab_files import Files
+from mcstudy.recordings.polar import response
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, Body
 
@@ -169,7 +170,8 @@ def _rows(sheet: TableSheet, path: Path) -> tuple[list[str], list[tuple[str, ...
         own = found.setdefault(key, {})
         if segment in own:
             raise RecordingError(f"{path}: line {number}: a second row of {', '.join((key[0], *key[1], segment))}")
-        own[segment] = _complex({name: _numbers(row, of, path, number) for name, of in columns.items()})
+        values = {name: _numbers(row, of, path, number) for name, of in columns.items()}
+        own[segment] = _complex(values, f"{path}: line {number}")
     people = list(dict.fromkeys(person for person, _ in found))
     conditions = list(dict.fromkeys(condition for _, condition in found))
     if not people:
@@ -207,8 +209,8 @@ def _numbers(row: dict[str, str], names: Sequence[str], path: Path, number: int)
     return np.array([float(row[name]) for name in names])
 
 
-def _complex(values: dict[str, np.ndarray]) -> np.ndarray:
+def _complex(values: dict[str, np.ndarray], where: str) -> np.ndarray:
     """FRF from gain and phase in deg, or from both parts."""
     if "gain" in values:
-        return np.asarray(values["gain"] * np.exp(1j * np.deg2rad(values["phase"])))
+        return response(values["gain"], values["phase"], where)
     return np.asarray(values["real"] + 1j * values["imaginary"])

@@ -11,6 +11,7 @@ from mcstudy.recordings.checks import check
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refuse_other_body
 from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.soundness import with_left_out
 from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import highest, measure, require_noise, up_to, wide_lines
@@ -90,6 +91,7 @@ def checked_lines(
         require_noise(lines, one.name)
         return one, lines
     noted = check(one)
+    one = with_left_out(one, accept, discard)
     fmax = highest(one, fmax)
     wide = wide_lines(one, fmax, discard)
     lines = up_to(fmax, wide, one.name)

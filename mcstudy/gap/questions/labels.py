@@ -29,6 +29,7 @@ from mcstudy.gap.fits.base_fit import base_fit
 from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.fits.relabelled import Search
 from mcstudy.recordings.recording import Recording, Suspicion
+from mcstudy.recordings.soundness import CODES
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
@@ -58,8 +59,8 @@ judged by the fit."""
 CORNERS_HZ = (1.5, 3.0, 6.0)
 """Corners of these filters."""
 
-NOTED = ("stuck", "amplitude")
-"""Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording."""
+NOTED = (*dict.fromkeys(CODES.values()), "amplitude")
+"""Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording by its labels."""
 
 
 PEOPLE = 200

@@ -8,6 +8,7 @@ from dataclasses import replace
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.questions.labels import merged, plausibility, refuse
 from mcstudy.recordings.checks import check
+from mcstudy.recordings.copies import numbered, refuse_copies
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refuse_other_body
 from mcstudy.recordings.recording import Recording
@@ -77,12 +78,23 @@ def checked_lines(
     """All trials as one recording, with its data quality warnings in ``suspicions``, and its lines.
 
     Parameters as in `mcstudy.gap.diagnose.diagnose`; ``discard`` may state a number for every part of a joint
-    recording, whose parts are checked one by one. Raises `RecordingError` for a recording that cannot be analysed, and
-    for channels that are certainly mislabelled unless their code is in ``accept``.
+    recording, whose parts are checked one by one. Raises `RecordingError` for a recording that cannot be analysed, for
+    one that is there twice, and for channels that are certainly mislabelled unless their code is in ``accept``.
     """
-    one = pooled(recording)
+    found = _checked(pooled(recording), fmax, discard, accept)
+    if not isinstance(recording, AnyRecording):
+        refuse_copies(numbered(recording), accept)
+    elif not isinstance(recording, FrfRecording):
+        parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
+        refuse_copies(numbered(parts), accept)
+    return found
+
+
+def _checked(
+    one: AnyRecording, fmax: float | None, discard: Discard, accept: Iterable[str]
+) -> tuple[AnyRecording, Lines]:
     if isinstance(one, JointRecording):
-        checked = [checked_lines(p, fmax, discarded(discard, k), accept) for k, p in enumerate(one.parts)]
+        checked = [_checked(p, fmax, discarded(discard, k), accept) for k, p in enumerate(one.parts)]
         parts = tuple(p for p, _ in checked if isinstance(p, Recording))
         return JointRecording(parts), joined([lines for _, lines in checked])
     discard = discarded(discard, 0)

@@ -19,14 +19,24 @@ LEAST_HELD = 4
 EQUAL = 1e-6
 """Difference of values that count as equal, relative to the spread of the signal; less than single precision keeps."""
 
-STEPS = 3.0
+STEPS = 5.0
 """Range, in smallest steps of the signal, that its other stretches of the length of a held value must exceed."""
+
+CHANGES, CHANGES_SHARE = 30, 0.4
+"""Changes of value next to a held one, as many samples before and after it as it has: their least number, and share of
+what is usual. An angle that is held by its resolution moves slowly there, and changes at most about 16 times."""
+
+NOTABLE = 0.1
+"""Change of value, relative to a typical one, from which it counts; angles of markers also have far smaller ones."""
 
 FREE = 0.1
 """Least share of a trial with which a held value is compared."""
 
 MATTERS = 0.01
 """Movement that a held value hides, relative to the standard deviation of the angle, below which it is no fault."""
+
+BEGINNING_S = 0.25
+"""What ends before this is the start from rest, s."""
 
 JUMP = 8.0
 """Change between two samples, in typical ones of the trial and of its neighbourhood, from which it is a jump."""
@@ -88,17 +98,24 @@ def angle_faults(x: np.ndarray, rate_hz: float) -> tuple[Fault, ...]:
         return ()
     sd = 1.4826 * float(np.median(np.abs(x - middle)))
     typical = 1.4826 * float(np.median(size[moves]))
-    jumps = _jumps(step, moves, typical, sd, rate_hz)
-    held = _held(x, moves, equal, float(np.quantile(size[moves], 0.01)), sd, typical)
-    return tuple(sorted([*held, *_excursions(x, jumps, held, rate_hz)]))
+    jumps = _jumps(step, moves, max(JUMP * typical, MATTERS * sd), rate_hz)
+    held = _held(x, moves, jumps, equal, float(np.quantile(size[moves], 0.01)), sd, typical)
+    found = [*held, *_excursions(x, jumps[size[jumps] > JUMP_MATTERS * sd], held, rate_hz)]
+    return tuple(sorted(f for f in found if f.stop > BEGINNING_S * rate_hz))
 
 
-def _held(x: np.ndarray, moves: np.ndarray, equal: float, smallest: float, sd: float, typical: float) -> list[Fault]:
-    """Values that repeat; ``moves`` (n - 1,): where the next sample differs by more than ``equal``."""
+def _held(
+    x: np.ndarray, moves: np.ndarray, jumps: np.ndarray, equal: float, smallest: float, sd: float, typical: float
+) -> list[Fault]:
+    """Values that repeat; ``moves`` (n - 1,): where the next sample differs by more than ``equal``.
+
+    Those that begin or end with one of the ``jumps`` need no further evidence.
+    """
     n = x.size
     edges = np.concatenate([[0], np.flatnonzero(moves) + 1, [n]])
     starts, lengths = edges[:-1], np.diff(edges)
     longest = int(lengths.max())
+    jumping = (np.isin(starts - 1, jumps) | np.isin(starts + lengths - 1, jumps)) & (lengths >= LEAST_HELD)
     found: list[tuple[int, int]] = []
     width, high, low = 1, x, x
     while 2 * width <= longest:
@@ -121,17 +138,31 @@ def _held(x: np.ndarray, moves: np.ndarray, equal: float, smallest: float, sd: f
             continue
         for k in own:
             a, b = int(starts[k]), int(starts[k] + lengths[k])
-            edge = max(abs(x[a] - x[a - 1]) if a else 0.0, abs(x[b] - x[b - 1]) if b < n else 0.0)
-            if least > STEPS * _resolution(x, float(x[a]), equal) and max(usual, edge) >= MATTERS * sd:
+            if least > STEPS * _resolution(x, float(x[a]), equal) and max(usual, _abrupt(x, a, b)) >= MATTERS * sd:
                 found.append((a, b))
+    changes = np.abs(np.diff(x)) > max(NOTABLE * typical, equal)
+    found = [(a, b) for a, b in found if a > 0 and _lively(changes, a, b)]
+    found = sorted({*found, *((int(starts[k]), int(starts[k] + lengths[k])) for k in np.flatnonzero(jumping))})
     ends = {e: sum(abs(x[a] - e) <= equal for a, _ in found) for e in (float(x.max()), float(x.min()))}
 
     def kind(a: int, b: int) -> str:
         at_end = any(many >= CLIPPED and abs(x[a] - e) <= equal for e, many in ends.items())
-        abrupt = max(abs(x[a] - x[max(a - 1, 0)]), abs(x[min(b, n - 1)] - x[b - 1])) > JUMP * typical
-        return "clipped" if at_end and not abrupt else "held"
+        return "clipped" if at_end and _abrupt(x, a, b) <= JUMP * typical else "held"
 
     return [Fault(a, b, kind(a, b), float(x[a])) for a, b in found]
+
+
+def _abrupt(x: np.ndarray, start: int, stop: int) -> float:
+    """The larger change with which a held value begins or ends."""
+    return max(abs(float(x[start] - x[max(start - 1, 0)])), abs(float(x[min(stop, x.size - 1)] - x[stop - 1])))
+
+
+def _lively(changes: np.ndarray, start: int, stop: int) -> bool:
+    """Whether the samples next to a held value change as often as is usual."""
+    n = stop - start
+    before, after = changes[max(start - n, 0) : start], changes[stop - 1 : stop - 1 + n]
+    usual = CHANGES_SHARE * (before.size + after.size) * float(changes.mean())
+    return int(before.sum() + after.sum()) >= max(CHANGES, usual)
 
 
 def _resolution(x: np.ndarray, value: float, equal: float) -> float:
@@ -145,10 +176,10 @@ def _resolution(x: np.ndarray, value: float, equal: float) -> float:
     return float(gaps.min()) if gaps.size >= 10 else 0.0
 
 
-def _jumps(step: np.ndarray, moves: np.ndarray, typical: float, sd: float, rate_hz: float) -> np.ndarray:
-    """Indices of steps (n - 1,) that are jumps."""
+def _jumps(step: np.ndarray, moves: np.ndarray, least: float, rate_hz: float) -> np.ndarray:
+    """Indices of steps (n - 1,) above ``least`` that are jumps."""
     size = np.abs(step)
-    found = np.flatnonzero(size > max(JUMP * typical, JUMP_MATTERS * sd))
+    found = np.flatnonzero(size > least)
     reach = max(NEAR, round(NEAR_S * rate_hz))
     near = []
     for k in found:

@@ -14,6 +14,7 @@ import xarray as xr
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.body_sheet import body_of
 from mcstudy.recordings.columns import LARGEST_FILE, NUMBER, Dialect, content
+from mcstudy.recordings.copies import equal_rows
 from mcstudy.recordings.frf import GAIN
 from mcstudy.recordings.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
 from mcstudy.recordings.guards import inside
@@ -181,7 +182,17 @@ def _rows(sheet: TableSheet, path: Path) -> tuple[list[str], list[tuple[str, ...
         if missing := [s for s in SEGMENTS if s not in own]:
             raise RecordingError(f"{path}: {', '.join((person, *condition))}: the row of {missing[0]} is missing")
         frf[people.index(person), conditions.index(condition)] = [own[s] for s in SEGMENTS]
+    _refuse_copies(people, conditions, frf, path)
     return people, conditions, frf
+
+
+def _refuse_copies(people: Sequence[str], conditions: Sequence[tuple[str, ...]], frf: np.ndarray, path: Path) -> None:
+    names = [", ".join((p, *c)) for p in people for c in conditions]
+    pair = equal_rows(frf.reshape(len(names), -1))
+    if pair is not None:
+        raise RecordingError(
+            f"{path}: {names[pair[1]]}: has the same responses as {names[pair[0]]}; expected every person once"
+        )
 
 
 def _columns(sheet: TableSheet, field: str, header: Sequence[str], path: Path) -> list[str]:

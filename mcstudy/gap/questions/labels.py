@@ -28,6 +28,7 @@ from mcstudy.gap.candidates.readings import READINGS, butterworth
 from mcstudy.gap.fits.base_fit import base_fit
 from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.fits.relabelled import Search
+from mcstudy.recordings.copies import CODE as COPY
 from mcstudy.recordings.recording import Recording, Suspicion
 from mcstudy.recordings.soundness import CODES
 from mcstudy.spectra.lines import Lines
@@ -59,7 +60,7 @@ judged by the fit."""
 CORNERS_HZ = (1.5, 3.0, 6.0)
 """Corners of these filters."""
 
-NOTED = (*dict.fromkeys(CODES.values()), "amplitude")
+NOTED = (*dict.fromkeys(CODES.values()), "amplitude", COPY)
 """Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording by its labels."""
 
 

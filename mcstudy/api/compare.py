@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
 from mcstudy.api.recordings import AnyRecording
-from mcstudy.errors import InputError
+from mcstudy.errors import InputError, RecordingError
 from mcstudy.group_comparison.compare import compare_groups
+from mcstudy.recordings.copies import equal_rows, refuse_copies
+from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
+from mcstudy.recordings.recording import Recording
 from mcstudy.report.comparison import ComparisonWithFigure
 from mcstudy.spectra.frf_points import group_of
 from mcstudy.stance.ranges import Range
@@ -26,7 +30,7 @@ def compare(
     paired: bool | None = None,
     names: tuple[str, str] = ("a", "b"),
     permutations: int = 999,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int = 1,
     seed: int = 0,
 ) -> ComparisonWithFigure:
@@ -46,7 +50,7 @@ def compare(
     permutations
         Relabellings of the groups in the tests.
     fmax, discard
-        Of recordings: highest frequency, Hz; cycles left out at the start.
+        Of recordings: highest frequency, Hz, 8 when None; cycles left out at the start.
     seed
         Random seed; the same seed gives the same numbers.
 
@@ -62,18 +66,45 @@ def compare(
         Groups have other points, other stimuli, or fewer than 4 people with all responses.
     """
     PERMUTATIONS.require(permutations, "permutations")
-    groups = [_group(given, name, fmax, discard) for given, name in ((a, "a"), (b, "b"))]
+    read = [_recordings(given, name) for given, name in ((a, "a"), (b, "b"))]
+    refuse_copies(
+        (f"{name}: {r.name}", r)
+        for name, given in zip(names, read, strict=True)
+        if not isinstance(given, xr.Dataset)
+        for r in given
+    )
+    groups = [_group(given, name, fmax, discard) for given, name in zip(read, ("a", "b"), strict=True)]
+    _refuse_equal(groups, names)
     return ComparisonWithFigure.of(compare_groups(groups[0], groups[1], paired, permutations, seed, names))
 
 
-def _group(given: xr.Dataset | Sequence[AnyRecording], where: str, fmax: float, discard: int) -> xr.Dataset:
+def _recordings(given: xr.Dataset | Sequence[AnyRecording], where: str) -> xr.Dataset | list[Recording | FrfRecording]:
     if isinstance(given, xr.Dataset):
         if missing := [name for name in ("frf", "average") if name not in given]:
             raise InputError(f"{where}: expected what read_frf_group returns, {', '.join(missing)} missing")
         return given
     if isinstance(given, str | Path) or not len(given):
         raise InputError(f"{where}: expected a group of FRFs or a list of recordings, got {given!r}")
-    read = [read_recording(r) if isinstance(r, str | Path) else r for r in given]
+    return [read_recording(r) if isinstance(r, str | Path) else r for r in given]
+
+
+def _refuse_equal(groups: Sequence[xr.Dataset], names: Sequence[str]) -> None:
+    """Raise `RecordingError` if two people have the same responses, in one group or in both."""
+    if groups[0]["frf"].shape[1:] != groups[1]["frf"].shape[1:]:
+        return
+    people = [f"{name}: {p}" for name, g in zip(names, groups, strict=True) for p in g["person"].values]
+    pair = equal_rows(np.concatenate([g["frf"].values for g in groups]))
+    if pair is not None:
+        raise RecordingError(
+            f"{people[pair[1]]}: has the same responses as {people[pair[0]]}; expected every person once"
+        )
+
+
+def _group(
+    read: xr.Dataset | Sequence[Recording | FrfRecording], where: str, fmax: float | None, discard: int
+) -> xr.Dataset:
+    if isinstance(read, xr.Dataset):
+        return read
     people = [str(getattr(r, "person", "") or r.name) for r in read]
     if twice := next((p for p in people if people.count(p) > 1), None):
         raise InputError(f"{where}: expected one recording of every person, got several of {twice!r}")

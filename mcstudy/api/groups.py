@@ -28,7 +28,7 @@ def fit_group(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: float = 0.95,
     model: Model | None = None,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
     seed: int = 0,

@@ -33,7 +33,7 @@ def diagnose(
     bootstrap: int | None = None,
     seed: int = 0,
     model: Model | None = None,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
 ) -> DiagnosisWithFigures:
@@ -53,7 +53,7 @@ def diagnose(
     model
         Base model; the two-segment model of the recording's body when None. None under several stimuli.
     fmax
-        Highest frequency used, Hz.
+        Highest frequency used, Hz. None for 8, or the last of a published response.
     discard
         Transient cycles left out at the start of every trial; None for one, or as many as the slowest oscillation of
         the fitted body needs to decay, at most half of a trial.
@@ -98,7 +98,7 @@ def next_trial(
     amplitudes: Mapping[str, Sequence[float]] | None = None,
     trials: Sequence[int] = (1, 2),
     cycles: int = 6,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
     seed: int = 0,
@@ -147,7 +147,7 @@ def fit(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: float = 0.95,
     model: Model | None = None,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
     seed: int = 0,
@@ -172,7 +172,7 @@ def fit(
     model
         The two-segment model of the recording's body when None. None under several stimuli.
     fmax
-        Highest frequency used, Hz.
+        Highest frequency used, Hz. None for 8, or the last of a published response.
     discard
         Transient cycles left out at the start of every trial; None for one, or as many as the slowest oscillation of
         the fitted body needs to decay, at most half of a trial.

@@ -177,7 +177,7 @@ def _write_page(args: argparse.Namespace, result: FitResult) -> None:
         *(w for b in args.bounds for w in ("--bounds", b)),
         *(w for code in args.accept for w in ("--accept", code)),
     ]
-    for name, default in (("level", 0.95), ("seed", 0), ("fmax", 8.0), ("discard", None), ("data", None)):
+    for name, default in (("level", 0.95), ("seed", 0), ("fmax", None), ("discard", None), ("data", None)):
         if getattr(args, name) != default:
             repeated += [f"--{name}", str(getattr(args, name))]
     command = shlex.join(["mcstudy", "fit", *map(str, args.recordings), *repeated, "--html", str(args.html)])

@@ -86,9 +86,7 @@ def _compare_arguments(compare: argparse.ArgumentParser) -> None:
     compare.add_argument("--permutations", type=int, default=999, metavar="N", help="relabellings of the tests (999)")
     compare.add_argument("--figure", type=Path, metavar="FILE", help="also draw both groups (.svg, .png or .pdf)")
     compare.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
-    compare.add_argument(
-        "--fmax", type=float, default=8.0, metavar="HZ", help="highest frequency of recordings (default 8)"
-    )
+    compare.add_argument("--fmax", type=float, metavar="HZ", help="highest frequency of recordings (default 8)")
     compare.add_argument(
         "--data", type=Path, metavar="DIR", help="folder of the data files named in a .toml (default: its own)"
     )
@@ -295,7 +293,7 @@ def _next_command(args: argparse.Namespace) -> str:
 def _given(args: argparse.Namespace, *own: tuple[str, Any]) -> list[str]:
     """How the recordings are read, and the verb's ``own`` options, where they differ from their defaults."""
     words = [w for code in args.accept for w in ("--accept", code)]
-    for name, default in (*own, ("seed", 0), ("fmax", 8.0), ("discard", None), ("data", None)):
+    for name, default in (*own, ("seed", 0), ("fmax", None), ("discard", None), ("data", None)):
         if getattr(args, name) != default:
             words += [f"--{name}", str(getattr(args, name))]
     return words

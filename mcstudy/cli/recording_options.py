@@ -23,7 +23,12 @@ def add_recording_arguments(parser: argparse.ArgumentParser, nargs: str = "+") -
         help="recording: .nc, .zarr, .toml or .csv (your own data: `mcstudy help recordings`)",
     )
     parser.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
-    parser.add_argument("--fmax", type=float, default=8.0, metavar="HZ", help="highest frequency used (default 8)")
+    parser.add_argument(
+        "--fmax",
+        type=float,
+        metavar="HZ",
+        help="highest frequency used (default 8, or the last of a published response)",
+    )
     parser.add_argument(
         "--discard",
         type=int,

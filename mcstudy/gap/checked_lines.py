@@ -8,12 +8,14 @@ from dataclasses import replace
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.gap.questions.labels import merged, plausibility, refuse
 from mcstudy.recordings.checks import check
+from mcstudy.recordings.copies import numbered, refuse_copies
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refuse_other_body
 from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.soundness import with_left_out
 from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines
-from mcstudy.spectra.measure import measure, require_noise, up_to, wide_lines
+from mcstudy.spectra.measure import highest, measure, require_noise, up_to, wide_lines
 from mcstudy.stance.feedback import Model
 
 Discard = int | tuple[int, ...]
@@ -69,19 +71,30 @@ def given_model(model: Model | None, recording: AnyRecording, lines: Lines) -> M
 
 def checked_lines(
     recording: AnyRecording | Sequence[Recording | FrfRecording],
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: Discard = 1,
     accept: Iterable[str] = (),
 ) -> tuple[AnyRecording, Lines]:
     """All trials as one recording, with its data quality warnings in ``suspicions``, and its lines.
 
     Parameters as in `mcstudy.gap.diagnose.diagnose`; ``discard`` may state a number for every part of a joint
-    recording, whose parts are checked one by one. Raises `RecordingError` for a recording that cannot be analysed, and
-    for channels that are certainly mislabelled unless their code is in ``accept``.
+    recording, whose parts are checked one by one. Raises `RecordingError` for a recording that cannot be analysed, for
+    one that is there twice, and for channels that are certainly mislabelled unless their code is in ``accept``.
     """
-    one = pooled(recording)
+    found = _checked(pooled(recording), fmax, discard, accept)
+    if not isinstance(recording, AnyRecording):
+        refuse_copies(numbered(recording), accept)
+    elif not isinstance(recording, FrfRecording):
+        parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
+        refuse_copies(numbered(parts), accept)
+    return found
+
+
+def _checked(
+    one: AnyRecording, fmax: float | None, discard: Discard, accept: Iterable[str]
+) -> tuple[AnyRecording, Lines]:
     if isinstance(one, JointRecording):
-        checked = [checked_lines(p, fmax, discarded(discard, k), accept) for k, p in enumerate(one.parts)]
+        checked = [_checked(p, fmax, discarded(discard, k), accept) for k, p in enumerate(one.parts)]
         parts = tuple(p for p, _ in checked if isinstance(p, Recording))
         return JointRecording(parts), joined([lines for _, lines in checked])
     discard = discarded(discard, 0)
@@ -90,6 +103,8 @@ def checked_lines(
         require_noise(lines, one.name)
         return one, lines
     noted = check(one)
+    one = with_left_out(one, accept, discard)
+    fmax = highest(one, fmax)
     wide = wide_lines(one, fmax, discard)
     lines = up_to(fmax, wide, one.name)
     require_noise(lines, one.name)

@@ -15,6 +15,7 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.asked import EVERYTHING, Asked
 from mcstudy.gap.candidates.scores import Scores
+from mcstudy.gap.candidates.unknown import LENGTHS
 from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
@@ -32,6 +33,7 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.measure import highest
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 
@@ -50,7 +52,7 @@ def diagnose(
     bootstrap: int = BOOTSTRAP,
     seed: int = 0,
     model: Model | None = None,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
     asked: Asked = EVERYTHING,
@@ -63,7 +65,7 @@ def diagnose(
         pooled, others diagnosed together, each with the noise that was measured in it.
     bootstrap: number of null samples. seed: seed of all random numbers.
     model: base model; by default the two-segment model of the recording's body. None under several stimuli.
-    fmax: highest frequency, Hz. discard: transient cycles left out at the start of every trial; None for one, or as
+    fmax: highest frequency, Hz; None for 8, or the last of a published response. discard: transient cycles left out at the start of every trial; None for one, or as
         many as the slowest oscillation of the fitted body needs (`mcstudy.gap.settling`).
     accept: codes of suspicions about mislabelled channels. For these the labels are kept.
     asked: the questions that are answered; the results of the others are None.
@@ -81,7 +83,7 @@ def diagnose_fast(
     *,
     seed: int = 0,
     model: Model | None = None,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
     asked: Asked = EVERYTHING,
@@ -95,7 +97,7 @@ def detect_fast(
     *,
     seed: int = 0,
     model: Model | None = None,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
 ) -> GapTest:
@@ -111,7 +113,7 @@ class _Settings:
     refits: bool
     seed: int
     model: Model | None
-    fmax: float
+    fmax: float | None
     discard: int | None
     accept: Iterable[str]
     asked: Asked = EVERYTHING
@@ -152,15 +154,12 @@ def _diagnose(recording: AnyRecording | Sequence[Recording | FrfRecording], by: 
         labels=None if isinstance(one, FrfRecording) else _labels(one, lines, known),
         asked=by.asked,
     )
-    if not isinstance(one, FrfRecording):
-        warnings = tuple(s.message for s in one.suspicions)
-    else:
-        warnings = ("only one angle was published, so the hip is not tested",) if one.single else ()
+    warnings = () if isinstance(one, FrfRecording) else tuple(s.message for s in one.suspicions)
     return replace(
         outcome,
         recording=one,
         warnings=(*warnings, *outcome.warnings),
-        method={**outcome.method, "fmax": by.fmax, "discard": left_out},
+        method={**outcome.method, "fmax": highest(one, by.fmax), "discard": left_out},
     )
 
 
@@ -284,10 +283,9 @@ def _closed(
 
 
 def _space(scores: Scores) -> np.ndarray:
-    """(4 N, M) columns that span the signatures of the library and the smooth deviations."""
-    return np.concatenate(
-        [*(s.vector[:, None] for s in scores.library), *(f.columns for f in scores.families[:4])], axis=1
-    )
+    """(4 N, M) columns that span the signatures of the library and the smooth deviations, of the shortest length."""
+    shortest = scores.families[: len(scores.families) // len(LENGTHS)]
+    return np.concatenate([*(s.vector[:, None] for s in scores.library), *(f.columns for f in shortest)], axis=1)
 
 
 def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict[str, float | None]:

@@ -46,7 +46,8 @@ def _cycles(recording: Recording | FrfRecording, model: Model, theta: np.ndarray
     period_s, root = _oscillation(recording, model, theta)
     if root is None:
         return 1
-    most = max(1, min(recording.cycles) // 2) if isinstance(recording, Recording) else 1
+    sound = [len(c) for c in recording.analysed(0)] if isinstance(recording, Recording) else []
+    most = max(1, min(sound, default=0) // 2)
     if root.real >= 0:
         return most
     return int(np.clip(math.ceil(math.log(OVER) / (root.real * period_s)), 1, most))

@@ -109,7 +109,7 @@ def _searched(fitter: Fitter, packed: np.ndarray, starts: np.ndarray) -> list[Mi
     stable = (growth_rate(fitter.model, last.estimate) < 0).reshape(R, m)
     out = []
     for r in range(R):
-        stood = standing(stable[r], chi2[r], packed.shape[1] // 8)
+        stood = standing(stable[r], chi2[r], packed.shape[1] // 2)
         best, hits = distinct(np.where(stood, chi2[r], np.inf) if stood.any() else chi2[r], 1)
         at = best + m * r
         out.append(

@@ -29,6 +29,7 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import AnyRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.measure import highest
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
@@ -43,7 +44,7 @@ def fit(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: float = 0.95,
     model: Model | None = None,
-    fmax: float = 8.0,
+    fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
     seed: int = 0,
@@ -67,7 +68,7 @@ def fit(
         left_out = needed
         one, nominal, result = fitted(left_out)
     noted = () if isinstance(one, FrfRecording) else tuple(s.message for s in one.suspicions)
-    method = {**result.method, "fmax": fmax, "discard": left_out}
+    method = {**result.method, "fmax": highest(one, fmax), "discard": left_out}
     start = unsettled(one, result.model, result.theta, left_out)
     result = replace(result, recording=one, warnings=(*noted, *result.warnings, *start), method=method)
     return complete(result, one, nominal, _base(nominal, bounds or {}), wanted)
@@ -96,8 +97,11 @@ def fit_lines(
     if not 0.5 <= level < 1:
         raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
     model = bounded(apply(nominal, *effects), nominal, bounds or {})
-    if 4 * len(lines) <= len(model.parameters):
-        raise RecordingError(f"{name}: expected more than {len(model.parameters) // 4} lines, got {len(lines)}")
+    numbers = 2 * model.n_angles  # of one line
+    if numbers * len(lines) <= len(model.parameters):
+        raise RecordingError(
+            f"{name}: expected more than {len(model.parameters) // numbers} {lines.unit}s, got {len(lines)}"
+        )
     data, of = Data.of(lines), quantities(model, wanted)
     fitter = Fitter(model, without_prior(model, nominal), lines.f)
     minima = search(fitter, data, seed)

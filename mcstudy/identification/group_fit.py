@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mcstudy.errors import InputError, McstudyError
+from mcstudy.errors import InputError, McstudyError, RecordingError
 from mcstudy.identification.fit import fit
 from mcstudy.identification.group import combine
 from mcstudy.identification.group_result import GroupResult
 from mcstudy.identification.people import Member
 from mcstudy.identification.result import FitResult
+from mcstudy.recordings.copies import refuse_copies
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
+from mcstudy.recordings.joint import JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.fan_out import fan_out
@@ -49,6 +51,7 @@ def fit_members(
     if not members:
         raise InputError("recordings: expected at least one")
     _checked(members, settings)
+    _refuse_copies(members, data, settings.get("accept", ()))
 
     def one(k: int) -> FitResult | _Failure:
         return _fit(members[k], data, settings)
@@ -72,6 +75,27 @@ def _checked(members: Sequence[Member[Known]], settings: Mapping[str, Any]) -> N
     level = settings.get("level", 0.95)
     if not 0.5 <= level < 1:
         raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
+
+
+def _refuse_copies(members: Sequence[Member[Known]], data: Path | None, accept: Iterable[str]) -> None:
+    """Raise `RecordingError` for a file that is named twice, or for data that are there twice; what cannot be read is
+    the business of the fits."""
+    named: list[tuple[str, Recording | FrfRecording]] = []
+    paths: dict[Path, str] = {}
+    for m in members:
+        for k, item in enumerate(m.items, start=1):
+            name = f"{item} ({m.name})" if isinstance(item, Path) else f"{m.name}{f', {k}' if len(m.items) > 1 else ''}"
+            if isinstance(item, Path):
+                if (first := paths.setdefault(item.resolve(), name)) is not name:
+                    raise RecordingError(f"people: {name}: the same file as {first}; expected every file once")
+                try:
+                    item = read_recording(item, data)
+                except McstudyError:
+                    continue
+            recording = item.recording if isinstance(item, FitResult) else item
+            parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
+            named += [(name, r) for r in parts if isinstance(r, Recording | FrfRecording)]
+    refuse_copies(named, accept, "people")
 
 
 def _fit(member: Member[Known], data: Path | None, settings: Mapping[str, Any]) -> FitResult | _Failure:

@@ -113,7 +113,7 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
         enough = waterfall.size >= least and unseen(found, waterfall.size) < MISSED
         if enough or first + BATCH >= MOST:
             theta = np.concatenate([f.estimate for f in fits])
-            stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], len(data.f))
+            stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], 2 * model.n_angles * len(data.f))
             if stood.any() or waterfall.size >= PATIENCE:
                 break
     for _ in range(ROUNDS):
@@ -123,7 +123,7 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
         begun += len(fits[0].chi2)
         chi2, best, hits = _minima(fits, begun)
         theta = np.concatenate([f.estimate for f in fits])
-        stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], len(data.f))
+        stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], 2 * model.n_angles * len(data.f))
         if chi2[best[stood][0] if stood.any() else best[0]] > below - APART:
             break
     information = np.concatenate([f.information for f in fits])
@@ -145,19 +145,19 @@ def _across(fitter: Fitter, data: Data, theta: np.ndarray, chi2: float) -> Penal
     Minima that fit about as well often lie in one long valley with low passes, and few random starts end in each.
     """
     P = theta.size
-    height = np.full(2 * P, PASS * max(1.0, chi2 / (4 * len(data.f))))
+    height = np.full(2 * P, PASS * max(1.0, chi2 / (2 * fitter.model.n_angles * len(data.f))))
     outwards = np.concatenate([np.eye(P), -np.eye(P)])
     ends = fitter.ends(data.packed, np.tile(theta, (2 * P, 1)), outwards, chi2 + height, height, tolerance=ROUGH)
     return _converged(fitter, data, ends.estimate)
 
 
-def standing(stable: np.ndarray, chi2: np.ndarray, lines: int) -> np.ndarray:
+def standing(stable: np.ndarray, chi2: np.ndarray, values: int) -> np.ndarray:
     """Which minima (K,) are a person's who stood: the ``stable`` ones; none unless one of them is near the lowest.
 
-    ``chi2``: (K,) deviances of fits to so many ``lines``.
+    ``chi2``: (K,) deviances of fits to so many real ``values``.
     """
     lowest = chi2.min()
-    reach = REACH * max(1.0, lowest / (4 * lines))
+    reach = REACH * max(1.0, lowest / values)
     return np.asarray(stable & (stable & (chi2 < lowest + reach)).any())
 
 

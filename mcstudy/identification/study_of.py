@@ -47,13 +47,16 @@ def study_of(fitted: FitResult, name: str, *, realizations: int = 100, starts: i
     stimulus, amplitude = stimulus_of(recording, fitted)
     noise = noise_of(fitted)
     model, R = fitted.model, len(fitted.lines.repeats)
+    fmax = float(fitted.method["fmax"])
     what = f"the experiment of {fitted.name}, with its estimate as truth"
+    if fmax > HIGHEST_HZ:
+        what += f"; fits up to {HIGHEST_HZ:g} Hz, where that of the person used lines up to {fmax:g} Hz"
     begun: Study = Study.from_python(name, seed=seed, description=what)
     return begun.group(
         "experiment",
         realizations=realizations,
         starts=starts,
-        fmax=[min(float(fitted.method["fmax"]), HIGHEST_HZ)],
+        fmax=[min(fmax, HIGHEST_HZ)],
         amplitude=[float(f"{amplitude:.6g}")],
         model={
             "truth": {n: float(v) for n, v in zip(model.names, fitted.theta, strict=True)},

@@ -55,7 +55,7 @@ def with_unit(e: Estimate) -> str:
 def text(r: FitResult) -> str:
     """Tables, then sentences."""
     tables = [as_text(t) for t in (estimates(r), help_needed(r)) if t is not None]
-    heading = f"{r.name}: {len(r.lines)} lines up to {r.lines.f.max():.3g} Hz"
+    heading = f"{r.name}: {len(r.lines)} {r.lines.unit}s up to {r.lines.f.max():.3g} Hz"
     return "\n\n".join([heading, *tables, "\n".join(sentences(r))])
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.columns import LARGEST_NUMBER
+from mcstudy.recordings.faults import stimulus_faults
 from mcstudy.recordings.recording import (
     MINIMUM_CYCLES,
     MOST_CYCLES,
@@ -22,6 +23,7 @@ from mcstudy.recordings.recording import (
     Suspicion,
     Trial,
 )
+from mcstudy.recordings.soundness import faults_in_words
 from mcstudy.stance.ranges import LARGEST_TILT
 
 SMALLEST_SWAY = 1e-9
@@ -41,9 +43,6 @@ PERIODIC = 0.05
 
 AMPLITUDE = 0.10
 """Largest accepted relative difference between stated and measured amplitude; nominal values are rounded."""
-
-STUCK_S = 2.0
-"""An angle that is constant for longer than this, s, indicates a stuck sensor."""
 
 CLOCK_SHARE = 0.05
 """Largest relative difference of two clocks that is looked for."""
@@ -122,7 +121,7 @@ def check(recording: Recording) -> tuple[Suspicion, ...]:
         if np.array_equal(trial.theta[:, 0], trial.theta[:, 1]):
             raise RecordingError(f"{where}: theta2: identical to theta1")
         _ranges(recording, trial, where)
-        suspicions += _stuck(recording, trial, where)
+        suspicions += faults_in_words(recording, trial, where)
         _periodic(recording, trial, where)
         suspicions += _amplitude(recording, trial, where)
     _clock(recording)
@@ -172,17 +171,6 @@ def _ranges(recording: Recording, trial: Trial, where: str) -> None:
         )
 
 
-def _stuck(recording: Recording, trial: Trial, where: str) -> list[Suspicion]:
-    found = []
-    for c, name in enumerate(("theta1", "theta2")):
-        changes = np.flatnonzero(np.diff(trial.theta[:, c]) != 0)
-        edges = np.concatenate([[0], changes + 1, [trial.samples]])
-        longest = np.diff(edges).max() / recording.rate_hz
-        if longest > STUCK_S:
-            found.append(Suspicion("stuck", name, f"{where}: {name}: is constant for {longest:.1f} s"))
-    return found
-
-
 def _periodic(recording: Recording, trial: Trial, where: str) -> None:
     period = recording.period
     if period is None or recording.period_s is None:
@@ -198,11 +186,12 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
             f"{where}: period_s: expected at most {MOST_CYCLES} cycles of {recording.period_s:g} s, got {cycles:.0f}; "
             "leave period_s out, or cut the trial"
         )
-    u = trial.stimulus - trial.stimulus.mean()
+    u = _sound(trial.stimulus, period, recording.rate_hz)
+    u = u - u.mean()
     size = np.sqrt(np.mean(u**2))
     difference = np.sqrt(np.mean((u[period:] - u[:-period]) ** 2) / 2) / size
     if difference > PERIODIC:
-        found = _true_period(u)
+        found = _true_period(trial.stimulus - trial.stimulus.mean())
         hint = f"it repeats every {found / recording.rate_hz:g} s" if found else "no period found; leave period_s out"
         raise RecordingError(
             f"{where}: period_s: the stimulus does not repeat every {recording.period_s:g} s "
@@ -215,6 +204,13 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
                 f"{where}: period_s: {recording.period_s:g} s contains {divisor} periods of the stimulus; "
                 f"expected {recording.period_s / divisor:g} s"
             )
+
+
+def _sound(u: np.ndarray, period: int, rate_hz: float) -> np.ndarray:
+    """The whole cycles of a stimulus (n,), without those that hold a fault."""
+    bad = {c for f in stimulus_faults(u, period, rate_hz) for c in range(f.start // period, (f.stop - 1) // period + 1)}
+    n = u.size // period
+    return u[: n * period].reshape(n, period)[[c for c in range(n) if c not in bad]].ravel()
 
 
 def _clock(recording: Recording) -> None:

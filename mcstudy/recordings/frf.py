@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mcstudy.errors import RecordingError
+from mcstudy.recordings.polar import response
 from mcstudy.recordings.recording import LEAST_LINES
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment
@@ -64,7 +65,7 @@ class FrfRecording(Summary):
         f, y, C, name = self.f, self.y, self.C, self.name
         n = f.size
         if f.shape != (n,) or y.shape != (n, 2) or C.shape != (n, 2, 2) or n < LEAST_LINES:
-            raise RecordingError(f"{name}: expected at least {LEAST_LINES} lines, f (N,), y (N, 2), C (N, 2, 2)")
+            raise RecordingError(f"{name}: expected at least {LEAST_LINES} points, f (N,), y (N, 2), C (N, 2, 2)")
         for label, values in (("f", f), ("y", y), ("C", C)):
             if not np.isfinite(values).all():
                 raise RecordingError(f"{name}: {label}: a value is not finite")
@@ -92,7 +93,7 @@ class FrfRecording(Summary):
         facts = [
             ("name", shortened(self.name)),
             ("stimulus", self.stimulus),
-            ("lines", f"{f.size}, {f[0]:.4g} to {f[-1]:.4g} Hz" if f.size else "0"),
+            ("points", f"{f.size}, {f[0]:.4g} to {f[-1]:.4g} Hz" if f.size else "0"),
             ("angles", "theta1" if self.single else "theta1, theta2"),
             ("body", f"m g h = {self.body.mgh:.4g} N m/rad"),
         ]
@@ -128,10 +129,14 @@ def frf_of_columns(
         if f"re{k}" in columns:
             y[:, k - 1] = scale * (need(f"re{k}") + 1j * need(f"im{k}"))
         else:
-            y[:, k - 1] = scale * need(f"gain{k}") * np.exp(1j * np.deg2rad(need(f"phase{k}")))
+            names = f"gain{k}", f"phase{k}"
+            y[:, k - 1] = scale * response(need(names[0]), need(names[1]), name, names)
         sd = need(f"sd{k}")
         if not (sd > 0).all():
-            raise RecordingError(f"{name}: sd{k}: expected positive numbers, got {sd[~(sd > 0)][0]:g}")
+            raise RecordingError(
+                f"{name}: sd{k}: expected positive numbers, got {sd[~(sd > 0)][0]:g}; it is the standard error of the "
+                "complex response, in the unit of the gain"
+            )
         C[:, k - 1, k - 1] = (scale * sd) ** 2
     if not single and "c12_re" in columns:
         C[:, 0, 1] = scale**2 * (need("c12_re") + 1j * need("c12_im"))

@@ -14,10 +14,12 @@ import xarray as xr
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.body_sheet import body_of
 from mcstudy.recordings.columns import LARGEST_FILE, NUMBER, Dialect, content
+from mcstudy.recordings.copies import equal_rows
 from mcstudy.recordings.frf import GAIN
 from mcstudy.recordings.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
 from mcstudy.recordings.guards import inside
 from mcstudy.recordings.lab_files import Files
+from mcstudy.recordings.polar import response
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, Body
 
@@ -169,7 +171,8 @@ def _rows(sheet: TableSheet, path: Path) -> tuple[list[str], list[tuple[str, ...
         own = found.setdefault(key, {})
         if segment in own:
             raise RecordingError(f"{path}: line {number}: a second row of {', '.join((key[0], *key[1], segment))}")
-        own[segment] = _complex({name: _numbers(row, of, path, number) for name, of in columns.items()})
+        values = {name: _numbers(row, of, path, number) for name, of in columns.items()}
+        own[segment] = _complex(values, f"{path}: line {number}")
     people = list(dict.fromkeys(person for person, _ in found))
     conditions = list(dict.fromkeys(condition for _, condition in found))
     if not people:
@@ -179,7 +182,17 @@ def _rows(sheet: TableSheet, path: Path) -> tuple[list[str], list[tuple[str, ...
         if missing := [s for s in SEGMENTS if s not in own]:
             raise RecordingError(f"{path}: {', '.join((person, *condition))}: the row of {missing[0]} is missing")
         frf[people.index(person), conditions.index(condition)] = [own[s] for s in SEGMENTS]
+    _refuse_copies(people, conditions, frf, path)
     return people, conditions, frf
+
+
+def _refuse_copies(people: Sequence[str], conditions: Sequence[tuple[str, ...]], frf: np.ndarray, path: Path) -> None:
+    names = [", ".join((p, *c)) for p in people for c in conditions]
+    pair = equal_rows(frf.reshape(len(names), -1))
+    if pair is not None:
+        raise RecordingError(
+            f"{path}: {names[pair[1]]}: has the same responses as {names[pair[0]]}; expected every person once"
+        )
 
 
 def _columns(sheet: TableSheet, field: str, header: Sequence[str], path: Path) -> list[str]:
@@ -207,8 +220,8 @@ def _numbers(row: dict[str, str], names: Sequence[str], path: Path, number: int)
     return np.array([float(row[name]) for name in names])
 
 
-def _complex(values: dict[str, np.ndarray]) -> np.ndarray:
+def _complex(values: dict[str, np.ndarray], where: str) -> np.ndarray:
     """FRF from gain and phase in deg, or from both parts."""
     if "gain" in values:
-        return np.asarray(values["gain"] * np.exp(1j * np.deg2rad(values["phase"])))
+        return response(values["gain"], values["phase"], where)
     return np.asarray(values["real"] + 1j * values["imaginary"])

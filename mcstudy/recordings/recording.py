@@ -30,6 +30,9 @@ EXPECTED = (
 MINIMUM_CYCLES = 3
 """Fewest periods of a periodic stimulus that can be analysed (one is lost to the transient)."""
 
+LEAST_CYCLES = 2
+"""Fewest cycles of a trial that are analysed."""
+
 LEAST_LINES = 4
 """Fewest lines that can be analysed."""
 
@@ -93,11 +96,14 @@ class Trial(Summary):
         (n, 2), rad: theta1, the lower body in space, and theta2, the hip angle.
     amplitude
         Amplitude as stated for the trial, in the unit of the stimulus, or None.
+    left_out
+        Cycles, from 0, that are not analysed because a signal is unsound in them (`mcstudy.recordings.soundness`).
     """
 
     stimulus: np.ndarray
     theta: np.ndarray
     amplitude: float | None = None
+    left_out: tuple[int, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -238,6 +244,13 @@ class Recording(Summary):
         """Whole periods in every trial; zeros when the stimulus is not periodic."""
         period = self.period
         return tuple(t.samples // period if period else 0 for t in self.trials)
+
+    def analysed(self, discard: int) -> tuple[tuple[int, ...], ...]:
+        """Cycles of every trial, from 0, without the first ``discard`` and those left out."""
+        return tuple(
+            tuple(c for c in range(discard, n) if c not in t.left_out)
+            for t, n in zip(self.trials, self.cycles, strict=True)
+        )
 
     @property
     def duration_s(self) -> float:

@@ -59,7 +59,12 @@ def filled(values: np.ndarray, longest: int, where: str, rate_hz: float) -> tupl
             f"{(ends[k] - starts[k]) / rate_hz:g} s {place} is not filled"
             + ("" if longest else "; to interpolate short gaps, state fill_gaps_s")
         )
+    return interpolated(values, bad), int(bad.sum())
+
+
+def interpolated(values: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """Values (n,) with those in ``gap`` (n,), bool, replaced by a monotone cubic through the others (pchip)."""
     from scipy.interpolate import PchipInterpolator
 
     at = np.arange(values.size)
-    return np.where(bad, PchipInterpolator(at[~bad], values[~bad])(at), values), int(bad.sum())
+    return np.where(gap, PchipInterpolator(at[~gap], values[~gap])(at), values)

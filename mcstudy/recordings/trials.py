@@ -9,11 +9,13 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.checks import rate_of
+from mcstudy.recordings.faults import angle_faults
 from mcstudy.recordings.lab_files import Files
 from mcstudy.recordings.markers import space_angles
 from mcstudy.recordings.recording import MOST_TRIALS, RATE_HZ, Trial, refuse_size
 from mcstudy.recordings.resample import METHOD, filled, resampled
 from mcstudy.recordings.sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
+from mcstudy.recordings.soundness import FILLABLE, without_gaps
 from mcstudy.recordings.units import factor, known
 from mcstudy.recordings.variables import Picked
 from mcstudy.stance.body import STIMULI
@@ -114,7 +116,9 @@ def _notes(sheet: Sheet, trials: Sequence[tuple[Series, ...]], rate: float) -> t
             f"{' + '.join(m.shoulder)} minus theta1; forward {m.forward}, up {m.up}"
         )
     if gaps := sum(s.missing for parts in trials for s in parts):
-        notes.append(f"{gaps} missing values interpolated (monotone cubic, gaps up to {sheet.fill_gaps_s:g} s)")
+        notes.append(
+            f"{gaps} missing, held or jumping values interpolated (monotone cubic, gaps up to {sheet.fill_gaps_s:g} s)"
+        )
     return tuple(notes)
 
 
@@ -123,6 +127,8 @@ def _trial(sheet: Sheet, trial: TrialSheet, parts: tuple[Series, ...], rate: flo
     done = []
     for s in parts:
         same = abs(s.rate_hz / rate - 1) <= SAME_RATE
+        if not same and s.channel != "stimulus":
+            _require_whole(s, where)
         done.append(s.values if same else resampled(s.values, s.rate_hz, rate, f"{where}: {s.channel}"))
     shortest = min(v.size for v in done)
     for s, values in zip(parts, done, strict=True):
@@ -134,6 +140,22 @@ def _trial(sheet: Sheet, trial: TrialSheet, parts: tuple[Series, ...], rate: flo
     target = STIMULI[sheet.stimulus]
     per = factor(sheet.units.stimulus or target, target, f"{where}: amplitude")
     return Trial(stimulus, np.column_stack([theta1, hip]), None if trial.amplitude is None else per * trial.amplitude)
+
+
+def _require_whole(series: Series, where: str) -> None:
+    """Raise `RecordingError` for an angle with a gap or a jump: a filter would spread it, and nobody could see it."""
+    if not np.isfinite(series.values).all():
+        return
+    found = angle_faults(series.values, series.rate_hz)
+    if not found:
+        return
+    first, longest = found[0], max((f.stop - f.start) / series.rate_hz for f in found)
+    fill = all(f.kind in FILLABLE for f in found)
+    raise RecordingError(
+        f"{where}: {series.channel}: {len(found)} gaps or jumps (held values, spikes, steps), the first at "
+        f"t = {first.start / series.rate_hz:.4g} s, the longest of {longest:.2g} s, which resampling would spread; "
+        + (f"state fill_gaps_s (--fill-gaps {np.ceil(100 * longest) / 100:g})" if fill else "import at one common rate")
+    )
 
 
 def _series(sheet: Sheet, trial: TrialSheet, files: Files, where: str) -> list[tuple[Series, ...]]:
@@ -251,6 +273,9 @@ def _converted(sheet: Sheet, name: str, channel: Channel, found: Picked, time: f
     values, missing = found.values if scale == 1.0 else found.values * scale, 0
     if sheet.fill_gaps_s:
         values, missing = filled(values, int(sheet.fill_gaps_s * rate), where, rate)
+        if name != "stimulus":
+            values, more = without_gaps(values, rate, sheet.fill_gaps_s)
+            missing += more
     return Series(name, found.name, unit, scale, values, rate, missing)
 
 

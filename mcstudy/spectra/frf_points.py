@@ -21,7 +21,7 @@ POINTS = 12
 
 
 def group_of(
-    recordings: Sequence[Recording | FrfRecording], people: Sequence[str], fmax: float = 8.0, discard: int = 1
+    recordings: Sequence[Recording | FrfRecording], people: Sequence[str], fmax: float | None = None, discard: int = 1
 ) -> xr.Dataset:
     """What `mcstudy.read_frf_group` returns, one condition, from one recording of every person.
 

@@ -22,12 +22,14 @@ class LineNoise(Summary):
     pooling: how the estimates at neighbouring lines share data; None for a known covariance.
     parts: the noises of independent recordings whose lines follow one another in ``C``, each with a pooling of its
         own; empty for one recording.
+    angles: how many were measured, 1 or 2. Of an angle that was not, ``C`` is one, and errors of it are zero.
     """
 
     C: np.ndarray
     dof: np.ndarray
     pooling: Pooling | None = None
     parts: tuple[LineNoise, ...] = ()
+    angles: int = 2
 
     @classmethod
     def joined(cls, parts: Sequence[LineNoise]) -> LineNoise:
@@ -64,14 +66,14 @@ class LineNoise(Summary):
         if self.parts:
             drawn = [p.draw(rng, n).reshape(2, -1, n) for p in self.parts]  # real parts, then imaginary
             return np.concatenate(drawn, axis=1).reshape(-1, n)
-        return NullDraws(self.dof, self.pooling)(rng, n)
+        return NullDraws(self.dof, self.pooling, self.angles)(rng, n)
 
     def joint_draws(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Errors and estimates of their precision together; see `NullDraws.joint`."""
         if self.parts:
             errors, roots = zip(*(p.joint_draws(rng, n) for p in self.parts), strict=True)
             return np.concatenate(errors), np.concatenate(roots)
-        return NullDraws(self.dof, self.pooling).joint(rng, n)
+        return NullDraws(self.dof, self.pooling, self.angles).joint(rng, n)
 
     @property
     def definite(self) -> bool:
@@ -100,7 +102,8 @@ class LineNoise(Summary):
         """At some of the lines, (N,) bool."""
         if self.parts:
             return LineNoise.joined([p.at(k) for p, k in zip(self.parts, self._by_part(keep), strict=True)])
-        return LineNoise(self.C[keep], self.dof[keep], None if self.pooling is None else self.pooling.at_lines(keep))
+        pooling = None if self.pooling is None else self.pooling.at_lines(keep)
+        return replace(self, C=self.C[keep], dof=self.dof[keep], pooling=pooling)
 
     def _by_part(self, values: np.ndarray) -> list[np.ndarray]:
         """Values of the lines, (N,), by part."""

@@ -70,7 +70,8 @@ class Lines(Summary):
         square 2 power |y|^2 per angle (for segments: the power of the band that belongs to the line).
     even: the lines that are not excited, or None.
     harmonic: (N,) harmonic number of each line, None when not periodic.
-    notes: sentences about noise that is not as assumed, without a full stop.
+    notes: sentences about what is left out, and about noise that is not as assumed, without a full stop.
+    published: whether these are the points of a published response, not lines that were measured here.
     """
 
     f: np.ndarray
@@ -85,6 +86,7 @@ class Lines(Summary):
     even: EvenLines | None = None
     harmonic: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    published: bool = False
 
     def __len__(self) -> int:
         return int(self.f.size)
@@ -104,6 +106,11 @@ class Lines(Summary):
         """Where the lines of each part are."""
         ends = np.cumsum((0, *self.counts))
         return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+
+    @property
+    def unit(self) -> str:
+        """What one of them is called."""
+        return "point" if self.published else "line"
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""

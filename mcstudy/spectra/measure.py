@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.frf import FrfRecording
+from mcstudy.recordings.joint import JointRecording
 from mcstudy.recordings.recording import LEAST_LINES, Recording
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines
@@ -18,6 +20,9 @@ from mcstudy.spectra.unequal_trials import with_unequal_trials
 
 LARGE_DOF = 1e6
 """Degrees of freedom of a published covariance, which was not estimated here."""
+
+FMAX_HZ = 8.0
+"""Highest frequency of a recording that is used unless another is wanted. Of a published response it is its last."""
 
 NOISE_HZ = 8.0
 """Lines are measured up to this frequency, even if fewer are wanted. The autoregression that whitens their noise
@@ -35,12 +40,20 @@ LEAST_NOISE_OF_A_LINE = 1e-8
 """The same for any single line."""
 
 
-def measure(recording: Recording | FrfRecording, fmax: float = 8.0, discard: int = 1) -> Lines:
-    """Lines of a recording up to ``fmax`` (Hz); ``discard`` transient cycles are left out of a periodic one.
+def highest(recording: Recording | FrfRecording | JointRecording, fmax: float | None) -> float:
+    """The highest frequency used, Hz: ``fmax``, or when None `FMAX_HZ`, or the last of a published response."""
+    if fmax is not None:
+        return fmax
+    return float(recording.f[-1]) if isinstance(recording, FrfRecording) else FMAX_HZ
+
+
+def measure(recording: Recording | FrfRecording, fmax: float | None = None, discard: int = 1) -> Lines:
+    """Lines of a recording up to ``fmax`` (Hz, see `highest`); ``discard`` transient cycles are left out.
 
     A periodic stimulus gives its excited lines, any other the lines of overlapping segments, a published FRF itself.
     Raises `RecordingError` when the recording is too short, or has fewer than `LEAST_LINES` lines up to ``fmax``.
     """
+    fmax = highest(recording, fmax)
     return up_to(fmax, wide_lines(recording, fmax, discard), recording.name)
 
 
@@ -61,12 +74,19 @@ def wide_lines(recording: Recording | FrfRecording, fmax: float, discard: int) -
 
 def up_to(fmax: float, lines: Lines, name: str) -> Lines:
     """``lines`` up to ``fmax`` (Hz); raises `RecordingError` when they are fewer than `LEAST_LINES`."""
-    lines = lines.below(fmax)
-    if len(lines) < LEAST_LINES:
+    kept = lines.below(fmax)
+    if len(kept) < LEAST_LINES:
         raise RecordingError(
-            f"{name}: expected at least {LEAST_LINES} lines up to fmax = {fmax:g} Hz, got {len(lines)}"
+            f"{name}: expected at least {LEAST_LINES} {lines.unit}s up to fmax = {fmax:g} Hz, got {len(kept)}"
         )
-    return lines
+    if lines.published and (beyond := lines.f[lines.f > fmax]).size:
+        which = (
+            f"the last point, {beyond[0]:g} Hz, is"
+            if beyond.size == 1
+            else (f"the last {beyond.size} points, {beyond[0]:g} to {beyond[-1]:g} Hz, are")
+        )
+        return replace(kept, notes=(*kept.notes, f"{which} above fmax = {fmax:g} Hz and left out"))
+    return kept
 
 
 def require_noise(lines: Lines, name: str) -> None:
@@ -88,15 +108,18 @@ def require_noise(lines: Lines, name: str) -> None:
 def _published(frf: FrfRecording) -> Lines:
     """Lines with a single repeat (no cross-validation possible) and unknown amplitude and power."""
     one = np.ones(frf.f.size)
+    notes = ("only one angle was published, so the hip is not tested",) if frf.single else ()
     y = frf.y.astype(complex)
     return Lines(
         f=frf.f,
         y=y,
-        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * one),
+        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * one, angles=1 if frf.single else 2),
         repeats=y[None],
         weight=one[None],
         trial=np.zeros(1, dtype=int),
         cycle=np.zeros(1, dtype=int),
         amplitude=np.array([np.nan]),
         power=np.nan * one,
+        notes=notes,
+        published=True,
     )

@@ -44,9 +44,13 @@ def pooled(dof: np.ndarray, trials: int) -> Pooling:
 
 
 class NullDraws:
-    """Null samples (4 N, n) for covariances with ``dof`` (N,) degrees of freedom; known ones if ``pooling`` is None."""
+    """Null samples (4 N, n) for covariances with ``dof`` (N,) degrees of freedom; known ones if ``pooling`` is None.
 
-    def __init__(self, dof: np.ndarray, pooling: Pooling | None) -> None:
+    ``angles``: how many were measured; the errors of the others are zero.
+    """
+
+    def __init__(self, dof: np.ndarray, pooling: Pooling | None, angles: int = 2) -> None:
+        self._angles = angles
         self._dof = np.maximum(dof, 3.0)
         self._pooling = pooling
         self._colour = None
@@ -93,6 +97,7 @@ class NullDraws:
         z = np.empty((N, 2, n), dtype=complex)
         z.real, z.imag = rng.standard_normal((N, 2, n)), rng.standard_normal((N, 2, n))
         z /= np.sqrt(2)
+        z[:, self._angles :] = 0.0
         return z
 
     def _factors(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

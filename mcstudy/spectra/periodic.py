@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mcstudy.errors import InputError, RecordingError
-from mcstudy.recordings.recording import LEAST_LINES, MINIMUM_CYCLES, Recording
+from mcstudy.recordings.recording import LEAST_CYCLES, LEAST_LINES, MINIMUM_CYCLES, Recording
 from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
 from mcstudy.spectra.intersample import drive
 from mcstudy.spectra.leakage import best_orders, difference_coefficients
@@ -51,7 +51,9 @@ class Cycles:
 
 
 def cycle_coefficients(recording: Recording, fmax: float, discard: int) -> Cycles:
-    """Coefficients of all cycles after the first ``discard`` of each trial, up to well above ``fmax`` (Hz), all orders.
+    """Coefficients of the cycles after the first ``discard`` of each trial, up to well above ``fmax`` (Hz), all orders.
+
+    Not those that are left out because a signal is unsound, and no trial of which fewer than two cycles remain.
 
     Those of the stimulus include its shape between samples (`mcstudy.spectra.intersample`).
 
@@ -70,6 +72,7 @@ def cycle_coefficients(recording: Recording, fmax: float, discard: int) -> Cycle
         raise _too_few_lines(recording.name, fmax)
     top = min(period // 2, int(fmax * recording.period_s) + 60) + 1
     u, y, where = [], [], []
+    analysed = recording.analysed(discard)
     for t, (trial, cycles) in enumerate(zip(recording.trials, recording.cycles, strict=True)):
         least = max(MINIMUM_CYCLES, discard + 2)
         if cycles < least:
@@ -77,11 +80,15 @@ def cycle_coefficients(recording: Recording, fmax: float, discard: int) -> Cycle
                 f"{recording.name}: trial {t + 1}: expected at least {least} cycles of "
                 f"{recording.period_s:g} s, got {trial.samples / period:.2f}"
             )
-        for c in range(discard, cycles):
+        for c in analysed[t] if len(analysed[t]) >= LEAST_CYCLES else ():
             start = c * period
             u.append(coefficients(trial.stimulus[start : start + period])[:top])
             y.append(difference_coefficients(trial.theta, start, period, top))
             where.append((t, c))
+    if not where:
+        raise RecordingError(
+            f"{recording.name}: trials: no trial has {LEAST_CYCLES} sound cycles after the first {discard}"
+        )
     trial_index, cycle_index = np.array(where).T
     felt = drive(recording, np.arange(top) / recording.period_s)
     return Cycles(np.array(u) * felt, np.stack(y, axis=1), trial_index, cycle_index, recording.amplitudes[trial_index])
@@ -156,7 +163,24 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
         power=power.mean(axis=0),
         even=_even_lines(cycles, period_s, wanted, single[own]) if odd else None,
         harmonic=wanted,
+        notes=_left_out(recording, discard),
     )
+
+
+def _left_out(recording: Recording, discard: int) -> tuple[str, ...]:
+    """Which cycles are left out because a signal is unsound in them, counted from 1."""
+    told = []
+    for k, (trial, n, rest) in enumerate(
+        zip(recording.trials, recording.cycles, recording.analysed(discard), strict=True), start=1
+    ):
+        bad = [c + 1 for c in trial.left_out if c >= discard]
+        if not bad:
+            continue
+        if len(rest) < LEAST_CYCLES:
+            told.append(f"trial {k} as a whole")
+        else:
+            told.append(f"cycle{'s' * (len(bad) > 1)} {', '.join(map(str, bad))} of {n} of trial {k}")
+    return (f"left out because a signal is unsound: {'; '.join(told)}",) if told else ()
 
 
 def understatement(harmonics: np.ndarray, trials: int) -> np.ndarray:

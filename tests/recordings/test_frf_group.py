@@ -34,8 +34,8 @@ ann,open,0.5,lower,1,2,3,0,90,-90
 ann,open,0.5,upper,2,2,2,180,-180,-540
 bob,open,0.5,lower,1,1,1,0,0,0
 bob,open,0.5,upper,1,1,1,0,0,0
-bob,closed,0.5,lower,1,1,1,0,0,0
-bob,closed,0.5,upper,1,1,1,0,0,0
+bob,closed,0.5,lower,1,1,2,0,0,0
+bob,closed,0.5,upper,1,1,2,0,0,0
 """
 
 

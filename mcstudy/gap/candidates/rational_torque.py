@@ -146,7 +146,8 @@ class Loop:
         s = 2j * np.pi * f
         A, b = system(fitted.model, fitted.theta, s)
         H = np.linalg.solve(A, b[..., None])[..., 0]
-        measured = fitted.response(f) / H
+        # An angle that is locked, as the hip of one segment, has no response; nothing moves it, however it is measured.
+        measured = np.divide(fitted.response(f), H, out=np.ones_like(H), where=H != 0)
         torque = np.einsum("nij,nj->ni", active(fitted.model, fitted.theta, s), H)
         return cls(H, torque, np.abs(b).max(axis=1), np.linalg.inv(A) * measured[:, :, None])
 

@@ -87,7 +87,7 @@ def free_torques(fitted: Fitted, data: Data) -> list[Family]:
     """Free torques at the ankle, the hip and both, and free relative errors of both measured angles.
 
     Torques under different stimuli are independent: what is unknown may depend on what moves the body. A sensor has
-    the same error under all of them.
+    the same error under all of them. With one measured angle a torque at the locked hip is none.
     """
     s = 2j * np.pi * data.f
     model, theta = fitted.model, fitted.theta
@@ -104,15 +104,16 @@ def free_torques(fitted: Fitted, data: Data) -> list[Family]:
             row: _complex(reply[:, :, k, None] * (loop[:, k, None] * free)[:, None, :])
             for k, row in enumerate(model.rows)
         }
-        sensor = [_complex(data.weight[:, :, k, None] * (y[:, k, None] * phi)[:, None, :]) for k in (0, 1)]
-        variances = tuple(v**2 for v in SIZES)
-        both = np.concatenate([torque["ankle"], torque["hip"]], axis=1)
-        out += [
-            Family("free ankle torque", ("ankle",), torque["ankle"], variances),
-            Family("free hip torque", ("hip",), torque["hip"], variances),
-            Family("free ankle and hip torque", ("ankle", "hip"), both, variances),
-            Family("free sensor error", ("sensor",), np.concatenate(sensor, axis=1), variances),
+        sensor = [
+            _complex(data.weight[:, :, k, None] * (y[:, k, None] * phi)[:, None, :]) for k in range(model.n_angles)
         ]
+        variances = tuple(v**2 for v in SIZES)
+        out.append(Family("free ankle torque", ("ankle",), torque["ankle"], variances))
+        if model.n_angles == 2:
+            both = np.concatenate([torque["ankle"], torque["hip"]], axis=1)
+            out.append(Family("free hip torque", ("hip",), torque["hip"], variances))
+            out.append(Family("free ankle and hip torque", ("ankle", "hip"), both, variances))
+        out.append(Family("free sensor error", ("sensor",), np.concatenate(sensor, axis=1), variances))
     return out
 
 
@@ -123,23 +124,25 @@ def plain_feedback(fitted: Fitted, data: Data) -> list[tuple[str, tuple[str, ...
     A, b = system(model, theta, s)
     H = np.linalg.solve(A, b[..., None])[..., 0]
     inverse = np.linalg.inv(A)
-    senses = {"theta1": H[:, 0], "theta2": H[:, 1]}
+    n = model.n_angles
+    rows = list(enumerate(model.rows))[2 - n :]
+    senses = dict(zip(("theta1", "theta2")[:n], H.T, strict=False))
     shapes = [(f"s^{n} e^(-{d:g} s)", s**n * np.exp(-d * s)) for n, d in product((-1, 0, 1, 2), DELAYS_S)]
     shapes += [(f"mode {f0:g} Hz", _mode(s, f0)) for f0 in RESONANCES_HZ]
     shapes += [(f"corner {1 / tau:g}/s", 1 / (tau * s + 1)) for tau in (0.05, 0.2, 1.0, 4.0)]
     named, columns = [], []
-    for (k, row), (sense, z), (name, shape) in product(enumerate(model.rows), senses.items(), shapes):
+    for (k, row), (sense, z), (name, shape) in product(rows, senses.items(), shapes):
         named.append((f"{row} <- {name} {sense}", (row,)))
         columns.append(inverse[:, :, k] * (shape * z)[:, None])
     scale = np.abs(b).max(axis=1)
-    for (k, row), (name, shape) in product(enumerate(model.rows), shapes[:16:4]):
+    for (k, row), (name, shape) in product(rows, shapes[:16:4]):
         named.append((f"{row} <- {name} stimulus", (row,)))
         columns.append(inverse[:, :, k] * (shape * scale)[:, None])
     y = fitted.response(data.f)
-    for (i, j), n in product(product((0, 1), (0, 1)), (-1, 0, 1, 2)):
+    for (i, j), order in product(product(range(n), range(n)), (-1, 0, 1, 2)):
         column = np.zeros_like(y)
-        column[:, i] = s**n * y[:, j]
-        named.append((f"measured {model.angles[i]} <- s^{n} {model.angles[j]}", ("sensor",)))
+        column[:, i] = s**order * y[:, j]
+        named.append((f"measured {model.angles[i]} <- s^{order} {model.angles[j]}", ("sensor",)))
         columns.append(column)
     whitened = whiten(data.weight, np.stack(columns, axis=-1)).T
     return [(*names, column) for names, column in zip(named, whitened, strict=True)]

@@ -31,8 +31,11 @@ class Unstructured:
 
     @classmethod
     def of(cls, null_chi2: np.ndarray, taken: int = 0) -> Unstructured:
-        """From null samples (n,) of the sum. ``taken``: dimensions that another test covers, left out here."""
-        mean, variance = float(null_chi2.mean()) - taken, float(null_chi2.var()) - 2 * taken
+        """From null samples (n,) of the sum. ``taken``: dimensions that another test covers, left out here.
+
+        Few lines may leave none; one is kept, so that the distribution exists.
+        """
+        mean, variance = max(float(null_chi2.mean()) - taken, 1.0), float(null_chi2.var()) - 2 * taken
         scale = max(variance / (2 * mean), 1.0)
         return cls(scale, mean / scale)
 

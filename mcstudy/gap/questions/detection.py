@@ -181,7 +181,7 @@ def detect(
         (1 + int((null_chi2 >= chi2).sum())) / (1 + draws),
         z[..., 0],
         float(np.quantile(np.abs(null_z).max(axis=(0, 1)), 0.95)),
-        bands(lines.f, fitted.model.angles, z[..., 0], null_z),
+        bands(lines.f, fitted.model.angles[: fitted.model.n_angles], z[..., 0], null_z),
         draws,
         nulls,
         null_chi2,
@@ -205,10 +205,10 @@ def standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
     return np.einsum("nij,njk->nik", colour, as_complex(r)) / np.sqrt(left)[..., None]
 
 
-def bands(f: np.ndarray, angles: tuple[str, str], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
+def bands(f: np.ndarray, angles: tuple[str, ...], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
     """Bands with a family-wise limit: noise alone exceeds it in any band in 5 % of recordings.
 
-    ``z``, ``null``: `standardised` residuals (N, 2) at lines ``f`` (N,) in Hz, and null samples of them (N, 2, D).
+    ``angles``: those that were measured. ``z``, ``null``: `standardised` residuals (N, 2) at lines ``f`` (N,) in Hz, and null samples of them (N, 2, D).
     """
     rows, level, ratio = [], [], []
     for low, high in pairwise(EDGES_HZ):

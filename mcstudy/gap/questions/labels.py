@@ -28,7 +28,9 @@ from mcstudy.gap.candidates.readings import READINGS, butterworth
 from mcstudy.gap.fits.base_fit import base_fit
 from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.fits.relabelled import Search
+from mcstudy.recordings.copies import CODE as COPY
 from mcstudy.recordings.recording import Recording, Suspicion
+from mcstudy.recordings.soundness import CODES
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
@@ -58,8 +60,8 @@ judged by the fit."""
 CORNERS_HZ = (1.5, 3.0, 6.0)
 """Corners of these filters."""
 
-NOTED = ("stuck", "amplitude")
-"""Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording."""
+NOTED = (*dict.fromkeys(CODES.values()), "amplitude", COPY)
+"""Codes of the warnings of `mcstudy.recordings.checks`, which do not refuse a recording by its labels."""
 
 
 PEOPLE = 200

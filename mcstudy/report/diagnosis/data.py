@@ -123,7 +123,10 @@ class GapData:
 
 
 def band_means(lines: Lines, before: np.ndarray, after: np.ndarray | None = None) -> Averages:
-    """Means over bands of the lines relative to the responses ``before`` (N, 2) of a model; ``after``: of another."""
+    """Means over bands of the lines relative to the responses ``before`` (N, 2) of a model; ``after``: of another.
+
+    Not a number for an angle that was not measured.
+    """
     f = lines.f
     edges = 10 ** np.arange(np.log10(f[0]) - 1e-9, np.log10(f[-1]) + 1 / BANDS_PER_DECADE, 1 / BANDS_PER_DECADE)
     band = np.unique(np.digitize(f, edges), return_inverse=True)[1]
@@ -131,11 +134,12 @@ def band_means(lines: Lines, before: np.ndarray, after: np.ndarray | None = None
     centre, ratio, sd, moved = [], [], [], []
     for b in range(band.max() + 1):
         inside = band == b
-        w = weight[inside] / weight[inside].sum(axis=0)
         centre.append(np.exp(np.log(f[inside]).mean()))
-        ratio.append((w * lines.y[inside] / before[inside]).sum(axis=0))
-        sd.append(weight[inside].sum(axis=0) ** -0.5)
-        moved.append(np.ones(2) if after is None else (w * after[inside] / before[inside]).sum(axis=0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            w = weight[inside] / weight[inside].sum(axis=0)
+            ratio.append((w * lines.y[inside] / before[inside]).sum(axis=0))
+            sd.append(weight[inside].sum(axis=0) ** -0.5)
+            moved.append(np.ones(2) if after is None else (w * after[inside] / before[inside]).sum(axis=0))
     return Averages(np.array(centre), np.array(ratio), np.array(sd), np.array(moved))
 
 

@@ -8,11 +8,10 @@ import numpy as np
 from scipy import fft
 
 from mcstudy.errors import InputError
-from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.recording import LEAST_CYCLES, Recording
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.spectra.leakage import difference_coefficients
 from mcstudy.spectra.periodic import polarity
-from mcstudy.spectra.periods import cut
 
 WINDOW_S = 60.0
 """Length of the part shown of a recording without a period, s, taken from its middle."""
@@ -53,18 +52,22 @@ def _of_cycles(data: GapData, recording: Recording) -> SwayTraces:
     period, discard = recording.period, int(data.diagnosis.method.get("discard", 1))
     assert period is not None
     peak = float(recording.amplitudes.max())
-    trials = [t for t in recording.trials if t.peak > 0.98 * peak]
+    trials = [
+        (t, cycles)
+        for t, cycles in zip(recording.trials, recording.analysed(discard), strict=True)
+        if t.peak > 0.98 * peak and len(cycles) >= LEAST_CYCLES
+    ]
     f = fft.rfftfreq(period, 1 / recording.rate_hz)
     keep = (f >= data.lines.f[0] * 0.999) & (f <= data.lines.f[-1] * 1.001)
     # increments instead of samples, because the step between the ends of a cycle would leak into all lines
     spectra = np.array(
         [
             difference_coefficients(t.theta, c * period, period, f.size)[1] * keep[:, None]
-            for t in trials
-            for c in range(discard, t.samples // period)
+            for t, cycles in trials
+            for c in cycles
         ]
     )
-    drives = np.concatenate([cut(t.stimulus, period, discard) for t in trials])
+    drives = np.array([t.stimulus[c * period : (c + 1) * period] for t, cycles in trials for c in cycles])
     sign = polarity(fft.rfft(drives, axis=1))[:, None]
     drive = (sign * drives).mean(axis=0)
     cycles = sign[..., None] * fft.irfft(spectra, period, axis=1, norm="forward")

@@ -15,7 +15,7 @@ MATLAB, C3D = ".mat", ".c3d"
 
 
 def open_source(path: Path, dialect: Dialect) -> Source:
-    """The variables of a file; raises `RecordingError`, and `InputError` when C3D's library is missing."""
+    """The variables of a file; raises `RecordingError`."""
     ending = path.suffix.lower()
     if ending not in (MATLAB, C3D):
         return text_source(path, dialect)

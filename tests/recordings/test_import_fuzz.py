@@ -15,7 +15,8 @@ import pytest
 from fuzzing import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
-from lab_files import write_c3d, write_mat73
+from c3d_writer import write_c3d
+from lab_files import write_mat73
 from scipy.io import savemat
 
 from mcstudy.errors import InputError

@@ -88,11 +88,11 @@ def test_the_frames_that_are_there_are_read_however_they_are_counted(
 @pytest.mark.parametrize(
     "stated",
     [
-        lambda n: {},
+        lambda _: {},
         lambda n: {"POINT:FRAMES": np.float32([n])},
         lambda n: {"POINT:LONG_FRAMES": np.float32([n])},
         lambda n: {ACTUAL[0]: field(1), ACTUAL[1]: field(n)},
-        lambda n: {"POINT:FRAMES": np.int16([-1])},
+        lambda _: {"POINT:FRAMES": np.int16([-1])},
     ],
     ids=["16 bits", "FRAMES", "LONG_FRAMES", "TRIAL", "full"],
 )

@@ -12,10 +12,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from c3d_writer import write_c3d
 from fuzzing import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
-from c3d_writer import write_c3d
 from lab_files import write_mat73
 from scipy.io import savemat
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from c3d_writer import write_c3d
 from scipy.io import savemat
 
 from mcstudy.cli import main
-from mcstudy.errors import InputError, RecordingError
+from mcstudy.errors import RecordingError
 from mcstudy.exits import Exit
 from mcstudy.recordings.importing import Imported, import_files
 from mcstudy.recordings.resample import filled, resampled

@@ -226,7 +226,7 @@ def _told(asked: list[Any], most: int) -> Answer:
         function: Callable[..., Answer] = getattr(importlib.import_module(module), attribute)
         with _limited(seconds, grow, most):
             value, arrays = function(Path(path), *arguments)
-            arrays = [np.ascontiguousarray(a) for a in arrays]
+            arrays = [np.asarray(a, order="C") for a in arrays]
         return {"answer": value, "arrays": [[a.dtype.str, a.shape] for a in arrays]}, arrays
     except InputError as error:
         return {"refused": str(error)}, []

@@ -14,7 +14,7 @@ from mcstudy.files.reading_process import Unreadable, answer
 from mcstudy.recordings import c3d_file, matlab5
 from mcstudy.recordings.columns import Dialect, TextTable, content, text_source
 from mcstudy.recordings.guards import inside, regular
-from mcstudy.recordings.variables import Source, Variable
+from mcstudy.recordings.variables import Source, Variable, one_line
 
 MATLAB, C3D = ".mat", ".c3d"
 
@@ -85,9 +85,10 @@ def with_remedies(others: Mapping[str, str]) -> dict[str, str]:
     """What is said of variables that are no arrays of numbers, from their classes."""
     out = {}
     for name, kind in others.items():
-        numbers = REMEDIES.get(kind, "struct({0})").format(name)
+        shown = one_line(name)
+        numbers = REMEDIES.get(kind, "struct({0})").format(shown)
         what = f"of class {kind}" if kind.isidentifier() else "an object"
-        out[name] = f"{name} is {what}, not an array of numbers; in MATLAB: S = {numbers}; save('numbers.mat', 'S')"
+        out[name] = f"{shown} is {what}, not an array of numbers; in MATLAB: S = {numbers}; save('numbers.mat', 'S')"
     return out
 
 

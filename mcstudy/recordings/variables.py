@@ -125,7 +125,7 @@ class Source:
     def _missing(self, key: str) -> str:
         for name, said in self.others.items():
             if key == name or key.startswith((f"{name}.", f"{name}[", f"{name}(")):
-                return f"{self.path}: {one_line(said)}"
+                return f"{self.path}: {said}"
         names = list(self.variables)
         near = difflib.get_close_matches(key, names[:1000], n=1)
         hint = f" (similar: {near[0]})" if near else ""

@@ -1,7 +1,7 @@
 """Untrusted recordings: they may not name files elsewhere, or declare more memory than is allowed.
 
-HDF5 files can hold links to other files and datasets whose bytes lie in other files; Zarr stores name their codecs;
-TOML files name data files. All of these are checked before any data is read.
+Zarr stores name their codecs; TOML files name data files. These are checked before any data is read, as HDF5 files are
+in `mcstudy.recordings.hdf5_files`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import h5py
-
 from mcstudy.errors import RecordingError, StoreError
 from mcstudy.files.untrusted import LARGEST_METADATA, check_chunk, real_bytes, refuse_links, sealed
 
@@ -25,8 +23,6 @@ LARGEST = 1 << 31
 
 CODECS = ("bytes", "zstd", "crc32c")
 """Codecs of a Zarr recording: those that xarray writes and whose memory use can be limited."""
-
-FILTERS = ("gzip", "lzf", None)
 
 MOST_CHUNKS = 100_000
 """Most chunk files of an array of a Zarr recording."""
@@ -58,26 +54,6 @@ def inside(folder: str | Path, name: str, where: str) -> Path:
     return path
 
 
-def check_hdf5(path: str | Path) -> None:
-    """Refuse a NetCDF file that links to other files, or declares too large a size."""
-    with h5py.File(path, "r") as file:
-        for name in file:
-            link = file.get(name, getlink=True)
-            if not isinstance(link, h5py.HardLink):
-                raise RecordingError(f"{path}: {name}: expected data, found a link")
-            data = file[name]
-            if isinstance(data, h5py.Dataset):
-                check_dataset(data, f"{path}: {name}")
-
-
-def check_dataset(data: Any, where: str) -> None:
-    if data.external or data.is_virtual:
-        raise RecordingError(f"{where}: expected data in this file, found a reference to another one")
-    if data.compression not in FILTERS:
-        raise RecordingError(f"{where}: compression: expected gzip, lzf or none, found {data.compression!r}")
-    _check_size(data.shape or (), data.chunks or (), data.dtype.itemsize, where)
-
-
 def check_zarr(path: str | Path) -> None:
     """Refuse a Zarr store with links in it, of another format or other codecs, or that declares too large a size."""
     path = Path(path)
@@ -96,7 +72,7 @@ def _check_array(folder: Path, document: Any) -> None:
     if not set(codecs) <= set(CODECS):
         raise RecordingError(f"{where}: codecs: expected {', '.join(CODECS)}, found {', '.join(map(str, codecs))}")
     itemsize = _item_bytes(document["data_type"], where)
-    _check_size(shape, chunks, itemsize, where)
+    check_size(shape, chunks, itemsize, where)
     # Zarr reads chunks in parallel; if one fails, errors of the others would follow the one-line message.
     for file in _chunk_files(folder, where):
         _check_decodes(file, codecs, itemsize * math.prod(int(n) for n in chunks))
@@ -151,7 +127,7 @@ def _item_bytes(kind: Any, where: str) -> int:
     raise RecordingError(f"{where}: data_type: expected numbers, found {kind!r}"[:300])
 
 
-def _check_size(shape: Any, chunks: Any, itemsize: int, where: str) -> None:
+def check_size(shape: Any, chunks: Any, itemsize: int, where: str) -> None:
     declared = itemsize * max(math.prod(int(n) for n in shape), math.prod(int(n) for n in chunks))
     if declared > LARGEST:
         raise RecordingError(f"{where}: declares {declared} bytes; expected less than {LARGEST}")

@@ -145,4 +145,5 @@ def listing(file: str | Path, dialect: Dialect | None = None) -> str:
         rate = "-" if variable.rate_hz is None else f"{variable.rate_hz:g}"
         rows.append([name, shape, variable.unit or "-", rate])
     head = f"{file}: {source.kind}, {len(rows)} variables"
-    return f"{head}\n\n{table(['variable', 'size', 'unit', 'Hz'], rows)}" if rows else head
+    parts = [head, table(["variable", "size", "unit", "Hz"], rows) if rows else "", "\n".join(source.others.values())]
+    return "\n\n".join(filter(None, parts))

@@ -2,8 +2,8 @@
 
 The format is MathWorks' "MAT-File Format" (version 5). The file is parsed here and not by SciPy's ``loadmat``, which
 allocates what a file declares and follows nesting without limit: a file of 5 MB with 100,000 cells in each other ends
-the process. Here sizes are checked against the bytes that are there, and nesting is limited. Text, sparse matrices,
-objects and complex parts are skipped.
+the process. Here sizes are checked against the bytes that are there, and nesting is limited. Text is skipped; objects
+(tables, categories, ...), sparse and complex arrays are named with their class.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -32,9 +32,12 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 """Element types that hold numbers."""
 
 _MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT = 1, 2
+_CELL, _STRUCT, _OBJECT, _SPARSE, _OPAQUE = 1, 2, 3, 5, 17
 _NUMERIC = range(6, 16)
-"""Array classes: cell, struct, double to uint64."""
+"""Array classes: cell, struct, objects of old and new style, sparse, double to uint64."""
+
+_COMPLEX = 1 << 11
+"""Flag of an array."""
 
 
 class _Damaged(ValueError):
@@ -52,10 +55,25 @@ def is_matlab5(head: bytes) -> bool:
     return head[:10] == b"MATLAB 5.0" and head[126:128] in (b"IM", b"MI")
 
 
-def variables_of(content: bytes, path: Path) -> dict[str, Variable]:
-    """All numeric variables of a file by name (``struct.field``, ``cell[0]``); raises `RecordingError`."""
+@dataclass
+class _Found:
+    """Arrays of numbers by name, and the classes of what is none."""
+
+    variables: dict[str, Variable] = field(default_factory=dict)
+    others: dict[str, str] = field(default_factory=dict)
+
+    def refuse_more(self) -> None:
+        if len(self.variables) + len(self.others) >= MOST_VARIABLES:
+            raise _Damaged(f"expected at most {MOST_VARIABLES} variables")
+
+
+def variables_of(content: bytes, path: Path) -> tuple[dict[str, Variable], dict[str, str]]:
+    """All numeric variables of a file by name (``struct.field``, ``cell[0]``), and the class of others by name.
+
+    Raises `RecordingError`.
+    """
     order = "<" if content[126:128] == b"IM" else ">"
-    found: dict[str, Variable] = {}
+    found = _Found()
     room = LARGEST
     try:
         for element in _elements(memoryview(content)[HEADER:], order):
@@ -68,7 +86,7 @@ def variables_of(content: bytes, path: Path) -> dict[str, Variable]:
                 _matrix(whole.data, order, "", found, 0)
     except (_Damaged, ValueError, zlib.error) as error:
         raise RecordingError(f"{path}: expected a MATLAB file: {error}") from None
-    return found
+    return found.variables, found.others
 
 
 def _inflated(data: memoryview, most: int) -> bytes:
@@ -111,7 +129,7 @@ def _numbers(element: _Element, order: str) -> np.ndarray:
     return np.frombuffer(element.data, kind)
 
 
-def _matrix(data: memoryview, order: str, name: str, found: dict[str, Variable], depth: int) -> None:
+def _matrix(data: memoryview, order: str, name: str, found: _Found, depth: int) -> None:
     """Add the numeric arrays of one array, and of those inside it, under ``name`` or the name it states."""
     if depth > DEEPEST:
         raise _Damaged(f"expected structs and cells nested at most {DEEPEST} deep")
@@ -123,14 +141,24 @@ def _matrix(data: memoryview, order: str, name: str, found: dict[str, Variable],
     if flags.size < 1:
         raise _Damaged("an array without a class")
     kind = int(flags[0]) & 0xFF
-    if kind not in (_CELL, _STRUCT, *_NUMERIC):
+    if kind == _OPAQUE:  # name, "MCOS" and class, and nothing of its size
+        label, _, category = (_label(_next(parts)) for _ in range(3))
+        found.refuse_more()
+        found.others[name or label] = category
+        return
+    if kind not in (_CELL, _STRUCT, _OBJECT, _SPARSE, *_NUMERIC):
         return
     shape = tuple(int(n) for n in _numbers(_next(parts), order))
     if not shape or min(shape) < 0:
         raise _Damaged("an array of negative size")
-    label = bytes(_next(parts).data).decode("utf-8", "replace")
+    label = _label(_next(parts))
     name, count = name or label, math.prod(shape)
-    if kind == _CELL:
+    if not name:
+        return  # where MATLAB keeps the contents of objects
+    if kind in (_OBJECT, _SPARSE) or (kind in _NUMERIC and flags[0] & _COMPLEX):
+        found.refuse_more()
+        found.others[name] = {_OBJECT: "object", _SPARSE: "sparse"}.get(kind, "complex")
+    elif kind == _CELL:
         _inner(parts, count, [""], name, order, found, depth)
     elif kind == _STRUCT:
         _inner(parts, count, _fields(parts, order), name, order, found, depth)
@@ -138,13 +166,16 @@ def _matrix(data: memoryview, order: str, name: str, found: dict[str, Variable],
         values = _numbers(_next(parts), order)
         if values.size != count:
             raise _Damaged(f"{name[:60]}: {values.size} numbers for an array of {' x '.join(map(str, shape))}")
-        if len(found) >= MOST_VARIABLES:
-            raise _Damaged(f"expected at most {MOST_VARIABLES} variables")
-        found[name] = Variable(name, shape, partial(_shaped, values, shape))
+        found.refuse_more()
+        found.variables[name] = Variable(name, shape, partial(_shaped, values, shape))
 
 
 def _shaped(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return values.astype(float).reshape(shape, order="F")
+
+
+def _label(element: _Element) -> str:
+    return bytes(element.data).decode("utf-8", "replace")
 
 
 def _next(parts: Iterator[_Element]) -> _Element:
@@ -170,14 +201,14 @@ def _inner(
     fields: list[str],
     name: str,
     order: str,
-    found: dict[str, Variable],
+    found: _Found,
     depth: int,
 ) -> None:
     """The arrays inside a cell array (one field without a name) or a struct (array); ends where the bytes end."""
     single = count == 1 and fields != [""]
     for k in range(count if fields else 0):
-        for field in fields:
+        for ending in fields:
             inner = _next(parts)
             if inner.type != _MATRIX:
                 raise _Damaged(f"{name[:60]}: expected an array inside, found an element of type {inner.type}")
-            _matrix(inner.data, order, f"{name}{'' if single else f'[{k}]'}{field}", found, depth + 1)
+            _matrix(inner.data, order, f"{name}{'' if single else f'[{k}]'}{ending}", found, depth + 1)

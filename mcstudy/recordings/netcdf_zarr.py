@@ -1,7 +1,8 @@
 """Recordings as labelled datasets: NetCDF (through h5netcdf) and Zarr, written by xarray.
 
 xarray also reads Zarr and packed NetCDF. A NetCDF file whose numbers are stored as they are, which is how recordings
-are written here, is read by h5netcdf alone: importing xarray takes as long as a third of a fast diagnosis.
+are written here, is read by h5netcdf alone: importing xarray takes as long as a third of a fast diagnosis. NetCDF is
+opened in a process of its own only (`mcstudy.files.reading_process`).
 
 Dimensions ``trial, time, angle``; variables ``stimulus (trial, time)``, ``theta (trial, time, angle)``, ``amplitude
 (trial)`` and ``samples (trial)``, the length of every trial (shorter ones are padded with nan). Files
@@ -23,17 +24,17 @@ import numpy as np
 from mcstudy.errors import ModelError, RecordingError
 from mcstudy.files import schema
 from mcstudy.files.durable import partial_name, replace_tree
+from mcstudy.files.reading_process import answer
 from mcstudy.files.unfinished import unfinished
 from mcstudy.recordings.checks import rate_of
 from mcstudy.recordings.columns import NUMBER
-from mcstudy.recordings.guards import LARGEST, check_hdf5, check_zarr
+from mcstudy.recordings.guards import LARGEST, check_zarr
 from mcstudy.recordings.recording import Recording, Trial, refuse_size
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, Body
 from mcstudy.stance.feedback import ANGLES
 
 if TYPE_CHECKING:
-    import h5netcdf
     import xarray as xr
 
 BODY = ("J1", "J2", "C1", "C2", "A1", "A2", "g")
@@ -200,13 +201,7 @@ def read_dataset(path: str | Path) -> Recording:
         if path.suffix == ".zarr" or path.is_dir():
             check_zarr(path)
             return _by_xarray(path)
-        check_hdf5(path)
-        import h5netcdf
-
-        with h5netcdf.File(path, "r", decode_vlen_strings=True) as file:
-            if all(map(_stored_as_is, file.variables.values())):
-                return _recording(_of_netcdf(file), str(path))
-        return _by_xarray(path)
+        return _recording(_of_netcdf(path), str(path))
     except RecordingError:
         raise
     except Exception as error:  # the libraries raise different errors for files that are not recordings
@@ -214,50 +209,34 @@ def read_dataset(path: str | Path) -> Recording:
         raise RecordingError(f"{path}: expected NetCDF or Zarr: {reason}") from error
 
 
-CODED = {"scale_factor", "add_offset", "missing_value", "_Unsigned", "_Encoding", "dtype"}
-"""Attributes by which the CF conventions, or xarray, say that a variable is stored in another form."""
+def _of_netcdf(path: Path) -> Labelled:
+    reader = "mcstudy.recordings.hdf5_files"
+    told, _ = answer(f"{reader}:netcdf", path)
+    if told is None:
+        reader = "mcstudy.recordings.packed_netcdf"
+        told, _ = answer(f"{reader}:netcdf", path)
+    variables, attrs = told
 
+    def values(name: str, size: int) -> np.ndarray:
+        texts, arrays = answer(f"{reader}:values", path, name, expected=8 * size)
+        return arrays[0] if arrays else np.asarray(texts)
 
-def _stored_as_is(variable: h5netcdf.Variable) -> bool:
-    """Whether a variable holds numbers, or text, that need no decoding."""
-    import h5py
-
-    fill = variable.attrs.get("_FillValue")
-    kept = fill is None or (variable.dtype.kind == "f" and bool(np.isnan(fill).all()))
-    text = h5py.check_string_dtype(variable.dtype)
-    plain = variable.dtype.kind in "fiu" if text is None else text.length is None
-    return plain and kept and CODED.isdisjoint(variable.attrs)
-
-
-def _of_netcdf(file: h5netcdf.File) -> Labelled:
-    def values(variable: h5netcdf.Variable) -> np.ndarray:
-        return np.asarray(variable[...])
-
-    variables = {
-        name: Variable(name, v.dimensions, v.shape, v.dtype, _text(v.attrs), v.chunks or (), bound(values, v))
-        for name, v in file.variables.items()
-    }
-    return Labelled(variables, _text(file.attrs))
-
-
-def _text(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Attributes with bytes as text."""
-    return {k: v.decode("utf-8", "replace") if isinstance(v, bytes) else v for k, v in attributes.items()}
+    found = {}
+    for name, dims, shape, kind, chunk, own in variables:
+        read = bound(values, name, math.prod(shape))
+        found[name] = Variable(name, tuple(dims), tuple(shape), np.dtype(kind), own, tuple(chunk), read)
+    return Labelled(found, attrs)
 
 
 def _by_xarray(path: Path) -> Recording:
     import xarray as xr
 
+    from mcstudy.files.guarded_store import GuardedStore  # imports Zarr, which NetCDF does not need
+
     # No indexes, because building one would read a coordinate before its size is checked.
     options: dict[str, Any] = {"decode_times": False, "decode_timedelta": False, "create_default_indexes": False}
-    if path.suffix == ".zarr" or path.is_dir():
-        from mcstudy.files.guarded_store import GuardedStore  # imports Zarr, which NetCDF does not need
-
-        store: Any = GuardedStore(path, read_only=True)
-        opened = xr.open_zarr(store, consolidated=False, zarr_format=3, chunks=None, **options)
-    else:
-        opened = xr.open_dataset(path, engine="h5netcdf", **options)
-    with opened as dataset:
+    store: Any = GuardedStore(path, read_only=True)
+    with xr.open_zarr(store, consolidated=False, zarr_format=3, chunks=None, **options) as dataset:
         return _recording(_of_xarray(dataset), str(path))
 
 
@@ -266,7 +245,7 @@ def _of_xarray(dataset: xr.Dataset) -> Labelled:
         return np.asarray(variable.values)
 
     def of(name: str, v: xr.Variable) -> Variable:
-        chunk = v.encoding.get("chunks") or v.encoding.get("chunksizes") or ()
+        chunk = v.encoding.get("chunks") or ()
         return Variable(name, tuple(map(str, v.dims)), v.shape, v.dtype, v.attrs, tuple(chunk), bound(values, v))
 
     return Labelled({str(name): of(str(name), v) for name, v in dataset.variables.items()}, dict(dataset.attrs))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -66,13 +66,15 @@ class Picked:
 class Source:
     """The variables of one file, by name.
 
-    ``kind``: format in words. ``numbered``: names of columns that may also be asked for by their number.
+    ``kind``: format in words. ``numbered``: names of columns that may also be asked for by their number. ``others``:
+    what there is to say of variables that are no numbers, by name.
     """
 
     path: Path
     kind: str
     variables: Mapping[str, Variable]
     numbered: tuple[str, ...] = ()
+    others: Mapping[str, str] = field(default_factory=dict)
 
     def pick(self, key: str | int) -> Picked:
         """The values under a name, with or without indices, or of a column by its number; `RecordingError`."""
@@ -121,12 +123,21 @@ class Source:
         return self.numbered[number]
 
     def _missing(self, key: str) -> str:
+        for name, said in self.others.items():
+            if key == name or key.startswith((f"{name}.", f"{name}[", f"{name}(")):
+                return f"{self.path}: {said}"
         names = list(self.variables)
         near = difflib.get_close_matches(key, names[:1000], n=1)
         hint = f" (similar: {near[0]})" if near else ""
         more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
         what = "column" if self.numbered else "variable"
-        return f"{self.path}: {what} {key!r} is missing{hint}; found {', '.join(names[:SHOWN]) or 'none'}{more}"
+        found = one_line(", ".join(names[:SHOWN])) or "none"
+        return f"{self.path}: {what} {key!r} is missing{hint}; found {found}{more}"
+
+
+def one_line(text: str) -> str:
+    """Text of a file with a question mark for each character that moves the cursor."""
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def _parts(key: str) -> tuple[str, tuple[slice | int, ...]]:

@@ -2,58 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import c3d
 import h5py
 import numpy as np
-
-
-def write_c3d(
-    path: Path,
-    points: Mapping[str, np.ndarray],
-    analog: Mapping[str, np.ndarray],
-    rate_hz: float,
-    *,
-    angles: Sequence[str] = (),
-    units: str = "mm",
-    analog_units: Sequence[str] = (),
-    events: Mapping[str, Sequence[float]] | None = None,
-) -> None:
-    """Points (n, 3), nan where not seen, and channels (k n,) of k samples per frame; events in s."""
-    count = len(next(iter(points.values()))) if points else len(next(iter(analog.values())))
-    per_frame = len(next(iter(analog.values()))) // count if analog else 1
-    writer = c3d.Writer(point_rate=rate_hz, analog_rate=rate_hz * per_frame, point_units=units)
-    for k in range(count):
-        frame = np.zeros((len(points), 5), np.float32)
-        for j, values in enumerate(points.values()):
-            seen = np.isfinite(values[k]).all()
-            frame[j, :3], frame[j, 3] = (values[k] if seen else 0.0), (0.0 if seen else -1.0)
-        channels = np.array([v[k * per_frame : (k + 1) * per_frame] for v in analog.values()]).reshape(-1, per_frame)
-        pair = np.empty((1, 2), object)
-        pair[0, 0], pair[0, 1] = frame, channels
-        writer.add_frames(pair)
-    writer.set_point_labels(list(points))
-    writer.set_analog_labels(list(analog) or ["none"])
-    if angles:
-        width = max(map(len, angles))
-        writer.point_group.add_str("ANGLES", "", "".join(a.ljust(width) for a in angles), width, len(angles))
-        writer.point_group.add_str("ANGLE_UNITS", "", "deg", 3)
-    if analog_units:
-        width = max(map(len, analog_units))
-        text = "".join(u.ljust(width) for u in analog_units)
-        writer.analog_group.add_str("UNITS", "", text, width, len(analog_units))
-    if events:
-        labels = [name for name, times in events.items() for _ in times]
-        times = [t for own in events.values() for t in own]
-        width = max(map(len, labels))
-        group = writer.add_group(20, "EVENT", "")
-        group.add_str("LABELS", "", "".join(n.ljust(width) for n in labels), width, len(labels))
-        group.add_array("TIMES", "", np.array([[t // 60, t % 60] for t in times], np.float32))
-    with path.open("wb") as file:
-        writer.write(file)
 
 
 def write_mat73(path: Path, variables: Mapping[str, Any]) -> None:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
-from lab_files import write_c3d, write_mat73
+from c3d_writer import write_c3d
+from lab_files import write_mat73
 from scipy.io import savemat
 
 from mcstudy import Body, fit

@@ -12,10 +12,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from c3d_writer import write_c3d
 from fuzzing import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
-from lab_files import write_c3d, write_mat73
+from lab_files import write_mat73
+from mat5 import HEADER, array, tagged
 from scipy.io import savemat
 
 from mcstudy.errors import InputError
@@ -105,18 +107,6 @@ def test_any_bytes_are_refused_in_one_line(
     head = (honest / header).read_bytes()[:128] if header else b""
     (tmp_path / f"b{ending}").write_bytes(head + content)
     assert line(tmp_path / f"b{ending}")
-
-
-def tagged(kind: int, body: bytes) -> bytes:
-    return struct.pack("<II", kind, len(body)) + body + bytes(-len(body) % 8)
-
-
-def array(kind: int, shape: tuple[int, ...], name: bytes, rest: bytes) -> bytes:
-    head = tagged(6, struct.pack("<II", kind, 0)) + tagged(5, struct.pack(f"<{len(shape)}i", *shape)) + tagged(1, name)
-    return tagged(14, head + rest)
-
-
-HEADER = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
 
 
 def nested(depth: int) -> bytes:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from lab_files import write_c3d
+from c3d_writer import write_c3d
 from scipy.io import savemat
 
 from mcstudy.cli import main
-from mcstudy.errors import InputError, RecordingError
+from mcstudy.errors import RecordingError
 from mcstudy.exits import Exit
 from mcstudy.recordings.importing import Imported, import_files
 from mcstudy.recordings.resample import filled, resampled
@@ -216,13 +215,6 @@ def test_units_that_the_file_contradicts_are_refused(tmp_path: Path) -> None:
     sheet = {"rate_hz": RATE, "body": BODY, "units": {"angle": "rad", "stimulus": "N m"}}
     with pytest.raises(RecordingError, match="theta1: unit: declared rad, but the file states deg"):
         import_files([tmp_path / "a.csv"], None, sheet)
-
-
-def test_without_the_library_for_c3d_one_line_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "c3d", None)
-    (tmp_path / "a.c3d").touch()
-    with pytest.raises(InputError, match=r"a\.c3d: reading C3D needs .*pip install c3d"):
-        import_files([tmp_path / "a.c3d"], None, described())
 
 
 def test_a_map_and_options_join(tmp_path: Path) -> None:

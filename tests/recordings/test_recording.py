@@ -15,13 +15,14 @@ from fuzzing import MANY
 
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
+from mcstudy.files.reading_process import Answer, answer
 from mcstudy.gap.candidates.readings import READINGS
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.recordings import netcdf_zarr
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.columns import TextTable
 from mcstudy.recordings.described import read_sheet
-from mcstudy.recordings.guards import check_hdf5, check_zarr, inside, regular
+from mcstudy.recordings.guards import check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import Recording, Trial
@@ -367,8 +368,9 @@ def test_a_netcdf_file_is_read_without_xarray_as_with_it(
 ) -> None:
     path = tmp_path / "a.nc"
     change(to_dataset(SWAY)).to_netcdf(path, engine="h5netcdf")
-    expected = netcdf_zarr._by_xarray(path)
-    monkeypatch.delattr(netcdf_zarr, "_by_xarray")
+    monkeypatch.setattr(netcdf_zarr, "answer", by_xarray)
+    expected = read_dataset(path)
+    monkeypatch.setattr(netcdf_zarr, "answer", without_xarray)
     _equal(read_dataset(path), expected)
 
 
@@ -383,6 +385,15 @@ def test_packed_numbers_and_other_marks_of_missing_ones_are_decoded(tmp_path: Pa
     np.testing.assert_allclose(found.theta, trial.theta, atol=6e-6)
 
 
+def by_xarray(function: str, *asked: Any, **options: Any) -> Answer:
+    return answer(function.replace("hdf5_files", "packed_netcdf"), *asked, **options)
+
+
+def without_xarray(function: str, *asked: Any, **options: Any) -> Answer:
+    assert "packed_netcdf" not in function
+    return answer(function, *asked, **options)
+
+
 def test_every_function_that_takes_a_path_takes_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("a.nc", "a.zarr", "a"):
@@ -391,7 +402,6 @@ def test_every_function_that_takes_a_path_takes_its_name(tmp_path: Path, monkeyp
         )
     write_netcdf(SWAY, "b.nc")
     write_zarr(SWAY, "b.zarr")
-    check_hdf5("b.nc")
     check_zarr("b.zarr")
     regular("b.nc")
     for name in ("b.nc", "b.zarr"):

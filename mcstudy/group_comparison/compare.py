@@ -1,4 +1,4 @@
-"""Compare two groups: tests; if the means differ, hypotheses about the cause, and what each closes in people left out."""
+"""Compare two groups: tests; if the means differ, hypotheses about the cause, and what each closes in others."""
 
 from __future__ import annotations
 

@@ -107,8 +107,8 @@ class Comparison(Summary):
         means = f"p of equal means {self._p(d.p_mean)}, {d.relabellings} relabellings, {who}"
         if not self.differs:
             parts = [
-                f"No difference between the mean responses of {self.a} and {self.b} was found ({means}). Not found does "
-                "not mean that there is none."
+                f"No difference between the mean responses of {self.a} and {self.b} was found ({means}). Not found "
+                "does not mean that there is none."
             ]
             if d.least_p > LEVEL:
                 parts.append(

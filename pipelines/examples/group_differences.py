@@ -9,8 +9,8 @@ are those of the model (closed form) at nine points of a ternary sequence of 20 
     python pipelines/examples/group_differences.py --nulls 400
 
 How often is a difference of the means found where there is none, in groups that differ in nothing or in noise alone?
-People have heavy tails, come in two clusters or are skewed, scatter by 8 % and have noise of their own level; in percent
-with Wilson's 95 % intervals.
+People have heavy tails, come in two clusters or are skewed, scatter by 8 % and have noise of their own level; in
+percent with Wilson's 95 % intervals.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def test_five_pairs_that_differ_as_much_as_can_be_reach_the_least_p() -> None:
 
 
 def test_equal_means_of_unequal_noise_and_number_are_not_told_apart() -> None:
-    """6 people with 5/3 of the noise of 12, and 12 with 5/3 of that of 6: without Welch's variance 17 and 0 % in 300."""
+    """6 people with 5/3 of the noise of 12, and the reverse: without Welch's variance 17 and 0 % of 300."""
     n, settings = 100, {"law": "normal", "scatter": 0.05, "uneven": 0.3}
     for sizes in ((6, 12), (12, 6)):
         found: Counter[str] = Counter()

@@ -110,10 +110,13 @@ def inflation(sample: Sample, f: np.ndarray, rng: np.random.Generator, n: int = 
     """Factor of the error of the difference at which relabelled groups do not speak for a difference.
 
     The likelihood ratio of a difference of the size `ELSE` to none has a mean of one over data without a difference if
-    their error is right. Means of the groups are taken off first.
+    their error is right. Means of the groups are taken off first, and every difference has the size that it would have
+    with the scatter of the observed groups.
     """
     centred = Sample(sample.a - sample.a.mean(axis=0), sample.b - sample.b.mean(axis=0), sample.paired)
-    difference = centred.statistics(centred.relabelled(rng, n)[1:])[0]
+    relabelled = centred.differences(centred.relabelled(rng, n))
+    size = np.sqrt((relabelled.variance / relabelled.scale).mean(axis=1))
+    difference = relabelled.difference[1:] * (size[0] / size[1:])[:, None]
     spread = smooth(sample.mean, f, ELSE)
     for factor in INFLATIONS:
         log = _gauss(difference, factor * sample.error + spread) - _gauss(difference, factor * sample.error)

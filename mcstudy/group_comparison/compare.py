@@ -1,14 +1,18 @@
-"""Compare two groups: tests, then hypotheses about the cause, then what each closes in people left out."""
+"""Compare two groups: tests; if the means differ, hypotheses about the cause, and what each closes in others."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from mcstudy.group_comparison.base import GroupModel
 from mcstudy.group_comparison.changes import (
+    NOTHING,
+    PRIOR_NOTHING,
+    PRIOR_OTHER,
     Fitted,
     Problem,
     hypotheses,
@@ -16,7 +20,7 @@ from mcstudy.group_comparison.changes import (
     posterior,
 )
 from mcstudy.group_comparison.detection import detect
-from mcstudy.group_comparison.result import Cause, Comparison
+from mcstudy.group_comparison.result import LEVEL, Cause, Comparison
 from mcstudy.group_comparison.sample import Sample, sample_of
 from mcstudy.spectra.frf_groups import as_complex
 from mcstudy.streams import stream
@@ -43,17 +47,7 @@ def compare_groups(
     sample = sample_of(a, b, paired)
     f = a["f"].values
     found = detect(sample, f, stream(seed, "group_labels"), permutations)
-    factor, problem, fitted = hypotheses_fitted(a, sample, seed)
-    probability = posterior(fitted)
-    order = np.argsort(-probability, kind="stable")
-    named = [k for k in order if fitted[k].parts]
-    shares = _closed(sample, problem, [fitted[k] for k in named[:CLOSED_FOR]], stream(seed, "group_folds"))
-    causes = []
-    for k in order:
-        one = fitted[k]
-        share, error = shares.get(one.name, (None, None))
-        values = tuple((p, float(x), float(y)) for p, x, y in zip(one.parts, one.a, one.b, strict=True))
-        causes.append(Cause(one.name, float(probability[k]), share, error, values))
+    about = _causes(a, sample, seed) if found.p_mean <= LEVEL else Causes((), None, None)
     sizes = len(sample.a), len(sample.b)
     return Comparison(
         *names,
@@ -65,12 +59,38 @@ def compare_groups(
         mean_b=as_complex(sample.b.mean(axis=0)),
         error_a=_standard_error(sample.a),
         error_b=_standard_error(sample.b),
-        predicted=as_complex(fitted[named[0]].difference),
-        inflation=factor,
+        predicted=about.predicted,
+        inflation=about.inflation,
         permutations=permutations,
         detection=found,
-        causes=tuple(causes),
+        causes=about.causes,
     )
+
+
+class Causes(NamedTuple):
+    """What explains a difference: by probability; the difference (2, N) that the best named change predicts; the factor
+    of the error of the difference in the evidence."""
+
+    causes: tuple[Cause, ...]
+    predicted: np.ndarray | None
+    inflation: float | None
+
+
+def _causes(a: xr.Dataset, sample: Sample, seed: int) -> Causes:
+    """Hypotheses about a difference that was found: no difference is none of them."""
+    factor, problem, fitted = hypotheses_fitted(a, sample, seed)
+    fitted = [one for one in fitted if one.name != NOTHING]
+    probability = posterior(fitted, 0.0, PRIOR_OTHER / (1 - PRIOR_NOTHING))
+    order = np.argsort(-probability, kind="stable")
+    named = [k for k in order if fitted[k].parts]
+    shares = _closed(sample, problem, [fitted[k] for k in named[:CLOSED_FOR]], stream(seed, "group_folds"))
+    causes = []
+    for k in order:
+        one = fitted[k]
+        share, error = shares.get(one.name, (None, None))
+        values = tuple((p, float(x), float(y)) for p, x, y in zip(one.parts, one.a, one.b, strict=True))
+        causes.append(Cause(one.name, float(probability[k]), share, error, values))
+    return Causes(tuple(causes), as_complex(fitted[named[0]].difference), factor)
 
 
 def hypotheses_fitted(a: xr.Dataset, sample: Sample, seed: int) -> tuple[float, Problem, list[Fitted]]:

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from mcstudy.files.schema import identifier
-from mcstudy.group_comparison.changes import NOTHING, OTHER
+from mcstudy.group_comparison.changes import OTHER
 from mcstudy.group_comparison.detection import Detection, name
 from mcstudy.short_repr import Summary
 from mcstudy.text_tables import fill, number, table
 
 LEVEL = 0.05
-"""Level of the tests."""
+"""Level of the test that decides, and of all others."""
 
 COMPARABLE = 0.1
 """Share of the highest probability from which another change is named beside the most probable one."""
@@ -30,7 +30,8 @@ class Cause:
 
     Attributes
     ----------
-    name: of the hypothesis. probability: given the data and equal prior probabilities of the named changes.
+    name: of the hypothesis. probability: given the data, that the means differ, and equal prior probabilities of the
+    named changes.
     closed, closed_se: share of the difference that it closes in people who were not used for it, and its standard
     error; None where it was not computed. parameters: name, value in a, value in b.
     """
@@ -50,8 +51,9 @@ class Comparison(Summary):
     ----------
     a, b: names of the groups. people: of each, the pairs if ``paired``. stimulus: its kind.
     f: (N,), Hz. mean_a, mean_b: (2, N) mean responses, lower and upper body in space. error_a, error_b: (2, N) their
-    standard errors (root of E|error|^2). predicted: (2, N), difference that the best named change predicts, or None.
-    inflation: factor of the error of the difference in the evidence. detection: tests. causes: by probability.
+    standard errors (root of E|error|^2). detection: tests. causes: by probability; only of a difference that was found.
+    predicted: (2, N), difference that the best named change predicts. inflation: factor of the error of the difference
+    in the evidence. Both are None where no difference was found.
     """
 
     a: str
@@ -65,15 +67,15 @@ class Comparison(Summary):
     error_a: np.ndarray
     error_b: np.ndarray
     predicted: np.ndarray | None
-    inflation: float
+    inflation: float | None
     permutations: int
     detection: Detection
     causes: tuple[Cause, ...]
 
     @property
     def differs(self) -> bool:
-        """Whether a difference was found at the 5 % level."""
-        return self.detection.p <= LEVEL
+        """Whether a difference of the mean responses was found at the 5 % level: the decision."""
+        return self.detection.p_mean <= LEVEL
 
     @property
     def kind(self) -> str:
@@ -82,8 +84,8 @@ class Comparison(Summary):
 
     @property
     def best(self) -> Cause | None:
-        """The most probable named change."""
-        return next((c for c in self.causes if c.name not in (NOTHING, OTHER)), None)
+        """The most probable named change; None where no difference was found."""
+        return next((c for c in self.causes if c.name != OTHER), None)
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
@@ -92,8 +94,8 @@ class Comparison(Summary):
                 "groups",
                 f"{self.a} ({self.people[0]}), {self.b} ({self.people[1]}), {'' if self.paired else 'un'}paired",
             ),
-            ("difference", f"{self.kind} (p = {self.detection.p:.3g})"),
-            ("cause", self.best.name if self.differs and self.best else "none"),
+            ("difference", f"{self.kind} (p of equal means {self._p(self.detection.p_mean)})"),
+            ("cause", self.best.name if self.best else "none"),
         ]
 
     def verdict(self) -> str:
@@ -102,46 +104,62 @@ class Comparison(Summary):
         who = (
             f"{self.people[0]} people, each in both" if self.paired else f"{self.people[0]} and {self.people[1]} people"
         )
+        means = f"p of equal means {self._p(d.p_mean)}, {d.relabellings} relabellings, {who}"
         if not self.differs:
-            return (
-                f"No difference between {self.a} and {self.b} was found (p = {d.p:.2g}, {self.permutations} "
-                f"relabellings, {who}). Not found does not mean that there is none."
-            )
-        parts = [f"{self.b} differs from {self.a} (p {_p(d.p, self.permutations)}, {who})."]
+            parts = [
+                f"No difference between the mean responses of {self.a} and {self.b} was found ({means}). Not found "
+                "does not mean that there is none."
+            ]
+            if d.least_p > LEVEL:
+                parts.append(
+                    f"So few people cannot show one: the smallest p-value of their relabellings is {d.least_p:.2g}, "
+                    f"above {LEVEL:g}."
+                )
+            return " ".join([*parts, *self._scatter()])
+        parts = [f"{self.b} differs from {self.a} in its mean responses ({means})."]
         places = [r for r in d.regions if r.p <= LEVEL]
         if places:
             words = [f"{r.segment} body, {r.low:.3g} to {r.high:.3g} Hz (gain x {r.gain:.2f})" for r in places]
             parts.append(f"It is in the {'; '.join(words)}.")
         else:
-            parts.append("No single band of one segment differs by itself.")
+            parts.append("Which band of which segment it is in is not told.")
         if self.kind == "alike":
             parts.append(
-                f"Upper body relative to lower body: no change found (p = {d.p_ratio:.2g}), as when the ankle loop or "
-                "the weight of the sensed stimulus changes."
+                f"Upper body relative to lower body: no change found (p of equal ratios {self._p(d.p_ratio)}), as when "
+                "the ankle loop or the weight of the sensed stimulus changes."
             )
         else:
             parts.append(
-                f"The upper body moves differently relative to the lower body (p {_p(d.p_ratio, self.permutations)}), "
-                "as when the control of the upper body changes, for example with vision."
+                f"The upper body moves differently relative to the lower body (p of equal ratios "
+                f"{self._p(d.p_ratio)}), as when the control of the upper body changes, for example with vision."
             )
-        if d.p_scatter <= LEVEL:
-            parts.append(
-                f"The variance between people is {d.scatter_ratio:.2f} times as large (p "
-                f"{_p(d.p_scatter, self.permutations)}); noise of FRFs falls with the amplitude of the stimulus."
-            )
-        parts.append(self._cause())
-        return " ".join(parts)
+        return " ".join([*parts, *self._scatter(), self._cause()])
+
+    def _scatter(self) -> list[str]:
+        """What the test of scatter says, which is no test of the means."""
+        d = self.detection
+        if d.p_scatter > LEVEL:
+            return []
+        return [
+            f"A question of its own: the variance between people is {d.scatter_ratio:.2f} times as large (p of equal "
+            f"scatter {self._p(d.p_scatter)}); noise of FRFs falls with the amplitude of the stimulus."
+        ]
+
+    def _p(self, p: float) -> str:
+        """``= 0.03``, or a limit where no other relabelling that was drawn is as extreme."""
+        least = 1 / self.detection.relabellings
+        return f"<= {least:.2g}" if p <= least * (1 + 1e-9) else f"= {p:.2g}"
 
     def _cause(self) -> str:
         best, other = self.best, next((c for c in self.causes if c.name == OTHER), None)
-        if best is None or not self.causes:
+        if best is None:
             return ""
         if other is not None and other.probability > best.probability:
             return (
                 f"None of the named changes of parameters is probable ({OTHER}: {other.probability:.0%}); the most "
                 f"probable of them is {best.name}{_closed(best)}."
             )
-        named = [c for c in self.causes if c.name not in (NOTHING, OTHER)]
+        named = [c for c in self.causes if c.name != OTHER]
         near = [c for c in named[1:] if c.probability > best.probability * COMPARABLE]
         others = "".join(f"; {c.name} ({c.probability:.0%}){_closed(c)}" for c in near)
         return f"Most probable change: {best.name} ({best.probability:.0%}){_closed(best)}{others}."
@@ -168,12 +186,23 @@ class Comparison(Summary):
             ]
             for c in shown
         ]
+        d = self.detection
+        tests = [
+            ["equal means of all points (decides)", f"{d.p_mean:.3f}"],
+            ["equal ratio of upper to lower body", f"{d.p_ratio:.3f}"],
+            ["equal scatter between people", f"{d.p_scatter:.3f}"],
+        ]
         blocks = [
             fill(self.verdict()),
-            f"Where: {self.b} relative to {self.a}, p corrected for all regions\n\n"
+            f"Tests: {d.relabellings} relabellings, smallest p possible {d.least_p:.2g}\n\n"
+            + table(["what is tested", "p"], tests),
+            f"Where: {self.b} relative to {self.a}, p of equal means in a region, corrected for all regions\n\n"
             + table(["segment, band", "Hz", "gain ratio", "phase (deg)", "p"], regions),
-            "What: changes of parameters by probability, and share closed in people not used for the estimate\n\n"
-            + table(["change", "probability (%)", "closed (%)", f"from {self.a} to {self.b}"], causes),
+            "What: changes of parameters by probability, given that the means differ, and share closed in people not "
+            "used for the\nestimate\n\n"
+            + table(["change", "probability (%)", "closed (%)", f"from {self.a} to {self.b}"], causes)
+            if causes
+            else "What: no change of a parameter is named, because no difference of the means was found.",
         ]
         return "\n\n".join(blocks)
 
@@ -212,12 +241,6 @@ class Comparison(Summary):
                 for c in self.causes
             ],
         }
-
-
-def _p(p: float, permutations: int) -> str:
-    """``= 0.03``, or a limit where no relabelling was as extreme."""
-    least = 1 / (permutations + 1)
-    return f"<= {least:.3g}" if p <= least * (1 + 1e-9) else f"= {p:.2g}"
 
 
 def _closed(cause: Cause) -> str:

@@ -1,20 +1,32 @@
 """Two groups as numbers: responses of the people of both, and relabellings of the groups that are equally likely.
 
-If the groups do not differ, any exchange of labels is as likely as the one that was observed: within every person when
-the same people are in both groups (paired), between people otherwise. Statistics of relabelled groups therefore have
-the distribution of the statistic without a difference, exactly, whatever the distribution of people.
+If the groups do not differ at all, any exchange of labels is as likely as the one that was observed: within every
+person when the same people are in both groups (paired), between people otherwise. Statistics of relabelled groups then
+have the distribution of the statistic without a difference, exactly, whatever the distribution of people.
+
+Groups may also differ in something that is not asked, as means may be equal where noise is not. Relabelled groups share
+the noise of both, so their differences scatter by another amount than the observed one if the groups are of unequal
+size. Each difference is therefore measured in units of its own error, that of Welch, with the variances of its own two
+groups (`Relabelled.variance`): relabelling is then still exact if the groups do not differ at all, and right for many
+people if only their means are equal (Janssen 1997, Stat Probab Lett 36:9; Chung & Romano 2013, Ann Stat 41:484).
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
+from math import comb
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from mcstudy.errors import InputError
 from mcstudy.spectra.frf_groups import LEAST_PEOPLE, Scatter, as_complex, as_real, scatter
+
+LEAST_VARIANCE = 1e-9
+"""Of relabelled groups, relative to that of groups that do not differ."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +59,20 @@ class Sample:
 
     @cached_property
     def one(self) -> np.ndarray:
-        """Covariance (D, D) of the difference times people: of one person's difference when paired."""
+        """Covariance (D, D) of the difference times people: of one person's difference when paired.
+
+        The groups share the form of their covariance and not its size, which their noise and their people set.
+        """
         if self.paired:
             return scatter(self.b - self.a).covariance
-        return self.person.covariance * (1 / len(self.a) + 1 / len(self.b)) * self.people
+        return self.person.covariance * self._per_person * self.people
+
+    @property
+    def _per_person(self) -> float:
+        """Variance of the difference of different people in units of the common variance of a person."""
+        variance = np.diag(self.person.covariance)
+        of_a, of_b = (float(np.mean(x.var(axis=0, ddof=1) / variance)) for x in (self.a, self.b))
+        return of_a / len(self.a) + of_b / len(self.b)
 
     @property
     def people(self) -> int:
@@ -67,17 +89,41 @@ class Sample:
         """Covariance (D, D) of `mean` as real numbers."""
         if self.paired:
             return scatter((self.a + self.b) / 2).covariance / len(self.a)
-        return np.asarray(self.person.covariance * (1 / len(self.a) + 1 / len(self.b)) / 4)
+        return np.asarray(self.person.covariance * self._per_person / 4)
 
     def part(self, a: np.ndarray, b: np.ndarray) -> Sample:
         """Some people only: rows of a and of b."""
         return Sample(self.a[a], self.b[b], self.paired)
 
+    @property
+    def relabellings(self) -> int:
+        """Number of different relabellings, the observed one among them."""
+        return 2 ** len(self.a) if self.paired else comb(self.people, len(self.b))
+
+    def least_p(self, labels: np.ndarray) -> float:
+        """The smallest p-value of a two-sided test that memberships (n, rows) allow.
+
+        In groups of equal size the exchange of all labels has the same size of the difference as the observed one.
+        """
+        mirrored = 1 + (len(self.a) == len(self.b) and len(labels) == self.relabellings)
+        return mirrored / len(labels)
+
     def relabelled(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        """Membership in b of all rows of a and then b, (1 + n, rows) bool; the first is the observed one."""
+        """Membership in b of all rows of a and then b, (1 + n, rows) bool; the first is the observed one.
+
+        All different ones, once each, if they are no more than 1 + n.
+        """
         na, nb = len(self.a), len(self.b)
-        out = np.zeros((1 + n, na + nb), dtype=bool)
-        out[:, na:] = True
+        observed = np.arange(na + nb) >= na
+        if self.relabellings <= 1 + n:
+            if self.paired:
+                swapped = np.array(list(itertools.product((False, True), repeat=na)))
+                return np.hstack([swapped, ~swapped])
+            all_b = np.array(list(itertools.combinations(range(na + nb), nb)))[::-1]  # the last of all is the observed
+            out = np.zeros((len(all_b), na + nb), dtype=bool)
+            out[np.arange(len(all_b))[:, None], all_b] = True
+            return out
+        out = np.tile(observed, (1 + n, 1))
         if self.paired:
             swapped = rng.random((n, na)) < 0.5
             out[1:, :na], out[1:, na:] = swapped, ~swapped
@@ -85,23 +131,53 @@ class Sample:
             out[1:] = rng.permuted(out[1:], axis=1)
         return out
 
-    def statistics(self, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Differences (n, D), and logarithms (n,) of the scatter of b over that of a, for memberships (n, rows).
-
-        Scatter is the mean squared deviation from the mean of the group, each number in units of its SD.
-        """
+    def differences(self, labels: np.ndarray) -> Relabelled:
+        """Differences of relabelled groups, for memberships (n, rows), with their own variances."""
+        if self.paired:
+            own = self.b - self.a
+            sign = np.where(labels[:, len(self.a) :], 1.0, -1.0)
+            mean, n = sign @ own / len(own), len(own)
+            variance = ((own**2).mean(axis=0) - mean**2) / (n - 1)
+            return Relabelled(mean, np.maximum(variance, 0.0), (own**2).mean(axis=0) / n)
         both = np.concatenate([self.a, self.b])
-        scale = np.sqrt(np.diag(self.person.covariance))
-        y = (both - both.mean(axis=0)) / scale
-        of_b, squares = labels.astype(float), (y * y).sum(axis=1)
-        n_b = of_b.sum(axis=1)
-        n_a = len(y) - n_b
-        sum_b = of_b @ y
-        mean_b, mean_a = sum_b / n_b[:, None], (y.sum(axis=0) - sum_b) / n_a[:, None]
-        square_b = of_b @ squares
-        within_b = (square_b - n_b * (mean_b**2).sum(axis=1)) / (n_b - 1)
-        within_a = (squares.sum() - square_b - n_a * (mean_a**2).sum(axis=1)) / (n_a - 1)
-        return (mean_b - mean_a) * scale, np.log(within_b / within_a)
+        y = both - both.mean(axis=0)
+        of_b = labels.astype(float)
+        mean_a, variance_a = _mean_of(1 - of_b, y)
+        mean_b, variance_b = _mean_of(of_b, y)
+        scale = y.var(axis=0) * (1 / len(self.a) + 1 / len(self.b))
+        return Relabelled(mean_b - mean_a, variance_a + variance_b, scale)
+
+
+class Relabelled(NamedTuple):
+    """Differences of n pairs of groups, b minus a.
+
+    Attributes
+    ----------
+    difference: (n, D). variance: (n, D), of each, from the scatter in its own two groups.
+    scale: (D,), the same for all relabellings: variance of a difference if the groups do not differ.
+    """
+
+    difference: np.ndarray
+    variance: np.ndarray
+    scale: np.ndarray
+
+    def of(self, numbers: np.ndarray) -> np.ndarray:
+        """Squared differences of some ``numbers`` (D,) bool in units of their variances, (n,).
+
+        Numbers are weighed with `scale`, and only the mean of their variances is that of the relabelled groups: with
+        few people, one variance of a single number is often too small by chance.
+        """
+        squares = (self.difference[:, numbers] ** 2 / self.scale[numbers]).sum(axis=1)
+        own = (self.variance[:, numbers] / self.scale[numbers]).sum(axis=1)
+        return np.asarray(squares / np.maximum(own, LEAST_VARIANCE * numbers.sum()))
+
+
+def _mean_of(members: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means (n, D) of groups with memberships (n, rows) of 0 and 1, and the variances of these means."""
+    n = members.sum(axis=1, keepdims=True)
+    mean = members @ y / n
+    variance = (members @ y**2 / n - mean**2) / (n - 1)
+    return mean, np.maximum(variance, 0.0)
 
 
 def sample_of(a: xr.Dataset, b: xr.Dataset, paired: bool | None = None) -> Sample:

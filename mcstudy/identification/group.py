@@ -56,7 +56,9 @@ def combine(
                 Individual(p, x.estimate, x.low, x.high, x.low_from, x.high_from, *s[:3])
                 for p, x, s in zip(by_condition[c], own, shrunken, strict=True)
             )
-            means.append(GroupMean(e.name, e.unit, c, *population.mean(), *population.between(), individuals))
+            spread = population.between()
+            told = spread._replace(value=spread.value if spread.value > 0 else np.nan)
+            means.append(GroupMean(e.name, e.unit, c, *population.mean(), *told, individuals))
         for reference, c in itertools.combinations(conditions, 2):
             both = by_condition[reference]
             if is_paired:

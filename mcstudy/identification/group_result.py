@@ -64,7 +64,8 @@ class GroupMean:
         What ends the interval: "data", "bound" where most people have no own limit on that side, or "flat" where flat
         parts of their likelihoods make up half of the interval.
     between, between_low, between_high, between_low_from, between_high_from
-        Standard deviation between people with its interval; the errors of the fits are not in it.
+        Standard deviation between people with its interval; the errors of the fits are not in it. Without a value (nan)
+        where these explain all scatter: it may then be zero, and ``between_high`` is what it is at most.
     individuals
         Every person (`Individual`).
     """
@@ -115,7 +116,8 @@ class GroupDifference:
     difference, low, high, low_from, high_from
         Value, interval and what ends it, as in `GroupMean`.
     p_value
-        Of no difference.
+        Of no difference: 1 minus the level of the interval that ends at zero, whatever ends it. So it is below 0.05 if,
+        and only if, the 95 % interval does not hold zero.
     """
 
     quantity: str

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from mcstudy.text_tables import number, table
@@ -71,18 +72,27 @@ def text(r: GroupResult) -> str:
 
 
 def _row(m: GroupMean) -> tuple[str, ...]:
-    cv = f"{100 * m.between / abs(m.mean):.0f} %" if abs(m.mean) > SHOWN * m.between else "-"
+    none = math.isnan(m.between)
+    cv = f"{100 * m.between / abs(m.mean):.0f} %" if not none and abs(m.mean) > SHOWN * m.between else "-"
     high = number(m.between_high) if m.between_high_from == "data" else f"above {number(m.between_high)}"
     return (
         m.quantity,
         m.unit,
         number(m.mean),
         f"{number(m.low)} to {number(m.high)}",
-        number(m.between),
+        spread(m),
         f"{number(m.between_low)} to {high}",
         cv,
         m.verdict,
     )
+
+
+def spread(m: GroupMean) -> str:
+    """``0.014``, or ``0 (at most 0.02)`` where errors of the fits explain all scatter of the people."""
+    if not math.isnan(m.between):
+        return number(m.between)
+    limit = number(m.between_high)
+    return f"0 (at most {limit})" if m.between_high_from == "data" else "not determined"
 
 
 def sentences(r: GroupResult) -> list[str]:

@@ -12,11 +12,15 @@ it is flat, two parameters trade for each other, and the integral would prefer v
 no other reason than that there are more of them. So a person of whom little is known adds little.
 
 - tau maximises the likelihood integrated over mu (REML for Gaussian likelihoods).
-- The interval of mu is that of its profile likelihood. Its threshold n log(1 + t^2 / (n - 1)), with Student's t of
-  n - 1 degrees of freedom, makes it exact for few people who are measured without error: it is their t interval.
-- The interval of tau has the same threshold. It is 4.50 for 10 people; exact for normal people measured without error
-  would be 3.99. The rest allows for people and errors that are not quite normal, to which a variance is more sensitive
-  than a mean.
+- The mean is where Q(mu) is least: the sum over people of what the maximum above takes off the log likelihood, twice,
+  at the best tau; for Gaussian L the squared distances from mu in units of w^2 + tau^2. Its interval is that of
+  Student's t of n - 1 degrees of freedom with t^2 = (n - 1) (Q(mu) / min Q - 1): people weigh by what is expected of
+  them, and how far they scatter is taken from how far they do (Hartung & Knapp 2001, Stat Med 20:3875). For people
+  measured without error it is their t interval. If likelihoods are wider than errors are, as those of fits are, min Q
+  is small and the interval is not too wide, which one with the stated errors would be.
+- The interval of tau is that of its restricted likelihood with the threshold n log(1 + t^2 / (n - 1)). It is 4.50 for
+  10 people; exact for normal people measured without error would be 3.99. The rest allows for people and errors that
+  are not quite normal, to which a variance is more sensitive than a mean.
 - Where likelihoods are flatter than Gaussian ones, the interval also covers the means of people who are all at the low,
   or all at the high, end of their flat part (each with its t interval). If flat parts make up half of it, it is said to
   be "flat", which is not determined.
@@ -60,6 +64,9 @@ FLAT = 0.25
 
 MOST_FLAT = 0.5
 """Share of the interval of the mean, from which flat parts of the likelihoods count as what makes it wide."""
+
+FLOOR = 1e-6
+"""Least mean square of people in units of what is expected of them: flat likelihoods that overlap have none."""
 
 NEGLIGIBLE = -20.0
 """Log likelihood ratio below which a standard deviation does not count."""
@@ -144,21 +151,23 @@ class Population:
 
     def _added(self, log: np.ndarray) -> np.ndarray:
         """What one person adds, (T, G); ``log`` (G,), a concave log likelihood."""
-        known = np.isfinite(log)
-        x, log = self.mu[known], log[known]
-        w = np.exp(log).sum() * self._step / np.sqrt(2 * np.pi)
-        out = np.empty((self.tau.size, self.mu.size))
-        out[0] = np.where(known, 0.0, -np.inf)
-        out[0, known] = log
+        w = np.exp(log[np.isfinite(log)]).sum() * self._step / np.sqrt(2 * np.pi)
+        return self._greatest(log, self.tau) + np.log(w / np.hypot(w, self.tau))[:, None]
+
+    def _greatest(self, log: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Greatest log likelihood of a person's value and of its distance from the mean together, (T, G)."""
+        out = np.tile(log, (tau.size, 1))
+        known, some = np.isfinite(log), tau > 0
+        x, log, spread = self.mu[known], log[known], tau[some, None]
         # Of two neighbours the upper one is better for means above ``between - tau^2 slope``, which rises with x.
-        between, slope, tau = (x[1:] + x[:-1]) / 2, np.diff(log) / self._step, self.tau[1:, None]
-        above = np.ceil((between - tau**2 * slope - self.mu[0]) / self._step)
+        between, slope = (x[1:] + x[:-1]) / 2, np.diff(log) / self._step
+        above = np.ceil((between - spread**2 * slope - self.mu[0]) / self._step)
         above = np.clip(above, 0, self.mu.size).astype(int)  # the first mean on the grid for which it is better
-        G, rows = self.mu.size, np.arange(tau.size)[:, None]
-        counts = np.bincount((above + (G + 1) * rows).ravel(), minlength=tau.size * (G + 1))
-        best = np.cumsum(counts.reshape(tau.size, G + 1)[:, :G], axis=1)
+        G, rows = self.mu.size, np.arange(spread.size)[:, None]
+        counts = np.bincount((above + (G + 1) * rows).ravel(), minlength=spread.size * (G + 1))
+        best = np.cumsum(counts.reshape(spread.size, G + 1)[:, :G], axis=1)
         away = x[best] - self.mu
-        out[1:] = log[best] - (0.5 / tau**2) * (away * away) + np.log(w / np.hypot(w, tau))
+        out[some] = log[best] - (0.5 / spread**2) * (away * away)
         return out
 
     @cached_property
@@ -180,47 +189,51 @@ class Population:
         return 0.0 if none else max(_argmax(self.tau, self.restricted), 0.0)
 
     @cached_property
-    def deviance(self) -> np.ndarray:
-        """Of mu, (G,): twice the log likelihood ratio, at the best tau for each."""
-        found = _peak(self.joint)
-        return np.asarray(2 * (found.max() - found))
+    def squares(self) -> np.ndarray:
+        """Squared distances of all people from every mean, each in units of what is expected of it, summed, (G,)."""
+        tau = np.array([self._best_tau])
+        possible = (self.mu >= self.limits[0]) & (self.mu <= self.limits[1])
+        return np.where(possible, -2 * np.sum([self._greatest(log, tau)[0] for log in self._log], axis=0), np.inf)
 
     @cached_property
     def t_squared(self) -> np.ndarray:
-        """`deviance` as the square of a Student's t of n - 1 degrees of freedom, (G,)."""
-        return np.asarray((self.n - 1) * np.expm1(np.minimum(self.deviance / self.n, 500.0)))
+        """Of mu, (G,): the square of a Student's t of n - 1 degrees of freedom."""
+        least = self.squares.min()
+        return np.asarray((self.n - 1) * (self.squares - least) / max(least, FLOOR * (self.n - 1)))
 
-    @property
-    def _goal(self) -> float:
-        """The square of Student's t at the ends of an interval of the mean."""
-        return float(stdtrit(self.n - 1, 0.5 + self.level / 2) ** 2)
+    def _t(self, level: float) -> float:
+        """Student's t at the ends of an interval of the mean."""
+        return float(stdtrit(self.n - 1, 0.5 + level / 2))
 
     @cached_property
-    def _plain(self) -> tuple[float, float]:
-        """Ends of the interval of the profile likelihood of the mean."""
-        return crossings(self.mu, self.t_squared, self._goal)
+    def _flat(self) -> np.ndarray:
+        """Ends of the flat part of every person's likelihood, (n, 2)."""
+        return np.array([p.flat for p in self.people])
 
     @cached_property
     def _flatness(self) -> float:
         """Length of the flat part of most people's likelihoods, as a share of the interval of the mean; at most 1."""
-        length = float(np.median([np.diff(p.flat) for p in self.people]))  # one who is not determined tells nothing
-        low, high = self._plain
+        length = float(np.median(np.diff(self._flat)))  # one who is not determined tells nothing
+        low, high = crossings(self.mu, self.t_squared, self._t(self.level) ** 2)
         return length / max(high - low, length, 1e-300)
 
-    def mean(self) -> Interval:
-        """The mean, with its interval."""
-        k = int(np.argmax(self.restricted))
-        near = slice(max(k - 1, 0), k + 2)
-        value = float(np.interp(self._best_tau, self.tau[near], [_argmax(self.mu, row) for row in self.joint[near]]))
-        goal = self._goal
-        low, high = self._plain
-        flat = np.array([p.flat for p in self.people])
+    @cached_property
+    def _value(self) -> float:
+        """The mean that is nearest to all people."""
+        return _argmax(self.mu, -self.squares)
+
+    def mean(self, level: float | None = None) -> Interval:
+        """The mean, with its interval of ``level``, by default `level`; an interval holds those of lower levels."""
+        level = self.level if level is None else level
+        t = self._t(level)
+        low, high = crossings(self.mu, self.t_squared, t * t)
+        flat = self._flat
         end = "flat" if self._flatness > MOST_FLAT else "data"
         # All people may be at the same end of the flat parts of their likelihoods, which is no matter of chance.
-        away, weight = np.sqrt(goal / self.n) * flat.std(axis=0, ddof=1), min(self._flatness / FLAT, 1.0)
+        away, weight = t / np.sqrt(self.n) * flat.std(axis=0, ddof=1), min(self._flatness / FLAT, 1.0)
         low += weight * min(flat[:, 0].mean() - away[0] - low, 0.0)
         high += weight * max(flat[:, 1].mean() + away[1] - high, 0.0)
-        return self._bounded(Interval(value, float(low), float(high), end, end))
+        return self._bounded(Interval(self._value, float(low), float(high), end, end), level)
 
     @cached_property
     def _normal(self) -> np.ndarray:
@@ -237,9 +250,9 @@ class Population:
         together = (self._normal[some] * fft.rfft(density, size, axis=1)).sum(axis=0)
         return np.asarray(fft.irfft(together, size)[:G])
 
-    def _bounded(self, found: Interval) -> Interval:
+    def _bounded(self, found: Interval, level: float) -> Interval:
         """An interval that reaches as far as any person's on every side that most people leave undetermined."""
-        goal = float(ndtri(0.5 + self.level / 2))
+        goal = float(ndtri(0.5 + level / 2))
         open_low, open_high = np.mean([p.open for p in self.people], axis=0) >= MOST_UNDETERMINED
         _, low, high, low_from, high_from = found
         if open_low or low <= self.limits[0]:
@@ -254,7 +267,7 @@ class Population:
 
         A lower end of zero, or an upper one at the end of the grid, is a "bound".
         """
-        value, goal = self._best_tau, self.n * np.log1p(self._goal / (self.n - 1))
+        value, goal = self._best_tau, self.n * np.log1p(self._t(self.level) ** 2 / (self.n - 1))
         low, high = crossings(self.tau, -2 * self.restricted, goal)
         low_from = "bound" if low <= 0 else "data"
         high_from = "bound" if high >= self.tau[-1] else "data"
@@ -287,18 +300,6 @@ class Population:
             low, high = low + flat * min(own[0] - low, 0.0), high + flat * max(own[1] - high, 0.0)
             out.append(Interval(float(weight @ self.mu), low, high))
         return out
-
-
-def _peak(log: np.ndarray) -> np.ndarray:
-    """Greatest value along the first axis (T, G), with a parabola through the three points around it."""
-    k = np.clip(np.argmax(log, axis=0), 2, len(log) - 2)  # the first interval, from tau = 0, is not of equal ratio
-    column = np.arange(log.shape[1])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        a, b, c = (log[k + i, column] for i in (-1, 0, 1))
-        rise = np.where(a - 2 * b + c < 0, b - (c - a) ** 2 / (8 * (a - 2 * b + c)), b)
-    greatest = log.max(axis=0)
-    inner = (b >= a) & (b >= c) & np.isfinite(a) & np.isfinite(c)
-    return np.where(inner, np.maximum(rise, greatest), greatest)
 
 
 def _argmax(x: np.ndarray, log: np.ndarray) -> float:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtr, stdtrit
+from scipy.special import stdtrit
 
 from mcstudy.identification.population import Interval, Population, crossings
 
@@ -14,8 +15,15 @@ FAR, COARSE, FINER = 40.0, 81, 12
 of the one between two of these."""
 
 
+LEAST_P = 1e-12
+"""p-values below are not told apart."""
+
+STEPS = 40
+"""Bisections of a p-value."""
+
+
 class Difference(NamedTuple):
-    """A difference of two means, and the p-value of no difference."""
+    """A difference of two means, and the p-value of no difference: 1 minus the level of the interval that ends at 0."""
 
     interval: Interval
     p_value: float
@@ -23,8 +31,7 @@ class Difference(NamedTuple):
 
 def paired(population: Population) -> Difference:
     """Of people whose likelihoods are those of their own differences."""
-    t = np.sqrt(np.interp(0.0, population.mu, population.t_squared))
-    return Difference(population.mean(), float(2 * stdtr(population.n - 1, -t)))
+    return _tested(population.mean, population.level)
 
 
 def unpaired(second: Population, first: Population) -> Difference:
@@ -43,25 +50,40 @@ def unpaired(second: Population, first: Population) -> Difference:
 
     ends = b.mu[0] - a.mu[-1], b.mu[-1] - a.mu[0]
     far = min(FAR * float(np.hypot(widths[0], widths[1])), 0.5 * (ends[1] - ends[0]))
-    wanted = np.unique(np.clip(at + far * np.linspace(-1, 1, COARSE) ** 3, *ends))
-    together = least(wanted)
-    lowest = together.min()
+    fine = np.unique(np.clip(np.append(at + far * np.linspace(-1, 1, COARSE) ** 3, 0.0), *ends))
+    values = least(fine)
+    lowest = values.min()
     v = np.square(widths)
     dof = v.sum() ** 2 / (v[0] ** 2 / (a.n - 1) + v[1] ** 2 / (b.n - 1))
-    goal = stdtrit(dof, 0.5 + a.level / 2) ** 2
-    fine, values = wanted, together
-    inside = np.flatnonzero(together - lowest <= goal)
-    for n in (max(inside[0], 1), min(inside[-1] + 1, wanted.size - 1)):  # a finer grid around either end
-        more = np.linspace(wanted[n - 1], wanted[n], FINER)[1:-1]
-        fine, values = np.append(fine, more), np.append(values, least(more))
+    inside = np.flatnonzero(values - lowest <= stdtrit(dof, 0.5 + a.level / 2) ** 2)
+    near = max(inside[0], 1), min(inside[-1] + 1, fine.size - 1)
+    more = np.concatenate([np.linspace(fine[n - 1], fine[n], FINER)[1:-1] for n in near])  # a finer grid at both ends
+    fine, values = np.append(fine, more), np.append(values, least(more))
     order = np.argsort(fine)
-    low, high = crossings(fine[order], values[order] - lowest, goal)
-    m, k = a.mean(), b.mean()
-    low_from, high_from = _worse(k.low_from, m.high_from), _worse(k.high_from, m.low_from)
-    low = k.low - m.high if low_from != "data" else low
-    high = k.high - m.low if high_from != "data" else high
-    t = np.sqrt(max(float(least(np.zeros(1))[0] - lowest), 0.0))
-    return Difference(Interval(at, min(low, at), max(high, at), low_from, high_from), float(2 * stdtr(dof, -t)))
+    fine, values = fine[order], values[order]
+
+    def interval(level: float) -> Interval:
+        low, high = crossings(fine, values - lowest, stdtrit(dof, 0.5 + level / 2) ** 2)
+        m, k = a.mean(level), b.mean(level)
+        low_from, high_from = _worse(k.low_from, m.high_from), _worse(k.high_from, m.low_from)
+        low = min(low, k.low - m.high) if low_from != "data" else low
+        high = max(high, k.high - m.low) if high_from != "data" else high
+        return Interval(at, min(low, at), max(high, at), low_from, high_from)
+
+    return _tested(interval, a.level)
+
+
+def _tested(interval: Callable[[float], Interval], level: float) -> Difference:
+    """The interval of ``level``, and the p-value of zero from the intervals of all levels, each of which holds those of
+    lower levels: below 1 - ``level`` if, and only if, the interval does not hold zero."""
+    stated = interval(level)
+    holds = stated.low <= 0 <= stated.high
+    low, high = (1 - level, 1.0) if holds else (LEAST_P, 1 - level)
+    for _ in range(STEPS):
+        p = float(np.sqrt(low * high))
+        found = interval(1 - p)
+        low, high = (p, high) if found.low <= 0 <= found.high else (low, p)
+    return Difference(stated, high if holds else low)
 
 
 def _worse(*ends: str) -> str:

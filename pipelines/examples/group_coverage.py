@@ -9,6 +9,11 @@ person is fitted once. Groups are drawn from these people, and the mean, the sta
 difference between two groups of other people, and the values of the individuals are compared with the truth: mean and
 standard deviation of all people that were drawn. A row is printed as soon as its quantity is done.
 
+With ``--within 0.05`` every person is measured a second time, with parameters that changed at random by 5 %, and the
+paired difference is judged too: how often its interval holds the true mean change, and how often a change is found at
+the 5 % level, by the comparison and by a t-test of the estimates. ``--shift Td1=0.06`` changes parameters of everybody
+besides, so that the last two are powers.
+
 ``--cause NAME`` tells instead why the interval of a standard deviation holds the truth too rarely: how often it does,
 with Gaussian likelihoods, if people and errors of the fits are what theory assumes, and what they are.
 """
@@ -22,18 +27,19 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
 from multiprocessing import get_context
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, ndtri, stdtrit
-from scipy.stats import kurtosis
+from scipy.stats import kurtosis, ttest_1samp
 
 import mcstudy as mc
 from mcstudy.fitting.compilers import cores
 from mcstudy.identification.fit import fit_lines
-from mcstudy.identification.likelihood import Likelihood, of_fit
+from mcstudy.identification.likelihood import Likelihood, difference, of_fit
 from mcstudy.identification.population import Population
-from mcstudy.identification.two_means import unpaired
+from mcstudy.identification.two_means import paired, unpaired
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
@@ -49,14 +55,19 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 LEVEL = 0.95
 """Of all intervals."""
 
+AFTER = 1_000_000
+"""Added to the seed of a person's second measurement."""
+
 SLOWEST = -0.5  # 1/s: bodies that are hardly stable sway for minutes after a push
 
 
 class Person(NamedTuple):
-    """True values and likelihoods by quantity."""
+    """True values and likelihoods by quantity, and those of a change between two measurements, if there were two."""
 
     truth: Mapping[str, float]
     likelihood: Mapping[str, Likelihood]
+    true_change: Mapping[str, float] = MappingProxyType({})
+    change: Mapping[str, Likelihood] = MappingProxyType({})
 
 
 @cache
@@ -88,13 +99,31 @@ def body(seed: int, spread: float) -> np.ndarray:
             return np.asarray(theta)
 
 
-def person(seed: int, spread: float, fmax: float, cycles: int) -> Person:
-    """Draw, measure and fit one person."""
+def person(
+    seed: int, spread: float, fmax: float, cycles: int, within: float = 0.0, shift: Mapping[str, float] | None = None
+) -> Person:
+    """Draw, measure and fit one person, and if ``within`` is not zero once more after a change."""
     theta = body(seed, spread)
+    truth, likelihood = measured(theta, seed, fmax, cycles)
+    if not within:
+        return Person(truth, likelihood)
+    nominal, rng = two_segment(), stream(seed, "change")
+    factor = np.array([1 + (shift or {}).get(name, 0.0) for name in nominal.names])
+    after = theta * factor * np.exp(within * rng.standard_normal(theta.size))
+    while growth_rate(nominal, after) > SLOWEST / 2:
+        after = theta * factor * np.exp(within * rng.standard_normal(theta.size))
+    true_after, likelihood_after = measured(after, seed + AFTER, fmax, cycles)
+    true_change = {name: true_after[name] - truth[name] for name in truth}
+    return Person(
+        truth, likelihood, true_change, {n: difference(likelihood_after[n], likelihood[n]) for n in likelihood}
+    )
+
+
+def measured(theta: np.ndarray, seed: int, fmax: float, cycles: int) -> tuple[dict[str, float], dict[str, Likelihood]]:
+    """True values of all quantities of a body, and their likelihoods from one recording."""
     fitted = fit_lines(drawn_lines(theta, seed, fmax, cycles), two_segment(), seed=seed)
     values = dict(zip(fitted.model.names, theta, strict=True))
-    truth = {e.name: float(sum(values[n] for n in e.name.split(" + "))) for e in fitted.estimates}
-    return Person(truth, of_fit(fitted))
+    return {e.name: float(sum(values[n] for n in e.name.split(" + "))) for e in fitted.estimates}, of_fit(fitted)
 
 
 class Held(NamedTuple):
@@ -132,6 +161,27 @@ def judged(people: Sequence[Person], name: str, groups: int, size: int) -> list[
                     individuals=float(np.mean(own)),
                 )
             )
+    return out[:groups]
+
+
+class Changed(NamedTuple):
+    """Of a group: whether the paired interval holds the true mean change; whether a change was found, by a t-test."""
+
+    held: bool
+    found: bool
+    by_t_test: bool
+
+
+def changes(people: Sequence[Person], name: str, groups: int, size: int) -> list[Changed]:
+    """Of random groups of ``size`` people; the truth is the mean change of all ``people``."""
+    rng, out = stream(0, "groups"), list[Changed]()
+    true = float(np.mean([p.true_change[name] for p in people]))
+    while len(out) < groups:
+        for picked in rng.permutation(len(people))[: len(people) // size * size].reshape(-1, size):
+            own = [people[k].change[name] for k in picked]
+            (_, low, high, *_), p = paired(Population(own, LEVEL))
+            t_test = ttest_1samp([x.estimate for x in own], 0.0).pvalue
+            out.append(Changed(low <= true <= high, p <= 1 - LEVEL, bool(t_test <= 1 - LEVEL)))
     return out[:groups]
 
 
@@ -192,12 +242,15 @@ def main() -> None:
     parser.add_argument("--spread", type=float, default=0.2, help="between-person CV of every parameter (default 0.2)")
     parser.add_argument("--cycles", type=int, default=6, help="stimulus periods per trial (default 6)")
     parser.add_argument("--fmax", type=float, default=3.1, help="highest frequency, Hz (default 3.1)")
+    parser.add_argument("--within", type=float, default=0.0, help="measure twice, with changes of this CV")
+    parser.add_argument("--shift", nargs="*", default=[], metavar="NAME=X", help="and with these changes of everybody")
     parser.add_argument("--cause", metavar="NAME", help="why the spread of a quantity is covered too rarely")
     parser.add_argument("--workers", type=int, default=cores(), help="processes (default one per core)")
     args = parser.parse_args()
     if args.people < 2 * args.size:
         parser.error(f"--people: expected at least twice --size = {args.size}, got {args.people}")
-    run = partial(person, spread=args.spread, fmax=args.fmax, cycles=args.cycles)
+    shift = {name: float(x) for name, x in (word.split("=") for word in args.shift)}
+    run = partial(person, spread=args.spread, fmax=args.fmax, cycles=args.cycles, within=args.within, shift=shift)
     os.environ |= dict.fromkeys(ONE_THREAD, "1")  # read by the new processes
     with ProcessPoolExecutor(args.workers, get_context("spawn")) as pool:
         people = list(pool.map(run, range(args.people), chunksize=5))
@@ -215,6 +268,13 @@ def main() -> None:
                 f"kurtosis of people {kurtosis(true):+.2f}; errors: RMS {rms / true.std():.2f} standard deviations of"
             )
             print(f"people, that of normal errors with the same median {usual / true.std():.2f}")
+            return
+        if args.within:
+            print(f"{args.groups} groups of {args.size} from {args.people} people, measured twice")
+            print(f"{'quantity':14}  held (%)  change found (%)  by a t-test (%)", flush=True)
+            for name in names:
+                held, found, by_t = 100 * np.mean(changes(people, name, args.groups, args.size), axis=0)
+                print(f"{name:14}{held:10.1f}{found:18.1f}{by_t:17.1f}", flush=True)
             return
         judge = [pool.submit(judged, _of(people, name), name, args.groups, args.size) for name in names]
         print(

@@ -42,10 +42,47 @@ def test_a_change_of_the_weight_is_named_with_its_size_and_closes_the_difference
 
 def test_the_verdict_says_who_where_and_what(changed: mc.Comparison) -> None:
     text = changed.verdict()
-    assert text.startswith("patients differs from controls (p = 0.015, 12 and 12 people).")
+    assert text.startswith("patients differs from controls in its mean responses (p of equal means <= 0.005, 200 ")
+    assert "12 and 12 people)." in text
     assert "Most probable change: Wprop" in text
     assert changed.differs
     assert repr(changed).startswith("Comparison")
+
+
+@pytest.fixture(scope="module")
+def unchanged() -> mc.Comparison:
+    return mc.compare(people(5, 1), people(5, 1, again=1), names=("before", "after"))
+
+
+def test_where_no_difference_is_found_nothing_else_says_there_is_one(unchanged: mc.Comparison) -> None:
+    """Before, corrected p-values of regions and a certain cause could stand beside "no difference"."""
+    assert not unchanged.differs
+    assert unchanged.kind == "same"
+    assert unchanged.causes == ()
+    assert unchanged.best is None
+    assert min(unchanged.detection.p_ratio, *(r.p for r in unchanged.detection.regions)) > 0.05
+    assert "%" not in unchanged.text()
+    assert "no change of a parameter is named" in unchanged.text()
+    document = json.loads(json.dumps(unchanged.to_dict(), allow_nan=False))
+    schema.validate("comparison", document, "comparison")
+    assert (document["causes"], document["predicted_difference"], document["inflation"]) == ([], None, None)
+    assert len(unchanged.plot().axes[0].patches) == 0  # no region is shaded
+
+
+def test_people_too_few_to_show_a_difference_are_told_so(unchanged: mc.Comparison) -> None:
+    assert "the smallest p-value of their relabellings is 0.062, above 0.05" in unchanged.verdict()
+    assert "smallest p possible 0.062" in unchanged.text()
+
+
+def test_every_p_value_says_what_it_tests(changed: mc.Comparison) -> None:
+    text = changed.text()
+    for words in ("equal means of all points (decides)", "equal ratio of upper to lower body", "equal scatter between"):
+        assert words in text
+    assert "p of equal means in a region" in text
+
+
+def test_probabilities_of_causes_are_those_of_a_difference(changed: mc.Comparison) -> None:
+    assert NOTHING not in [c.name for c in changed.causes]
 
 
 def test_what_is_written_fits_the_schema_and_is_drawn(changed: mc.Comparison) -> None:

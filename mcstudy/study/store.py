@@ -23,7 +23,7 @@ import numpy as np
 
 from mcstudy.errors import DesignError, StoreError
 from mcstudy.files import durable, schema
-from mcstudy.files.durable import sync_folder, sync_tree
+from mcstudy.files.durable import sync_folder, sync_tree, unwritable
 from mcstudy.files.unfinished import unfinished
 from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, real_end, refuse_links, sealed
 from mcstudy.fitting.status import USABLE, Status
@@ -262,7 +262,7 @@ class Cube:
                 building.rename(path)
                 sync_folder(path.parent)
         except OSError as error:
-            raise StoreError(f"{path}: expected a writable folder ({error.strerror})") from None
+            raise unwritable(path, "a writable folder", error) from None
         return cls(path, study, attributes, depths)
 
     @classmethod

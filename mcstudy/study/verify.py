@@ -72,6 +72,11 @@ def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
     findings.damage += [f"{file}: {what}" for file, what in skeleton_damage]
     damaged = {file for file, _ in skeleton_damage}
     sound: list[tuple[GroupStore, Chunk]] = []
+    if lost := runlog.unreadable(path):
+        findings.notes.append(
+            f"{runlog.file(path)}: {lost} line{'s' * (lost > 1)} cannot be read (a stop in the middle, or damage): "
+            "a chunk that was reported there alone, and is lost, counts as not run yet"
+        )
     reported = runlog.reported(path, cube.study.fingerprint)
     with_checksums = runlog.reported(path, cube.study.fingerprint, checksums=True)
     for name, store in cube.groups.items():

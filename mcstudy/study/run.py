@@ -136,7 +136,9 @@ def run_study(
 def check_scheduler(cube: Cube | None, options: ClusterOptions) -> None:
     """Raise `InputError` when a scheduler that will be needed cannot be used; ``cube``: None where all is pending."""
     stores = () if cube is None else cube.groups.values()
-    if options.scheduler and (not stores or any(not s.annotated(c) for s in stores for c in s.layout.chunks)):
+    if options.scheduler is not None and (
+        not stores or any(not s.annotated(c) for s in stores for c in s.layout.chunks)
+    ):
         reach(options)
 
 

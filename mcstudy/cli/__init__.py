@@ -132,7 +132,7 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
         os.environ.setdefault(variable, "1")
     import contextlib
 
-    from mcstudy.cli.stop import stopped, with_command
+    from mcstudy.cli.stop import stopped, unusable, with_command
     from mcstudy.errors import InputError, Interrupted, Stopped
     from mcstudy.exits import Exit
 
@@ -155,7 +155,11 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
             return Exit.DONE  # the reader (head, less) has seen enough
     except Exception as error:
         if stop is None or not stop.asked:
-            raise
+            if not isinstance(error, OSError) or error.errno is None:
+                raise
+            message, code = unusable(error, [verb, *words])
+            print(f"mcstudy: {message}", file=sys.stderr)
+            return code
         # Libraries raise this when they are stopped halfway, or when they print to a terminal that is gone.
         message, code = stopped([verb, *words], f" ({type(error).__name__}: {_one_line(error)})")
     with contextlib.suppress(OSError):

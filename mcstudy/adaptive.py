@@ -22,6 +22,7 @@ from mcstudy.analysis import accuracy
 from mcstudy.analysis.results import open_results
 from mcstudy.analysis.selection import best
 from mcstudy.errors import InputError
+from mcstudy.files.local_path import local_path
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.ranges import Range
 from mcstudy.study.design import Group, Study
@@ -183,7 +184,7 @@ def run_until(
     ------
     InputError: no group has noise, or the study alone exceeds the budget. Other errors are those of `run_study`.
     """
-    out = Path(out)
+    out = local_path(out)
     names = [name for name, group in study.groups.items() if group.noisy]
     if not names:
         raise InputError(

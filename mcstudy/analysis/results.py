@@ -10,9 +10,11 @@ import xarray as xr
 
 import mcstudy.analysis.accessors  # noqa: F401 - results open with their .mc methods
 from mcstudy.errors import StoreError
+from mcstudy.files.local_path import local_path
 from mcstudy.files.plain_errors import short
 from mcstudy.study.checked_store import CheckedStore
 from mcstudy.study.readable import readable, text_attributes
+from mcstudy.study.settled import settled
 from mcstudy.study.store import Cube, GroupStore
 
 FITS_A_PIECE = 50_000
@@ -58,7 +60,11 @@ def open_results(path: str | Path, lazy: bool | None = True) -> xr.DataTree:
     StoreError
         Not a cube, a cube of another schema version, or a damaged one.
     """
-    path = Path(path)
+    path = local_path(path)
+    return settled([path], lambda: _open(path, lazy))
+
+
+def _open(path: Path, lazy: bool | None) -> xr.DataTree:
     cube = Cube.open(path)
     if lazy is None:
         lazy = cube.study.fits > FITS_IN_MEMORY

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from mcstudy.files.local_path import local_path
 from mcstudy.report.with_page import StimulusDesignWithPage
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stimulus_design.design_file import parse_design, read_design
@@ -50,5 +51,5 @@ def design(
     """
     asked = parse_design(file) if isinstance(file, dict) else read_design(file)
     options = ClusterOptions(workers=workers, scheduler=scheduler)
-    found = design_stimulus(asked, None if out is None else Path(out), options, verify)
+    found = design_stimulus(asked, None if out is None else local_path(out), options, verify)
     return StimulusDesignWithPage.from_design(found)

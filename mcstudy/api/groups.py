@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from mcstudy.api.recordings import AnyRecording
+from mcstudy.files.local_path import local_path
 from mcstudy.identification.group_fit import Known, fit_members
 from mcstudy.identification.group_result import GroupResult
 from mcstudy.identification.people import members
@@ -69,7 +69,7 @@ def fit_group(
     Interrupted
         It was stopped.
     """
-    known: list[Known] = [Path(r) if isinstance(r, str) else r for r in recordings]
+    known: list[Known] = [local_path(r) if isinstance(r, str) else r for r in recordings]
     settings: dict[str, Any] = {
         "effects": effects,
         "wanted": quantities,

@@ -15,6 +15,7 @@ from mcstudy.analysis import performance as measures
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import ERROR
 from mcstudy.errors import InputError, StoreError
+from mcstudy.files.local_path import local_path
 from mcstudy.files.untrusted import real_bytes
 
 KEYS = (REALIZATION, "parameter")
@@ -61,7 +62,7 @@ def performance(
         raise InputError(f"level: expected a number between 0 and 1, got {level!r}")
     if isinstance(data, (str, Path)):
         try:
-            return performance(_read(Path(data)), reference=reference, level=level)
+            return performance(_read(local_path(data)), reference=reference, level=level)
         except InputError as error:
             raise InputError(f"{data}: {error}") from None
     cells = data if isinstance(data, xr.Dataset) else _cells(_table(data))

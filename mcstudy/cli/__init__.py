@@ -132,12 +132,12 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
         os.environ.setdefault(variable, "1")
     import contextlib
 
-    from mcstudy.cli.stop import stopped, with_command
+    from mcstudy.cli.stop import stopped, unusable, with_command
     from mcstudy.errors import InputError, Interrupted, Stopped
     from mcstudy.exits import Exit
 
     try:
-        code: Exit = _module(verb).main(parser_of(verb).parse_args(words))
+        code: Exit = _module(verb).main(parser_of(verb).parse_args(_local(words)))
         return code
     except InputError as error:
         print(f"mcstudy: {_one_line(error)}", file=sys.stderr)
@@ -155,7 +155,11 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
             return Exit.DONE  # the reader (head, less) has seen enough
     except Exception as error:
         if stop is None or not stop.asked:
-            raise
+            if not isinstance(error, OSError) or error.errno is None:
+                raise
+            message, code = unusable(error, [verb, *words])
+            print(f"mcstudy: {message}", file=sys.stderr)
+            return code
         # Libraries raise this when they are stopped halfway, or when they print to a terminal that is gone.
         message, code = stopped([verb, *words], f" ({type(error).__name__}: {_one_line(error)})")
     with contextlib.suppress(OSError):
@@ -165,6 +169,20 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     with contextlib.suppress(BrokenPipeError):
         print(f"mcstudy: {message}", file=sys.stderr, flush=True)
     return code
+
+
+def _local(words: Sequence[str]) -> list[str]:
+    """The words with ``file://`` addresses as paths; `InputError` for other addresses, except that of a scheduler."""
+    from mcstudy.files.local_path import ADDRESS, local_path
+
+    out: list[str] = []
+    for word in words:
+        option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        asked = option if equals else (out or [""])[-1]
+        if "://" in value and not (len(asked) > len("--s") and "--scheduler".startswith(asked)):
+            value = str(local_path(value)) if ADDRESS.match(value) else value
+        out.append(option + equals + value)
+    return out
 
 
 def _one_line(error: BaseException) -> str:

@@ -10,6 +10,9 @@ from mcstudy.cli.options import seconds
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
+    from collections import Counter
+
+    from mcstudy.fitting.status import Status
     from mcstudy.study.store import Cube
 
 
@@ -26,20 +29,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Print a table of fits by status; returns the exit code."""
-    from mcstudy.study.store import Cube
-
-    cube = Cube.open(args.out)
-    return _watch(cube, max(args.every, 0.1)) if args.watch else _once(cube, args.json)
+    return _watch(args.out, max(args.every, 0.1)) if args.watch else _once(args.out, args.json)
 
 
-def _once(cube: Cube, as_json: bool) -> Exit:
+def _once(path: Path, as_json: bool) -> Exit:
     from mcstudy.files.json_files import json_text
     from mcstudy.files.schema import identifier
     from mcstudy.fitting.status import Status
     from mcstudy.study.failures import account
+    from mcstudy.study.settled import settled
+    from mcstudy.study.store import Cube
     from mcstudy.text_tables import table
 
-    by_group, failed = account(cube)
+    def looked_at() -> tuple[Cube, dict[str, Counter[Status]], list[str]]:
+        cube = Cube.open(path)
+        return cube, *account(cube)
+
+    cube, by_group, failed = settled([path], looked_at)
     if as_json:
         groups = {name: {s.name.lower(): c[s] for s in Status} for name, c in by_group.items()}
         study, fingerprint = cube.study.study.name, cube.study.fingerprint
@@ -58,20 +64,26 @@ def _once(cube: Cube, as_json: bool) -> Exit:
     return Exit.FITS_FAILED if failed else Exit.DONE
 
 
-def _watch(cube: Cube, every: float) -> Exit:
+def _watch(path: Path, every: float) -> Exit:
     import sys
 
     from mcstudy.scheduler.display import Display
     from mcstudy.scheduler.progress import Speed, counts_line
     from mcstudy.scheduler.stopping import stop_requests
+    from mcstudy.study.settled import settled, stamp
+    from mcstudy.study.store import Cube
     from mcstudy.study.watch import Watch
 
-    watch, display, speed = Watch(cube), Display(sys.stdout), Speed()
-    total = cube.study.fits
+    watch, display, speed = Watch(Cube.open(path)), Display(sys.stdout), Speed()
+    opened = stamp(path)
     with stop_requests() as stop:
         while not stop.is_set():
             watch.look()
-            done = watch.done
+            if opened != (opened := stamp(path)):  # a larger cube has taken its place
+                watch, speed = Watch(settled([path], lambda: Cube.open(path))), Speed()
+                continue
+            cube, done = watch.cube, watch.done
+            total = cube.study.fits
             speed.note(done)
             line = f"{watch.chunks_done}/{watch.chunks} chunks  {counts_line(done, total, watch.failed, speed.rate())}"
             lines = [f"{cube.path}: study {cube.study.study.name}", line, *watch.headlines()]

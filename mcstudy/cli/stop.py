@@ -143,5 +143,17 @@ def stopped(words: Sequence[str], how: str = "") -> tuple[str, Exit]:
     return f"stopped{how}", Exit.STOPPED
 
 
+def unusable(error: OSError, words: Sequence[str]) -> tuple[str, Exit]:
+    """Message and exit code of a command that met a file or a disk that cannot be used."""
+    from mcstudy.exits import Exit
+    from mcstudy.files.durable import FULL
+
+    what = f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error)
+    line = " ".join(what.split())
+    if error.errno in FULL and any(tuple(words[: len(verb)]) == verb for verb in RESUMABLE):
+        return with_command(f"{line}; {RESUMES}", words), Exit.INTERRUPTED
+    return line, Exit.BAD_INPUT
+
+
 def _nothing(*_: object) -> None:
     """Signal handler of the main thread: does nothing."""

@@ -19,7 +19,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Check a cube; returns `Exit.DIFFERS` when anything is damaged or differs."""
-    from mcstudy.files.durable import tree_digest
     from mcstudy.scheduler.activity import activity
     from mcstudy.study.verify import verify
     from mcstudy.text_tables import folded
@@ -34,5 +33,5 @@ def main(args: argparse.Namespace) -> Exit:
         f"{args.out}: {len(findings.damage)} damaged; {findings.chunks} chunks read, "
         f"{findings.recomputed} fits recomputed, {findings.pending} not run yet"
     )
-    print(f"sha256 of tree: {tree_digest(args.out)}")
+    print(f"sha256 of tree: {findings.digest}")
     return Exit.DIFFERS if findings.damage else Exit.DONE

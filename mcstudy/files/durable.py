@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import fcntl
 import hashlib
 import os
@@ -17,7 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from mcstudy.errors import StoreError
+from mcstudy.errors import Interrupted, StoreError
 from mcstudy.files.unfinished import unfinished
 
 PARTIAL = ".partial"
@@ -42,6 +43,25 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         partial.replace(path)
 
 
+def append_line(path: Path, content: bytes) -> None:
+    """Append one line, synced; a stop that left half a line costs that line alone, because the next begins a new one.
+
+    Raises `OSError` when the line is not on disk.
+    """
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+    try:
+        size = os.fstat(handle).st_size
+        torn = size > 0 and os.pread(handle, 1, size - 1) != b"\n"
+        left = memoryview(b"\n" * torn + content + b"\n")
+        while left:
+            left = left[os.write(handle, left) :]
+        sync(handle)
+    finally:
+        os.close(handle)
+    if not size:
+        sync_folder(path.parent)
+
+
 def partial_name(path: Path) -> Path:
     """A unique name next to ``path`` for a file that is being written."""
     return path.with_name(f"{path.name}.{uuid.uuid4().hex}{PARTIAL}")
@@ -61,6 +81,9 @@ def sync_folder(path: Path) -> None:
     handle = os.open(path, os.O_RDONLY)
     try:
         sync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):  # a shared file system that syncs files only
+            raise
     finally:
         os.close(handle)
 
@@ -101,10 +124,15 @@ def replace_tree(old: Path, new: Path) -> None:
     shutil.rmtree(aside, ignore_errors=True)
 
 
+def recoverable(path: Path) -> bool:
+    """Whether a kill inside `replace_tree` left something for `recover` to do."""
+    return _aside(path).exists()
+
+
 def recover(path: Path) -> None:
     """Restore the folder that a kill inside `replace_tree` left without its name; does nothing otherwise."""
     aside = _aside(path)
-    if not aside.exists():
+    if not recoverable(path):
         return
     if path.exists():
         shutil.rmtree(aside, ignore_errors=True)
@@ -149,28 +177,60 @@ def _counts(path: Path) -> bool:
     return path.is_file() and not path.is_symlink() and path.suffix != PARTIAL
 
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+"""Errors of a disk on which the same work can be done later."""
+
+
+def unwritable(path: Path, expected: str, error: OSError) -> StoreError | Interrupted:
+    """What a failed write is for who asked for it: one line, and resumable where the disk is full or failing."""
+    line = f"{path}: expected {expected} ({error.strerror or error})"
+    return Interrupted(f"{line}; run the same command again to resume") if error.errno in FULL else StoreError(line)
+
+
+@contextlib.contextmanager
+def resumable(path: Path) -> Iterator[None]:
+    """Work on a cube that the same call resumes: whatever cannot be read or written ends it in one line."""
+    try:
+        yield
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise Interrupted(
+            f"{path}: expected a store that can be written ({why}); run the same command again to resume"
+        ) from None
+
+
 def log_folder(path: Path) -> Path:
     """Folder next to a cube for files that are not results: lock, run log."""
     return path.with_name(path.name + ".log")
 
 
+NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+"""Errors of a file system that cannot lock files, as some shared ones are mounted."""
+
+
 @contextlib.contextmanager
-def locked(path: Path) -> Iterator[None]:
+def locked(path: Path) -> Iterator[list[str]]:
     """Lock a cube for writing; raises `StoreError` when another process has locked it.
 
-    The kernel holds the lock, so it ends with the process, however the process ends.
+    The kernel holds the lock, so it ends with the process, however the process ends. Where the file system has no
+    locks there is none, of which the block is given a line to be shown.
     """
     folder = log_folder(path)
     try:
         make_folder(folder)
         handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:
-        raise StoreError(f"{path}: expected a writable folder ({error.strerror})") from None
+        raise unwritable(path, "a writable folder", error) from None
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        except BlockingIOError:
             raise StoreError(f"{path}: another run is writing to this cube; wait until it has ended") from None
-        yield
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise unwritable(folder / "lock", "a file that can be locked", error) from None
+            yield [f"warning: {path}: this file system has no locks; start no other run that writes to this cube"]
+        else:
+            yield []
     finally:
         os.close(handle)

@@ -13,7 +13,7 @@ import numpy as np
 
 from mcstudy.errors import StoreError
 from mcstudy.files import schema
-from mcstudy.files.durable import write
+from mcstudy.files.durable import PARTIAL, write
 from mcstudy.files.untrusted import json_document, real_bytes
 
 LARGEST = 1 << 30
@@ -60,6 +60,21 @@ def ensure_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(f"{path}: expected a folder that can be made ({error.strerror})") from None
+
+
+def own_folder(path: Path, mark: str, what: str) -> None:
+    """Refuse (`StoreError`) to write ``what`` into a folder that holds other files; changes nothing.
+
+    It may be absent or empty, or hold the file ``mark``, which is written first.
+    """
+    try:
+        held = sorted(entry.name for entry in path.iterdir() if not entry.name.endswith(PARTIAL))
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise StoreError(f"{path}: expected a folder for {what} ({error.strerror})") from None
+    if held and mark not in held:
+        raise StoreError(f"{path}: expected a new or empty folder, or one of {what}, found {held[0]} and no {mark}")
 
 
 def read_document(path: Path) -> Any:

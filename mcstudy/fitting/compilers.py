@@ -163,7 +163,8 @@ def cores() -> int:
 @contextlib.contextmanager
 def _alone(folder: Path) -> Iterator[None]:
     with (folder / LOCK).open("wb") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+        with contextlib.suppress(OSError):  # some shared file systems have no locks
+            fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 

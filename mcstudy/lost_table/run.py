@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import StudyChangedError
-from mcstudy.files.json_files import ensure_folder, read_document, write_text
+from mcstudy.files.json_files import ensure_folder, own_folder, read_document, write_text
+from mcstudy.files.local_path import resolved
 from mcstudy.lost_table.bank import Bank, prior_points, simulated
 from mcstudy.lost_table.calibration import POWERS, Calibration, calibrate
 from mcstudy.lost_table.checks import WAVE_OF_STAND_IN, Checked, repeated, stand_in_point
@@ -32,6 +33,7 @@ from mcstudy.lost_table.search import promising
 from mcstudy.lost_table.unknowns import Prior
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.streams import stream
+from mcstudy.study.repair import refuse_part
 
 WAVE_POWER = 0.5
 """Power of the likelihood whose posterior a wave is drawn from."""
@@ -65,6 +67,8 @@ class Inferred:
 
 def claim(file: InferenceFile, out: Path) -> None:
     """Make the folder of an inference, or check that it is that of ``file``; raises `StudyChangedError`."""
+    refuse_part(resolved(out))
+    own_folder(out, "design.json", "an inference")
     ensure_folder(out)
     design = out / "design.json"
     if not design.exists():

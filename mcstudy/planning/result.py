@@ -12,6 +12,7 @@ import xarray as xr
 
 from mcstudy.errors import InputError
 from mcstudy.files.json_files import plain
+from mcstudy.files.local_path import local_path
 from mcstudy.files.schema import identifier
 from mcstudy.planning.arm import Arm, Look
 from mcstudy.planning.fits import Design, Spent
@@ -276,4 +277,4 @@ class Solution(Summary):
         """Write the study of the answer as a study file."""
         from mcstudy.files.json_files import write_text
 
-        write_text(Path(path), self.to_study().to_toml().rstrip("\n"))
+        write_text(local_path(path), self.to_study().to_toml().rstrip("\n"))

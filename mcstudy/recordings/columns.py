@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import RecordingError, StoreError
+from mcstudy.files.local_path import local_path
 from mcstudy.files.untrusted import real_bytes
 from mcstudy.recordings.variables import Source, Variable
 
@@ -73,7 +74,7 @@ class TextTable:
     """
 
     def __init__(self, path: str | Path, dialect: Dialect | None = None) -> None:
-        self.path = path = Path(path)
+        self.path = path = local_path(path)
         dialect = dialect or Dialect()
         lines = _text(path).splitlines()
         numbered = [

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import RecordingError
+from mcstudy.files.local_path import local_path
 from mcstudy.recordings.body_sheet import body_of
 from mcstudy.recordings.description import described
 from mcstudy.recordings.frf import FrfRecording, frf_of_columns
@@ -34,7 +35,7 @@ def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | 
     Checks the structure only; `mcstudy.recordings.io` adds the checks of the data. Raises `RecordingError` naming the
     file and the field.
     """
-    path = Path(path)
+    path = local_path(path)
     sheet = described(Sheet, document(path), str(path))
     folder = path.parent if data is None else Path(data)
     if sheet.frf is not None:

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.errors import RecordingError
+from mcstudy.files.local_path import local_path
 from mcstudy.recordings.body_sheet import body_of
 from mcstudy.recordings.columns import LARGEST_FILE, NUMBER, Dialect, content
 from mcstudy.recordings.copies import equal_rows
@@ -56,7 +57,7 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
     RecordingError
         One line that names file, line and column.
     """
-    path = Path(path)
+    path = local_path(path)
     sheet = read_group_sheet(path)
     files = Files(path.parent if data is None else Path(data), Dialect(), str(path))
     body, source = body_of(sheet.body, files.table, str(path))

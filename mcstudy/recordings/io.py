@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 
 from mcstudy.errors import RecordingError, StoreError
+from mcstudy.files.json_files import own_folder
+from mcstudy.files.local_path import local_path
 from mcstudy.files.untrusted import json_document, real_bytes
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.frf import FrfRecording
@@ -41,7 +44,7 @@ def read_recording(path: str | Path, data: str | Path | None = None) -> Recordin
     RecordingError
         The recording cannot be used; one line that names file and field.
     """
-    path = Path(path)
+    path = local_path(path)
     recording = _structure(path, None if data is None else Path(data))
     if recording.name in NAMELESS:
         recording = replace(recording, name=path.resolve().parent.name if path.name == SHEET else path.stem)
@@ -111,18 +114,30 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     RecordingError
         The ending is another one, or the path cannot be written.
     """
-    path = Path(path)
+    path = local_path(path)
     if not path.parent.is_dir():
         raise RecordingError(f"{path}: cannot be written: {path.parent} is not a folder")
     try:
         if path.suffix in NETCDF:
             write_netcdf(recording, path)
         elif path.suffix == ".zarr":
+            _refuse_another(path)
             write_zarr(recording, path)
         elif path.suffix == "":
+            own_folder(path, SHEET, "a recording of CSV files")
             return write_csv(recording, path)
         else:
             raise RecordingError(f"{path}: expected a name ending in {', '.join(NETCDF)}, .zarr or none (CSV folder)")
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
     return path
+
+
+def _refuse_another(path: Path) -> None:
+    """Refuse to replace a store that is no recording: the results of a study, for example."""
+    if not path.exists():
+        return
+    with contextlib.suppress(OSError, StoreError, ValueError, LookupError, TypeError):
+        if str(json_document(real_bytes(path / "zarr.json"))["attributes"]["schema"]).startswith("mcstudy:recording:"):
+            return
+    raise RecordingError(f"{path}: expected a new name or that of a recording, found something else")

@@ -11,6 +11,8 @@ from hashlib import sha256
 from pathlib import Path
 
 from mcstudy.analysis.kept import looking
+from mcstudy.files.local_path import local_path
+from mcstudy.study.settled import settled
 
 DRESS = ("page.css", "page.js")
 """Files of this folder that a page contains besides what the program computes."""
@@ -24,8 +26,13 @@ def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
     It is drawn once and kept (`mcstudy.analysis.kept`), unless it shows alternatives.
     Raises `StoreError` for a file that is neither, `InputError` where matplotlib is missing.
     """
+    path = local_path(path)
+    return settled([path, *beside], lambda: _page(path, beside))
+
+
+def _page(path: Path, beside: Sequence[Path]) -> str:
     with ExitStack() as looks:
-        look = looks.enter_context(looking(Path(path)))
+        look = looks.enter_context(looking(path))
 
         def drawn() -> dict[str, str]:
             from mcstudy.report.style import require_matplotlib
@@ -33,7 +40,7 @@ def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
             require_matplotlib()
             from mcstudy.report.study_page import study_page
 
-            return {"html": study_page(Path(path), beside, looks, look)}
+            return {"html": study_page(path, beside, looks, look)}
 
         return str((drawn() if beside else look.kept("page", [str(path), _dress()], drawn))["html"])
 

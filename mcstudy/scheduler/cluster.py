@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import ipaddress
 import logging
 import math
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import dask
 from distributed import Client, Scheduler, SpecCluster, Worker
+from distributed.comm import core as comms
 from distributed.security import Security
 
 from mcstudy.errors import InputError
@@ -23,6 +27,12 @@ from mcstudy.fitting.compilers import cores
 from mcstudy.scheduler.slurm import SlurmOptions, slurm_client
 
 CONNECT_S = 10
+"""Seconds in which a scheduler must answer."""
+
+LAST_WORD_S = 0.3
+"""Seconds more in which what went wrong may still be told."""
+
+T = TypeVar("T")
 
 RESTART_S = 20
 
@@ -73,10 +83,7 @@ class ClusterOptions:
 
 
 def _loopback(host: str) -> bool:
-    try:
-        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
-    except OSError:
-        return False
+    addresses = {str(info[4][0]).partition("%")[0] for info in socket.getaddrinfo(host, None)}
     return bool(addresses) and all(ipaddress.ip_address(a).is_loopback for a in addresses)
 
 
@@ -205,6 +212,71 @@ class Capacity:
         return self._threads
 
 
+def reach(options: ClusterOptions) -> Security | None:
+    """Certificates for the given scheduler, which has answered; raises `InputError` when none does in `CONNECT_S`."""
+    address, end = str(options.scheduler), time.monotonic() + CONNECT_S
+    try:
+        parts = urlsplit(address)
+        host, usable = parts.hostname, parts.scheme in ("tcp", "tls") and parts.hostname and parts.port
+    except ValueError:  # a port that is no number, or too large
+        host, usable = None, None
+    if not host or not usable:
+        raise InputError(f"--scheduler: expected tcp://HOST:PORT or tls://HOST:PORT, PORT 1 to 65535, got {address}")
+    try:
+        security = _security(options)
+        if parts.scheme == "tls" and security is None:
+            raise InputError("--tls-ca, --tls-cert, --tls-key: expected PEM files for a tls:// scheduler, got none")
+        if parts.scheme == "tcp" and not options.insecure and not _before(end, lambda: _loopback(host)):
+            raise InputError(
+                f"--scheduler: expected tls:// for {host}, which is another machine "
+                "(anyone who can reach an unencrypted scheduler can run code; --insecure accepts this risk)"
+            )
+        found = _before(end, lambda: asyncio.run(_kind(address, security, end - time.monotonic())))
+    except InputError:
+        raise
+    except OSError as error:
+        raise _unreachable(address, error) from None
+    except Exception:  # of a decoder: what was read is of another service
+        raise _unreachable(address, OSError("what answers there is no Dask scheduler")) from None
+    if found != "Scheduler":
+        raise _unreachable(address, OSError(f"found a {found} of Dask"))
+    return security
+
+
+def _unreachable(address: str, error: Exception) -> InputError:
+    """What is said of an address where no scheduler can be used."""
+    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return InputError(f"--scheduler: expected a running scheduler at {address} ({reason})")
+
+
+async def _kind(address: str, security: Security | None, seconds: float) -> str:
+    """What kind of server says that it listens at an address."""
+    async with asyncio.timeout(seconds):
+        comm = await comms.connect(address, seconds, **(security or Security()).get_connection_args("client"))
+        try:
+            await comm.write({"op": "identity", "reply": True})
+            return str((await comm.read())["type"])
+        finally:
+            comm.abort()
+
+
+def _before(end: float, work: Callable[[], T]) -> T:
+    """The result of ``work``, done in a thread that is left alone when it takes longer than until ``end``."""
+    future = Future[T]()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:
+            future.set_exception(error)
+
+    threading.Thread(target=run, name="mcstudy-reach", daemon=True).start()
+    try:
+        return future.result(max(0.0, end - time.monotonic()) + LAST_WORD_S)
+    except TimeoutError:
+        raise TimeoutError(f"no Dask scheduler answered in {CONNECT_S:g} s") from None
+
+
 @contextlib.contextmanager
 def connect(options: ClusterOptions, say: Callable[[str], None] | None = None) -> Iterator[Client]:
     """A client of the local or the given scheduler; raises `InputError` when the latter is not usable.
@@ -224,19 +296,10 @@ def connect(options: ClusterOptions, say: Callable[[str], None] | None = None) -
                 say(f"dashboard: {dashboard_url(client)}")
             yield client
         return
-    address = urlsplit(options.scheduler)
-    if address.scheme not in ("tcp", "tls") or not address.hostname or not address.port:
-        raise InputError(f"--scheduler: expected tcp://HOST:PORT or tls://HOST:PORT, got {options.scheduler}")
-    if address.scheme == "tcp" and not options.insecure and not _loopback(address.hostname):
-        raise InputError(
-            f"--scheduler: expected tls:// for {address.hostname}, which is another machine "
-            "(anyone who can reach an unencrypted scheduler can run code; --insecure accepts this risk)"
-        )
-    security = _security(options)
+    security = reach(options)
     try:
         client = Client(options.scheduler, security=security, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TypeError, ValueError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"--scheduler: expected a running scheduler at {options.scheduler} ({reason})") from None
+        raise _unreachable(options.scheduler, error) from None
     with client:
         yield client

@@ -19,6 +19,9 @@ from mcstudy.stimulus_design.spectrum import Designed, Size, noise_sway, predict
 from mcstudy.stimulus_design.verify import Spread, bodies_of, costs, spreads, study_of
 from mcstudy.study.design import Study
 
+DOCUMENT = "design.json"
+"""File of a design, in its folder."""
+
 
 @dataclass(frozen=True, eq=False)
 class BodyCheck:
@@ -231,9 +234,9 @@ class StimulusDesign(Summary):
         from mcstudy.files.json_files import ensure_folder, write_json, write_text
 
         ensure_folder(out)
+        write_json(out / DOCUMENT, self.to_dict(), "stimulus_design")  # first: it marks the folder as a design's
         write_text(out / "waveform.csv", self.csv())
         write_text(out / "study.toml", self.study.to_toml().rstrip("\n"))
-        write_json(out / "design.json", self.to_dict(), "stimulus_design")
 
 
 def _spread(s: Spread) -> dict[str, Any]:

@@ -13,12 +13,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from mcstudy.analysis.results import open_results
+from mcstudy.files.json_files import own_folder
+from mcstudy.files.local_path import resolved
 from mcstudy.scheduler.activity import activity
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stimulus_design.design_file import DesignFile
-from mcstudy.stimulus_design.result import StimulusDesign
+from mcstudy.stimulus_design.result import DOCUMENT, StimulusDesign
 from mcstudy.stimulus_design.spectrum import designed
 from mcstudy.stimulus_design.verify import verification_of
+from mcstudy.study.repair import refuse_part
 from mcstudy.study.run import run_study
 
 CUBE = "verification.zarr"
@@ -34,8 +37,12 @@ def design_stimulus(
     Raises
     ------
     DesignError: the limits allow no stimulus.
+    StoreError: the folder holds other files.
     Interrupted: the verification was stopped; the same call resumes.
     """
+    if out is not None:
+        refuse_part(resolved(out))
+        own_folder(out, DOCUMENT, "a design")
     with activity(f"{file.design.name}: designing the stimulus"):
         found = designed(file)
     if out is None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mcstudy.errors import DesignError
+from mcstudy.files.local_path import local_path
 from mcstudy.files.packaged import packaged
 from mcstudy.files.toml_files import parse_toml, read_text
 from mcstudy.files.untrusted import toml
@@ -35,7 +36,7 @@ def located(name: str | Path, kind: str = "study") -> Path:
 
     Raises `DesignError` (one line, with similar names) if there is neither a file nor a shipped one.
     """
-    path, known = Path(name), shipped(kind)
+    path, known = local_path(name), shipped(kind)
     if os.path.exists(path) and (path.suffix or path.name != str(name)):
         return path
     if str(name) in known:

@@ -9,6 +9,7 @@ from typing import Self
 from mcstudy.files.guarded_store import GuardedStore
 from mcstudy.study.checksums import Checked
 from mcstudy.study.layout import Layout
+from mcstudy.study.settled import stamp
 
 
 class CheckedStore(GuardedStore):
@@ -21,7 +22,7 @@ class CheckedStore(GuardedStore):
         self, root: Path | str, layouts: Mapping[str, Layout], fingerprint: str, *, read_only: bool = True
     ) -> None:
         super().__init__(root, read_only=read_only)
-        self._checked = Checked(self.root, layouts, fingerprint)
+        self._checked = Checked(self.root, layouts, fingerprint, stamp(self.root))
 
     def with_read_only(self, read_only: bool = False) -> Self:
         """The same store, read-only or writable."""

@@ -20,6 +20,8 @@ from mcstudy.errors import StoreError
 from mcstudy.files.untrusted import cube_bytes, real_bytes, zstd_claim
 from mcstudy.study import runlog
 from mcstudy.study.layout import ArraySpec, Chunk, Layout
+from mcstudy.study.metadata import whole_document
+from mcstudy.study.settled import Stamp, stamp
 
 LARGEST_NOTE = 1 << 16
 
@@ -56,14 +58,33 @@ def checksum(content: bytes) -> int:
 class Checked:
     """Reads the files of a cube by its stored checksums: a missing or swapped chunk gives an error, not numbers.
 
-    ``layouts``: layouts of the groups that are read. ``fingerprint``: of the study.
+    ``layouts``: layouts of the groups that are read. ``fingerprint``: of the study. ``since``: `stamp` of the cube when
+    it was opened, so that another one in its place gives an error that says so.
     """
 
-    def __init__(self, root: Path, layouts: Mapping[str, Layout], fingerprint: str) -> None:
-        self.root, self.layouts, self.fingerprint = root, layouts, fingerprint
+    def __init__(self, root: Path, layouts: Mapping[str, Layout], fingerprint: str, since: Stamp | None = None) -> None:
+        self.root, self.layouts, self.fingerprint, self.since = root, layouts, fingerprint, since
 
     def content(self, key: str) -> bytes | None:
         """One value; None where a chunk has not been run, `StoreError` where it is missing or swapped."""
+        try:
+            value = self._content(key)
+        except StoreError:
+            self._refuse_another()
+            raise
+        self._refuse_another()
+        return value
+
+    def _refuse_another(self) -> None:
+        """Raise `StoreError` when the cube of another study is in the place of the one that was opened."""
+        if self.since is None or stamp(self.root) == self.since:
+            return
+        found = whole_document(self.root).get("attributes", {}).get("fingerprint")
+        if found != self.fingerprint:
+            raise StoreError(f"{self.root}: replaced by another cube since it was opened; open it again")
+        self.since = stamp(self.root)  # its root was repaired
+
+    def _content(self, key: str) -> bytes | None:
         group, _, inner = key.partition("/")
         array, _, name = inner.partition("/")
         layout = self.layouts.get(group)

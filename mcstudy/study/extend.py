@@ -15,14 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import StoreError
-from mcstudy.files.durable import locked, recover, replace_tree, sweep
+from mcstudy.files.durable import locked, recover, recoverable, replace_tree, resumable, sweep, unwritable
+from mcstudy.files.local_path import resolved
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.design import Study
 from mcstudy.study.growth import Growth, grown_study
 from mcstudy.study.layout import Chunk
-from mcstudy.study.repair import repair
-from mcstudy.study.run import Outcome, run_cube
+from mcstudy.study.repair import refuse_part, repair
+from mcstudy.study.run import Outcome, check_scheduler, run_cube
 from mcstudy.study.store import Cube, GroupStore
 
 CELL = ("amplitude", "fmax", "realization", "start")
@@ -41,15 +42,25 @@ def extend(out: str | Path, growth: Growth, options: ClusterOptions | None = Non
     ------
     DesignError: the extension is empty or gives no valid study. StoreError, Interrupted: as `run_study`.
     """
-    out = Path(out).resolve()
-    with locked(out):
+    out, options = resolved(out), options or ClusterOptions()
+    if not recoverable(out):
+        cube = _extensible(out, growth)  # what is refused is refused before anything is changed
+        grows = grown_study(cube.study, growth).fingerprint != cube.study.fingerprint
+        check_scheduler(None if grows else cube, options)
+    with locked(out) as unlocked, resumable(out):
         recover(out)
-        if out.exists():
-            sweep(out)
-        old = Cube.open(out)
-        grown_study(old.study, growth)  # an impossible extension is refused before anything is changed
-        old, repairs = repair(out, old.study)
+        sweep(out)
+        old, repairs = repair(out, _extensible(out, growth).study)
+        repairs.said[:0] = unlocked
         return run_cube(grow(old, growth), repairs, options, block)
+
+
+def _extensible(out: Path, growth: Growth) -> Cube:
+    """The cube at ``out``, for which the extension is possible."""
+    refuse_part(out)
+    cube = Cube.open(out)
+    grown_study(cube.study, growth)
+    return cube
 
 
 def grow(old: Cube, growth: Growth) -> Cube:
@@ -70,9 +81,7 @@ def grow(old: Cube, growth: Growth) -> Cube:
                     store.annotate(chunk)
         replace_tree(out, building)
     except OSError as error:
-        raise StoreError(
-            f"{out}: expected disk space for a larger copy of the cube next to it ({error.strerror})"
-        ) from None
+        raise unwritable(out, "disk space for a larger copy of the cube next to it", error) from None
     return Cube.open(out)
 
 

@@ -52,6 +52,9 @@ def whole_document(path: Path) -> dict[str, Any]:
     """The metadata document of a folder of a cube; raises `StoreError`."""
     try:
         document = json.loads(real_bytes(path / "zarr.json", LARGEST_METADATA))
+    except NotADirectoryError:
+        packed = f"; unpack it first: unzip {path} -d {path.with_suffix('.zarr')}" if path.suffix == ".zip" else ""
+        raise StoreError(f"{path}: expected the folder of a results cube, found a file{packed}") from None
     except OSError as error:
         raise StoreError(f"{path / 'zarr.json'}: expected a results cube ({error.strerror})") from None
     except (ValueError, RecursionError):

@@ -14,7 +14,7 @@ from typing import Any
 
 from mcstudy.errors import StoreError
 from mcstudy.files import schema
-from mcstudy.files.durable import sync_folder, write
+from mcstudy.files.durable import sync_folder, unwritable, write
 from mcstudy.files.unfinished import scratch_folder
 from mcstudy.files.untrusted import refuse_links
 from mcstudy.study import identity
@@ -46,11 +46,27 @@ def skeleton(cube: Cube, made_in: dict[str, Any]) -> dict[Path, bytes]:
         return {p.relative_to(fresh.path): p.read_bytes() for p in fresh.path.rglob("*") if p.is_file()}
 
 
+OURS = "mcstudy:"
+"""What the names of all schemas begin with."""
+
+
+def refuse_part(path: Path) -> None:
+    """Raise `StoreError` when ``path`` is in a cube, or is one group of a cube: no cube can be there."""
+    for folder in path.parents:
+        attributes = {}
+        with contextlib.suppress(StoreError):
+            attributes = own_document(folder).get("attributes", {})
+        if str(attributes.get("schema")).startswith(OURS) or "fingerprint" in attributes:
+            raise StoreError(f"{path}: expected a place of its own, found one inside the results cube {folder}")
+    if (path / "status" / "zarr.json").exists():
+        raise StoreError(f"{path}: expected a results cube, found one group of one")
+
+
 def repairable(path: Path, study: Study) -> bool:
     """Whether a cube that cannot be opened belongs to this study and can be repaired."""
     with contextlib.suppress(StoreError):
         found = own_document(path).get("attributes", {}).get("schema")
-        if isinstance(found, str) and found.startswith("mcstudy:") and found != schema.identifier(SCHEMA):
+        if isinstance(found, str) and found.startswith(OURS) and found != schema.identifier(SCHEMA):
             return False  # another version is not damage
     return identity.fingerprint_of(path) == study.fingerprint and identity.made_in(path) is not None
 
@@ -72,10 +88,13 @@ def repair(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Re
     repairs = Repairs()
     found = list(strays(path, parts(cube, files)))
     leaving = [stray for stray in found if quarantine or stray.in_the_way]
+    left = [stray.path for stray in found if stray not in leaving]
+    for stray in left:
+        if (path / stray).is_dir():  # Zarr would take it for a group or an array
+            raise StoreError(f"{path / stray}: {NOT_PART}")
     if leaving:
         place = set_aside(path, leaving)
         repairs.said += [f"set aside: {stray.path.as_posix()} is now in {place}" for stray in leaving]
-    left = [stray.path for stray in found if stray not in leaving]
     repairs.said += [f"warning: {path / stray}: {NOT_PART}" for stray in left]
     for file, content in files.items():
         target = path / file
@@ -86,9 +105,6 @@ def repair(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Re
                 write(target, content)
                 sync_folder(target.parent)
             except OSError as error:
-                raise StoreError(f"{target}: expected a writable file ({error.strerror})") from None
+                raise unwritable(target, "a writable file", error) from None
             repairs.written.append(file.as_posix())
-    for stray in left:
-        if (path / stray).is_dir():  # Zarr would take it for a group or an array
-            raise StoreError(f"{path / stray}: {NOT_PART}")
     return Cube.open(path), repairs

@@ -18,6 +18,7 @@ from mcstudy.fitting.solvers import fit
 from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import Model
 from mcstudy.study.layout import Chunk
+from mcstudy.study.settled import settled
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.tasks import again
 
@@ -74,6 +75,12 @@ def replay(
     ------
     InputError: the cell does not exist or has not been run.
     """
+    return settled([out], lambda: _replay(out, group, amplitude, fmax, realization, start))
+
+
+def _replay(
+    out: str | Path, group: str | None, amplitude: float | None, fmax: float | None, realization: int, start: int
+) -> Replay:
     at = _place(Cube.open(out), group, amplitude, fmax, realization, start)
     store, chunk = at.store, at.chunk
     stored = {name: store.read(name, chunk) for name in store.layout.results}

@@ -16,8 +16,9 @@ from functools import partial
 from pathlib import Path
 
 from mcstudy.errors import StoreError, StudyChangedError
-from mcstudy.files.durable import locked, recover, sweep
-from mcstudy.scheduler.cluster import ClusterOptions, connect
+from mcstudy.files.durable import locked, recover, resumable, sweep
+from mcstudy.files.local_path import resolved
+from mcstudy.scheduler.cluster import ClusterOptions, connect, reach
 from mcstudy.scheduler.compiling import compile_kernels
 from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.stopping import stop_requests
@@ -26,7 +27,7 @@ from mcstudy.study.design import Study
 from mcstudy.study.extent import chunks_a_block
 from mcstudy.study.growth import Growth, growths
 from mcstudy.study.kernels import compile_for_check, parts_of
-from mcstudy.study.repair import Repairs, repair, repairable
+from mcstudy.study.repair import Repairs, refuse_part, repair, repairable
 from mcstudy.study.runlog import RunLog
 from mcstudy.study.store import Cube
 from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission
@@ -52,17 +53,28 @@ def open_or_create(path: Path, study: Study, quarantine: bool = False) -> tuple[
 
     Raises `StudyChangedError` when it belongs to another study, `StoreError` when its study cannot be determined.
     """
-    if not path.exists():
+    if held(path, study) is None and not path.exists():
         return Cube.create(path, study), Repairs()
+    return repair(path, study, quarantine)
+
+
+def held(path: Path, study: Study) -> Cube | None:
+    """The cube of ``study`` at ``path``; None when there is none yet or it must be repaired first. Changes nothing.
+
+    Raises the errors of `open_or_create`.
+    """
+    refuse_part(path)
+    if not path.exists():
+        return None
     try:
         cube = Cube.open(path)
     except StoreError:
         if not repairable(path, study):
             raise
-        return repair(path, study, quarantine)
+        return None
     if cube.study.fingerprint != study.fingerprint:
         raise StudyChangedError(f"{path}: {_what_changed(path, cube.study, study)}")
-    return repair(path, study, quarantine)
+    return cube
 
 
 def _what_changed(path: Path, held: Study, study: Study) -> str:
@@ -108,21 +120,33 @@ def run_study(
     Interrupted: stopped by Ctrl-C, SIGTERM, SIGHUP, a disk that could not be written, or a lost scheduler; the same
         call resumes.
     """
-    compile_for_check(study, fits=options is None or options.here)
+    out, options = resolved(out), options or ClusterOptions()
+    compile_for_check(study, fits=options.here)
     refuse_unstable(study, allow_unstable)
-    out = Path(out).resolve()
-    with locked(out):
+    check_scheduler(held(out, study), options)  # what is refused is refused before anything is changed
+    with locked(out) as unlocked, resumable(out):
         recover(out)
         if out.exists():
             sweep(out)
-        return run_cube(*open_or_create(out, study, quarantine), options, block)
+        cube, repairs = open_or_create(out, study, quarantine)
+        repairs.said[:0] = unlocked
+        return run_cube(cube, repairs, options, block)
 
 
-def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block: int | None) -> Outcome:
+def check_scheduler(cube: Cube | None, options: ClusterOptions) -> None:
+    """Raise `InputError` when a scheduler that will be needed cannot be used; ``cube``: None where all is pending."""
+    stores = () if cube is None else cube.groups.values()
+    if options.scheduler is not None and (
+        not stores or any(not s.annotated(c) for s in stores for c in s.layout.chunks)
+    ):
+        reach(options)
+
+
+def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int | None) -> Outcome:
     """Run all pending fits of a cube whose lock the caller holds; ``repairs`` are shown and logged."""
-    options, out, study = options or ClusterOptions(), cube.path, cube.study
+    out, study = cube.path, cube.study
     run = uuid.uuid4().hex[:12]
-    log, here = RunLog(out, run), environment.environment()
+    log, here = RunLog(out, run, study.fingerprint), environment.environment()
     outcome = Outcome(out)
     noted = _annotate(cube)
     blocks = list(pending_blocks(cube, options.threads, block))
@@ -132,7 +156,6 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
     differ = environment.differences(cube.attributes["environment"], here)
     log.add(
         "begin",
-        fingerprint=study.fingerprint,
         made_in=cube.attributes["environment"],
         environment=here,
         pending_fits=total,
@@ -140,8 +163,12 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions | None, block
         repaired=repairs.written,
     )
     pending = {(b.group, c.amplitude, c.block) for b in blocks for c in b.chunks}
-    if gone := sorted(pending & runlog.reported(out, study.fingerprint)):
+    chunks = {(name, c.amplitude, c.block) for name, store in cube.groups.items() for c in store.layout.chunks}
+    reported = runlog.reported(out, study.fingerprint)
+    if gone := sorted(pending & reported):
         log.add("taken_back", chunks=gone)
+    if new := sorted(chunks - pending - reported):  # of an extended cube, or of a log that lost lines
+        log.add("present", chunks=new)
     for line in (*repairs.said, *(f"repaired: {file}" for file in repairs.written)):
         progress.say(line)
     if noted:
@@ -219,4 +246,5 @@ def _stop_requests(run: str, words: Callable[[], str]) -> Iterator[threading.Eve
         try:
             yield stop
         finally:
+            stop.set()  # blocks that still run when something failed
             del STOP[run]

@@ -3,7 +3,8 @@
 A chunk that is found damaged later is first reported in the log as no longer complete, and then written again.
 
 The log is ``OUT.log/runs.jsonl``, one JSON object per line, next to the cube and not part of it: times differ between
-runs, results must not. It holds no host or user names.
+runs, results must not. It holds no host or user names. Only the log tells a chunk that was lost from one that has not
+been run, so every line is synced, begins on a line of its own whatever is before it, and names its study.
 """
 
 from __future__ import annotations
@@ -15,35 +16,66 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from mcstudy.files.durable import log_folder
+from mcstudy.errors import StoreError
+from mcstudy.files.durable import append_line, log_folder
+from mcstudy.files.untrusted import real_bytes
+
+LARGEST = 1 << 30
+"""Bytes of a run log that is read at most."""
+
+BEGIN = '{"time": '
+"""What every line begins with."""
+
+
+def file(path: Path) -> Path:
+    """The run log of a cube."""
+    return log_folder(path) / "runs.jsonl"
 
 
 class RunLog:
-    """Appends events of one run."""
+    """Appends events of one run of the study with a ``fingerprint``."""
 
-    def __init__(self, path: Path, run: str) -> None:
-        self._file, self._run = log_folder(path) / "runs.jsonl", run
+    def __init__(self, path: Path, run: str, fingerprint: str) -> None:
+        self._file, self._run, self._fingerprint = file(path), run, fingerprint
 
     def add(self, event: str, **values: Any) -> None:
-        """Write one line and flush it, so that a killed run leaves its first lines."""
+        """Write one line; on return it is on disk. Raises `OSError`."""
         now = datetime.now(UTC).isoformat(timespec="seconds")
-        with self._file.open("a", encoding="utf-8") as file:
-            print(json.dumps({"time": now, "run": self._run, "event": event, **values}), file=file)
+        line = {"time": now, "run": self._run, "event": event, "fingerprint": self._fingerprint, **values}
+        append_line(self._file, json.dumps(line).encode())
+
+
+def _lines(path: Path) -> Iterator[dict[str, Any] | None]:
+    """All events of a cube's log; None for a line that cannot be read."""
+    try:
+        content = real_bytes(file(path), LARGEST, follow=True)
+    except (OSError, StoreError):
+        return
+    for line in content.decode(errors="replace").split("\n"):
+        if line.strip():
+            event = _event(line)
+            # An older program wrote the next event to the line that a stop had left half-written.
+            if event is None and (begins := line.rfind(BEGIN)) > 0:
+                yield None
+                event = _event(line[begins:])
+            yield event
+
+
+def _event(line: str) -> dict[str, Any] | None:
+    with contextlib.suppress(ValueError, RecursionError):
+        event = json.loads(line)
+        return event if isinstance(event, dict) else None
+    return None
 
 
 def events(path: Path) -> Iterator[dict[str, Any]]:
     """All readable events of a cube's log."""
-    try:
-        with (log_folder(path) / "runs.jsonl").open(encoding="utf-8", errors="replace") as file:
-            for line in file:
-                try:
-                    event = json.loads(line)
-                except (ValueError, RecursionError):
-                    continue  # the last line of a run that was killed, or damage
-                if isinstance(event, dict):
-                    yield event
-    except OSError:
-        return
+    return (event for event in _lines(path) if event is not None)
+
+
+def unreadable(path: Path) -> int:
+    """Number of lines of a cube's log that cannot be read: of a stop in the middle of one, or damaged."""
+    return sum(event is None for event in _lines(path))
 
 
 def last_begin(path: Path) -> dict[str, Any]:
@@ -61,14 +93,18 @@ def reported(path: Path, fingerprint: str, checksums: bool = False) -> set[tuple
     ``checksums``: only chunks whose checksums were stored, which older versions did not do.
     """
     chunks: set[tuple[str, int, int]] = set()
-    ours = False
+    begun = None
     for event in events(path):
         if event.get("event") == "begin":
-            ours = event.get("fingerprint") == fingerprint  # an extended study has other chunks
-        elif event.get("event") == "block" and ours and event.get("complete") is True:
+            begun = event.get("fingerprint")  # older programs named the study here alone
+        ours = event.get("fingerprint", begun) == fingerprint  # an extended study has other chunks
+        if event.get("event") == "block" and ours and event.get("complete") is True:
             with contextlib.suppress(KeyError, TypeError, ValueError):
                 if not checksums or event.get("checksums") is True:
                     chunks |= {(str(event["group"]), int(a), int(b)) for a, b in event["chunks"]}
+        elif event.get("event") == "present" and ours:
+            with contextlib.suppress(KeyError, TypeError, ValueError):
+                chunks |= {(str(g), int(a), int(b)) for g, a, b in event["chunks"]}
         elif event.get("event") == "taken_back" and ours:
             with contextlib.suppress(KeyError, TypeError, ValueError):
                 chunks -= {(str(g), int(a), int(b)) for g, a, b in event["chunks"]}

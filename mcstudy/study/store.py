@@ -23,7 +23,8 @@ import numpy as np
 
 from mcstudy.errors import DesignError, StoreError
 from mcstudy.files import durable, schema
-from mcstudy.files.durable import sync_folder, sync_tree
+from mcstudy.files.durable import sync_folder, sync_tree, unwritable
+from mcstudy.files.local_path import local_path
 from mcstudy.files.unfinished import unfinished
 from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, real_end, refuse_links, sealed
 from mcstudy.fitting.status import USABLE, Status
@@ -235,7 +236,7 @@ class Cube:
         import zarr
         from zarr.errors import ZarrUserWarning
 
-        path = Path(path)
+        path = local_path(path)
         depths = depths or {name: realizations_a_chunk(group) for name, group in study.groups.items()}
         building = path.with_name(f".{path.name}.creating")
         try:
@@ -262,7 +263,7 @@ class Cube:
                 building.rename(path)
                 sync_folder(path.parent)
         except OSError as error:
-            raise StoreError(f"{path}: expected a writable folder ({error.strerror})") from None
+            raise unwritable(path, "a writable folder", error) from None
         return cls(path, study, attributes, depths)
 
     @classmethod
@@ -271,7 +272,7 @@ class Cube:
 
         The file is untrusted: the arrays are compared with those that the study requires before any of them is read.
         """
-        path = Path(path)
+        path = local_path(path)
         description = describe(path)
         found = description["attributes"].get("schema")
         if found != schema.identifier(SCHEMA):
@@ -306,7 +307,7 @@ class Cube:
     @classmethod
     def open_unchecked(cls, path: str | Path) -> Cube:
         """Open a cube whose metadata may be damaged, by the study it names; raises `StoreError` without one."""
-        path = Path(path)
+        path = local_path(path)
         refuse_links(path)
         attributes = own_document(path).get("attributes", {})
         for name, kind in (("study", str), ("fingerprint", str), ("environment", dict)):

@@ -10,8 +10,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcstudy.errors import StoreError
-from mcstudy.files.durable import PARTIAL, make_folder, sync_folder
+from mcstudy.files.durable import PARTIAL, make_folder, sync_folder, unwritable
 from mcstudy.study.store import Cube
 
 NOT_PART = "not part of the cube (mcstudy run --quarantine sets it aside)"
@@ -72,5 +71,5 @@ def set_aside(root: Path, found: Collection[Stray]) -> Path:
             sync_folder(place.parent)
             sync_folder((root / stray.path).parent)
     except OSError as error:
-        raise StoreError(f"{beside}: expected a writable folder ({error.strerror})") from None
+        raise unwritable(beside, "a writable folder", error) from None
     return target

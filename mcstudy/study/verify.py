@@ -6,27 +6,35 @@ Randomly chosen fits are run again and compared bit for bit.
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from mcstudy.errors import StoreError
+from mcstudy.files.durable import tree_digest
+from mcstudy.files.local_path import local_path
 from mcstudy.files.sections import leaves
 from mcstudy.files.untrusted import real_bytes
 from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.scheduler.activity import doing
 from mcstudy.streams import stream
 from mcstudy.study import environment, identity, runlog
-from mcstudy.study.checksums import LARGEST_NOTE, OTHER, checksum, noted
+from mcstudy.study.checksums import LARGEST_NOTE, OTHER, TRIES, checksum, noted
 from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import skeleton
+from mcstudy.study.settled import settled
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.strays import NOT_PART, parts, strays
 from mcstudy.study.tasks import again, left_out
+
+T = TypeVar("T")
 
 STARTS_A_CELL = 4
 """Number of starts recomputed in each sampled cell, at every Fmax."""
@@ -41,6 +49,7 @@ class Findings:
     damage: one line per finding, each naming a file or a cell.
     notes: information that is no damage.
     chunks, pending, recomputed: chunks checked, fits not run yet, fits run again.
+    digest: SHA-256 of the tree (`mcstudy.files.durable.tree_digest`).
     """
 
     damage: list[str] = field(default_factory=list)
@@ -48,6 +57,7 @@ class Findings:
     chunks: int = 0
     pending: int = 0
     recomputed: int = 0
+    digest: str = ""
 
 
 def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
@@ -63,7 +73,12 @@ def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
     ------
     StoreError: nothing can be checked, because the study stored in the cube cannot be read.
     """
-    path, findings = Path(path), Findings()
+    path = local_path(path)
+    return settled([path], lambda: _verify(path, cells, seed))
+
+
+def _verify(path: Path, cells: int, seed: int) -> Findings:
+    findings = Findings()
     cube = _readable(path, findings)
     made_in, now = identity.made_in(path) or cube.attributes["environment"], environment.environment()
     for line in environment.differences(made_in, now):
@@ -72,6 +87,11 @@ def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
     findings.damage += [f"{file}: {what}" for file, what in skeleton_damage]
     damaged = {file for file, _ in skeleton_damage}
     sound: list[tuple[GroupStore, Chunk]] = []
+    if lost := runlog.unreadable(path):
+        findings.notes.append(
+            f"{runlog.file(path)}: {lost} line{'s' * (lost > 1)} cannot be read (a stop in the middle, or damage): "
+            "a chunk that was reported there alone, and is lost, counts as not run yet"
+        )
     reported = runlog.reported(path, cube.study.fingerprint)
     with_checksums = runlog.reported(path, cube.study.fingerprint, checksums=True)
     for name, store in cube.groups.items():
@@ -80,9 +100,9 @@ def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
         for chunk in store.layout.chunks:
             findings.chunks += 1
             doing(f"{path}: reading chunk {findings.chunks}, group {name}")
-            damage = list(_chunk_damage(store, chunk, unreadable))
+            damage = _still(store, chunk, partial(_damage_of, store, chunk, unreadable))
             status_file = store.chunk_file("status", chunk)
-            if (name, chunk.amplitude, chunk.block) in reported and not status_file.exists():
+            if (name, chunk.amplitude, chunk.block) in reported and _lost(cube, name, chunk):
                 damage = [f"{status_file}: missing, though a run has reported the chunk as complete"]
             elif (name, chunk.amplitude, chunk.block) in with_checksums and not store.annotated(chunk):
                 damage.append(f"{store.note_file(chunk)}: missing, though a run has reported the chunk as complete")
@@ -100,7 +120,40 @@ def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
         doing(f"{path}: repeating the fits of cell {number} of {len(chosen)}")
         store, chunk = sound[k]
         _recompute(store, chunk, rng, findings)
+    findings.digest = tree_digest(path)
     return findings
+
+
+def _still(store: GroupStore, chunk: Chunk, read: Callable[[], T]) -> T:
+    """What ``read`` returns of a chunk that no run writes meanwhile: half of it old and half new looks like damage."""
+    files = [*(store.chunk_file(name, chunk) for name in store.layout.results), store.note_file(chunk)]
+
+    def state() -> list[tuple[int, int] | None]:
+        return [(about.st_ino, about.st_mtime_ns) if (about := _about(file)) else None for file in files]
+
+    for _ in range(TRIES):
+        before = state()
+        found = read()
+        if state() == before:
+            break
+    return found
+
+
+def _about(file: Path) -> os.stat_result | None:
+    with contextlib.suppress(OSError):
+        return file.lstat()
+    return None
+
+
+def _damage_of(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> list[str]:
+    return list(_chunk_damage(store, chunk, unreadable))
+
+
+def _lost(cube: Cube, group: str, chunk: Chunk) -> bool:
+    """Whether a chunk that was reported has no status, and no run that writes it again has said so meanwhile."""
+    if cube.groups[group].chunk_file("status", chunk).exists():
+        return False
+    return (group, chunk.amplitude, chunk.block) in runlog.reported(cube.path, cube.study.fingerprint)
 
 
 def _readable(path: Path, findings: Findings) -> Cube:
@@ -216,7 +269,7 @@ def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, findin
     """Run a few fits of one realization of a chunk again and compare all arrays with the stored ones."""
     group, realizations = store.layout.group, store.layout.realizations(chunk)
     r = int(rng.integers(len(realizations)))
-    stored = {name: store.read(name, chunk) for name in store.layout.results}
+    stored = _still(store, chunk, lambda: {name: store.read(name, chunk) for name in store.layout.results})
     chosen = np.zeros(stored["status"].shape, dtype=bool)
     ran = ~np.isin(stored["status"], NOT_RUN)
     some = np.flatnonzero(ran[0, :, r].any(axis=0))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mcstudy.analysis.results import open_results
-from mcstudy.errors import StoreError
+from mcstudy.errors import Interrupted, StoreError
 from mcstudy.files import durable, schema
 from mcstudy.fitting.status import Status
 from mcstudy.study.layout import Chunk
@@ -47,7 +47,7 @@ def test_a_cube_that_cannot_be_completed_leaves_nothing(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(f"mcstudy.study.store.{fails}", full)
-    with pytest.raises(StoreError, match="No space left on device"):
+    with pytest.raises(Interrupted, match="No space left on device"):
         Cube.create(tmp_path / "out.zarr", parse_study(tiny))
     assert list(tmp_path.iterdir()) == []
 

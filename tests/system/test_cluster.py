@@ -23,7 +23,7 @@ from distributed.security import Security
 
 from mcstudy.errors import InputError, Interrupted
 from mcstudy.files.durable import tree_digest
-from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.scheduler.cluster import ClusterOptions, reach
 from mcstudy.scheduler.fan_out import fan_out
 from mcstudy.study import submission
 from mcstudy.study.run import Outcome, run_study
@@ -249,6 +249,7 @@ def test_a_challenge_whose_scheduler_or_workers_die_is_resumable(folder: Path, m
             list(fan_out(os._exit, [1], ClusterOptions(scheduler=made.address), "data"))
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the stream of a handshake that failed
 def test_tls_with_certificates_gives_the_same_bytes_and_refuses_those_without(folder: Path, local: str) -> None:
     files = certificates(folder / "tls")
     words = ("--tls-ca-file", str(files["ca"]), "--tls-cert", str(files["cert"]), "--tls-key", str(files["key"]))
@@ -266,9 +267,16 @@ def test_tls_with_certificates_gives_the_same_bytes_and_refuses_those_without(fo
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("mcstudy.scheduler.cluster.CONNECT_S", 2)
             stranger = certificates(folder / "stranger")
-            for own in ({}, {f"tls_{k}": stranger[k] for k in ("ca", "cert", "key")}):
-                with pytest.raises(InputError, match="expected a running scheduler"):
-                    run(out, made, **own)
+            with pytest.raises(InputError, match="expected a running scheduler"):
+                run(out, made, **{f"tls_{k}": stranger[k] for k in ("ca", "cert", "key")})
+            with pytest.raises(InputError, match="expected PEM files for a tls:// scheduler, got none"):
+                run(out, made)
+            with pytest.raises(InputError, match="expected a running scheduler"):  # unencrypted where TLS is expected
+                reach(ClusterOptions(scheduler=made.address.replace("tls:", "tcp:")))
+            with cluster(folder / "bare") as bare:
+                own = {f"tls_{k}": files[k] for k in ("ca", "cert", "key")}
+                with pytest.raises(InputError, match="expected a running scheduler"):  # and the other way round
+                    reach(ClusterOptions(scheduler=bare.address.replace("tcp:", "tls:"), **own))
         run(out, made, **{f"tls_{k}": files[k] for k in ("ca", "cert", "key")})
         assert tree_digest(out) == local
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from mcstudy.analysis.kept import kept
 from mcstudy.analysis.show.text import render
+from mcstudy.files.local_path import local_path
 from mcstudy.files.schema import validate
+from mcstudy.study.settled import settled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,7 +51,8 @@ def show(path: str | Path, reference: str | Path | None = None) -> Report:
         return report_of(tree, open_for_tables(reference), str(reference)).data
 
     others = [] if reference is None else [str(reference)]
-    return Report(kept(SCHEMA, [Path(path), *map(Path, others)], others, compute))
+    cubes = [local_path(path), *map(local_path, others)]
+    return Report(settled(cubes, lambda: kept(SCHEMA, cubes, others, compute)))
 
 
 def report_of(tree: xr.DataTree, reference: xr.DataTree | None = None, name: str = "the reference") -> Report:

@@ -1,0 +1,56 @@
+"""Paths that a user gives: names of the local file system, never addresses.
+
+`pathlib` takes ``s3://bucket/q.zarr`` for a folder ``s3:`` in the working directory.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from mcstudy.errors import InputError, StoreError
+
+ADDRESS = re.compile(r"(?:[A-Za-z][A-Za-z0-9+.-]+::?)+//")
+"""A scheme of at least two letters, or several (``simplecache::s3://``), before two slashes."""
+
+SCHEMES = ("s3", "gs", "gcs", "az", "abfs", "abfss", "adl", "hdfs", "http", "https", "ftp", "sftp", "ssh", "memory")
+"""Schemes that are known even where `pathlib` has made one slash of two."""
+
+
+def local_path(given: str | os.PathLike[str]) -> Path:
+    """The path that ``given`` names; ``file:///a`` is ``/a``. Raises `InputError` for any other address."""
+    try:
+        text = os.fspath(given)
+    except TypeError:
+        kind = type(given).__name__
+        root = ", as its attribute root is" if hasattr(given, "root") else ""
+        raise InputError(f"expected a path of this machine{root}, got {kind}") from None
+    if re.match(r"file://", text, re.IGNORECASE):
+        address = urlsplit(text)
+        if address.netloc not in ("", "localhost") or not address.path:
+            raise InputError(f"{text}: expected file:///PATH, a file of this machine")
+        return Path(unquote(address.path))
+    path = Path(text)
+    scheme, colon, _ = path.parts[0].partition(":") if path.parts else ("", "", "")
+    flat = colon and scheme.lower() in SCHEMES and not isinstance(given, str) and not Path(path.parts[0]).exists()
+    if ADDRESS.match(text) or flat:
+        raise InputError(
+            f"{text}: expected a path of this machine, found the address of another ({scheme}: is not read)"
+        )
+    return path
+
+
+def resolved(given: str | os.PathLike[str]) -> Path:
+    """`local_path`, absolute and without links; `StoreError` for links in a loop and names that are too long."""
+    path = local_path(given)
+    try:
+        found = path.resolve()
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            found.stat()
+    except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a loop of links, before Python 3.13
+        why = getattr(error, "strerror", None) or ("links in a loop" if "loop" in str(error) else str(error))
+        raise StoreError(f"{path}: expected a path that can be used ({why})") from None
+    return found

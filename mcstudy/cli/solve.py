@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="half-width of the 95 %% interval of the answer, or of the measure there, at which the search ends; "
         "default 10",
     )
-    parser.add_argument("--budget-fits", type=positive, default=BUDGET, metavar="N", help="fits at which it ends")
+    parser.add_argument("--budget-fits", type=positive, default=BUDGET, metavar="N", help="largest number of fits, those of the prediction too")
     parser.add_argument("--workers", type=positive, help="threads; default one per core")
     parser.add_argument(
         "-o", "--out", "--output", dest="out", type=Path, metavar="FILE", help="write the study (.toml)"

@@ -94,7 +94,7 @@ def expression(text: str, known: Collection[str], what: str, example: str) -> Ex
         if isinstance(node, ast.Name) and node.id in known:
             names.add(node.id)
             instructions.append((0, node.id))
-        elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        elif isinstance(node, ast.Constant) and isinstance(node.value, int | float) and type(node.value) is not bool:
             instructions.append((0, _number(node.value, refused)))
         elif isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
             operands = [node.left, node.right] if isinstance(node, ast.BinOp) else [node.operand]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.planning.arm import FIRST, Arm, Candidate, Look
-from mcstudy.planning.fits import FULL, Design
+from mcstudy.planning.fits import Design
 from mcstudy.planning.local_model import log_signal
 from mcstudy.planning.next_look import design_at, next_look, width
 

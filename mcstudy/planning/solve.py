@@ -48,7 +48,8 @@ def solve_study(
     group: name of the group, needed if there are several. cost: formula; the recording time when None.
     precision: half-width of a 95 % interval, relative, at which the search ends: that of the answer, or of the measure
     there if it changes less than the axis (`mcstudy.planning.next_look.Width`).
-    budget: largest number of fits, those of the prediction among them. threads: that fit. say: called with a line for every step.
+    budget: largest number of fits, those of the prediction among them. threads: that fit. say: called with a line for
+    every step.
 
     Raises `InputError`, one line, for a target, axis or study that cannot be used.
     """

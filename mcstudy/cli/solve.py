@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import positive, stable_study
+from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def main(args: argparse.Namespace) -> Exit:
     if args.json:
         from mcstudy.files.json_files import json_text
 
-        print(json_text(found.to_dict(), "solution", "solution"))
+        print_json(json_text(found.to_dict(), "solution", "solution"))
     else:
         print(folded(found.text()))
     return _exit(found)

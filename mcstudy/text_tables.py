@@ -90,9 +90,34 @@ def with_error(value: float | None, mcse: float | None) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f} ± {mcse:.{decimals}f}"  # + 0.0: not -0
 
 
+LEAST_P = 1e-4
+"""P-values below this are not told apart."""
+
+
+def p_value(p: float, least: float = LEAST_P) -> str:
+    """A p-value to two digits: ``0.012``, ``< 0.0001``. ``least``: the smallest that its test can give."""
+    return f"< {least:.2g}" if p <= 1.01 * least else f"{p:.2g}"
+
+
+def p_words(p: float, least: float = LEAST_P) -> str:
+    """A p-value in a sentence: ``p = 0.012``, ``p < 0.0001``."""
+    return with_sign(p_value(p, least))
+
+
+def with_sign(value: str) -> str:
+    """``p = 0.012`` for the p-value ``0.012``, ``p < 0.0001`` for ``< 0.0001``."""
+    return f"p {value}" if value.startswith(("<", ">")) else f"p = {value}"
+
+
 def starts_in_words(starts: int, until_certain: bool) -> str:
     """Number of starts of a fit; the largest number where they are drawn until certain."""
     return f"at most {counted(starts, 'start')}, until certain" if until_certain else counted(starts, "start")
+
+
+def printable(text: str, most: int | None = None) -> str:
+    """Text of others in one line of at most ``most`` characters, without characters that control a terminal."""
+    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split()))
+    return line if most is None or len(line) <= most else f"{line[: most - 3]}..."
 
 
 def counted(n: int, what: str) -> str:

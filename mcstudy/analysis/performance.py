@@ -20,6 +20,10 @@ LEVEL = 0.95
 """Level of the intervals whose coverage is counted."""
 
 
+EQUAL = 4 * float(np.finfo(float).eps)
+"""Relative difference that is rounding."""
+
+
 @dataclass(frozen=True)
 class Measure:
     """One measure: its key, its unit and its meaning."""
@@ -114,9 +118,14 @@ def _of_errors(x: xr.DataArray, truth: xr.DataArray, error: xr.DataArray, level:
 
 
 def empirical_se(x: xr.DataArray) -> xr.DataArray:
-    """Standard deviation over realizations (divisor n - 1); NaN for fewer than two."""
+    """Standard deviation over realizations (divisor n - 1); NaN for fewer than two.
+
+    Exactly 0 for estimates that differ by no more than rounding, such as those on a bound.
+    """
     n = x.notnull().sum(REALIZATION)
-    return (((x - x.mean(REALIZATION)) ** 2).sum(REALIZATION) / (n - 1).where(n > 1)) ** 0.5
+    sd = (((x - x.mean(REALIZATION)) ** 2).sum(REALIZATION) / (n - 1).where(n > 1)) ** 0.5
+    spread = x.max(REALIZATION) - x.min(REALIZATION)
+    return sd.where((spread > EQUAL * abs(x).max(REALIZATION)) | (n < 2), 0.0)
 
 
 def _holds(x: xr.DataArray, reach: xr.DataArray, value: xr.DataArray) -> xr.DataArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,17 +11,26 @@ import pandas as pd
 import xarray as xr
 
 from mcstudy.analysis import performance as measures
+from mcstudy.analysis.estimates_file import read_estimates
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import ERROR
+<<<<<<< HEAD
 from mcstudy.errors import InputError, StoreError
 from mcstudy.files.local_path import local_path
 from mcstudy.files.untrusted import real_bytes
+=======
+from mcstudy.errors import InputError
+>>>>>>> cli
 
-KEYS = (REALIZATION, "parameter")
+PARAMETER = "parameter"
+KEYS = (REALIZATION, PARAMETER)
 VALUES = ("estimate", "truth")
 
-LARGEST_TABLE = 1 << 30
-"""Bytes of a CSV file."""
+METHOD = "method"
+"""Column of the methods."""
+
+ESTIMATOR = "estimator"
+"""Dim of the methods: `xarray.Dataset.sel` has an argument that is called method."""
 
 
 def performance(
@@ -38,8 +46,10 @@ def performance(
     data
         A table with the columns ``parameter``, ``realization``, ``estimate``, ``truth``, and where they exist
         ``standard_error`` and ``method``: one row per realization, parameter and method. Or a CSV file with these
-        columns. Or a Dataset with variables ``estimate``, ``truth`` and ``standard_error`` and a dim ``realization``.
-        A missing estimate or standard error is NaN, in a file an empty field, NA or NaN.
+        columns; a semicolon or a tab may separate its fields, with decimal commas then. Or a Dataset with variables
+        ``estimate``, ``truth`` and ``standard_error``, a dim ``realization`` and maybe a dim ``estimator`` (the
+        methods). A missing estimate or standard error is NaN, in a file an empty field, NA or NaN. Parameters and
+        methods of a table are names: 1 becomes ``"1"``.
     reference
         Method to which ``relative_precision`` refers; the first in the table by default.
     level
@@ -48,15 +58,16 @@ def performance(
     Returns
     -------
     xarray.Dataset
-        Dims (measure, parameter), and method where given. ``value``, ``mcse`` (Monte Carlo standard error), ``n`` and
-        ``left_out``; ``lower`` and ``upper`` for coverages. Measures and formulas: Morris, White & Crowther 2019,
-        Statistics in Medicine 38:2074. ``relative_precision``, in percent, is paired by realization.
+        Dims (measure, parameter), and ``estimator`` where there are methods. ``value``, ``mcse`` (Monte Carlo standard
+        error), ``n`` and ``left_out``; ``lower`` and ``upper`` for coverages. Measures and formulas: Morris, White &
+        Crowther 2019, Statistics in Medicine 38:2074. ``relative_precision``, in percent, is paired by realization.
 
     Raises
     ------
     InputError
-        A column is missing, a row is there twice, a true value is missing or not the same in all rows, a standard error
-        is negative, or the level or the method does not exist.
+        A column is missing or there twice, a row is there twice or has more or fewer fields than the header, a true
+        value is missing or not the same in all rows, a standard error is negative, or the level or the method does not
+        exist.
     """
     if not 0 < level < 1:
         raise InputError(f"level: expected a number between 0 and 1, got {level!r}")
@@ -66,6 +77,8 @@ def performance(
         except InputError as error:
             raise InputError(f"{data}: {error}") from None
     cells = data if isinstance(data, xr.Dataset) else _cells(_table(data))
+    if METHOD in cells.dims:
+        cells = cells.rename({METHOD: ESTIMATOR})
     for name in VALUES:
         if name not in cells:
             raise InputError(f"{name}: expected a variable of this name, got {', '.join(map(str, cells.data_vars))}")
@@ -75,45 +88,54 @@ def performance(
     if standard is not None and bool((standard < 0).any()):
         raise InputError(f"{ERROR}: expected no negative value, got {float(standard.min()):g}")
     found = measures.performance(cells["estimate"], cells["truth"], standard, level)
-    if "method" not in cells["estimate"].dims:
+    if ESTIMATOR not in cells["estimate"].dims:
         if reference is not None:
             raise InputError(f"reference: expected a column 'method' to hold {reference!r}, got none")
         return found
-    methods = [str(m) for m in cells["method"].values]
+    methods = [str(m) for m in cells[ESTIMATOR].values]
     if (reference := methods[0] if reference is None else reference) not in methods:
         raise InputError(f"reference: expected one of {', '.join(methods)}, got {reference!r}")
-    other = cells["estimate"].sel({"method": reference}, drop=True)
+    other = cells["estimate"].isel({ESTIMATOR: methods.index(reference)}, drop=True)
     gain = measures.relative_precision(cells["estimate"], other).expand_dims(measure=[measures.PRECISION.key])
-    gain[["value", "mcse"]] = gain[["value", "mcse"]].where(cells["method"] != reference)
+    others = xr.DataArray([m != reference for m in methods], dims=ESTIMATOR)
+    gain[["value", "mcse"]] = gain[["value", "mcse"]].where(others)
     plain = found.drop_vars(["meaning", "measure_unit"])
     return measures.described(xr.concat([plain, gain], dim="measure", coords="minimal", compat="override"))
 
 
 def _read(path: Path) -> pd.DataFrame:
-    """The table of a CSV file; the message of an error does not repeat the file's name."""
-    try:
-        text = real_bytes(path, LARGEST_TABLE, follow=True).decode("utf-8-sig")
-        first = text.partition("\n")[0]
-        separator = next((s for s in ("\t", ";") if s in first), ",")
-        return pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True)
-    except (OSError, StoreError) as error:
-        why = getattr(error, "strerror", None) or str(error).removeprefix(f"{path}: ")
-        raise InputError(f"cannot be read: {why}") from None
-    except UnicodeDecodeError:
-        raise InputError("expected UTF-8 text") from None
-    except ValueError as error:  # pandas raises subclasses of it for text that is no table
-        raise InputError(f"expected a CSV file with a header ({' '.join(str(error).split())})") from None
+    """The table of a CSV file, whose methods may have either name."""
+    table = read_estimates(path, (METHOD, ESTIMATOR, *KEYS), (*VALUES, ERROR), required=(*KEYS, *VALUES))
+    realization = pd.to_numeric(table[REALIZATION], errors="coerce")
+    if np.isfinite(realization).all():
+        table[REALIZATION] = realization
+    return table
 
 
 def _table(data: pd.DataFrame | Mapping[str, Sequence[Any]]) -> pd.DataFrame:
     try:
-        table = pd.DataFrame(data)
+        table = pd.DataFrame(data).copy()
     except (TypeError, ValueError) as error:
         raise InputError(f"data: expected a table, a Dataset or columns of equal length ({error})") from None
     for name in (*KEYS, *VALUES):
         if name not in table:
             held = ", ".join(map(str, table.columns)) or "none"
             raise InputError(f"{name}: expected a column of this name, got {held}")
+    for name in (*KEYS, *VALUES, METHOD, ESTIMATOR, ERROR):
+        if (count := list(table.columns).count(name)) > 1:
+            raise InputError(f"{name}: expected one column of this name, got {count}")
+    if ESTIMATOR in table:
+        if METHOD in table:
+            raise InputError(f"{ESTIMATOR}: expected one column of methods, got {METHOD} too")
+        table = table.rename(columns={ESTIMATOR: METHOD})
+    if not len(table):
+        raise InputError("data: expected at least one row")
+    for name in (PARAMETER, *([METHOD] if METHOD in table else [])):
+        if table[name].isna().any() or (table[name] == "").any():
+            raise InputError(f"{name}: expected a name in every row")
+        table[name] = [str(label) for label in table[name]]
+    if table[REALIZATION].isna().any():
+        raise InputError(f"{REALIZATION}: expected a number or a name in every row")
     for name in (*VALUES, *([ERROR] if ERROR in table else [])):
         try:
             table[name] = pd.to_numeric(table[name]).astype(float)
@@ -125,7 +147,7 @@ def _table(data: pd.DataFrame | Mapping[str, Sequence[Any]]) -> pd.DataFrame:
 
 
 def _cells(table: pd.DataFrame) -> xr.Dataset:
-    keys = [*(["method"] if "method" in table else []), *KEYS]
+    keys = [*([METHOD] if METHOD in table else []), *KEYS]
     twice = table[table.duplicated(keys)]
     if len(twice):
         where = ", ".join(f"{k} {twice.iloc[0][k]}" for k in keys)

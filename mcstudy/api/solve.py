@@ -46,7 +46,7 @@ def solve(
     precision
         Half-width of the 95 % interval of the answer, relative, at which the search ends.
     budget_fits
-        Fits at which it ends in any case.
+        Largest number of fits, those of the prediction too.
     workers
         Threads that fit; one per core when None.
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from mcstudy.challenge.rates import Estimate
-from mcstudy.text_tables import table
+from mcstudy.text_tables import printable, table
 
 LONGEST_TEXT = 300
 """Largest number of characters shown of a name or an error."""
@@ -35,9 +35,7 @@ def score_text(score: Mapping[str, Any]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Untrusted text in one line, without control characters."""
-    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split()))
-    return line if len(line) <= LONGEST_TEXT else f"{line[: LONGEST_TEXT - 3]}..."
+    return printable(text, LONGEST_TEXT)
 
 
 def _proper(score: Mapping[str, Any]) -> Rows:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 
@@ -54,11 +55,13 @@ def main(arguments: Sequence[str] | None = None) -> Exit:
     import gc
 
     from mcstudy.cli.stop import catch
+    from mcstudy.cli.terminal import replace_what_cannot_be_shown
 
     # A look is mostly imports, which make 170,000 objects that stay. To search them for garbage after every 700 new
     # ones takes a twelfth of the imports' time (benchmarks/README.md). Somebody else's process is left as it is.
     gc.set_threshold(300_000)
     stop, words = catch(), sys.argv[1:]
+    replace_what_cannot_be_shown()
     stop.watch(words)
     code = _main(words, stop)
     # An interpreter that ends searches all objects for garbage twice more: a quarter of the imports' time.
@@ -67,6 +70,30 @@ def main(arguments: Sequence[str] | None = None) -> Exit:
 
 
 def _main(words: list[str], stop: Stop | None) -> Exit:
+    """The same; one line where a disk does not take what is written, the output among it."""
+    import errno
+
+    from mcstudy.cli.terminal import drop_output
+    from mcstudy.exits import Exit
+
+    try:
+        try:
+            return _done(words, stop)
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    except BrokenPipeError:
+        drop_output()
+        return Exit.DONE  # the reader (head, less) has seen enough
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS, errno.EFBIG):
+            raise
+        drop_output()
+        _tell(f"{error.filename or 'output'}: cannot be written: {error.strerror}")
+        return Exit.BAD_INPUT
+
+
+def _done(words: list[str], stop: Stop | None) -> Exit:
     from mcstudy.exits import Exit
 
     if words[:1] and words[0] in VERBS:
@@ -130,9 +157,14 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     # differently on another machine would differ in the last digits.
     for variable in ONE_THREAD:
         os.environ.setdefault(variable, "1")
+<<<<<<< HEAD
     import contextlib
 
     from mcstudy.cli.stop import stopped, unusable, with_command
+=======
+    from mcstudy.cli.stop import stopped, with_command
+    from mcstudy.cli.terminal import drop_output
+>>>>>>> cli
     from mcstudy.errors import InputError, Interrupted, Stopped
     from mcstudy.exits import Exit
 
@@ -140,7 +172,7 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
         code: Exit = _module(verb).main(parser_of(verb).parse_args(_local(words)))
         return code
     except InputError as error:
-        print(f"mcstudy: {_one_line(error)}", file=sys.stderr)
+        _tell(_one_line(error))
         return Exit.BAD_INPUT
     except Stopped as error:
         message, code = _one_line(error), Exit.STOPPED
@@ -149,7 +181,7 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     except KeyboardInterrupt:
         message, code = stopped([verb, *words])
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        drop_output()
         message, code = stopped([verb, *words], " (nothing reads its output)")
         if code is not Exit.INTERRUPTED and (stop is None or not stop.asked):
             return Exit.DONE  # the reader (head, less) has seen enough
@@ -166,11 +198,11 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
         sys.stdout.flush()
     if stop is not None:
         stop.leave(message, code)  # do not wait for threads that are still computing
-    with contextlib.suppress(BrokenPipeError):
-        print(f"mcstudy: {message}", file=sys.stderr, flush=True)
+    _tell(message)
     return code
 
 
+<<<<<<< HEAD
 def _local(words: Sequence[str]) -> list[str]:
     """The words with ``file://`` addresses as paths; `InputError` for other addresses, except that of a scheduler."""
     from mcstudy.files.local_path import ADDRESS, local_path
@@ -183,7 +215,15 @@ def _local(words: Sequence[str]) -> list[str]:
             value = str(local_path(value)) if ADDRESS.match(value) else value
         out.append(option + equals + value)
     return out
+=======
+def _tell(message: str) -> None:
+    """One line for the person; without a reader, or on a full disk, the exit code alone tells."""
+    with contextlib.suppress(OSError):
+        print(f"mcstudy: {message}", file=sys.stderr, flush=True)
+>>>>>>> cli
 
 
 def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())
+    from mcstudy.text_tables import printable
+
+    return printable(str(error))

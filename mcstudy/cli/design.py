@@ -43,7 +43,6 @@ def main(args: argparse.Namespace) -> Exit:
         found = design_stimulus(file, args.out, options, verify=not args.no_verify)
     except DesignError as error:
         raise DesignError(f"{args.file}: {error}") from None
-    print(folded(found.text()))
     if args.figure is not None:
         from mcstudy.report.stimulus_design import stimulus_design_svg
 
@@ -54,4 +53,5 @@ def main(args: argparse.Namespace) -> Exit:
 
         words = ["mcstudy", "design", str(args.file), "-o", str(args.out), *["--no-verify"] * args.no_verify]
         write_page(args.html, lambda: design_page(found, shlex.join([*words, "--html", str(args.html)])))
+    print(folded(found.text()))
     return Exit.DONE

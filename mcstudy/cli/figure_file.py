@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,14 +35,13 @@ def check_figure(path: Path | None, endings: tuple[str, ...] = ENDINGS) -> None:
 
 def write_figure(figure: Figure | str, path: Path) -> None:
     """Write a figure or an SVG document; raises `StoreError` when the file cannot be written."""
-    from mcstudy.errors import StoreError
-    from mcstudy.files.json_files import ensure_folder, write_text
+    from mcstudy.files.output import write_file
 
-    if isinstance(figure, str):
-        write_text(path, figure)
-        return
-    ensure_folder(path.parent)
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+    def content() -> bytes:
+        if isinstance(figure, str):
+            return f"{figure}\n".encode()
+        drawn = io.BytesIO()
+        figure.savefig(drawn, format=path.suffix.removeprefix("."))
+        return drawn.getvalue()
+
+    write_file(path, content)

@@ -17,6 +17,7 @@ from mcstudy.cli.recording_options import (
     tell,
     with_names,
 )
+from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -269,7 +270,6 @@ def _next(args: argparse.Namespace) -> Exit:
         doing(f"{args.recordings[0]}: simulating possible next trials")
         with with_names(args):
             found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
-    tell(args, "next_trial", found.to_dict, found.text)
     if args.figure:
         from mcstudy.report.diagnosis.next_trial import twin_picture
 
@@ -279,6 +279,7 @@ def _next(args: argparse.Namespace) -> Exit:
         from mcstudy.report.next_page import next_page
 
         write_page(args.html, lambda: next_page(found, _next_command(args)))
+    tell(args, "next_trial", found.to_dict, found.text)
     return Exit.DONE
 
 
@@ -397,7 +398,10 @@ def _score(args: argparse.Namespace) -> Exit:
         write_json(args.out, score, "challenge_score")
     if args.figure:
         write_figure(reliability_svg(score), args.figure)
-    print(json_text(score, "challenge_score", "score") if args.json else folded(score_text(score)))
+    if args.json:
+        print_json(json_text(score, "challenge_score", "score"))
+    else:
+        print(folded(score_text(score)))
     return exit_code(score) if args.check else Exit.DONE
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import itertools
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,10 @@ if TYPE_CHECKING:
 
 PERCENT = ("coverage", "bias_eliminated_coverage")
 """Measures that are fractions and are printed in percent with their interval."""
+
+
+LONGEST_NAME = 60
+"""Characters of a name that are printed."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,34 +43,46 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.api.performance import performance
 
     found = performance(args.table, reference=args.reference, level=args.level)
-    print(_text(found))
     if args.out is not None:
+        from mcstudy.files.csv_text import csv_text
         from mcstudy.files.json_files import write_text
 
-        write_text(args.out, found.to_dataframe().reset_index().to_csv(index=False))
+        rows = found.to_dataframe().reset_index()
+        write_text(args.out, csv_text(list(rows.columns), rows.itertuples(index=False)))
+    print(_text(found))
     return Exit.DONE
 
 
 def _text(found: xr.Dataset) -> str:
     """One row per method and parameter, one column per measure, and what the measures are."""
-    from mcstudy.text_tables import fill, table
+    from mcstudy.text_tables import fill, printable, table
 
     measures = [str(m) for m in found["measure"].values]
-    methods = [str(m) for m in found["method"].values] if "method" in found.dims else [None]
-    header = [*(["method"] if methods[0] else []), "parameter", "n", *measures]
+    several = "estimator" in found.dims
+    errors = found.sel(measure="model_se")["n"] if "model_se" in measures else found["n"].isel(measure=0)
+    incomplete = bool((errors != found["n"].sel(measure="bias")).any())
+    header = [*(["method"] if several else []), "parameter", "n", *(["n of SE"] if incomplete else []), *measures]
     rows = []
-    for method in methods:
-        own = found if method is None else found.sel({"method": method})
-        for name in map(str, own["parameter"].values):
-            one = own.sel(parameter=name)
-            cells = [_cell(one.sel(measure=m), m) for m in measures]
-            rows.append([*([method] if method else []), name, str(int(one["n"].sel(measure="bias"))), *cells])
+    for one in _cells_of(found, ("estimator", "parameter") if several else ("parameter",)):
+        names = [
+            printable(str(one[d].item()), LONGEST_NAME) for d in (["estimator"] if several else []) + ["parameter"]
+        ]
+        counts = [str(int(one["n"].sel(measure=m))) for m in ("bias", *(["model_se"] if incomplete else []))]
+        rows.append([*names, *counts, *(_cell(one.sel(measure=m), m) for m in measures)])
     told = [
         f"{m}: {meaning} ({unit})."
         for m, meaning, unit in zip(measures, found["meaning"].values, found["measure_unit"].values, strict=True)
     ]
     after = "Numbers are ± one Monte Carlo standard error; fractions have Wilson's 95 % interval. n: estimates."
+    if incomplete:
+        after += " n of SE: estimates with a standard error; the measures of standard errors are over these."
     return "\n".join([table(header, rows), "", *(fill(line, "  ") for line in told), fill(after)])
+
+
+def _cells_of(found: xr.Dataset, dims: Sequence[str]) -> Iterator[xr.Dataset]:
+    """One dataset for every combination of positions of ``dims``, the first outermost."""
+    for positions in itertools.product(*(range(found.sizes[d]) for d in dims)):
+        yield found.isel(dict(zip(dims, positions, strict=True)))
 
 
 def _cell(one: xr.Dataset, measure: str) -> str:

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mcstudy.cli.terminal import print_json
+
 if TYPE_CHECKING:
     from mcstudy.recordings.frf import FrfRecording
     from mcstudy.recordings.recording import Recording
@@ -63,7 +65,10 @@ def tell(args: argparse.Namespace, name: str, to_dict: Callable[[], dict[str, An
         write_json(args.out / f"{name}.json", document, name)
         with unfolded():
             write_text(args.out / f"{name}.txt", text())
-    print(json_text(document, name, name) if args.json else text())
+    if args.json:
+        print_json(json_text(document, name, name))
+    else:
+        print(text())
 
 
 def read_recordings(args: argparse.Namespace) -> list[Recording | FrfRecording]:

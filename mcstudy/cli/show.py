@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
 
@@ -24,5 +25,8 @@ def main(args: argparse.Namespace) -> Exit:
 
     with activity(f"{args.out}: computing the statistics"):
         report = show(args.out, args.compare)
-    print(report.json() if args.json else report.text())
+    if args.json:
+        print_json(report.json())
+    else:
+        print(report.text())
     return Exit.DONE

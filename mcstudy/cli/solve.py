@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import positive, stable_study
+from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -50,7 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="half-width of the 95 %% interval of the answer, or of the measure there, at which the search ends; "
         "default 10",
     )
-    parser.add_argument("--budget-fits", type=positive, default=BUDGET, metavar="N", help="fits at which it ends")
+    parser.add_argument(
+        "--budget-fits",
+        type=positive,
+        default=BUDGET,
+        metavar="N",
+        help="largest number of fits, those of the prediction too",
+    )
     parser.add_argument("--workers", type=positive, help="threads; default one per core")
     parser.add_argument(
         "-o", "--out", "--output", dest="out", type=Path, metavar="FILE", help="write the study (.toml)"
@@ -90,12 +97,6 @@ def main(args: argparse.Namespace) -> Exit:
             threads=args.workers or os.cpu_count() or 1,
             say=doing,
         )
-    if args.json:
-        from mcstudy.files.json_files import json_text
-
-        print(json_text(found.to_dict(), "solution", "solution"))
-    else:
-        print(folded(found.text()))
     if args.figure is not None:
         from mcstudy.report.solution import solution_svg
 
@@ -110,6 +111,12 @@ def main(args: argparse.Namespace) -> Exit:
             print(f"{args.out}: not written, because no allowed design reaches the targets", file=sys.stderr)
         else:
             found.write_study(args.out)
+    if args.json:
+        from mcstudy.files.json_files import json_text
+
+        print_json(json_text(found.to_dict(), "solution", "solution"))
+    else:
+        print(folded(found.text()))
     return _exit(found)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import seconds
+from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def _once(path: Path, as_json: bool) -> Exit:
         groups = {name: {s.name.lower(): c[s] for s in Status} for name, c in by_group.items()}
         study, fingerprint = cube.study.study.name, cube.study.fingerprint
         document = {"schema": identifier("status"), "study": study, "fingerprint": fingerprint, "groups": groups}
-        print(json_text(document, "status", "status"))
+        print_json(json_text(document, "status", "status"))
         return Exit.FITS_FAILED if failed else Exit.DONE
     print(f"{cube.path}: study {cube.study.study.name}, seed {cube.study.study.seed}")
     print(f"fingerprint {cube.study.fingerprint}")

@@ -36,10 +36,15 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     """A new file that replaces ``path``, synced, when the block ends; it is removed when the block fails."""
     partial = partial_name(path)
     with unfinished(partial, lambda: partial.open("xb")) as file:
-        with file:
+        try:
             yield file
             file.flush()
             sync(file.fileno())
+        except BaseException:
+            with contextlib.suppress(OSError):  # what is still buffered does not fit either
+                file.close()
+            raise
+        file.close()
         partial.replace(path)
 
 

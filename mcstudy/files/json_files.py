@@ -13,7 +13,11 @@ import numpy as np
 
 from mcstudy.errors import StoreError
 from mcstudy.files import schema
+<<<<<<< HEAD
 from mcstudy.files.durable import PARTIAL, write
+=======
+from mcstudy.files.output import write_file
+>>>>>>> cli
 from mcstudy.files.untrusted import json_document, real_bytes
 
 LARGEST = 1 << 30
@@ -46,11 +50,7 @@ def write_json(path: Path, value: Mapping[str, Any], kind: str) -> str:
 def write_text(path: Path, text: str) -> str:
     """Write text and a line end atomically; returns the SHA-256 of the file."""
     content = f"{text}\n".encode()
-    ensure_folder(path.parent)
-    try:
-        write(path, content)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+    write_file(path, lambda: content)
     return hashlib.sha256(content).hexdigest()
 
 

@@ -36,6 +36,7 @@ from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import highest
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
+from mcstudy.text_tables import p_words
 
 FAST_DRAWS = 1000
 BOOTSTRAP = 1000
@@ -257,7 +258,7 @@ def _other_axes(lines: Lines) -> list[str]:
     if not np.isfinite(p).all() or p.min() > 1e-3:
         return []
     return [
-        f"power at even lines is {ratio[int(p.argmin())]:.2g} times the noise level (p = {p.min():.1g}), "
+        f"power at even lines is {ratio[int(p.argmin())]:.2g} times the noise level ({p_words(p.min())}), "
         "which indicates an even nonlinearity"
     ]
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mcstudy import text_tables
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap import nearest_words
@@ -76,13 +77,12 @@ def p_value(p: float, least: float) -> str:
     """
     if p >= 1:
         return f"> {CAPPED:g}"
-    return f"< {least:.2g}" if p <= 1.01 * least else f"{p:.2g}"
+    return text_tables.p_value(p, least)
 
 
 def p_words(p: float, least: float) -> str:
     """A p-value in a sentence; see `p_value`."""
-    text = p_value(p, least)
-    return f"p {text}" if text.startswith(("<", ">")) else f"p = {text}"
+    return text_tables.with_sign(p_value(p, least))
 
 
 def verdict(d: Diagnosis) -> str:

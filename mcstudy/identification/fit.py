@@ -20,7 +20,7 @@ from mcstudy.identification.complete import complete
 from mcstudy.identification.correction import DRAWS, Draws, simulated
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
 from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
-from mcstudy.identification.quantities import Quantity, quantities
+from mcstudy.identification.quantities import Quantity, quantities, require_finite
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.several_minima import factor
 from mcstudy.identification.tables import BANDS_HZ
@@ -106,6 +106,7 @@ def fit_lines(
     fitter = Fitter(model, without_prior(model, nominal), lines.f)
     minima = search(fitter, data, seed)
     theta = minima.theta[0]
+    require_finite(model, of, theta)
     drawn = draws or simulated(lines.noise, stream(seed, "fit correction"))
     upto = threshold(model, data, minima, of, drawn, level)
     null, near = upto.null_chi2, upto.near

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from mcstudy import text_tables
 from mcstudy.text_tables import number, table
 
 if TYPE_CHECKING:
@@ -30,14 +31,14 @@ def interval(value: float, of: GroupMean | GroupDifference) -> str:
 
 def change(d: GroupDifference) -> str:
     """A difference with its interval and p-value."""
-    return f"{interval(d.difference, d)}, p = {p_value(d)}"
+    return f"{interval(d.difference, d)}, {text_tables.with_sign(p_value(d))}"
 
 
 def p_value(d: GroupDifference) -> str:
     """To two digits; a dash where a bound ends the interval, which then is no test."""
     if d.verdict != "determined":
         return "-"
-    return "< 0.0001" if d.p_value < 1e-4 else f"{d.p_value:.2g}"
+    return text_tables.p_value(d.p_value)
 
 
 def counts(r: GroupResult) -> str:

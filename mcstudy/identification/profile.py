@@ -44,7 +44,7 @@ RELINEARISED, CURVED = 20, 1e-8
 """Most linearisations of a quantity that is not linear, and the change of its end, in widths, at which they stop."""
 
 BISECTIONS = 20
-"""Halvings of the ceiling of a quantity that is not finite at its end."""
+"""Halvings of the ceiling of a quantity that is not finite, or has turned back, at its end."""
 
 FROM = {DATA: "data", BOUND: "bound", GAVE_UP: "steps"}
 
@@ -242,7 +242,7 @@ class _Search:
             middle = (low + high) / 2
             found = self._relinearised(k, side, middle, inside[3])
             low, high, inside = (middle, high, found) if np.isfinite(found[0]) else (low, middle, inside)
-        return (*inside[:2], "not finite", inside[3])
+        return (*inside[:2], best[2], inside[3])
 
     def _relinearised(
         self, k: int, side: int, height: float, start: np.ndarray
@@ -265,6 +265,8 @@ class _Search:
             if settled:
                 status = str(found.status[0])
                 break
+        if side * (before - origin) < -CURVED * abs(origin):  # beyond its largest value, or beyond a pole
+            return np.nan, rise, "steps", theta
         return before, rise, status, theta
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import ast
-import operator
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import InputError
+from mcstudy.identification import expressions
 from mcstudy.stance.feedback import Model
 
 STEP = 1e-20
@@ -19,15 +19,13 @@ STEP = 1e-20
 DIFFERENCE = 1e-5
 """Relative step of the central differences of a Python function."""
 
-_BINARY: dict[type, Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
-}
-_UNARY: dict[type, Callable[[Any], Any]] = {ast.USub: operator.neg, ast.UAdd: operator.pos}
-_FUNCTIONS: dict[str, Callable[[Any], Any]] = {"sqrt": np.sqrt, "exp": np.exp, "log": np.log}
+LARGEST = 1e100
+"""A quantity, and its change with each parameter, is smaller than this: their squares are still numbers."""
+
+MOST_SHOWN = 6
+"""Parameters that a message repeats with their values."""
+
+EXAMPLE = "'K11 + Kpas1'"
 
 
 @dataclass(frozen=True)
@@ -60,33 +58,28 @@ def expression(model: Model, text: str) -> Quantity:
 
     Raises `InputError` for anything else, and for an expression that no parameter changes.
     """
-    try:
-        tree = ast.parse(text, mode="eval").body
-    except SyntaxError:
-        raise InputError(f"quantity {text!r}: expected an expression of the parameters, e.g. 'K11 + Kpas1'") from None
-    named = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)} - set(_FUNCTIONS)
-    for name in sorted(named - set(model.names)):
-        raise InputError(f"quantity {text!r}: expected parameters of the model ({', '.join(model.names)}), got {name}")
-    if not named:
-        raise InputError(f"quantity {text!r}: expected a function of at least one parameter ({', '.join(model.names)})")
-    compute = compiled(tree, text)
+    formula = expressions.expression(text, model.names, "quantity", EXAMPLE)
+    shown = expressions.shortened(text)
+    if not formula.names:
+        raise InputError(
+            f"quantity {shown!r}: expected a function of at least one parameter ({', '.join(model.names)})"
+        )
 
-    def at(theta: np.ndarray) -> Any:
-        with np.errstate(all="ignore"):  # where it is not defined it is nan or infinite, and its interval ends
-            return compute(dict(zip(model.names, theta, strict=True)))
+    def at(theta: np.ndarray) -> Any:  # where it is not defined it is nan or infinite, and its interval ends
+        return formula(dict(zip(model.names, theta, strict=True)))
 
     def gradient(theta: np.ndarray) -> np.ndarray:
         steps = np.asarray(theta, dtype=complex) + 1j * STEP * np.eye(len(theta))
-        return np.array([np.imag(at(row)) / STEP for row in steps])
+        with np.errstate(over="ignore"):
+            return np.array([np.imag(at(row)) / STEP for row in steps])
 
     if not any(np.any(gradient(size * model.truth)) for size in (1.0, 1.3)):
-        raise InputError(f"quantity {text!r}: expected a function that changes with at least one parameter")
-    linear = _linear(tree)
-    constant = gradient(model.truth) if linear else None
-    units = {model.units[model.names.index(name)] for name in named}
-    unit = units.pop() if linear and len(units) == 1 else ""
+        raise InputError(f"quantity {shown!r}: expected a function that changes with at least one parameter")
+    constant = gradient(model.truth) if formula.linear else None
+    units = {model.units[model.names.index(name)] for name in formula.names}
+    unit = units.pop() if formula.linear and len(units) == 1 else ""
     slope = gradient if constant is None else lambda _: constant
-    return Quantity(text, unit, lambda theta: float(at(theta)), slope, linear)
+    return Quantity(text, unit, lambda theta: float(at(theta)), slope, formula.linear)
 
 
 def function(model: Model, name: str, of: Callable[[Mapping[str, float]], float]) -> Quantity:
@@ -95,6 +88,8 @@ def function(model: Model, name: str, of: Callable[[Mapping[str, float]], float]
     def value(theta: np.ndarray) -> float:
         try:
             return float(of(dict(zip(model.names, map(float, theta), strict=True))))
+        except ArithmeticError:  # as an expression that is not defined there
+            return np.nan
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"quantity {name!r}: expected a function of a mapping of parameters that returns a number: {error}"
@@ -111,6 +106,26 @@ def function(model: Model, name: str, of: Callable[[Mapping[str, float]], float]
     return Quantity(name, "", value, gradient)
 
 
+def require_finite(model: Model, wanted: Sequence[Quantity], theta: np.ndarray) -> None:
+    """Raise `InputError` for a quantity that has no value or no derivative at the estimates ``theta`` (P,).
+
+    Its interval begins there. Sizes whose squares are no numbers either are refused too.
+    """
+    size = np.maximum(np.abs(theta), np.abs(model.truth))
+    for q in wanted:
+        changes = np.abs(q.gradient(theta) * size)
+        value, largest = q.value(theta), changes.max()
+        if np.isfinite(value) and abs(value) < LARGEST and 1 / LARGEST < largest < LARGEST:
+            continue
+        used = [f"{n} = {v:.4g}" for n, v in zip(model.names, theta, strict=True) if re.search(rf"\b{n}\b", q.name)]
+        at = f" ({', '.join(used)})" if 0 < len(used) <= MOST_SHOWN else ""
+        if np.isfinite(value) and abs(value) < LARGEST:
+            why = f"expected a derivative that is finite and not 0 at the estimates{at}, got {largest:.3g}"
+        else:
+            why = f"expected a finite number at the estimates{at}, got {value:.3g}"
+        raise InputError(f"quantity {expressions.shortened(q.name)!r}: {why}")
+
+
 def quantities(model: Model, given: Sequence[str] | Mapping[str, Any] = ()) -> tuple[Quantity, ...]:
     """All parameters of ``model``, the sums of active and passive stiffness it has, and those ``given``.
 
@@ -124,40 +139,3 @@ def quantities(model: Model, given: Sequence[str] | Mapping[str, Any] = ()) -> t
             raise InputError(f"quantity {name!r}: expected a name that is not taken")
         found.append(expression(model, of) if isinstance(of, str) else function(model, name, of))
     return tuple(found)
-
-
-def compiled(node: ast.expr, text: str) -> Callable[[Mapping[str, Any]], Any]:
-    """A function of the named values; raises `InputError` for what is not allowed."""
-    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
-        number = float(node.value)
-        return lambda _: number
-    if isinstance(node, ast.Name) and node.id not in _FUNCTIONS:
-        name = node.id
-        return lambda values: values[name]
-    if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        apply, left, right = _BINARY[type(node.op)], compiled(node.left, text), compiled(node.right, text)
-        return lambda values: apply(left(values), right(values))
-    if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
-        sign, inner = _UNARY[type(node.op)], compiled(node.operand, text)
-        return lambda values: sign(inner(values))
-    if (
-        isinstance(node, ast.Call)
-        and ast.unparse(node.func) in _FUNCTIONS
-        and len(node.args) == 1
-        and not node.keywords
-    ):
-        called, argument = _FUNCTIONS[ast.unparse(node.func)], compiled(node.args[0], text)
-        return lambda values: called(argument(values))
-    raise InputError(
-        f"quantity {text!r}: expected parameters and numbers with + - * / **, sqrt, exp and log, "
-        f"got {ast.unparse(node)!r}"
-    )
-
-
-def _linear(node: ast.expr) -> bool:
-    """Whether an expression is a sum of parameters and numbers with signs, so that it has their unit."""
-    if isinstance(node, ast.BinOp):
-        return isinstance(node.op, ast.Add | ast.Sub) and _linear(node.left) and _linear(node.right)
-    if isinstance(node, ast.UnaryOp):
-        return _linear(node.operand)
-    return isinstance(node, ast.Name | ast.Constant)

@@ -24,6 +24,7 @@ from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.joint import members
+from mcstudy.text_tables import p_words
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -228,7 +229,7 @@ class FitResult(Summary):
         return [
             ("recording", shortened(self.name)),
             *((e.name, words.with_unit(e)) for e in self.estimates),
-            ("goodness of fit", f"p = {self.p_value:.2g}"),
+            ("goodness of fit", p_words(self.p_value)),
             *(("note", note) for note in self.warnings),
             ("more", self.more),
         ]

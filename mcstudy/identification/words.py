@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mcstudy.gap import verdict
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.part_fits import told
-from mcstudy.gap.verdict import p_words
 from mcstudy.identification.minimum import SEARCHES
 from mcstudy.identification.tables import as_text, estimates, help_needed, interval, relative
-from mcstudy.text_tables import number, with_error
+from mcstudy.text_tables import number, p_words, with_error
 
 if TYPE_CHECKING:
     from mcstudy.identification.result import Estimate, FitResult
@@ -69,13 +69,12 @@ def sentences(r: FitResult) -> list[str]:
 def belief(r: FitResult) -> str:
     """Whether the model fits, and whether a gap was found."""
     fits = "as large as noise makes it" if r.p_value >= LEVEL else "larger than noise makes it"
-    out = f"The squared residual is {fits}: {r.chi2:.0f}, expected {r.expected_chi2:.0f} ({p_text(r.p_value)})."
+    out = f"The squared residual is {fits}: {r.chi2:.0f}, expected {r.expected_chi2:.0f} ({p_words(r.p_value)})."
     added = r.method["effects"]
     if r.gap is not None:
         without = "Without the added effects, `" if added else "`"
         finds = "a gap" if gap_found(r) else "no gap"
-        p = p_words(r.gap.p_value, r.gap.p_least)
-        out += f" {without}mcstudy gap diagnose --fast` finds {finds} beyond noise ({p})."
+        out += f" {without}mcstudy gap diagnose --fast` finds {finds} beyond noise ({gap_p(r)})."
     if doubtful(r):
         out += " The intervals hold only if the model is right; `mcstudy gap diagnose` says what it may lack."
     return out
@@ -86,9 +85,10 @@ def by_recording(r: FitResult) -> str:
     return told(r.labels, r.part_fits) if r.part_fits else ""
 
 
-def p_text(p: float) -> str:
-    """A p-value in words."""
-    return f"p = {number(p, 2)}" if p >= 1e-3 else f"p {p:.1g}"
+def gap_p(r: FitResult) -> str:
+    """P-value of the test for a gap, of a fit that has one."""
+    assert r.gap is not None
+    return verdict.p_words(r.gap.p_value, r.gap.p_least)
 
 
 def gap_found(r: FitResult) -> bool:

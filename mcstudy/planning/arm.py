@@ -93,11 +93,23 @@ class Arm:
         """From values of a measure to ratios to its limit."""
         return target.factor / target.limit / (np.sqrt(self.realizations) if target.mcse else 1.0)
 
+    def prediction_fits(self, kind: str = TRUTH) -> int:
+        """Fits that `predict` makes."""
+        return len(self._signals()) * (RUNG[kind] if self.fitter.controls else FIRST)
+
+    def least_fits(self, realizations: int = FIRST) -> int:
+        """Fits that a first look needs: one draw of the control for every realization, where there is a control."""
+        kinds = len(self.fitter.controls)
+        return realizations * (self.fitter.group.starts + kinds + min(kinds, 1))
+
+    def _signals(self) -> np.ndarray:
+        low, high = (self.space.signal(c, a) for c, a in zip(self.space.cycles, self.space.amplitude, strict=True))
+        return np.geomspace(low, high, RUNGS if high > 1.02 * low else 1)
+
     def predict(self, kind: str = TRUTH) -> None:
         """Predict every measure over the signal, from one kind of cheap fits."""
-        low, high = (self.space.signal(c, a) for c, a in zip(self.space.cycles, self.space.amplitude, strict=True))
         cycles = int(np.clip(self.fitter.group.stimulus.cycles, *self.space.cycles))
-        signals = np.geomspace(low, high, RUNGS if high > 1.02 * low else 1)
+        signals = self._signals()
         rungs = [Design(cycles, float(s / self.space.signal(cycles, 1.0)), self.fmax) for s in signals]
         if self.fitter.controls:
             draws = [self.fitter.draws(rung, kind, RUNG[kind]) for rung in rungs]
@@ -122,19 +134,27 @@ class Arm:
         own = np.stack([e.own * unit(e, signed) for e in found])
         return Prediction(log_signal[usable], value[usable], own[usable], np.abs(other - value)[usable])
 
-    def look(self, design: Design, realizations: int, draws: int = 0) -> None:
-        """Fit a design and update the model; with so many draws of the control, if there is one, `draws` by default."""
+    def look(self, design: Design, realizations: int, draws: int = 0, most: float = np.inf) -> None:
+        """Fit a design and update the model; with so many draws of the control, if there is one, `draws` by default.
+
+        ``most``: fits that the look may make, enough for its realizations (`least_fits`). What is left of them is
+        spent on the control: its draws, and a prediction from it.
+        """
+        most += self.fitter.spent.fits
         full = self.fitter.realizations(design, FULL, realizations)
         first = self.control is None
         if self.control in (None, FULL):  # a few realizations may refuse a control by chance
             missed = self._missed(design, full, self.fitter.controls if first else self.fitter.controls[-1:])
             self._choose_control(design, missed)
             if first:
-                self._choose_prediction(missed)
+                self._choose_prediction(missed, most - self.fitter.spent.fits - realizations)
         control = sample = None
         if self.control != FULL:
-            control = self.fitter.realizations(design, str(self.control), realizations)
-            sample = self.fitter.draws(design, str(self.control), draws or self.draws(realizations))
+            before = next((k.draws for k in self.looks if k.design == design), 0)
+            wanted = min(draws or self.draws(realizations), before + most - self.fitter.spent.fits)
+            if wanted >= realizations:
+                control = self.fitter.realizations(design, str(self.control), realizations)
+                sample = self.fitter.draws(design, str(self.control), int(wanted))
         found = tuple(self._of(target, full, control, sample) for target in self.targets)
         self.looks = [look for look in self.looks if look.design != design]
         self.looks.append(Look(design, realizations, 0 if sample is None else len(sample), found))
@@ -184,10 +204,13 @@ class Arm:
             if relative < WORTH:
                 self.control, self.relative_cost, self.share = kind, relative, best_share(missed[kind], *costs)
 
-    def _choose_prediction(self, missed: dict[str, float]) -> None:
-        """A new prediction where complete fits often end in far minima: fits from the true values predict neither how
-        large a measure is then nor where it falls."""
-        if missed and missed[TRUTH] > TRUSTED and (kind := min(missed, key=missed.__getitem__)) != TRUTH:
+    def _choose_prediction(self, missed: dict[str, float], most: float) -> None:
+        """A new prediction, of at most so many fits, where complete fits often end in far minima: fits from the true
+        values predict neither how large a measure is then nor where it falls."""
+        if not missed or missed[TRUTH] <= TRUSTED:
+            return
+        kind = min(missed, key=missed.__getitem__)
+        if kind != TRUTH and self.prediction_fits(kind) <= most:
             self.predict(kind)
 
     def _fit(self) -> None:
@@ -255,11 +278,10 @@ class Arm:
         cycles, amplitude = self.space.grid()
         excess = self.excess(cycles, amplitude)[side]
         fine = excess <= 0
-        if not fine.any():
+        k = self._first(cycles, amplitude, fine)
+        if k is None:
             k = int(excess.argmin())
         else:
-            order = self.space.order(cycles, amplitude, self.fmax)
-            k = int(order[fine[order].argmax()])
             if AMPLITUDE in self.space.over:
                 amplitude, excess = amplitude.copy(), excess.copy()
                 amplitude[k], excess[k] = self._finer(cycles[k], amplitude[k], side)
@@ -267,20 +289,28 @@ class Arm:
         return Candidate(int(cycles[k]), float(amplitude[k]), float(cost[0]), float(excess[k]))
 
     def _finer(self, cycles: int, amplitude: float, side: int) -> tuple[float, float]:
-        """The smallest amplitude between the grid's point below and this one that still is enough."""
+        """The cheapest amplitude between the grid's neighbours of this one that still is enough."""
         low, high = self.space.amplitude
         step = (high / low) ** (1 / (len(self.space.amplitudes()) - 1))
-        fine = np.geomspace(max(low, amplitude / step), amplitude, 41)
-        excess = self.excess(np.full(fine.size, cycles), fine)[side]
-        k = int((excess <= 0).argmax()) if (excess <= 0).any() else fine.size - 1
+        below = np.geomspace(max(low, amplitude / step), amplitude, 41)
+        fine = np.append(below, np.geomspace(amplitude, min(high, amplitude * step), 41)[1:])
+        count = np.full(fine.size, cycles)
+        excess = self.excess(count, fine)[side]
+        k = self._first(count, fine, excess <= 0)
+        k = below.size - 1 if k is None else k
         return float(fine[k]), float(excess[k])
+
+    def _first(self, cycles: np.ndarray, amplitude: np.ndarray, fine: np.ndarray) -> int | None:
+        """Position of the cheapest of the designs that are ``fine``; None where none is."""
+        order = self.space.order(cycles, amplitude, self.fmax)
+        return int(order[fine[order].argmax()]) if fine.any() else None
 
     def crossing(
         self, axis: str, at: Candidate, expected: Sequence[LocalModel] | None = None
     ) -> tuple[float, float, float]:
-        """Lower end, best estimate and upper end of an axis where the target is met, with the others as ``at``.
+        """The cheapest value of an axis that meets the targets, with the others as ``at``: lower end, best, upper end.
 
-        NaN where the target is met nowhere on the axis; the axis' end where it is met everywhere.
+        Where the cost rises along the axis it is the smallest value that meets them. NaN where none does.
         """
         low, high = map(float, self.space.cycles if axis == CYCLES else self.space.amplitude)
         values = np.geomspace(low, high, 2001)
@@ -288,6 +318,6 @@ class Arm:
         amplitude = values if axis == AMPLITUDE else np.full(values.size, at.amplitude)
         ends = []
         for excess in self.excess(cycles, amplitude, expected):
-            fine = np.flatnonzero(excess <= 0)
-            ends.append(float(values[fine[0]]) if fine.size else np.nan)
+            k = self._first(cycles, amplitude, excess <= 0)
+            ends.append(np.nan if k is None else float(values[k]))
         return ends[0], ends[1], ends[2]

@@ -46,6 +46,15 @@ def leading(space: Space) -> str | None:
     return next((axis for axis in (CYCLES, AMPLITUDE) if axis in space.over), None)
 
 
+def uncertain(arm: Arm, found: Candidate) -> str | None:
+    """The same, but the amplitude where the cost alone decides the cycles, as one does that falls along them."""
+    axis = leading(arm.space)
+    if axis == CYCLES and AMPLITUDE in arm.space.over:
+        low, _, high = _ends(arm, CYCLES, found)
+        return AMPLITUDE if low == high else CYCLES
+    return axis
+
+
 @dataclass(frozen=True)
 class Width:
     """How well an answer is known: half-widths of 95 % intervals, relative, of the axis and of the measure there.
@@ -78,12 +87,14 @@ def width(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None = No
     interval ends outside of the range, the part within it counts. ``looks``: designs, those of ``arm`` by default.
     """
     low, _, high = _at(arm, found, expected)
-    axis, measure = leading(arm.space), float(high - low) / 2
+    axis, measure = uncertain(arm, found), float(high - low) / 2
     if not found.reached:
         return Width(0.0, 0.0) if arm.hopeless else Width(measure, measure)
     if axis is None:
         return Width(0.0, 0.0) if high <= 0 else Width(measure, measure)
     lowest, middle, highest = _ends(arm, axis, found, expected)
+    if lowest == highest and _at(arm, found, expected)[2] > 0:
+        return Width(measure, measure)  # the cost leaves one value, which may not be enough
     if axis == CYCLES:
         if math.ceil(lowest) == math.ceil(highest):
             return Width(0.0, measure)  # the same whole number
@@ -148,7 +159,7 @@ def _places(arm: Arm, found: Candidate) -> list[Design]:
     Where no design is known to reach the targets, the one that still may.
     """
     places = [design_at(arm, found.cycles, found.amplitude)]
-    axis = leading(arm.space)
+    axis = uncertain(arm, found)
     if not found.reached:
         hopeful = arm.cheapest(0)
         places.append(design_at(arm, hopeful.cycles, hopeful.amplitude))

@@ -9,13 +9,13 @@ known as precisely as asked, or when the budget of fits is spent.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mcstudy.planning.arm import FIRST, Arm, Candidate, Look
-from mcstudy.planning.fits import FULL, Design
+from mcstudy.planning.fits import Design
 from mcstudy.planning.local_model import log_signal
 from mcstudy.planning.next_look import design_at, next_look, width
 
@@ -32,10 +32,15 @@ MOST_REALIZATIONS = 20_000
 @dataclass(frozen=True)
 class Rules:
     """When to end: half-width of a 95 % interval, relative, of the answer or the measure there
-    (`mcstudy.planning.next_look.Width`); largest number of fits."""
+    (`mcstudy.planning.next_look.Width`); largest number of fits, at least `least_fits`."""
 
     precision: float
     budget: int
+
+
+def least_fits(arms: Sequence[Arm]) -> int:
+    """Fits that the smallest search makes: a prediction and a first look for every Fmax."""
+    return sum(arm.prediction_fits() + arm.least_fits() for arm in arms)
 
 
 def search(arms: list[Arm], rules: Rules, say: Callable[[str], object] = str) -> list[Arm]:
@@ -55,11 +60,13 @@ def search(arms: list[Arm], rules: Rules, say: Callable[[str], object] = str) ->
                 continue
             doubtful = _doubtful(arm)
             design, n, draws = wanted if doubtful is None else (doubtful, FIRST, 0)
-            if (allowed := _affordable(arm, design, n, draws, rules)) is None:
+            waiting = sum(other.least_fits() for other in going if other is not arm and not other.looks)
+            left = rules.budget - arm.fitter.spent.fits - waiting
+            if (allowed := _affordable(arm, design, n, draws, left)) is None:
                 continue
             n, draws = allowed
             say(f"{n} realizations of {design.cycles} cycles, amplitude {design.amplitude:g}, Fmax {design.fmax:g} Hz")
-            arm.look(design, n, draws)
+            arm.look(design, n, draws, left)
             looked = True
         if not looked:
             break
@@ -116,13 +123,14 @@ def _apart(arm: Arm, found: Candidate, look: Look) -> float:
     return abs(float(np.log(first / second)))
 
 
-def _affordable(arm: Arm, design: Design, n: int, draws: int, rules: Rules) -> tuple[int, int] | None:
-    """So many realizations and draws, or the share of them that the budget allows; None where that is nothing new."""
+def _affordable(arm: Arm, design: Design, n: int, draws: int, left: int) -> tuple[int, int] | None:
+    """So many realizations and draws, or the share of them that ``left`` fits allow; None where that is nothing new."""
+    if not arm.looks:
+        return (n, draws) if arm.least_fits(n) <= left else None
     before = next(((k.realizations, k.draws) for k in arm.looks if k.design == design), (0, 0))
     draws = draws or arm.draws(n)
-    each = arm.fitter.group.starts + (0 if arm.control == FULL else 1)
+    each = arm.fitter.group.starts + min(len(arm.fitter.controls), 1)
     fits = (n - before[0]) * each + max(draws - before[1], 0)
-    left = rules.budget - arm.fitter.spent.fits
     if left <= 0 or fits <= 0:
         return None
     if fits <= left:
@@ -136,4 +144,5 @@ def _promising(arms: list[Arm]) -> list[Arm]:
     surely = [c.cost for arm in arms if (c := arm.cheapest(2)).reached]
     if not surely:
         return arms
-    return [arm for arm in arms if (c := arm.cheapest(0)).reached and c.cost <= min(surely) * (1 + 1e-9)]
+    least = min(surely)
+    return [arm for arm in arms if (c := arm.cheapest(0)).reached and c.cost <= least + 1e-9 * abs(least)]

@@ -15,8 +15,8 @@ from mcstudy.planning.linear import linear_values
 from mcstudy.planning.local_model import QUANTILE
 from mcstudy.planning.next_look import width
 from mcstudy.planning.result import Answer, Crossing, Reading, Row, Solution
-from mcstudy.planning.search import Rules, next_design, search
-from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS, Space, space_of
+from mcstudy.planning.search import Rules, least_fits, next_design, search
+from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS, Space, rounded, space_of
 from mcstudy.planning.targets import Target, parse_targets
 from mcstudy.study.checks import check_group
 from mcstudy.study.design import Study
@@ -48,7 +48,8 @@ def solve_study(
     group: name of the group, needed if there are several. cost: formula; the recording time when None.
     precision: half-width of a 95 % interval, relative, at which the search ends: that of the answer, or of the measure
     there if it changes less than the axis (`mcstudy.planning.next_look.Width`).
-    budget: fits at which it ends in any case. threads: that fit. say: called with a line for every step.
+    budget: largest number of fits, those of the prediction among them. threads: that fit. say: called with a line for
+    every step.
 
     Raises `InputError`, one line, for a target, axis or study that cannot be used.
     """
@@ -63,10 +64,15 @@ def solve_study(
     _check_sense(space, by_number, by_design)
     _check_ends(own, name, space)
     fitter = Fitter(own, study.study.seed, space.fmax, threads)
-    if budget < 2 * own.starts:
-        raise InputError(f"budget: expected more fits than {2 * own.starts}, got {budget}")
     arms = [Arm(f, space, by_design, fitter, own.realizations) for f in space.fmax]
-    rules = Rules(precision, budget)
+    kept = arms[0].least_fits(LOOKS_FOR_NUMBER * FIRST) if by_number else 0
+    needed = kept + (least_fits(arms) if by_design else arms[0].prediction_fits())
+    if budget < needed:
+        every = f" for each of {len(arms)} Fmax" if len(arms) > 1 and by_design else ""
+        raise InputError(
+            f"budget: expected at least {needed} fits, which a prediction and a first look{every} need, got {budget}"
+        )
+    rules = Rules(precision, budget - kept)
     answer: Answer | None = None
     rows: tuple[Row, ...] = ()
     readings: tuple[Reading, ...] = ()
@@ -86,7 +92,8 @@ def solve_study(
     number = own.realizations
     if by_number and answer is not None:
         say(f"realizations at {design.cycles} cycles, {design.amplitude:g}, Fmax {design.fmax:g} Hz")
-        number, crossing, more = _number(Arm(design.fmax, space, by_number, fitter, 1), design, space)
+        left = budget - fitter.spent.fits
+        number, crossing, more = _number(Arm(design.fmax, space, by_number, fitter, 1), design, space, left)
         readings = (*readings, *more)
         enough = space.realizations is not None and number <= space.realizations[1]
         answer = Answer(design, answer.cost, (*answer.crossings, crossing)) if enough else None
@@ -153,7 +160,7 @@ def _rank(space: Space) -> Callable[[tuple[Arm, Candidate]], tuple[float, ...]]:
         found = pair[1]
         if not found.reached:
             return (1.0, found.excess, 0.0, 0.0)
-        return (0.0, round(found.cost, 9), found.amplitude if AMPLITUDE in space.over else 0.0, found.excess)
+        return (0.0, float(rounded(found.cost)), found.amplitude if AMPLITUDE in space.over else 0.0, found.excess)
 
     return rank
 
@@ -163,7 +170,8 @@ def _exactly(arm: Arm, found: Candidate) -> Design:
     if AMPLITUDE not in arm.space.over or not found.reached:
         return next_design(arm)
     unit = 10 ** (math.floor(math.log10(found.amplitude)) - 2)
-    return Design(found.cycles, float(f"{math.ceil(found.amplitude / unit - 1e-9) * unit:.3g}"), arm.fmax)
+    amplitude = float(f"{math.ceil(found.amplitude / unit - 1e-9) * unit:.3g}")
+    return Design(found.cycles, min(amplitude, arm.space.amplitude[1]), arm.fmax)
 
 
 def _crossings(arm: Arm, found: Candidate) -> tuple[Crossing, ...]:
@@ -171,6 +179,7 @@ def _crossings(arm: Arm, found: Candidate) -> tuple[Crossing, ...]:
     for axis in (CYCLES, AMPLITUDE):
         if axis in arm.space.over:
             low, middle, high = arm.crossing(axis, found)
+            middle = float(getattr(found, axis)) if math.isnan(middle) else middle
             first, last = map(float, arm.space.cycles if axis == CYCLES else arm.space.amplitude)
             ends = (first if math.isnan(low) else low, last if math.isnan(high) else high)
             out.append(Crossing(axis, middle, *ends, at_start=ends[0] <= first, at_end=math.isnan(high)))
@@ -204,12 +213,13 @@ def _row(arm: Arm) -> Row:
     )
 
 
-def _number(arm: Arm, design: Design, space: Space) -> tuple[int, Crossing, tuple[Reading, ...]]:
-    """Realizations that the Monte Carlo errors need at a design, even above the largest allowed."""
+def _number(arm: Arm, design: Design, space: Space, left: int) -> tuple[int, Crossing, tuple[Reading, ...]]:
+    """Realizations that the Monte Carlo errors need at a design, even above the largest allowed; in ``left`` fits."""
     assert space.realizations is not None
     least, most = space.realizations
+    left += arm.fitter.spent.fits
     arm.predict()
-    arm.look(design, LOOKS_FOR_NUMBER * FIRST)
+    arm.look(design, LOOKS_FOR_NUMBER * FIRST, most=left - arm.fitter.spent.fits)
     found = arm.looks[-1].found
     needed = [
         (e.value**2, max(e.value - QUANTILE * e.error, 0.0) ** 2, (e.value + QUANTILE * e.error) ** 2) for e in found

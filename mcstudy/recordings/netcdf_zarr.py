@@ -11,6 +11,7 @@ without ``trial`` can also be read. `results_schema/1.0.0/recording.json` states
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -24,6 +25,7 @@ import numpy as np
 from mcstudy.errors import ModelError, RecordingError
 from mcstudy.files import schema
 from mcstudy.files.durable import partial_name, replace_tree
+from mcstudy.files.json_files import write_text
 from mcstudy.files.reading_process import answer
 from mcstudy.files.unfinished import unfinished
 from mcstudy.recordings.checks import rate_of
@@ -127,7 +129,6 @@ def write_zarr(recording: Recording, path: str | Path) -> None:
 def write_csv(recording: Recording, folder: str | Path) -> Path:
     """Write ``recording.toml`` and one CSV per trial into a folder; returns the path of the TOML file."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     body = ", ".join(f"{n} = {getattr(recording.body, n)!r}" for n in BODY)
     lines = [
         f"name = {json.dumps(recording.name)}",
@@ -147,9 +148,11 @@ def write_csv(recording: Recording, folder: str | Path) -> Path:
         time = np.arange(trial.samples) / recording.rate_hz
         table = np.column_stack([time, trial.stimulus, np.rad2deg(trial.theta)])
         header = "time,stimulus,theta1,theta2"
-        np.savetxt(folder / name, table, fmt="%.12g", delimiter=",", header=header, comments="")
+        text = io.StringIO()
+        np.savetxt(text, table, fmt="%.12g", delimiter=",", header=header, comments="")
+        write_text(folder / name, text.getvalue().removesuffix("\n"))
     path = folder / SHEET
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines))
     return path
 
 

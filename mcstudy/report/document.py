@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import hashlib
 import re
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from mcstudy.errors import InputError
-from mcstudy.files.durable import replacing
+from mcstudy.files.output import write_file
 from mcstudy.report.html import escape
-from mcstudy.report.minus import true_minus
 from mcstudy.report.style import COLOURS, DARK
+from mcstudy.report.typeset import typeset
 
 _FIGURE = re.compile(r'<figure id="([^"]+)".*?<h3[^>]*>(.*?)</h3>', re.DOTALL)
 
@@ -46,8 +44,8 @@ def document(title: str, introduction: str, parts: Sequence[tuple[str, str, str]
         f"<noscript><style>{_OPEN}</style></noscript></head><body>"
         '<a class="skip" href="#main">Skip to the results</a>'
         f'<nav aria-label="Contents"><details><summary>Contents</summary><ul>{contents}</ul></details></nav>'
-        f'<div class="page"><header><h1>{escape(title)}</h1>{true_minus(introduction)}</header>'
-        f'<main id="main" tabindex="-1">{true_minus(body)}</main><footer><p>{escape(footer)}</p></footer></div>'
+        f'<div class="page"><header><h1>{escape(title)}</h1>{typeset(introduction)}</header>'
+        f'<main id="main" tabindex="-1">{typeset(body)}</main><footer><p>{escape(footer)}</p></footer></div>'
         f"<script>{script}</script></body></html>\n"
     )
 
@@ -64,21 +62,8 @@ def _entry(key: str, heading: str, content: str) -> str:
 
 
 def write_page(path: str | Path, text: Callable[[], str]) -> Path:
-    """Write the page that ``text`` makes; the file is begun first: nobody should wait for a page that cannot be kept.
-
-    Raises `InputError` for a file that cannot be written.
-    """
-    file = Path(path)
-    place = file.resolve()  # a link stays one
-    with contextlib.ExitStack() as stack:
-        try:
-            if place.exists():
-                place.open("ab").close()
-            opened = stack.enter_context(replacing(place))
-        except OSError as error:
-            raise InputError(f"{file}: expected a writable file, got {error.strerror}") from None
-        opened.write(text().encode())
-    return file
+    """Write the page that ``text`` makes, see `mcstudy.files.output.write_file`."""
+    return write_file(path, lambda: text().encode())
 
 
 def _style() -> str:

@@ -67,7 +67,9 @@
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   };
-  const quoted = cell => /[",\n]/.test(cell) ? `"${cell.replaceAll('"', '""')}"` : cell;
+  // A text that a spreadsheet would compute gets an apostrophe in front (mcstudy.files.csv_text).
+  const plain = cell => /^ *[=+\-@\t\r\n＝＋－＠]/.test(cell) && cell !== "-" && isNaN(cell) ? "'" + cell : cell;
+  const quoted = cell => { const c = plain(cell); return /[",\n]/.test(c) ? `"${c.replaceAll('"', '""')}"` : c; };
   const csv = rows => new Blob(["\ufeff" + rows.map(r => r.map(c => quoted(String(c))).join(",")).join("\r\n") + "\r\n"],
     { type: "text/csv" });
 
@@ -116,6 +118,47 @@
     };
     image.src = "data:image/svg+xml," + encodeURIComponent(text);
   }
+  // The panels move into a dialog that fills the window, and back when it closes.
+  const box = document.body.appendChild(make("dialog", { className: "lightbox" }));
+  let fit = () => {}, back = () => {};
+  function enlarge(figure) {
+    const panels = figure.querySelector(".panels"), svgs = [...panels.querySelectorAll("svg.plot")], gap = 12;
+    const sizes = svgs.map(s => s.viewBox.baseVal), legend = figure.querySelector(".legend"), place = make("div", {});
+    const least = 1.5 * svgs[0].getBoundingClientRect().width / sizes[0].width;  // where it is as wide as the window already
+    const title = figure.querySelector("h3").textContent;
+    box.ariaLabel = title;
+    box.replaceChildren(make("div", { className: "bar" }, make("strong", {}, title),
+      button("Close", "Close (Esc)", () => box.close())), ...(legend ? [legend.cloneNode(true)] : []));
+    place.style.height = panels.offsetHeight + "px";
+    panels.replaceWith(place);
+    box.append(panels, tip);
+    fit = () => {  // as large as all panels fit
+      const width = box.querySelector(".bar").clientWidth, height = box.clientHeight - panels.offsetTop - gap;
+      const needed = scale => {
+        let x = 0, y = 0, row = 0;
+        for (const b of sizes) {
+          if (x && x + gap + b.width * scale > width) { y += row + gap; x = row = 0; }
+          x += (x ? gap : 0) + b.width * scale;
+          row = Math.max(row, b.height * scale);
+        }
+        return y + row;
+      };
+      let scale = (width - 1) / Math.max(...sizes.map(b => b.width));
+      while (scale > least && needed(scale) > height) scale *= 0.98;
+      scale = Math.max(scale, least);
+      svgs.forEach((s, i) => { s.style.width = sizes[i].width * scale + "px"; });
+    };
+    back = () => {
+      svgs.forEach(s => { s.style.width = ""; });
+      place.replaceWith(panels);
+      tip.hidden = true;
+      document.body.append(tip);
+    };
+    box.showModal();
+    fit();
+  }
+  box.addEventListener("close", () => { back(); fit = back = () => {}; });
+  addEventListener("resize", () => fit());
   const drawn = panels => [["panel", "series", "x is", "x", "y is", "y", "error bar on", "error bar"], ...panels.flatMap(
     p => p.series.flatMap(s => s.x.map((x, i) => {
       const named = which => (p.names[which].find(([at]) => at === s[which][i]) || [0, p[which][5]])[1];
@@ -128,7 +171,8 @@
     panels.forEach((panel, i) => follow(svgs[i], panel));
     if (!svgs.length) continue;
     const tools = make("div", { className: "tools" },
-      button("Enlarge", "Panels over the whole width", () => figure.classList.toggle("large")),
+      Object.assign(button("Enlarge", "This figure over the whole window", () => enlarge(figure)),
+        { ariaHasPopup: "dialog" }),
       button("SVG", "Save this figure as SVG", () =>
         save(figure.id + ".svg", new Blob([standalone(figure).text], { type: "image/svg+xml" }))),
       button("PNG", "Save this figure as PNG", () => png(figure)));

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.errors import InputError
+from mcstudy.files.csv_text import csv_text
 from mcstudy.files.json_files import plain
 from mcstudy.files.schema import identifier
 from mcstudy.short_repr import Summary
@@ -170,8 +171,8 @@ class StimulusDesign(Summary):
         """The waveform of one cycle as text."""
         t, u = self.waveform()
         unit = self.designed.model.stimulus_unit
-        rows = (f"{a:.6f},{b:.9g}" for a, b in zip(t, u, strict=True))
-        return "\n".join([f"time (s),stimulus ({unit})", *rows])
+        rows = ((f"{a:.6f}", f"{b:.9g}") for a, b in zip(t, u, strict=True))
+        return csv_text(["time (s)", f"stimulus ({unit})"], rows)
 
     def text(self) -> str:
         """The tables that ``mcstudy design`` prints."""

@@ -71,6 +71,8 @@ def _parameter(parameter: Parameter, value: float, model: Model, bounds: BoundsS
         if lower < 0:
             raise DesignError(f"{where}: expected at most the delay {name} = {value} s, got {bounds.delay_margin_s}")
     else:
+        if not bounds.lower < bounds.upper:
+            raise DesignError(f"model.bounds: expected lower < upper, got lower {bounds.lower}, upper {bounds.upper}")
         lower, upper = sorted((bounds.lower * value, bounds.upper * value))
         where = "model.bounds"
     if not lower < upper:

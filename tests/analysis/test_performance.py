@@ -17,6 +17,7 @@ from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 
 Cube = Callable[..., xr.Dataset]
+HEADER = b"parameter,realization,estimate,truth\n"
 GOLDEN = Path(__file__).parent / "golden"
 NAMES = {
     "bias": "bias",
@@ -39,11 +40,11 @@ def test_all_measures_and_their_errors_are_rsimsums() -> None:
     compared = 0
     for row in pd.read_csv(GOLDEN / "rsimsum.csv").itertuples():
         if row.stat in NAMES and not (row.stat == "relprec" and row.method == "paper"):
-            found = ours.sel({"measure": NAMES[row.stat], "method": row.method, "parameter": row.parameter})
+            found = ours.sel({"measure": NAMES[row.stat], "estimator": row.method, "parameter": row.parameter})
             np.testing.assert_allclose([found["value"], found["mcse"]], [row.est, row.mcse], rtol=1e-10)
             compared += 1
         if row.stat == "nsim":
-            assert (ours["n"].sel({"method": row.method, "parameter": row.parameter}) == row.est).all()
+            assert (ours["n"].sel({"estimator": row.method, "parameter": row.parameter}) == row.est).all()
     assert compared == 2 * (7 + 8)
     assert (ours["n"] + ours["left_out"] == 40).all()
 
@@ -102,13 +103,13 @@ def test_the_order_of_rows_is_nothing_and_that_of_methods_is_the_tables() -> Non
     table = estimates()
     first = mc.performance(table)
     again = mc.performance(table.sample(frac=1, random_state=1), reference="paper")
-    assert first["method"].values.tolist() == ["paper", "ml"]
+    assert first["estimator"].values.tolist() == ["paper", "ml"]
     for name in ("value", "mcse", "n"):
         np.testing.assert_allclose(
-            again[name].sel(first["method"].coords).reindex_like(first[name]), first[name], rtol=1e-12
+            again[name].sel(first["estimator"].coords).reindex_like(first[name]), first[name], rtol=1e-12
         )
     assert np.isfinite(
-        mc.performance(table, reference="ml")["value"].sel({"measure": "relative_precision", "method": "paper"})
+        mc.performance(table, reference="ml")["value"].sel({"measure": "relative_precision", "estimator": "paper"})
     ).all()
 
 
@@ -160,9 +161,9 @@ def test_a_file_gives_the_same_numbers_in_python_and_on_the_command_line(
     (header, _, *rows), told = capsys.readouterr().out.split("\n\n")[0].splitlines(), expected["measure"].values
     assert header.split() == ["method", "parameter", "n", *told]
     assert [row.split()[:2] for row in rows] == [
-        [m, p] for m in expected["method"].values for p in expected["parameter"].values
+        [m, p] for m in expected["estimator"].values for p in expected["parameter"].values
     ]
-    written = pd.read_csv(tmp_path / "out.csv").set_index(["measure", "method", "parameter"])["value"].to_xarray()
+    written = pd.read_csv(tmp_path / "out.csv").set_index(["measure", "estimator", "parameter"])["value"].to_xarray()
     dims = expected["value"].dims
     np.testing.assert_allclose(written.sel({d: expected[d] for d in dims}).transpose(*dims), expected["value"])
 
@@ -171,11 +172,30 @@ def test_a_file_gives_the_same_numbers_in_python_and_on_the_command_line(
     ("content", "message"),
     [
         (None, "cannot be read: No such file or directory"),
-        (b"", "expected a CSV file with a header (No columns to parse from file)"),
+        (b"", "expected a CSV file with a header, found an empty first line"),
         (b"\x89PNG", "expected UTF-8 text"),
         (b"a,b\n1,2\n", "realization: expected a column of this name, got a, b"),
-        (b"parameter,realization,estimate,truth\nK,0,one,1\n", "estimate: expected numbers"),
+        (b"parameter,realization,estimate,truth\nK,0,one,1\n", "line 2: estimate: expected a number, got 'one'"),
         (b"parameter,realization,estimate,truth\nK,0,2,1\nK,0,3,1\n", "data: expected one row per realization"),
+        (HEADER + b"K,0,2,1\nK,1,2,1,1\n", "line 3: expected 4 fields as in the header, got 5; row names"),
+        (HEADER + b"K,0,2,1,\n", "line 2: expected 4 fields as in the header, got 5; remove the separator at its end"),
+        (HEADER + b"K,0,2,1\n\nK,1,2\n", "line 4: expected 4 fields as in the header, got 3"),
+        (HEADER + b"K,0,2,5,1,0\n", "line 2: expected 4 fields as in the header, got 6; separate fields by semicolons"),
+        (HEADER + b'K,0,"2,5",1\n', "line 2: estimate: expected a number, got '2,5'"),
+        (HEADER + b"K,0,0x10,1\n", "line 2: estimate: expected a number, got '0x10'"),
+        (HEADER + b"K,0,1_0,1\n", "line 2: estimate: expected a number, got '1_0'"),
+        (HEADER + b"K,0,1e999,1\n", "estimate: expected finite numbers or NaN, got infinity"),
+        (
+            HEADER.replace(b",", b";") + b"K;0;2,5;1\nK;1;2.5;1\n",
+            "line 3: estimate: expected decimal commas as",
+        ),
+        (b"estimate," + HEADER + b"1,K,0,2,1\n", "estimate: expected one column of this name, got 2"),
+        (b"method," + HEADER + b",K,0,2,1\n", "line 2: method: expected a name, got an empty field"),
+        (HEADER + b",0,2,1\n", "line 2: parameter: expected a name, got an empty field"),
+        (HEADER + b"K,,2,1\n", "line 2: realization: expected a name, got an empty field"),
+        (HEADER, "data: expected at least one row"),
+        (b"Parameter,realization,estimate,truth\nK,0,2,1\n", "parameter: expected a column of this name"),
+        (HEADER + b"K,0,2,1\nK,1,\x1b[2J,1\n", "line 3: estimate: expected a number, got '\\x1b[2J'"),
     ],
 )
 def test_a_file_that_is_no_table_is_one_line_that_names_it(
@@ -188,3 +208,85 @@ def test_a_file_that_is_no_table_is_one_line_that_names_it(
     error = capsys.readouterr().err
     assert error.startswith(f"mcstudy: {file}: {message}")
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("names", [("1", "2"), ("TRUE", "FALSE"), ("NA", "NaN"), ("01", "1"), ("=a", "-b")])
+def test_parameters_and_methods_are_called_whatever_they_are_called(
+    names: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = estimates().replace({"parameter": dict(zip(("K11", "B11"), names, strict=True))})
+    table = table.replace({"method": dict(zip(("paper", "ml"), names, strict=True))})
+    table.to_csv(tmp_path / "names.csv", index=False)
+    expected = mc.performance(estimates(), reference="ml")
+    found = mc.performance(tmp_path / "names.csv", reference=names[1])
+    assert found["parameter"].values.tolist() == list(names)
+    chosen = found["value"].sel(estimator=names[0], parameter=names[1])
+    np.testing.assert_array_equal(chosen, expected["value"].sel(estimator="paper", parameter="B11"))
+    xr.testing.assert_identical(mc.performance(table, reference=names[1]), found)
+    assert main(["performance", str(tmp_path / "names.csv")]) == Exit.DONE
+    rows = capsys.readouterr().out.split("\n\n")[0].splitlines()[2:]
+    assert [row.split()[:2] for row in rows] == [[m, p] for m in names for p in names]
+
+
+def test_numbers_as_names_in_a_table_in_memory_become_text() -> None:
+    found = mc.performance(estimates().replace({"method": {"paper": 1, "ml": 2}}), reference="2")
+    assert found["estimator"].values.tolist() == ["1", "2"]
+
+
+def test_a_semicolon_separates_numbers_with_decimal_commas(tmp_path: Path) -> None:
+    expected = mc.performance(estimates())
+    for separator in (";", "\t"):
+        for first in ("", f"sep={separator}\n"):
+            file = tmp_path / "comma.csv"
+            file.write_text(first + estimates().to_csv(sep=separator, decimal=",", index=False), encoding="utf-8")
+            xr.testing.assert_identical(mc.performance(file), expected)
+
+
+def test_estimates_that_are_all_equal_have_no_scatter_and_no_relative_error() -> None:
+    x = xr.DataArray(np.full((2, 200), 1.2), dims=("case", "realization"))
+    x[1, ::2] = np.nextafter(1.2, 2)  # a bound that is reached to the last digit
+    se = xr.full_like(x, 0.3) + 0.01 * xr.DataArray(np.random.default_rng(0).random(200), dims="realization")
+    found = performance(x, xr.DataArray(1.0), se)
+    assert found["value"].sel(measure="empirical_se").values.tolist() == [0.0, 0.0]
+    assert found[["value", "mcse"]].sel(measure="relative_error").to_array().isnull().all()
+    assert np.isnan(relative_precision(x, x + 1)["value"]).all()
+    tiny = xr.DataArray(1 + 1e-12 * np.arange(5), dims="realization")
+    assert float(performance(tiny, xr.DataArray(1.0))["value"].sel(measure="empirical_se")) > 1e-12
+
+
+def test_the_number_of_standard_errors_is_told_where_some_are_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = estimates()
+    table.loc[table["realization"] < 4, "standard_error"] = np.nan
+    table.to_csv(tmp_path / "few.csv", index=False, na_rep="NA")
+    assert main(["performance", str(tmp_path / "few.csv")]) == Exit.DONE
+    out = capsys.readouterr().out
+    assert all(row.split()[2:4] == ["38", "34"] for row in out.splitlines()[2:6])
+    assert "n of SE: estimates with a standard error" in " ".join(out.split())
+
+
+def test_names_are_no_commands_for_the_terminal_and_no_formulas_for_a_spreadsheet(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = estimates().replace({"parameter": {"K11": "\x1b[2J=x", "B11": '=HYPERLINK("http://a","b")'}})
+    table.to_csv(tmp_path / "esc.csv", index=False)
+    assert main(["performance", str(tmp_path / "esc.csv"), "-o", str(tmp_path / "out.csv")]) == Exit.DONE
+    out = capsys.readouterr().out
+    assert "\x1b" not in out
+    assert "\\x1b[2J=x" in out
+    written = pd.read_csv(tmp_path / "out.csv")
+    assert set(written["parameter"]) == {"\x1b[2J=x", '\'=HYPERLINK("http://a","b")'}
+    assert written["value"].min() < 0
+    np.testing.assert_array_equal(
+        written["value"].dropna(), mc.performance(table).to_dataframe()["value"].dropna().to_numpy()
+    )
+
+
+def test_a_dataset_may_call_its_methods_either_way() -> None:
+    data = xr.Dataset.from_dataframe(estimates().set_index(["method", "realization", "parameter"]))
+    data["truth"] = data["truth"].max(["realization", "method"])
+    expected = mc.performance(estimates(), reference="ml")["value"]
+    for given in (data, data.rename(method="estimator")):
+        found = mc.performance(given, reference="ml")["value"]
+        np.testing.assert_allclose(found.reindex_like(expected).transpose(*expected.dims), expected)

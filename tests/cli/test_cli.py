@@ -436,5 +436,5 @@ def test_a_page_that_is_not_finished_leaves_the_old_one_and_nothing_else(tmp_pat
         write_page(page, text)
     assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
     assert page.read_text() == "whole"
-    with pytest.raises(InputError, match="expected a writable file, got Is a directory"):
+    with pytest.raises(InputError, match="cannot be written: Is a directory"):
         write_page(tmp_path, text)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from mcstudy.errors import InputError
-from mcstudy.identification.quantities import expression, function, quantities
+from mcstudy.identification.expressions import expression as formula
+from mcstudy.identification.quantities import expression, function, quantities, require_finite
 from mcstudy.stance.body import two_segment
 
 MODEL = two_segment()
@@ -51,7 +52,21 @@ def test_every_parameter_and_the_two_sums_of_stiffness_are_quantities() -> None:
         ("0 * K11 + 3", "changes with at least one parameter"),
         ("K11 +", "expected an expression"),
         ("K11.real", "got 'K11.real'"),
-        ("abs(K11)", "got abs"),
+        ("abs(K11)", "got 'abs(K11)'"),
+        ("k11", "(similar: K11)"),
+        ("exp", "expected exp(...)"),
+        ("1j * K11", "got '1j'"),
+        ("True * K11", "got 'True'"),
+        ("3(K11)", "got '3(K11)'"),
+        ("K11 << 9", "got 'K11 << 9'"),
+        ("1e400 * K11", "expected numbers below 1.8e308"),
+        ("1" * 3000 + " * K11", "expected numbers below 1.8e308"),
+        ("+".join(["K11"] * 3000), "expected at most 4000 characters, got 11999"),
+        ("(" * 10_000 + "K11" + ")" * 10_000, "expected at most 4000 characters"),
+        ("(" * 300 + "K11" + ")" * 300, "expected less nesting"),
+        ("-" * 3900 + "K11", "less nesting"),
+        ("K11\0", "expected an expression"),
+        ("", "expected an expression"),
         ("sqrt(K11, 2)", "got 'sqrt(K11, 2)'"),
         ("__import__('os').system('true') + K11", "expected"),
         ("K11 if K11 else 1", "got 'K11 if K11 else 1'"),
@@ -62,6 +77,47 @@ def test_anything_that_is_no_arithmetic_of_parameters_is_refused_in_one_line(tex
         expression(MODEL, text)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 300
+
+
+@pytest.mark.parametrize("text", ["9**9**9**9*K11", "K11*1e308*1e10", "exp(K11 * K11)", "1/(Kpas2 - Kpas2)"])
+def test_what_is_too_large_for_a_number_is_infinite_at_once(text: str) -> None:
+    assert formula(text, MODEL.names, "quantity", "'K11'")(VALUES) == np.inf
+
+
+def test_what_is_not_real_is_no_number() -> None:
+    assert np.isnan(formula("(-1)**0.5 * K11", MODEL.names, "quantity", "'K11'")(VALUES))
+    assert np.isnan(formula("log(-K11)", MODEL.names, "quantity", "'K11'")(VALUES))
+
+
+def test_whole_numbers_do_not_overflow() -> None:
+    assert formula("cycles**cycles", ["cycles"], "cost", "'cycles'")({"cycles": np.array([40])}) == 40.0**40
+
+
+def test_a_sum_of_many_terms_is_as_deep_as_any_other() -> None:
+    assert formula("+".join(["K11"] * 900), MODEL.names, "quantity", "'K11'")({"K11": 2.0}) == 1800
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("K11/Kpas2", r"at the estimates \(K11 = [\d.]+, Kpas2 = 0\), got inf"),
+        ("exp(1000 * K11)", "got inf"),
+        ("log(-K11)", "got nan"),
+        ("1e150 * K11", "got"),
+        ("1e-150 * K11", "expected a derivative"),
+        ("Kpas2 * Kpas2", "expected a derivative"),
+    ],
+)
+def test_a_quantity_without_a_value_or_a_derivative_at_the_estimates_is_refused_in_one_line(text, said) -> None:
+    theta = np.where(np.array(MODEL.names) == "Kpas2", 0.0, THETA)
+    with pytest.raises(InputError, match=said):
+        require_finite(MODEL, [expression(MODEL, text)], theta)
+
+
+def test_a_python_function_that_divides_by_zero_has_no_value_there() -> None:
+    quantity = function(MODEL, "ratio", lambda v: v["K11"] / v["Kpas2"])
+    assert np.isnan(quantity.value(np.where(np.array(MODEL.names) == "Kpas2", 0.0, THETA)))
 
 
 @pytest.mark.parametrize("of", [len, lambda v: v["foo"], repr])

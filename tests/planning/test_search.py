@@ -184,12 +184,11 @@ def test_a_search_ends_at_the_precision_of_the_axis_or_of_the_measure_whichever_
 
 def test_no_more_fits_are_made_than_the_budget_allows() -> None:
     """Draws of the control count, of which a look may need many more than of complete fits."""
-    predicted = 9 * (128 + 64)
-    for budget in (10_000, 20_000, 40_000):
+    for budget in (9 * 128 + 64 * (STARTS + 3), 6_000, 10_000, 20_000, 40_000):
         fitter = KnownEstimator(9, rarely)
         arm = searched(fitter, "15%", precision=0.005, budget=budget)
         assert width(arm, arm.cheapest()).relative > 0.005
-        assert budget / 2 < fitter.spent.fits <= budget + predicted
+        assert budget / 2 < fitter.spent.fits <= budget
 
 
 def test_a_look_far_away_narrows_a_flat_crossing_for_fewer_fits() -> None:

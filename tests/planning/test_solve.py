@@ -156,7 +156,7 @@ def test_an_easy_target_is_met_by_the_smallest_design() -> None:
     [
         ([], "target: expected at least one"),
         (["cv(Td1)"], "target 'cv(Td1)': expected MEASURE(QUANTITY) <= VALUE"),
-        (["cv(Td9) <= 10%"], "target 'cv(Td9) <= 10%': quantity 'Td9': expected parameters of the model"),
+        (["cv(Td9) <= 10%"], "target 'cv(Td9) <= 10%': quantity 'Td9': expected names among K11"),
         (["cv(Td1) <= 10"], "target 'cv(Td1) <= 10': expected a value in %, got no unit"),
         (["sd(K11) <= 10 s"], "target 'sd(K11) <= 10 s': expected a value in % or N m/rad, got s"),
         (["sd(K11) <= ten %"], "target 'sd(K11) <= ten %': expected a number"),
@@ -185,17 +185,72 @@ def test_a_mistake_in_a_target_is_one_line(targets: list[str], words: str) -> No
         (["fmax=a/b"], {}, "over: fmax: expected frequencies in Hz"),
         (["fmax=0.08/1.2"], {}, "group.a: with the ranges of --over: "),
         (["realizations"], {}, "over: realizations: expected a target mcse(...)"),
-        (["cycles"], {"cost": "time + x"}, "cost 'time + x': expected a formula of time, cycles"),
-        (["cycles"], {"cost": "log(0 * time)"}, "cost 'log(0 * time)': expected a number for every allowed design"),
+        (["cycles"], {"cost": "time + x"}, "cost 'time + x': expected names among time, cycles"),
+        (
+            ["cycles"],
+            {"cost": "log(0 * time)"},
+            "cost 'log(0 * time)': expected a finite number for every",
+        ),
         (["cycles"], {"group": "b"}, "group: expected one of a, got 'b'"),
         (["cycles"], {"precision": 2.0}, "precision: expected a fraction"),
-        (["cycles"], {"budget_fits": 3}, "budget: expected more fits than 10"),
+        (["cycles"], {"cost": "9**9**9**9*time"}, "cost '9**9**9**9*time': expected a finite number"),
+        (["cycles"], {"cost": "+".join(["time"] * 3000)}, "cost 'time+time"),
+        (["cycles"], {"budget_fits": 3}, "budget: expected at least 1664 fits"),
     ],
 )
 def test_a_mistake_in_the_axes_is_one_line(over: list[str], more: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError) as error:
         mc.solve(STUDY, "cv(Td1) <= 10%", over, workers=1, **more)
     assert str(error.value).startswith(words)
+
+
+@pytest.mark.parametrize(
+    ("cost", "cycles", "amplitude"),
+    [
+        ("-time", 6, 4.0),
+        ("amplitude - cycles", 6, 4.0),
+        ("1 / time", 6, 4.0),
+        ("cycles - amplitude", 3, 6.0),
+        ("-cycles - amplitude", 6, 6.0),
+        ("(amplitude - 5) ** 2 + (cycles - 4) ** 2", 4, 5.0),
+        ("1e-14 * time - 1e-15 * amplitude", 3, 6.0),
+    ],
+)
+def test_a_cost_may_fall_along_an_axis(cost: str, cycles: int, amplitude: float) -> None:
+    """Every allowed design reaches this target, so the cost alone decides."""
+    found = mc.solve(STUDY, "cv(K11 + Kpas1) <= 30%", "cycles=3:6,amplitude=4:6", cost=cost, workers=1)
+    assert found.decided
+    assert (found.design["cycles"], found.design["amplitude"]) == (
+        cycles,
+        pytest.approx(amplitude, rel=3e-3),
+    )  # three digits
+    assert found.design["amplitude"] <= 6.0
+    assert found.interval["cycles"] == (cycles, cycles)
+
+
+@pytest.mark.parametrize(
+    ("target", "over", "needed"),
+    [
+        ("cv(Td1) <= 10%", "cycles=2:12", 9 * 128 + 64 * (5 + 3)),
+        ("cv(Td1) <= 10%", "cycles=2:12,fmax=0.8/1.2/2", 3 * (9 * 128 + 64 * (5 + 3))),
+        ("mcse(bias(B11)) <= 1%", "realizations", 128 + 128 * (5 + 3)),
+    ],
+)
+def test_a_budget_is_never_exceeded_and_one_that_cannot_suffice_is_refused(target, over, needed) -> None:
+    """The prediction counts."""
+    with pytest.raises(InputError, match=f"budget: expected at least {needed} fits.* got {needed - 1}"):
+        mc.solve(STUDY, target, over, workers=1, budget_fits=needed - 1)
+    for budget in (needed, needed + 100, needed + 1500):
+        found = mc.solve(STUDY, target, over, workers=1, budget_fits=budget, precision=0.001)
+        assert found.spent.fits <= budget
+
+
+def test_a_search_of_the_design_leaves_the_fits_that_the_number_of_realizations_needs() -> None:
+    targets = ["cv(Td1) <= 30%", "mcse(bias(B11)) <= 1%"]
+    found = mc.solve(STUDY, targets, "cycles=2:12,realizations", workers=1, budget_fits=4000, precision=0.001)
+    assert found.spent.fits <= 4000
+    assert found.answer is not None
+    assert found.answer.crossings[-1].axis == "realizations"
 
 
 def test_values_of_the_bias_may_have_either_sign() -> None:

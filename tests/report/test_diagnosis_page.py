@@ -32,8 +32,8 @@ from mcstudy.report.diagnosis.sections import which_figures
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.figure import Figure
 from mcstudy.report.frame import place
-from mcstudy.report.minus import true_minus
 from mcstudy.report.svg import drawn, style
+from mcstudy.report.typeset import typeset
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def data(diagnosis: Diagnosis) -> GapData:
 def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Path, diagnosis: Diagnosis) -> None:
     text = gap_page.read_text(encoding="utf-8")
     for sentence in sentences(diagnosis):
-        assert true_minus(f"<p>{html.escape(sentence)}</p>") in text
+        assert typeset(f"<p>{html.escape(sentence)}</p>") in text
     contents = text[text.index("<nav") : text.index("</nav>")]
     keys = re.findall(r'<figure id="(\w+)"', text)
     assert keys == ["evidence", "frf", "misfit", "zmap", "causes", "closed", "traces"]
@@ -71,7 +71,7 @@ def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Pa
     for t in tables(diagnosis):
         assert text.count(f"<caption><span>{html.escape(t.title)}</span></caption>") == 1
     for e in LIBRARY.values():
-        assert true_minus(html.escape(e.source)) in text
+        assert typeset(html.escape(e.source)) in text
     assert len(text.encode()) < 3e6
     assert "http://" not in re.sub(r'xmlns="http://www.w3.org/2000/svg"', "", text)
 
@@ -88,7 +88,7 @@ def test_two_tests_that_differ_are_both_named(diagnosis: Diagnosis, shape: float
         least = 1 / (1 + d.detection.draws)
         assert f"deviations of known shape, {p_words(shape, least)}" in said
         assert f"residual of all lines, {p_words(lines, least)}" in said
-        assert true_minus(f"<p>{html.escape(said)}</p>") in page_of(d)
+        assert typeset(f"<p>{html.escape(said)}</p>") in page_of(d)
 
 
 def test_long_names_of_causes_do_not_run_into_each_other(diagnosis: Diagnosis) -> None:

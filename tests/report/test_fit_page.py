@@ -17,8 +17,8 @@ from mcstudy.exits import Exit
 from mcstudy.identification import words
 from mcstudy.identification.tables import estimates, interval
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.report.minus import true_minus
 from mcstudy.report.person.page import fit_page as page_of
+from mcstudy.report.typeset import typeset
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def fit(lagging_recording: Path) -> mc.FitResult:
 def test_the_page_holds_every_sentence_and_every_number_of_the_fit(fit_page: Path, fit: mc.FitResult) -> None:
     text = fit_page.read_text(encoding="utf-8")
     for sentence in words.sentences(fit):
-        assert true_minus(html.escape(sentence)) in text
+        assert typeset(html.escape(sentence)) in text
     for row in estimates(fit).rows:
         for cell in row:
             assert html.escape(cell) in text

@@ -28,9 +28,9 @@ from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.report.context import Context
 from mcstudy.report.figure import Figure
-from mcstudy.report.minus import true_minus
 from mcstudy.report.page import DRESS, page
 from mcstudy.report.sections.search import paper_search_figures
+from mcstudy.report.typeset import typeset
 from mcstudy.report.words import headline
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.body import two_segment
@@ -190,7 +190,7 @@ def test_the_first_screen_answers_the_question_in_numbers(paper_page: Path, pape
         row = ours[f"bias_12_{f}"]
         assert tiles[f"Mean |bias|, Fmax {f} Hz"] == f"{with_error(row.ours.value, row.ours.mcse)} %"
     r = paper_tree["accuracy"].mc.correlation().sel(amplitude=5, fmax=1.2, parameter="K11", parameter_2="Kpas1")
-    assert tiles["Correlation of K11 and Kpas1"] == true_minus(with_error(float(r["value"]), float(r["mcse"])))
+    assert tiles["Correlation of K11 and Kpas1"] == typeset(with_error(float(r["value"]), float(r["mcse"])))
 
 
 def test_the_equations_are_those_of_the_papers_appendix(paper_page: Path) -> None:

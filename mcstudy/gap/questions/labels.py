@@ -36,6 +36,7 @@ from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
+from mcstudy.text_tables import p_words
 
 EDGES_HZ = (0.05, 0.15, 0.3, 0.5, 0.8, 1.3, 2.0, 3.0, 4.5, 6.5, 9.0)
 """Edges of the bands that are compared; the model error counts as independent between bands."""
@@ -172,13 +173,13 @@ def _require_response(recording: Recording, lines: Lines, of_one: Sequence[Lines
     clear = [k for k, own in enumerate(of_one) if no_response(own) * tests * len(of_one) <= NO_RESPONSE]
     if not clear:
         raise RecordingError(
-            f"{recording.name}: theta1, theta2: no response to the stimulus beyond noise (p = {p:.2g} in the "
+            f"{recording.name}: theta1, theta2: no response to the stimulus beyond noise ({p_words(p)} in the "
             "clearest band); expected the angles that were recorded with this stimulus"
         )
     reason = single[0].message if single else f"{recording.name}: theta1, theta2: expected trials that agree"
     raise RecordingError(
         f"{reason}; the trials cancel each other, so their mean has no response to the stimulus beyond noise "
-        f"(p = {p:.2g} in the clearest band)"
+        f"({p_words(p)} in the clearest band)"
     )
 
 

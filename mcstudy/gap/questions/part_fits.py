@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.spectra.lines import Lines
+from mcstudy.text_tables import p_words
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def part_fits(lines: Lines, residual: np.ndarray, null: np.ndarray) -> tuple[Par
 def told(labels: Sequence[str], parts: Sequence[PartFit]) -> str:
     """One sentence: squared residual, its mean for noise alone and p-value of every recording."""
     each = (
-        f"{name} {p.chi2:.0f} of {p.expected_chi2:.0f} (p = {p.p_value:.2g})"
+        f"{name} {p.chi2:.0f} of {p.expected_chi2:.0f} ({p_words(p.p_value)})"
         for name, p in zip(labels, parts, strict=True)
     )
     return f"Squared residual of each recording, and its mean for noise alone: {'; '.join(each)}."

@@ -15,7 +15,7 @@ from mcstudy.report.figures.pairs import WRITTEN
 from mcstudy.report.html import Table, escape, table, tiles
 from mcstudy.report.origin import recording_rows
 from mcstudy.report.person import figures, responses
-from mcstudy.text_tables import number
+from mcstudy.text_tables import number, p_words
 
 SMALL, WIDE = (3.4, 2.6), (6.4, 4.6)
 
@@ -68,11 +68,11 @@ def _introduction(fit: FitResult) -> str:
             )
             for e in _best(fit)
         ),
-        ("Goodness of fit", words.p_text(fit.p_value), _goodness(fit), "model"),
+        ("Goodness of fit", p_words(fit.p_value), _goodness(fit), "model"),
     ]
     if fit.gap is not None:
         found = "a gap beyond noise" if words.gap_found(fit) else "no gap beyond noise"
-        entries.append(("Test for a gap", found, f"p = {number(fit.gap.p_value, 2)}.", "model"))
+        entries.append(("Test for a gap", found, f"{words.gap_p(fit)}.", "model"))
     if fit.stability is not None:
         state = "over all intervals" if fit.stability.stable else "not over all intervals"
         root = f"rightmost root {number(fit.growth_rate)} 1/s; stable {state}."

@@ -14,13 +14,8 @@ from mcstudy.analysis import performance as measures
 from mcstudy.analysis.estimates_file import read_estimates
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import ERROR
-<<<<<<< HEAD
-from mcstudy.errors import InputError, StoreError
-from mcstudy.files.local_path import local_path
-from mcstudy.files.untrusted import real_bytes
-=======
 from mcstudy.errors import InputError
->>>>>>> cli
+from mcstudy.files.local_path import local_path
 
 PARAMETER = "parameter"
 KEYS = (REALIZATION, PARAMETER)

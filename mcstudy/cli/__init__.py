@@ -157,14 +157,8 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     # differently on another machine would differ in the last digits.
     for variable in ONE_THREAD:
         os.environ.setdefault(variable, "1")
-<<<<<<< HEAD
-    import contextlib
-
     from mcstudy.cli.stop import stopped, unusable, with_command
-=======
-    from mcstudy.cli.stop import stopped, with_command
     from mcstudy.cli.terminal import drop_output
->>>>>>> cli
     from mcstudy.errors import InputError, Interrupted, Stopped
     from mcstudy.exits import Exit
 
@@ -190,7 +184,7 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
             if not isinstance(error, OSError) or error.errno is None:
                 raise
             message, code = unusable(error, [verb, *words])
-            print(f"mcstudy: {message}", file=sys.stderr)
+            _tell(message)
             return code
         # Libraries raise this when they are stopped halfway, or when they print to a terminal that is gone.
         message, code = stopped([verb, *words], f" ({type(error).__name__}: {_one_line(error)})")
@@ -202,7 +196,6 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     return code
 
 
-<<<<<<< HEAD
 def _local(words: Sequence[str]) -> list[str]:
     """The words with ``file://`` addresses as paths; `InputError` for other addresses, except that of a scheduler."""
     from mcstudy.files.local_path import ADDRESS, local_path
@@ -215,12 +208,12 @@ def _local(words: Sequence[str]) -> list[str]:
             value = str(local_path(value)) if ADDRESS.match(value) else value
         out.append(option + equals + value)
     return out
-=======
+
+
 def _tell(message: str) -> None:
     """One line for the person; without a reader, or on a full disk, the exit code alone tells."""
     with contextlib.suppress(OSError):
         print(f"mcstudy: {message}", file=sys.stderr, flush=True)
->>>>>>> cli
 
 
 def _one_line(error: BaseException) -> str:

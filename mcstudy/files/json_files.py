@@ -13,11 +13,8 @@ import numpy as np
 
 from mcstudy.errors import StoreError
 from mcstudy.files import schema
-<<<<<<< HEAD
-from mcstudy.files.durable import PARTIAL, write
-=======
+from mcstudy.files.durable import PARTIAL
 from mcstudy.files.output import write_file
->>>>>>> cli
 from mcstudy.files.untrusted import json_document, real_bytes
 
 LARGEST = 1 << 30

@@ -243,13 +243,13 @@ def share_closed(d: Diagnosis) -> str:
     c, leading = d.closed, d.leading
     if leading is not None and leading.advice:
         return _corrected(d, leading)
-    if c is None or leading is None:
-        return ""
-    if d.added is None:
+    if leading is not None and d.added is None and d.asked.closed:
         return (
             f"{effects_of(leading)} changes the response with amplitude or over time, not the mean response, so no "
             "share of the gap closed and no better prediction of sway is stated."
         )
+    if c is None or leading is None:
+        return ""
     best = f"The best-fitting effect{'s' if len(leading.effects) > 1 else ''} of the library, {{}}, would close"
     adding = best if _unnamed(d) else "Adding {} closes"
     share = f"{adding.format(effects_of(leading))} {100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"

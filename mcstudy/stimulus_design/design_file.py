@@ -66,7 +66,8 @@ class LimitsSection(Section):
     ----------
     rms: root mean square of the stimulus. sway: that of the sway of either angle that it evokes in a body.
     bodies_within: share of the bodies of the prior that keep the limit of the sway, beside the body of ``[model]``; 0
-    for that body alone. rate: root mean square of the stimulus' rate of change. crest_factor: largest absolute value over root mean square. peak: largest absolute value,
+    for that body alone. rate: root mean square of the stimulus' rate of change. crest_factor: largest absolute value
+    over root mean square. peak: largest absolute value,
     in units of the stimulus. duration_s: of all recorded cycles, s.
     """
 

@@ -12,7 +12,7 @@ import numpy as np
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
 from mcstudy.fitting.penalised import Data, Fitted
-from mcstudy.gap import tables, verdict
+from mcstudy.gap import nearest_words, tables, verdict
 from mcstudy.gap.asked import EVERYTHING, Asked
 from mcstudy.gap.fits.relabelled import of_part
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
@@ -209,8 +209,8 @@ class Diagnosis(Summary):
         facts = [
             ("name", shortened(self.name)),
             ("verdict", f"{found} ({verdict.p_words(self.p_value, self.p_least)})"),
-            ("causes", "; ".join(f"{name} {100 * p:.0f} %" for p, name in leading)),
-            ("location", f"{place} {100 * self.place[place]:.0f} %"),
+            ("causes", "; ".join(f"{name} {nearest_words.chance(p)}" for p, name in leading)),
+            ("location", f"{place} {nearest_words.chance(self.place[place])}"),
         ]
         if self.closed is not None:
             c = self.closed

@@ -97,19 +97,30 @@ def _causes(d: Diagnosis) -> Table:
     for k, c in enumerate(d.causes):
         if c.probability >= SHOWN or c.effects == near:
             like = "-" if c.likeness is None else nearest_words.percent(c.likeness)
-            rows.append((c.probability, [_marked(c, notes), f"{c.probability:.3f}", yes(k), like]))
+            rows.append((c.probability, [_marked(c, notes), share(c.probability), yes(k), like]))
     rows += [
-        (d.none_probability, ["no missing effect", f"{d.none_probability:.3f}", yes("none"), "-"]),
-        (d.unknown_probability, ["a cause outside the library", f"{d.unknown_probability:.3f}", yes("unknown"), "-"]),
+        (d.none_probability, ["no missing effect", share(d.none_probability), yes("none"), "-"]),
+        (d.unknown_probability, ["a cause outside the library", share(d.unknown_probability), yes("unknown"), "-"]),
     ]
     lines = [cells for _, cells in sorted(rows, key=lambda row: -row[0])]
     others = sum(c.probability for c in d.causes if c.probability < SHOWN and c.effects != near)
-    lines.append(["all other causes", f"{others:.3f}", "", "-"])
+    lines.append(["all other causes", share(others), "", "-"])
     note = " ".join([*(f"[{i}] cannot be told from {others}." for i, others in enumerate(notes, 1)), _prior(d)])
     header = ["cause", "probability", "in the 95 % set", "likeness"]
     if near is None:
         return Table("Causes", header[:3], [row[:3] for row in lines], note)
     return Table("Causes", header, lines, f"{note} {LIKENESS_EXPLAINED}".strip())
+
+
+LEAST_SHARE = 0.001
+"""Probability nearer to 0 or 1 than which none is stated: models and priors are not known so well."""
+
+
+def share(p: float) -> str:
+    """A probability for a table, or the limit beyond which it is not known."""
+    if p < LEAST_SHARE:
+        return f"< {LEAST_SHARE:g}"
+    return f"{p:.3f}" if p <= 1 - LEAST_SHARE else f"> {1 - LEAST_SHARE:g}"
 
 
 def _prior(d: Diagnosis) -> str:
@@ -164,8 +175,8 @@ def _sizes(d: Diagnosis) -> Table:
 
 
 def _locations(d: Diagnosis) -> Table:
-    rows = [[place, f"{p:.3f}"] for place, p in sorted(d.place.items(), key=lambda item: -item[1])]
-    return Table("Location", ["location", "probability"], [*rows, ["no single location", f"{d.place_abstained:.3f}"]])
+    rows = [[place, share(p)] for place, p in sorted(d.place.items(), key=lambda item: -item[1])]
+    return Table("Location", ["location", "probability"], [*rows, ["no single location", share(d.place_abstained)]])
 
 
 def evidence(d: Diagnosis) -> Table:

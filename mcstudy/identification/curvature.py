@@ -40,18 +40,18 @@ def curvature(model: Model, data: Data, theta: np.ndarray, near: Linearised, wan
 
     ``theta``: (P,), the estimate. ``near``: the ``wanted`` quantities there, to first order.
     """
-    free = np.flatnonzero(near.free)
+    J = whiten(data.weight, frf_jacobian(model, theta, data.f)[1])
+    seen = near.free & (np.linalg.norm(J, axis=0) > 0)
+    free, J = np.flatnonzero(seen), J[:, seen]
     if not free.size:
         return np.zeros(len(wanted))
-    J = whiten(data.weight, frf_jacobian(model, theta, data.f)[1])[:, free]
-    unit = 1 / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     step = np.zeros((free.size, theta.size))
-    step[np.arange(free.size), free] = STEP * np.minimum(unit, np.abs(theta[free]) + unit.min())
+    step[np.arange(free.size), free] = STEP / np.linalg.norm(J, axis=0)
     slopes = frf_jacobian(model, np.concatenate([theta + step, theta - step]), data.f)[1]
     change = slopes[: free.size] - slopes[free.size :]
     second = np.stack([whiten(data.weight, d)[:, free] for d in change], axis=-1) / (2 * step.sum(axis=1))
     second = (second + second.swapaxes(1, 2)) / 2
-    root = _root(near.covariance)
+    root = _root(near.covariance[np.ix_(seen[near.free], seen[near.free])])
     tangent = J @ root
     second = np.einsum("nij,ip,jq->npq", second, root, root, optimize=True)
     inside = np.tensordot(tangent.T, second, axes=1)  # (F, F, F): what the tangent plane holds

@@ -107,8 +107,8 @@ class GroupView:
 
     @cached_property
     def needed(self) -> xr.Dataset:
-        """``value``, ``missed`` and ``hit_rate`` of `mcstudy.analysis.convergence.starts_needed`."""
-        names = ["value", "missed", "hit_rate"]
+        """``value``, ``missed``, ``missed_upper`` and ``hit_rate`` of `mcstudy.analysis.convergence.starts_needed`."""
+        names = ["value", "missed", "missed_upper", "hit_rate"]
         return in_slabs(self.cube[["cost", "status"]], lambda cube: starts_needed(cube)[names])
 
     @cached_property

@@ -12,6 +12,7 @@ from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
 from mcstudy.gap.planned.choice import require_possible
 from mcstudy.gap.planned.next_trial import next_trial as planned_next
+from mcstudy.gap.questions.posterior import NONE
 from mcstudy.identification.fit import fit as fit_recording
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.importing import import_files
@@ -36,6 +37,7 @@ def diagnose(
     fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
+    prior_none: float = NONE,
 ) -> DiagnosisWithFigures:
     """Where the model fails on a recording, which effect is missing, and how far adding it closes the gap.
 
@@ -59,6 +61,8 @@ def diagnose(
         the fitted body needs to decay, at most half of a trial.
     accept
         Codes of warnings about mislabelled channels that are to be accepted, e.g. ``"swapped"``.
+    prior_none
+        Prior probability that no effect is missing; the other prior probabilities keep their ratios.
 
     Returns
     -------
@@ -70,14 +74,16 @@ def diagnose(
     RecordingError
         A recording cannot be analysed, or its channels are not what their labels say.
     InputError
-        ``bootstrap`` was given together with ``fast``.
+        ``bootstrap`` was given together with ``fast``, or ``prior_none`` is no probability between 0 and 1.
     """
     if fast and bootstrap is not None:
         raise InputError("bootstrap: expected without fast, which does not use it")
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
     if fast:
-        found = diagnose_fast(read, seed=seed, model=model, fmax=fmax, discard=discard, accept=accept)
+        found = diagnose_fast(
+            read, seed=seed, model=model, fmax=fmax, discard=discard, accept=accept, prior_none=prior_none
+        )
     else:
         found = diagnose_with_bootstrap(
             read,
@@ -87,6 +93,7 @@ def diagnose(
             fmax=fmax,
             discard=discard,
             accept=accept,
+            prior_none=prior_none,
         )
     return DiagnosisWithFigures.of(found)
 
@@ -101,6 +108,7 @@ def next_trial(
     fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
+    prior_none: float = NONE,
     seed: int = 0,
 ) -> NextTrialWithPage:
     """Which trial to record next: possible ones, ranked by their expected information about the cause.
@@ -116,7 +124,7 @@ def next_trial(
         sway than was recorded.
     trials, cycles
         Numbers of trials to consider, and periods of each.
-    fmax, discard, accept, seed
+    fmax, discard, accept, prior_none, seed
         As for `diagnose`.
 
     Returns
@@ -134,7 +142,9 @@ def next_trial(
     require_possible(kinds, amplitudes or {}, trials=trials, cycles=cycles)
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
-    found = diagnose_fast(read, seed=seed, fmax=fmax, discard=discard, accept=accept, asked=CAUSE_ONLY)
+    found = diagnose_fast(
+        read, seed=seed, fmax=fmax, discard=discard, accept=accept, asked=CAUSE_ONLY, prior_none=prior_none
+    )
     planned = planned_next(found, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
     return NextTrialWithPage.from_next(planned)
 

@@ -15,6 +15,7 @@ from mcstudy.challenge.calibration import calibration
 from mcstudy.challenge.challenge_file import resolved
 from mcstudy.challenge.design import KINDS, MAIN, OTHER_FORM, OUTSIDE
 from mcstudy.challenge.grade import ANSWERED, CONFIDENT, SCORES, SET_SIZES, WRONG, Judged, judge, true_name
+from mcstudy.challenge.other_shares import other_shares
 from mcstudy.challenge.rates import Estimate, mean, rate
 from mcstudy.challenge.targets import (
     AT_MOST_5,
@@ -91,6 +92,7 @@ def score(key: Mapping[str, Any], answers: Mapping[str, Any], where: str = "answ
         "seconds_per_case": round(sum(j.seconds for j in judged) / len(judged), 3),
         "proper": _proper(main),
         "calibration": _calibration(main),
+        "other_shares": other_shares(main),
         "targets": [_target(t.name, t.goal, t.figure(main), t.percent) for t in TARGETS],
         "false_alarms": [
             _target(s, AT_MOST_5, false_alarms([j for j in judged if j.case["series"] == s])) for s in (MAIN, *series)

@@ -24,9 +24,10 @@ def score_text(score: Mapping[str, Any]) -> str:
         f"challenge {_plain(score['challenge'])}: {score['cases']} cases answered by {_plain(score['method'])}, "
         f"{score['seconds_per_case']:g} s per case, {len(score['errors'])} without an answer"
     ]
-    for part in (_proper, _calibration, _reliability, _targets, _false_alarms, _figures, _power, _by_cause):
+    for part in (_proper, _calibration, _reliability, _shares, _targets, _false_alarms, _figures, _power, _by_cause):
         header, *rows = part(score)
-        lines += ["", table(header, rows, of_text=True)]
+        if rows:
+            lines += ["", table(header, rows, of_text=True)]
     lines += ["", "number of cases by most probable hypothesis, for each true cause"]
     for row, counts in score["confusion"].items():
         lines.append(f"  {_plain(row)}: " + ", ".join(f"{n} {_plain(k)}" for k, n in counts.items()))
@@ -70,6 +71,17 @@ def _reliability(score: Mapping[str, Any]) -> Rows:
             span = f"{100 * b['low']:.0f} to {100 * b['high']:.0f} %"
             rows.append((c["statement"], span, str(b["right"]["n"]), _percent(b["stated"]), _value(b["right"])))
     return rows
+
+
+def _shares(score: Mapping[str, Any]) -> Rows:
+    """What another share of cases without a missing effect would make of the probabilities."""
+    rows: Rows = [
+        ("were so many of the cases nulls", "first: stated minus right [95 %]", "nothing missing: stated minus share")
+    ]
+    return rows + [
+        (f"{100 * s['nulls']:.0f} %", _value(s["first"], False), _value(s["none"], False))
+        for s in score.get("other_shares", ())
+    ]
 
 
 def _percent(share: float | None) -> str:

@@ -45,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     report.set_defaults(run=_report)
     for verb in (diagnose, report):
         add_recording_arguments(verb)
+        _add_prior(verb)
         verb.add_argument("--fast", action="store_true", help="asymptotic statistics instead of the bootstrap")
         verb.add_argument("--bootstrap", type=int, metavar="N", help="number of bootstrap samples (default 1000)")
 
@@ -56,6 +57,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     challenge = verbs.add_parser("challenge", help="benchmark the diagnosis on recordings with hidden causes")
     _challenge_arguments(challenge)
+
+
+def _add_prior(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument(
+        "--prior-none",
+        type=float,
+        metavar="P",
+        help="prior probability that no effect is missing (default 0.3); all others keep their ratios",
+    )
 
 
 def _compare_arguments(compare: argparse.ArgumentParser) -> None:
@@ -98,6 +108,7 @@ def _compare_arguments(compare: argparse.ArgumentParser) -> None:
 def _next_arguments(parser: argparse.ArgumentParser) -> None:
     add_output_arguments(parser, "next_trial")
     add_recording_arguments(parser)
+    _add_prior(parser)
     parser.add_argument(
         "--kind",
         action="append",
@@ -220,7 +231,8 @@ def _fast(args: argparse.Namespace, cause_only: bool = False) -> Diagnosis:
 
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:
-    return {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
+    options = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
+    return options if args.prior_none is None else {**options, "prior_none": args.prior_none}
 
 
 @contextmanager
@@ -294,9 +306,10 @@ def _next_command(args: argparse.Namespace) -> str:
 def _given(args: argparse.Namespace, *own: tuple[str, Any]) -> list[str]:
     """How the recordings are read, and the verb's ``own`` options, where they differ from their defaults."""
     words = [w for code in args.accept for w in ("--accept", code)]
-    for name, default in (*own, ("seed", 0), ("fmax", None), ("discard", None), ("data", None)):
+    shared = ("seed", 0), ("fmax", None), ("discard", None), ("data", None), ("prior_none", None)
+    for name, default in (*own, *shared):
         if getattr(args, name) != default:
-            words += [f"--{name}", str(getattr(args, name))]
+            words += [f"--{name.replace('_', '-')}", str(getattr(args, name))]
     return words
 
 

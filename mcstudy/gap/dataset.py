@@ -42,7 +42,9 @@ def dataset(d: Diagnosis) -> xr.Dataset:
             "cause": plain,
             "quantile": [0.025, 0.5, 0.975],
         },
-        {"name": d.name, "verdict": d.verdict(), "p_value": d.p_value, "outside_the_library": d.unknown_probability},
+        {"name": d.name, "verdict": d.verdict(), "p_value": d.p_value, "outside_the_library": d.unknown_probability}
+        | {f"prior_{name}": p for name, p in d.prior.items()}
+        | {"none_log_bayes_factor": d.none_log_factor},
     )
     if d.nearest is None:
         return out

@@ -26,7 +26,7 @@ from mcstudy.gap.questions.location import locations, missing_torque
 from mcstudy.gap.questions.mislabelled import Labels, mislabelled
 from mcstudy.gap.questions.nearest import nearest, with_likeness
 from mcstudy.gap.questions.parameters import shifts
-from mcstudy.gap.questions.posterior import Cause, Explanation, explain
+from mcstudy.gap.questions.posterior import NONE, Cause, Explanation, explain, prior
 from mcstudy.gap.questions.power import undetectable
 from mcstudy.gap.settling import cycles_to_discard, longer, unsettled
 from mcstudy.recordings.frf import FrfRecording
@@ -57,6 +57,7 @@ def diagnose(
     discard: int | None = None,
     accept: Iterable[str] = (),
     asked: Asked = EVERYTHING,
+    prior_none: float = NONE,
 ) -> Diagnosis:
     """Diagnosis with a parametric bootstrap: the base model is refitted to each of ``bootstrap`` null samples.
 
@@ -71,13 +72,14 @@ def diagnose(
         (`mcstudy.gap.settling`).
     accept: codes of suspicions about mislabelled channels. For these the labels are kept.
     asked: the questions that are answered; the results of the others are None.
+    prior_none: prior probability of no missing effect.
 
     Raises `RecordingError` for a recording that cannot be analysed or whose channels are mislabelled, `InputError` for
-    too small a ``bootstrap``.
+    too small a ``bootstrap`` and an impossible ``prior_none``.
     """
     if bootstrap < LEAST_DRAWS:
         raise InputError(f"bootstrap: expected at least {LEAST_DRAWS} null samples, got {bootstrap}")
-    return _diagnose(recording, _Settings(bootstrap, True, seed, model, fmax, discard, accept, asked))
+    return _diagnose(recording, _Settings(bootstrap, True, seed, model, fmax, discard, accept, asked, prior_none))
 
 
 def diagnose_fast(
@@ -89,9 +91,10 @@ def diagnose_fast(
     discard: int | None = None,
     accept: Iterable[str] = (),
     asked: Asked = EVERYTHING,
+    prior_none: float = NONE,
 ) -> Diagnosis:
     """Diagnosis with asymptotic null distributions: simulated noise through the linearised fit. See `diagnose`."""
-    return _diagnose(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept, asked))
+    return _diagnose(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept, asked, prior_none))
 
 
 def detect_fast(
@@ -119,6 +122,7 @@ class _Settings:
     discard: int | None
     accept: Iterable[str]
     asked: Asked = EVERYTHING
+    prior_none: float = NONE
 
     def lines_and_test(
         self, recording: AnyRecording | Sequence[Recording | FrfRecording], discard: Discard
@@ -144,6 +148,7 @@ def _tested(
 
 def _diagnose(recording: AnyRecording | Sequence[Recording | FrfRecording], by: _Settings) -> Diagnosis:
     known = frozenset((by.accept,) if isinstance(by.accept, str) else by.accept)
+    prior(by.prior_none)  # refused before the work
     one, lines, test, left_out = _tested(recording, replace(by, accept=known))
     outcome = diagnose_lines(
         lines,
@@ -155,6 +160,7 @@ def _diagnose(recording: AnyRecording | Sequence[Recording | FrfRecording], by: 
         name=one.name,
         labels=None if isinstance(one, FrfRecording) else _labels(one, lines, known),
         asked=by.asked,
+        prior_none=by.prior_none,
     )
     warnings = () if isinstance(one, FrfRecording) else tuple(s.message for s in one.suspicions)
     return replace(
@@ -183,11 +189,13 @@ def diagnose_lines(
     labels: Labels | None = None,
     test: GapTest | None = None,
     asked: Asked = EVERYTHING,
+    prior_none: float = NONE,
 ) -> Diagnosis:
     """Diagnosis of measured lines. ``nominal``: base model with values of the order of magnitude of a person's.
 
     ``labels``: what is known about the labels; with them, and a gap, mislabelling is among the possible causes.
-    ``test``: the test of these lines with these settings, if it was made before. ``asked``: see `diagnose`.
+    ``test``: the test of these lines with these settings, if it was made before. ``asked``, ``prior_none``: see
+    `diagnose`.
     """
     t = test or gap_test(lines, nominal, draws, refits, seed)
     base, data, detection, compared = t.base, t.data, t.detection, t.contrasts
@@ -203,6 +211,7 @@ def diagnose_lines(
         detection.unstructured,
         compared,
         partial(mislabelled, lines, base, t.minima, labels, seed) if detected and labels is not None else None,
+        prior_none,
     )
     causes, near = explanation.causes, None
     if asked.nearest and detected and detection.p_value < LEVEL:
@@ -210,6 +219,7 @@ def diagnose_lines(
         near = nearest(base, causes, data, lines, seed)
     leading = causes[0] if detected and causes else None
     added = None if leading is None or leading.advice else leading
+    closes = added if asked.closed and added is not None and added.changes(base) else None
     place, abstained = locations(explanation)
     trials = int(np.unique(lines.trial).size)
     belief = Belief(explanation.hypotheses, explanation.unknown, detection.null_chi2)
@@ -224,7 +234,7 @@ def diagnose_lines(
         none_probability=explanation.none,
         unknown_probability=explanation.unknown,
         credible_set=credible_set(explanation),
-        closed=None if added is None or not asked.closed else _closed(base, added, data, lines, t.scores, belief, seed),
+        closed=None if closes is None else _closed(base, closes, data, lines, t.scores, belief, seed),
         sway_rms_deg=_sway(base, added, data, lines),
         undetectable=undetectable(t.signatures, compared, trials),
         detection=detection,
@@ -243,6 +253,8 @@ def diagnose_lines(
         },
         lines=lines,
         base=base,
+        prior=prior(prior_none),
+        none_log_factor=explanation.none_log_factor,
         hypotheses=explanation.hypotheses,
         nearest=near,
         asked=asked,

@@ -12,7 +12,7 @@ import numpy as np
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
 from mcstudy.fitting.penalised import Data, Fitted
-from mcstudy.gap import tables, verdict
+from mcstudy.gap import nearest_words, tables, verdict
 from mcstudy.gap.asked import EVERYTHING, Asked
 from mcstudy.gap.fits.relabelled import of_part
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
@@ -63,7 +63,8 @@ class Diagnosis(Summary):
     credible_set
         The smallest set of causes with a probability of 95 %: indices into ``causes``, or "unknown" and "none".
     closed
-        Share of the gap that the leading cause closes (`Closure`); None without a gap.
+        Share of the gap that the leading cause closes (`Closure`); None where none is stated: without a gap, for a
+        mislabelled recording, and for a cause that leaves the mean response unchanged.
     sway_rms_deg
         RMS error of predicted sway of the base model ("before") and with the leading cause ("after"), and its noise
         floor, deg.
@@ -89,6 +90,11 @@ class Diagnosis(Summary):
         The measured lines, with their noise.
     base
         The fit of the model without effects.
+    prior
+        Prior probabilities of the kinds of hypotheses (`mcstudy.gap.questions.posterior.prior`).
+    none_log_factor
+        ln Bayes factor of no missing effect against all others. With another prior p of no missing effect, its
+        posterior odds are p / (1 - p) times this factor.
     recording
         The diagnosed recording; several of one kind are pooled, of different kinds they are a `JointRecording`. None
         for lines alone.
@@ -124,6 +130,8 @@ class Diagnosis(Summary):
     method: dict[str, Any]
     lines: Lines
     base: Fitted
+    prior: dict[str, float]
+    none_log_factor: float
     recording: AnyRecording | None = None
     hypotheses: tuple[tuple[Hypothesis, float], ...] = field(default=(), repr=False)
     nearest: Nearest | None = None
@@ -141,7 +149,7 @@ class Diagnosis(Summary):
     def added(self) -> Fitted | None:
         """The fit with the leading cause; None without a gap, or when that cause leaves the mean response unchanged."""
         leading = self.leading
-        return None if leading is None or leading.fitted.model.names == self.base.model.names else leading.fitted
+        return leading.fitted if leading is not None and leading.changes(self.base) else None
 
     @cached_property
     def sway_noise_deg(self) -> tuple[float, float] | None:
@@ -201,10 +209,10 @@ class Diagnosis(Summary):
         facts = [
             ("name", shortened(self.name)),
             ("verdict", f"{found} ({verdict.p_words(self.p_value, self.p_least)})"),
-            ("causes", "; ".join(f"{name} {100 * p:.0f} %" for p, name in leading)),
-            ("location", f"{place} {100 * self.place[place]:.0f} %"),
+            ("causes", "; ".join(f"{name} {nearest_words.chance(p)}" for p, name in leading)),
+            ("location", f"{place} {nearest_words.chance(self.place[place])}"),
         ]
-        if self.closed is not None and self.added is not None:
+        if self.closed is not None:
             c = self.closed
             facts.append(("closed", f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}] of the gap"))
         if self.warnings:
@@ -248,6 +256,8 @@ class Diagnosis(Summary):
                 ],
                 "nearest": self.nearest and _nearest(self.nearest),
                 **_of(self, "none_probability unknown_probability"),
+                "prior": self.prior,
+                "none_log_bayes_factor": self.none_log_factor,
                 "credible_set": [
                     {"cause": k} if isinstance(k, str) else {"cause": "named", "effects": self.causes[k].effects}
                     for k in self.credible_set

@@ -59,10 +59,10 @@ def leaves(near: Nearest, noise: tuple[float, float]) -> str:
     left, place = near.remaining, where(near.bands)
     if not left.found:
         said = "It leaves no torque at a joint that these data show"
-        said += f" (probability of one: {_chance(left.probability)})."
+        said += f" (probability of one: {chance(left.probability)})."
         return said + (f" Its residual exceeds noise {place}." if place else "")
     acts = f"a torque at the {left.row} that depends on {_sense(left.sense)}"
-    sure = f"probability {_chance(left.probability)}, among such torques {_chance(left.path_probability)}"
+    sure = f"probability {chance(left.probability)}, among such torques {chance(left.path_probability)}"
     sizes = [] if left.share is None else [f"{percent(left.share)} of the active torque there"]
     sizes += [] if left.rms is None else [f"{bracketed(left.rms, 'N m')} RMS"]
     size = f": {', '.join(sizes)}" if sizes else ""
@@ -101,7 +101,8 @@ def _polynomial(coefficients: np.ndarray) -> str:
     return f"({text or '0'})"
 
 
-def _chance(p: float) -> str:
+def chance(p: float) -> str:
+    """A posterior probability in percent; none is known so well that it could be 0 or 100."""
     return "> 99 %" if p > 0.995 else "< 1 %" if p < 0.005 else f"{100 * p:.0f} %"
 
 

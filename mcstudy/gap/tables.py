@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -11,7 +12,7 @@ from mcstudy.effect_library.library import usual_size
 from mcstudy.gap import nearest_words
 from mcstudy.gap.questions.contrasts import DRAWS
 from mcstudy.gap.questions.parameters import PRIOR_EXPLAINED, SOURCES, SOURCES_EXPLAINED
-from mcstudy.gap.questions.posterior import Cause
+from mcstudy.gap.questions.posterior import MEANINGS, Cause
 from mcstudy.gap.questions.power import FOUND
 from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, shown_causes, undetected
 from mcstudy.text_tables import number, with_error
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 SHOWN = 0.01
 """Causes with a probability below this share one row."""
+
+FACTOR_SHOWN = 6 * math.log(10)
+"""ln of the largest Bayes factor, and of the reciprocal of the smallest, that is written out: evidence is no better."""
 
 MOST_TRIALS = 100
 """Larger numbers of trials are not written out."""
@@ -93,19 +97,46 @@ def _causes(d: Diagnosis) -> Table:
     for k, c in enumerate(d.causes):
         if c.probability >= SHOWN or c.effects == near:
             like = "-" if c.likeness is None else nearest_words.percent(c.likeness)
-            rows.append((c.probability, [_marked(c, notes), f"{c.probability:.3f}", yes(k), like]))
+            rows.append((c.probability, [_marked(c, notes), share(c.probability), yes(k), like]))
     rows += [
-        (d.none_probability, ["no missing effect", f"{d.none_probability:.3f}", yes("none"), "-"]),
-        (d.unknown_probability, ["a cause outside the library", f"{d.unknown_probability:.3f}", yes("unknown"), "-"]),
+        (d.none_probability, ["no missing effect", share(d.none_probability), yes("none"), "-"]),
+        (d.unknown_probability, ["a cause outside the library", share(d.unknown_probability), yes("unknown"), "-"]),
     ]
     lines = [cells for _, cells in sorted(rows, key=lambda row: -row[0])]
     others = sum(c.probability for c in d.causes if c.probability < SHOWN and c.effects != near)
-    lines.append(["all other causes", f"{others:.3f}", "", "-"])
-    note = " ".join(f"[{i}] cannot be told from {others}." for i, others in enumerate(notes, 1))
+    lines.append(["all other causes", share(others), "", "-"])
+    note = " ".join([*(f"[{i}] cannot be told from {others}." for i, others in enumerate(notes, 1)), _prior(d)])
     header = ["cause", "probability", "in the 95 % set", "likeness"]
     if near is None:
         return Table("Causes", header[:3], [row[:3] for row in lines], note)
     return Table("Causes", header, lines, f"{note} {LIKENESS_EXPLAINED}".strip())
+
+
+LEAST_SHARE = 0.001
+"""Probability nearer to 0 or 1 than which none is stated: models and priors are not known so well."""
+
+
+def share(p: float) -> str:
+    """A probability for a table, or the limit beyond which it is not known."""
+    if p < LEAST_SHARE:
+        return f"< {LEAST_SHARE:g}"
+    return f"{p:.3f}" if p <= 1 - LEAST_SHARE else f"> {1 - LEAST_SHARE:g}"
+
+
+def _prior(d: Diagnosis) -> str:
+    """What the probabilities take for granted, and what the data alone say."""
+    shares = ", ".join(f"{MEANINGS[name]} {number(100 * p, 2)} %" for name, p in d.prior.items())
+    return (
+        f"Prior probabilities: {shares}; --prior-none P sets the first, prior_none=P in Python. Bayes factor of no "
+        f"missing effect against all others: {_factor(d.none_log_factor)}; its odds are this factor times P / (1 - P)."
+    )
+
+
+def _factor(log: float) -> str:
+    """A Bayes factor of which only its logarithm may be representable."""
+    if abs(log) < FACTOR_SHOWN:
+        return number(math.exp(log), 2)
+    return f"below {math.exp(-FACTOR_SHOWN):.0e}" if log < 0 else f"above {math.exp(FACTOR_SHOWN):.0e}"
 
 
 def _marked(cause: Cause, notes: list[str]) -> str:
@@ -144,8 +175,8 @@ def _sizes(d: Diagnosis) -> Table:
 
 
 def _locations(d: Diagnosis) -> Table:
-    rows = [[place, f"{p:.3f}"] for place, p in sorted(d.place.items(), key=lambda item: -item[1])]
-    return Table("Location", ["location", "probability"], [*rows, ["no single location", f"{d.place_abstained:.3f}"]])
+    rows = [[place, share(p)] for place, p in sorted(d.place.items(), key=lambda item: -item[1])]
+    return Table("Location", ["location", "probability"], [*rows, ["no single location", share(d.place_abstained)]])
 
 
 def evidence(d: Diagnosis) -> Table:

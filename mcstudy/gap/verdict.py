@@ -243,13 +243,13 @@ def share_closed(d: Diagnosis) -> str:
     c, leading = d.closed, d.leading
     if leading is not None and leading.advice:
         return _corrected(d, leading)
-    if c is None or leading is None:
-        return ""
-    if d.added is None:
+    if leading is not None and d.added is None and d.asked.closed:
         return (
             f"{effects_of(leading)} changes the response with amplitude or over time, not the mean response, so no "
             "share of the gap closed and no better prediction of sway is stated."
         )
+    if c is None or leading is None:
+        return ""
     best = f"The best-fitting effect{'s' if len(leading.effects) > 1 else ''} of the library, {{}}, would close"
     adding = best if _unnamed(d) else "Adding {} closes"
     share = f"{adding.format(effects_of(leading))} {100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
@@ -277,22 +277,22 @@ def _cause(d: Diagnosis, first: Cause) -> str:
     if _unnamed(d):
         out = [
             f"No effect of the library explains the gap; a cause outside it is more probable "
-            f"({100 * d.unknown_probability:.0f} %)."
+            f"({nearest_words.chance(d.unknown_probability)})."
         ]
         if first.probability > 0.05:
-            out.append(f"The most probable named cause is {named(first)} ({100 * first.probability:.0f} %).")
+            out.append(f"The most probable named cause is {named(first)} ({nearest_words.chance(first.probability)}).")
     else:
         sizes = [f"{s.name} = {with_error(s.estimate, s.se)} {s.unit}".rstrip() for s in first.sizes]
         what = f"a mislabelled recording, {named(first)}" if first.advice else named(first)
-        out = [f"Most likely cause: {what} ({'; '.join([f'{100 * first.probability:.0f} %', *sizes])})."]
+        out = [f"Most likely cause: {what} ({'; '.join([nearest_words.chance(first.probability), *sizes])})."]
         out += [first.advice] if first.advice else []
         others = [
-            f"{named(d.causes[k])} ({100 * d.causes[k].probability:.0f} %)"
+            f"{named(d.causes[k])} ({nearest_words.chance(d.causes[k].probability)})"
             for k in d.credible_set
             if isinstance(k, int) and k > 0
         ]
         if "unknown" in d.credible_set:
-            others.append(f"a cause outside the library ({100 * d.unknown_probability:.0f} %)")
+            others.append(f"a cause outside the library ({nearest_words.chance(d.unknown_probability)})")
         if others:
             out.append(f"Also possible: {', '.join(others)}.")
     return " ".join([*out, _location(d)])
@@ -302,4 +302,4 @@ def _location(d: Diagnosis) -> str:
     likely = sorted(((p, place) for place, p in d.place.items() if p >= SHARED), reverse=True)
     if sum(p for p, _ in likely) <= 0.5:
         return "Location: uncertain."
-    return f"Location: {', '.join(f'{place} ({100 * p:.0f} %)' for p, place in likely)}."
+    return f"Location: {', '.join(f'{place} ({nearest_words.chance(p)})' for p, place in likely)}."

@@ -38,8 +38,8 @@ from mcstudy.stance.response import frf, noise_response
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
 
-TRIALS, DISCARD = 2, 1
-"""Trials of a recording, and cycles discarded at the start of each."""
+TRIALS, DISCARD, AMPLITUDE = 2, 1, 5.0
+"""Trials of a recording, cycles discarded at the start of each, and the peak of the torque unless stated, N m."""
 
 LEVEL = 0.95
 """Of all intervals."""
@@ -61,11 +61,15 @@ def body(number: int, spread: float = 0.2) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Condition:
-    """A cell of a coverage study: number of the true body (see `body`), cycles of each trial, highest frequency, Hz."""
+    """A cell of a coverage study: number of the true body (see `body`), cycles of each trial, highest frequency, Hz.
+
+    ``amplitude``: peak of the torque, N m.
+    """
 
     truth: int
     cycles: int
     fmax: float
+    amplitude: float = AMPLITUDE
 
 
 class Source:
@@ -80,6 +84,7 @@ class Source:
         theta = np.array(list(body(condition.truth).values())) if theta is None else theta
         theta = np.append(theta, list(sizes.values()))
         stimulus, self._period_s = _stimulus()
+        stimulus = stimulus * (condition.amplitude / AMPLITUDE)
         excited = excited_lines(stimulus[None])
         self._wanted = excited[excited <= max(condition.fmax, NOISE_HZ) * self._period_s + 0.5]
         self._fmax = condition.fmax
@@ -145,7 +150,10 @@ def intervals(condition: Condition, first: int, last: int, time_domain: bool = F
     fits = []
     for r in range(first, last):
         if time_domain:
-            recording = simulate(parameters=body(condition.truth), cycles=condition.cycles, seed=r)
+            amplitudes = (condition.amplitude,) * TRIALS
+            recording = simulate(
+                parameters=body(condition.truth), amplitude=amplitudes, cycles=condition.cycles, seed=r
+            )
             lines = measure(recording, condition.fmax, DISCARD)
         else:
             lines = source(stream(r, f"coverage {condition.truth} {condition.cycles}"))
@@ -179,14 +187,16 @@ def judgements(
     last: int,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     effects: Mapping[str, float] | None = None,
+    amplitude: float = AMPLITUDE,
 ) -> dict[float, np.ndarray]:
     """Whether intervals of realizations ``first`` ... ``last`` - 1 contain the truth, (R, K, len(JUDGED)) by fmax.
 
     Up to `NOISE_HZ` the recordings are those of `intervals`. ``bounds``: of the fits, as in `mcstudy.fit`.
-    ``effects``: sizes by name of linear effects that the body has and the fits estimate too.
+    ``effects``: sizes by name of linear effects that the body has and the fits estimate too. ``amplitude``: of the
+    torque, N m.
     """
     sizes = dict(effects or {})
-    source, nominal = Source(Condition(truth, cycles, max(fmax)), effects=sizes), two_segment()
+    source, nominal = Source(Condition(truth, cycles, max(fmax), amplitude), effects=sizes), two_segment()
     model = bounded(apply(nominal, *sizes), nominal, bounds or {})
     theta = np.array([*body(truth).values(), *sizes.values()])
     wanted, seeds = quantities(model), range(first, last)
@@ -227,7 +237,7 @@ def _reached(fit: FitResult) -> int:
 @lru_cache
 def _stimulus() -> tuple[np.ndarray, float]:
     """Fourier coefficients (K,) of the stimulus of one cycle, as the body feels it, and its period, s."""
-    recording = simulate(cycles=DISCARD + 2, noise=0.0)
+    recording = simulate(amplitude=(AMPLITUDE,), cycles=DISCARD + 2, noise=0.0)
     assert recording.period_s is not None
     highest = recording.rate_hz / 2.2
     return cycle_coefficients(recording, highest, DISCARD).stimulus[0], recording.period_s

@@ -28,8 +28,11 @@ LEAST, MOST = 93.0, 97.0
 LEVEL = 0.95
 """Of the simulated intervals."""
 
-TRIALS, DISCARD, AMPLITUDE = 2, 1, 5.0
-"""Of the simulated recordings: trials, cycles left out of each, and amplitude, N m."""
+TRIALS, DISCARD = 2, 1
+"""Of the simulated recordings: trials, and cycles left out of each."""
+
+RMS = 0.442
+"""Of the simulated torque, a pseudorandom ternary sequence, over its peak."""
 
 
 class Covered(NamedTuple):
@@ -59,6 +62,8 @@ class Coverage:
         Stimulus periods in each of the two simulated trials.
     fmax
         Highest frequency of the simulated fits, Hz.
+    amplitude
+        Peak of the simulated torque, N m.
     realizations
         Simulated recordings in this condition.
     quantities
@@ -67,6 +72,7 @@ class Coverage:
 
     cycles: int
     fmax: float
+    amplitude: float
     realizations: int
     quantities: dict[str, Covered]
 
@@ -76,28 +82,33 @@ class Coverage:
 
     def to_dict(self) -> dict[str, float]:
         """The condition as plain data for ``fit.json``."""
-        return {"cycles": self.cycles, "fmax": self.fmax, "realizations": self.realizations}
+        return {
+            "cycles": self.cycles,
+            "fmax": self.fmax,
+            "amplitude": self.amplitude,
+            "realizations": self.realizations,
+        }
 
     @property
     def condition(self) -> str:
         """The simulated recordings in words."""
-        return f"two trials of {self.cycles} cycles at {AMPLITUDE:g} N m, up to {self.fmax:g} Hz"
+        return f"two trials of {self.cycles} cycles at {self.amplitude:g} N m (peak), up to {self.fmax:g} Hz"
 
 
 @cache
 def simulated() -> tuple[Coverage, ...]:
     """All simulated conditions."""
-    found: dict[tuple[int, float, int], dict[str, Covered]] = {}
+    found: dict[tuple[int, float, float, int], dict[str, Covered]] = {}
     text = files("mcstudy.identification").joinpath(FILE).read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):
-        key = int(row["cycles"]), float(row["fmax"]), int(row["realizations"])
+        key = int(row["cycles"]), float(row["fmax"]), float(row["amplitude"]), int(row["realizations"])
         covered = Covered(*(float(row[c]) for c in Covered._fields))
         found.setdefault(key, {})[row["quantity"]] = covered
     return tuple(Coverage(*key, quantities) for key, quantities in found.items())
 
 
 def nearest(fitted: FitResult) -> Coverage | None:
-    """The condition that is nearest to a fit in cycles and highest frequency, on logarithmic scales.
+    """The condition that is nearest to a fit in cycles, highest frequency and RMS of the torque, on logarithmic scales.
 
     None where the study says nothing: another stimulus, level, model or bounds, several recordings with stimuli of
     their own, or published responses.
@@ -114,10 +125,11 @@ def nearest(fitted: FitResult) -> Coverage | None:
     )
     if not alike:
         return None
-    repeats = len(fitted.lines.repeats)
+    repeats, rms = len(fitted.lines.repeats), math.sqrt(2 * float(fitted.lines.power.sum()))
 
     def away(c: Coverage) -> float:
         longer = math.log(TRIALS * (c.cycles - DISCARD) / repeats)
-        return math.hypot(longer, math.log(c.fmax / float(fitted.lines.f.max())))
+        larger = math.log(RMS * c.amplitude / rms)
+        return math.hypot(longer, larger, math.log(c.fmax / float(fitted.lines.f.max())))
 
     return min(simulated(), key=away)

@@ -9,6 +9,7 @@ import numpy as np
 
 from mcstudy.fitting.penalised import Data, whiten
 from mcstudy.identification.correction import Draws, correction
+from mcstudy.identification.curvature import curvature
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.profile import Linearised
 from mcstudy.identification.quantities import Quantity
@@ -41,14 +42,16 @@ def threshold(
 ) -> Threshold:
     """The threshold of ``wanted`` quantities of a fit that found the ``minima``; ``draws``: of the noise of its lines.
 
-    A squared residual above that of noise multiplies it by their ratio (Birge 1932), and another minimum that competes
-    with the lowest one by `mcstudy.identification.several_minima.factor`.
+    A squared residual above that of noise multiplies it by their ratio (Birge 1932), the curvature of the model by
+    `mcstudy.identification.curvature`, and another minimum that competes with the lowest one by
+    `mcstudy.identification.several_minima.factor`.
     """
     near = Linearised.at(model, minima, wanted)
     jacobian = whiten(data.weight, frf_jacobian(model, minima.theta[0], data.f)[1])
     corrected = correction(jacobian[:, near.free], near.gradients[:, near.free], draws)
     worse = max(1.0, float(minima.chi2[0] / corrected.null_chi2.mean()))
-    rise = worse * corrected.threshold(level)
+    bent = curvature(model, data, minima.theta[0], near, wanted)
+    rise = worse * (1 + bent) * corrected.threshold(level)
     values = np.array([[q.value(theta) for q in wanted] for theta in minima.theta])
     several = apart(values, (minima.chi2 - minima.chi2[0]) / worse, np.sqrt(rise * near.variance))
     rise = np.where(several, factor(level) * rise, rise)

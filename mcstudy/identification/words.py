@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mcstudy.fitting.certainty import WANTED
 from mcstudy.gap import verdict
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.part_fits import told
@@ -254,7 +255,8 @@ def found(r: FitResult) -> str:
     if m.missed_lowest is None:
         out = f"No random start of {m.starts} ended in the lowest minimum; {FOUND_FROM[m.lowest_from]} found it."
     else:
-        chance = f"of {100 * m.missed_lowest:.1f} %" if m.missed_lowest >= 1e-3 else "below 0.1 %"
+        known = m.missed_lowest >= WANTED  # hits in a higher minimum are no better evidence
+        chance = f"of {100 * m.missed_lowest:.1f} %" if known else f"below {100 * WANTED:g} %"
         out = (
             f"Of {m.starts} random starts, {m.hits[0]} ended in the lowest minimum; as many new ones alone would miss "
             f"it with a chance {chance}."

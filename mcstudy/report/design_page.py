@@ -28,7 +28,7 @@ def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o D
         ("stimulus", "The stimulus", _stimulus(design, command)),
         ("difference", "The difference of the models", _difference(design) if design.distances.size else ""),
         ("errors", "Errors of the parameters", _errors(design, command)),
-        ("bodies", "Other bodies", f"<p>{escape(words.bodies_words(design))}</p>" if design.bodies else ""),
+        ("bodies", "Other bodies", _bodies(design)),
         ("made", "How this was made", made),
     ]
     footer = "The errors hold for the model, the noise and the range of bodies of the design file."
@@ -64,6 +64,11 @@ def _stimulus(design: StimulusDesign, command: str) -> str:
     )
     sizes = Table("Sizes", ("", "sequence", "design", "ratio"), words.size_rows(design), "rows")
     return figure(drawn, "", command) + table(sizes) + f"<p>{escape(words.limits_used(design))}</p>"
+
+
+def _bodies(design: StimulusDesign) -> str:
+    said = [words.sway_words(design), *([words.bodies_words(design)] if design.bodies else [])]
+    return "".join(f"<p>{escape(x)}</p>" for x in said)
 
 
 def _difference(design: StimulusDesign) -> str:

@@ -8,13 +8,13 @@ from typing import Any
 from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL
 from mcstudy.analysis.selection import sums_of
+from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report.context import Context, largest_amplitude, stat, value_of, with_ends
 from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.html import escape, tiles
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
-from mcstudy.report.numbers import chance
 from mcstudy.text_tables import counted, number, with_error
 
 Tile = tuple[str, str, str, str]
@@ -85,8 +85,8 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
     if needed and view.group.starts > 1:
         median, many = (needed[f"starts_needed_{which}"] for which in ("median", "90th"))
         remark = f"median; {with_ends(many)} or more in one of ten realizations; {at}, {f:g} Hz."
-        if (missed := needed["missed_minimum"]["value"]) is not None:
-            remark += f" {MISSED[0].upper()}{MISSED[1:]}: {chance(missed)} % (mean)."
+        if needed["missed_minimum"]["value"] is not None:
+            remark += f" {MISSED[0].upper()}{MISSED[1:]}: {missed_words(needed)} % (mean)."
         out.append(("Starts for 95 % certainty", with_ends(median), remark, "fig3b"))
     return out
 

@@ -8,12 +8,13 @@ from typing import Any
 
 from mcstudy.analysis.paper.published import FMAX_HZ, MARGINS
 from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL, DIFFERS
+from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.show.text import READING, incomplete, ours, verdict
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report.context import Context, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
-from mcstudy.report.numbers import chance, short
+from mcstudy.report.numbers import short
 from mcstudy.study.unstable import warning
 from mcstudy.text_tables import counted, number
 
@@ -160,7 +161,7 @@ def group_overviews(context: Context) -> str:
                 stat(c["mean_spread_percent"]),
                 stat(c["unstable"], 100.0),
                 stat(c["inside_bounds"], 100.0),
-                chance(c["missed_minimum"]["value"], c["missed_minimum"]["mcse"]),
+                missed_words(c, error=True),
             ]
             for c in data["cells"]
         ]

@@ -23,25 +23,43 @@ MASS = ("J1", "J2", "C1", "C2", "A1", "A2")
 
 
 def drawn(file: DesignFile, n: int, rng: np.random.Generator) -> list[ModelSection]:
-    """``n`` stable bodies as model sections of a study; raises `DesignError` when none is found."""
-    base, spread = build_model(file.group()), file.prior.spread
-    body = asdict(Body(**file.model.body))
-    out: list[ModelSection] = []
-    for _ in range(ATTEMPTS * n):
-        if len(out) == n:
-            break
-        factor = 1 + rng.uniform(-spread, spread, len(base.names) + 1)
-        section = with_values(
+    """``n`` stable bodies as model sections of a study; raises `DesignError` when too few are stable."""
+    base, body = build_model(file.group()), asdict(Body(**file.model.body))
+    return [
+        with_values(
             file.model,
             {name: float(v * k) for name, v, k in zip(base.names, base.truth, factor, strict=False)},
             {name: float(v * (factor[-1] if name in MASS else 1.0)) for name, v in body.items()},
         )
-        model = model_of(file, section)
-        if growth_rate(model, model.truth[None])[0] < 0:
-            out.append(section)
-    if len(out) < n:
+        for factor in factors(file, base, n, rng)
+    ]
+
+
+def factors(file: DesignFile, base: Model, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Of ``n`` stable bodies, every parameter and the mass relative to those of ``base``, (n, P + 1).
+
+    Raises `DesignError` when too few are stable.
+    """
+    spread, found = file.prior.spread, np.empty((0, len(base.names) + 1))
+    for _ in range(ATTEMPTS):
+        if len(found) >= n:
+            break
+        some = 1 + rng.uniform(-spread, spread, (max(n, 1), found.shape[1]))
+        found = np.concatenate([found, some[growth_rate(base, equivalent(base, some)) < 0]])
+    if len(found) < n:
         raise DesignError(f"prior.spread: no {n} stable bodies in {ATTEMPTS * n} draws, got {spread:g}")
-    return out
+    return found[:n]
+
+
+def equivalent(base: Model, factor: np.ndarray) -> np.ndarray:
+    """Parameters (n, P) with which the body of ``base`` is as stable as bodies with ``factor`` (n, P + 1), and sways as
+    they do up to one factor of each body.
+
+    Inertia and gravity are proportional to the mass. So it divides all gains, delays and sensory weights stay as they
+    are, and a torque is divided, too.
+    """
+    kept = np.array([name in base.delays or name in base.weights for name in base.names])
+    return np.asarray(base.truth * factor[:, :-1] / np.where(kept, 1.0, factor[:, -1:]))
 
 
 def with_values(section: ModelSection, truth: dict[str, float], body: dict[str, float]) -> ModelSection:

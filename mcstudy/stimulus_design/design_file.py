@@ -60,17 +60,20 @@ class DesignSection(Section):
 
 
 class LimitsSection(Section):
-    """Limits of the stimulus; ratios are to the sequence, for every body of the prior; 0 is no limit.
+    """Limits of the stimulus; ratios are to the sequence; 0 is no limit.
 
     Attributes
     ----------
-    rms: root mean square of the stimulus. sway: that of the sway of either angle that it evokes. rate: that of the
-    stimulus' rate of change. crest_factor: largest absolute value over root mean square. peak: largest absolute value,
+    rms: root mean square of the stimulus. sway: that of the sway of either angle that it evokes in a body.
+    bodies_within: share of the bodies of the prior that keep the limit of the sway, beside the body of ``[model]``; 0
+    for that body alone. rate: root mean square of the stimulus' rate of change. crest_factor: largest absolute value
+    over root mean square. peak: largest absolute value,
     in units of the stimulus. duration_s: of all recorded cycles, s.
     """
 
     rms: float = Field(default=1.1, gt=0, le=1000)
     sway: float = Field(default=1.1, gt=0, le=1000)
+    bodies_within: float = Field(default=0.95, ge=0, le=0.99)
     rate: float = Field(default=5.0, ge=0, le=100_000)
     crest_factor: float = Field(default=0.0, ge=0, le=1000)
     peak: float = Field(default=0.0, ge=0, le=1e6)
@@ -78,18 +81,17 @@ class LimitsSection(Section):
 
 
 class PriorSection(Section):
-    """Bodies over which the criterion is averaged, besides the one of ``[model]``.
+    """Bodies that may stand on the platform instead of the one of ``[model]``.
 
     Attributes
     ----------
-    bodies: their number. spread: half-width of the uniform distributions of every parameter, and of one factor of all
-    inertias and moments of the body (its mass), relative to the values of ``[model]``. sway_bodies: further bodies for
-    which only the limit of the sway holds.
+    bodies: number of those over which the criterion is averaged, beside the body of ``[model]``. spread: half-width of
+    the uniform distributions of every parameter, and of one factor of all inertias and moments of the body (its mass),
+    relative to the values of ``[model]``.
     """
 
     bodies: int = Field(default=12, ge=0, le=1000)
     spread: float = Field(default=0.2, ge=0, lt=0.9)
-    sway_bodies: int = Field(default=0, ge=0, le=2000)
 
 
 class VerifySection(Section):

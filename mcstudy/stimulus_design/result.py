@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from mcstudy.files.schema import identifier
 from mcstudy.short_repr import Summary
 from mcstudy.stance.line_stimulus import LineStimulus
 from mcstudy.stimulus_design.bodies import model_of
+from mcstudy.stimulus_design.evoked_sway import OTHER, OtherBodies, drawn_costs, ratios
 from mcstudy.stimulus_design.spectrum import Designed, Size, noise_sway, predicted, size_of
 from mcstudy.stimulus_design.verify import Spread, bodies_of, costs, spreads, study_of
 from mcstudy.study.design import Study
@@ -56,6 +57,8 @@ class StimulusDesign(Summary):
         Of sequence and design: RMS, peak, rate, crest factor, evoked sway.
     noise_sway
         RMS of the sway that the noise alone evokes, rad, (A,).
+    others
+        How much bodies sway that neither the design nor its calibration knew (`OtherBodies`).
     spreads
         Of the fits for the body of the file; empty without verification.
     bodies
@@ -70,6 +73,7 @@ class StimulusDesign(Summary):
     bounded_cv: np.ndarray
     sizes: tuple[Size, Size]
     noise_sway: np.ndarray
+    others: OtherBodies
     spreads: tuple[Spread, ...] = ()
     bodies: tuple[BodyCheck, ...] = ()
     distances: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
@@ -98,9 +102,12 @@ class StimulusDesign(Summary):
                     None if results is None else spreads(results, f"body{n + 1:02d}_", "ml")[0],
                 )
             )
+        unknown = drawn_costs(file, model, OTHER, "others", designed.sequence, designed.f)
+        others = OtherBodies.of(ratios(unknown, designed.after), file.limits.sway)
         shown = designed.difference
         distances = np.zeros((2, 0)) if shown is None else np.stack([shown.distances(p) for p in powers])
-        return cls(designed, cv, bounded_cv, sizes, noise_sway(file, model), tuple(found), tuple(bodies), distances)
+        noise = noise_sway(file, model)
+        return cls(designed, cv, bounded_cv, sizes, noise, others, tuple(found), tuple(bodies), distances)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -208,6 +215,7 @@ class StimulusDesign(Summary):
             "parameters": list(self.names),
             "predicted_cv": {"sequence": self.cv[0], "design": self.cv[1]},
             "predicted_cv_with_bounds": {"sequence": self.bounded_cv[0], "design": self.bounded_cv[1]},
+            "other_bodies": asdict(self.others),
             "differences": self._differences(),
             "verification": [_spread(s) for s in self.spreads],
             "bodies": [

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from mcstudy.stimulus_design.bodies import drawn, model_of, relative
 from mcstudy.stimulus_design.criteria import Criterion
 from mcstudy.stimulus_design.design_file import DIFFERENCE, DesignFile
 from mcstudy.stimulus_design.difference import Difference, difference, require_shown
+from mcstudy.stimulus_design.evoked_sway import SwayLimit
 from mcstudy.stimulus_design.optimum import Allowed, Optimum, grouped, maximum
 from mcstudy.stimulus_design.phases import crest_factor, low_crest
 from mcstudy.streams import stream
@@ -90,7 +93,6 @@ def designed(file: DesignFile) -> Designed:
     base, seed, limits = file.group(), file.design.seed, file.limits
     model = model_of(file, file.model)
     models = [model, *(model_of(file, b) for b in drawn(file, file.prior.bodies, stream(seed, "design_prior")))]
-    limited = [model_of(file, b) for b in drawn(file, file.prior.sway_bodies, stream(seed, "design_sway"))]
     sequence = stimulus(base, file.design.amplitude)
     c = sequence.coefficients()
     harmonic = np.arange(1, int(file.design.fmax * sequence.period_s + 0.5) + 1, 2)
@@ -98,14 +100,16 @@ def designed(file: DesignFile) -> Designed:
     f, before = harmonic / sequence.period_s, np.abs(c[harmonic]) ** 2
     empty = grouped(harmonic, file.design.detection, stream(seed, "design_detection"))
     used = ~empty
-    rms, name, shown = limits.rms, "limits.rms", None
+    try:
+        shown, best = _objective(file, models, f, before, used)
+    except InputError as error:
+        raise DesignError(str(error)) from None
+    sway = SwayLimit.of(file, model, sequence, f[used])
+    rms, name = limits.rms, "limits.rms"
     for _ in range(ROUNDS):
-        allowed = _allowed(file, [*models, *limited], sequence, f, used, rms, name)
+        allowed = _allowed(file, sequence, f, used, rms, name)
         try:
-            if file.design.criterion == DIFFERENCE:
-                optimum, shown = _most_different(file, models, allowed, f, before, used)
-            else:
-                optimum = maximum(_criterion(file, models, f[used]), allowed)
+            optimum = sway.optimum(partial(_within, best, allowed))
         except InputError as error:
             raise DesignError(str(error)) from None
         found = _with_phases(file, sequence, harmonic[used], optimum.x)
@@ -122,9 +126,8 @@ def designed(file: DesignFile) -> Designed:
         raise DesignError(f"limits.peak: the lowest peak found is {size.peak:.4g}, got a limit of {limits.peak:g}")
     after = np.zeros(f.size)
     after[used] = optimum.x
-    shares: dict[str, float] = {}
-    for limit, share in zip(allowed.names, allowed.used(optimum.x).tolist(), strict=True):
-        shares[limit] = max(share, shares.get(limit, 0.0))  # the body whose limit is nearest
+    shares = dict(zip(allowed.names, allowed.used(optimum.x).tolist(), strict=True))
+    shares["limits.sway"] = sway.used(optimum.x)
     if limits.crest_factor:
         shares["limits.crest_factor"] = (size.crest_factor / limits.crest_factor) ** 2
     if limits.peak:
@@ -138,25 +141,40 @@ def _criterion(file: DesignFile, models: list[Model], f: np.ndarray) -> Criterio
     return Criterion(np.array(each), _columns(file, models[0]))
 
 
-def _most_different(
-    file: DesignFile, models: list[Model], allowed: Allowed, f: np.ndarray, before: np.ndarray, used: np.ndarray
-) -> tuple[Optimum, Difference]:
-    """The allowed powers at which the models differ most, and the difference for the first body at all lines.
+def _within(best: Callable[[Allowed], Optimum], allowed: Allowed, sway: np.ndarray) -> Optimum:
+    """The best allowed powers with further limits of the sway, costs (L, K)."""
+    names = (*allowed.names, *["limits.sway"] * len(sway))
+    return best(Allowed(np.concatenate([allowed.cost, sway]), allowed.least, names))
 
-    The criterion holds near a reference spectrum: first that of the sequence, ``before`` (K,), then the optimum for
-    that.
+
+def _objective(
+    file: DesignFile, models: list[Model], f: np.ndarray, before: np.ndarray, used: np.ndarray
+) -> tuple[Difference | None, Callable[[Allowed], Optimum]]:
+    """What the allowed powers shall be best for; with it, for two models, their difference for the first body.
+
+    The criterion of two models holds near a reference spectrum: first that of the sequence, ``before`` (K,), then the
+    optimum for that.
     """
-    kind = file.stimulus.kind
+    if file.design.criterion != DIFFERENCE:
+        return None, partial(maximum, _criterion(file, models, f[used]))
     for m in models:
         relative(m)  # the errors of parameters are relative
     shown = difference(models[0], file.design.effects, f, before, whitener(file, models[0], f))
-    require_shown(shown, before, kind)
-    power = before[used]
-    for _ in range(REFERENCES):
+    require_shown(shown, before, file.stimulus.kind)
+
+    def near(power: np.ndarray) -> Criterion:
         each = [difference(m, file.design.effects, f[used], power, whitener(file, m, f[used])) for m in models]
-        optimum = maximum(Criterion(np.array([d.information for d in each]), each[0].columns), allowed)
-        power = optimum.x
-    return optimum, shown
+        return Criterion(np.array([d.information for d in each]), each[0].columns)
+
+    first = near(before[used])
+
+    def best(allowed: Allowed) -> Optimum:
+        optimum = maximum(first, allowed)
+        for _ in range(1, REFERENCES):
+            optimum = maximum(near(optimum.x), allowed)
+        return optimum
+
+    return shown, best
 
 
 def whitener(file: DesignFile, model: Model, f: np.ndarray) -> np.ndarray:
@@ -221,10 +239,8 @@ def _columns(file: DesignFile, model: Model) -> np.ndarray | None:
     return unit[:, [model.names.index(file.design.parameter)]]
 
 
-def _allowed(
-    file: DesignFile, models: list[Model], sequence: Stimulus, f: np.ndarray, used: np.ndarray, rms: float, name: str
-) -> Allowed:
-    """The limits as shares of power; ``rms`` is the limit of the stimulus, set by the field ``name``."""
+def _allowed(file: DesignFile, sequence: Stimulus, f: np.ndarray, used: np.ndarray, rms: float, name: str) -> Allowed:
+    """The limits that no body matters for, as shares of power; ``rms``: of the stimulus, set by the field ``name``."""
     c = sequence.coefficients()
     k = np.flatnonzero(c)
     every, power = k / sequence.period_s, np.abs(c[k]) ** 2
@@ -232,11 +248,6 @@ def _allowed(
     if file.limits.rate:
         rows.append(f**2 / (power @ every**2) / file.limits.rate**2)
         names.append("limits.rate")
-    for model in models:
-        response = np.abs(frf(model, model.truth, every)[:, : model.n_angles]) ** 2
-        at_lines = np.abs(frf(model, model.truth, f)[:, : model.n_angles]) ** 2
-        rows += list((at_lines / (power @ response) / file.limits.sway**2).T)
-        names += ["limits.sway"] * model.n_angles
     kept = file.design.keep * np.abs(c[np.round(f * sequence.period_s).astype(int)]) ** 2
     return Allowed(np.array(rows)[:, used], kept[used], tuple(names))
 

@@ -36,6 +36,7 @@ def text(design: StimulusDesign) -> str:
     parts.append(_parameters(design))
     if design.spreads:
         parts += [_verified(design), *(_fits(design, s) for s in design.spreads)]
+    parts.append(fill(sway_words(design)))
     if design.bodies:
         parts.append(fill(bodies_words(design)))
     return "\n\n".join(parts)
@@ -58,7 +59,7 @@ def heading(design: StimulusDesign) -> str:
         f"{s.name}: {what}, {counted(len(d.stimulus.harmonic), 'odd line')} up to {d.f[-1]:.3g} Hz"
         f"{empty}, {d.file.cycles} cycles of {d.stimulus.period_s:g} s, amplitude {d.stimulus.amplitude:.4g} "
         f"{d.model.stimulus_unit} ({convention}). Predicted: standard deviations lower by x{gain:.3g} (geometric "
-        f"mean), x{kept:.3g} with the bounds of the fit. No allowed spectrum is better by more than "
+        f"mean), x{kept:.3g} with the bounds of the fit. No spectrum within the same limits is better by more than "
         f"{50 * d.optimum.gap:.1g} % in the {gained}. Largest line: {100 * largest:.0f} % of the power."
     )
 
@@ -108,7 +109,9 @@ def size_rows(design: StimulusDesign) -> list[list[str]]:
 def limits_used(design: StimulusDesign) -> str:
     """How near every limit is."""
     limits = [f"{LIMITS[name]} {100 * np.sqrt(share):.0f} %" for name, share in sorted(design.designed.limits.items())]
-    return "Used of the limits (in amplitude; sway: of the body whose limit is nearest): " + ", ".join(limits) + "."
+    share = design.designed.file.limits.bodies_within
+    other = f", or of the one in whom {100 * share:g} % of the bodies sway less" if share else ""
+    return f"Used of the limits (in amplitude; sway: of the body of the file{other}): " + ", ".join(limits) + "."
 
 
 def _parameters(design: StimulusDesign) -> str:
@@ -157,17 +160,31 @@ def _fits(design: StimulusDesign, s: Spread) -> str:
     return f"{title}\n{table(head, rows)}"
 
 
+def sway_words(design: StimulusDesign) -> str:
+    """How many bodies that nobody knew keep the limit of the sway."""
+    o, limits = design.others, design.designed.file.limits
+    asked = (
+        f"{100 * limits.bodies_within:g} % of the bodies shall"
+        if limits.bodies_within
+        else "the body of the file shall"
+    )
+    return (
+        f"Sway: {asked} sway at most {limits.sway:g} times as much as with the sequence. Of {o.drawn:,} other bodies "
+        f"drawn within ±{100 * design.designed.file.prior.spread:g} %, {100 * o.within:.1f} % "
+        f"[{100 * o.low:.1f}, {100 * o.high:.1f}] do: median {o.median:.3g}, 95th percentile {o.percentile_95:.3g}, "
+        f"largest {o.largest:.3g} times."
+    )
+
+
 def bodies_words(design: StimulusDesign) -> str:
-    """Bodies that the design did not know: predicted and found reduction of the errors, and sway."""
+    """Bodies that the design did not know: predicted and found reduction of the errors."""
     file, n = design.designed.file, len(design.bodies)
-    said, sway = (np.array([getattr(b, name) for b in design.bodies]) for name in ("predicted", "sway"))
+    said = np.array([b.predicted for b in design.bodies])
     fits = [b.found for b in design.bodies if b.found is not None]
     which = "other body" if n == 1 else "other bodies"
     words = (
         f"{n} {which} drawn within ±{100 * file.prior.spread:g} %: predicted standard deviations with bounds lower by "
-        f"x{_mean(said):.3g} (geometric mean over bodies; x{said.min():.3g} to x{said.max():.3g}); evoked sway of the "
-        f"sequence's: median {np.median(sway):.3g}, largest {sway.max():.3g}, above its limit in "
-        f"{(sway > file.limits.sway).sum()} of {n}."
+        f"x{_mean(said):.3g} (geometric mean over bodies; x{said.min():.3g} to x{said.max():.3g})."
     )
     if fits:
         found, error = np.array([s.mean for s in fits]), np.median([s.mean_error for s in fits])

@@ -56,7 +56,7 @@ from mcstudy.stance.body import two_segment
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """The matrices are small: threads of the linear algebra would cost more than they save."""
 
-FIELDS = {"realizations": int, "truths": list, "cycles": list, "fmax": list, "block": int}
+FIELDS = {"realizations": int, "truths": list, "cycles": list, "amplitude": list, "fmax": list, "block": int}
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -77,8 +77,8 @@ def read(path: Path) -> dict[str, Any]:
 KINDS = {"judged": "coverage", "ends": "coverage_ends", "open": "coverage_open"}
 """What a block may hold, and the name of the file with all of them."""
 
-Job = tuple[int, int, int, int]
-"""Number of the body, cycles, first realization, and the one after the last."""
+Job = tuple[int, int, float, int, int]
+"""Number of the body, cycles, peak of the torque (N m), first realization, and the one after the last."""
 
 
 def block(
@@ -94,15 +94,15 @@ def block(
     if path.exists():
         return 0.0
     began = time.process_time()
-    truth, cycles, first, last = job
+    truth, cycles, amplitude, first, last = job
     found: dict[str, np.ndarray] = {}
     if kind == "ends":
         for highest in fmax:
-            one = intervals(Condition(truth, cycles, highest), first, last, time_domain)
+            one = intervals(Condition(truth, cycles, highest, amplitude), first, last, time_domain)
             found |= {f"{highest:g} {name}": values for name, values in one.items()}
     if not time_domain:
         bounds = opened() if kind == "open" else None
-        answers = judgements(truth, cycles, fmax, first, last, bounds, effects)
+        answers = judgements(truth, cycles, fmax, first, last, bounds, effects, amplitude)
         found |= {f"{highest:g} judged": x for highest, x in answers.items()}
     with replacing(path) as file:
         np.savez(file, **found)
@@ -111,36 +111,37 @@ def block(
 
 def place(folder: Path, job: Job, kind: str, effects: dict[str, float] | None = None) -> Path:
     """The file of a block."""
-    truth, cycles, first, last = job
+    truth, cycles, amplitude, first, last = job
     added = "".join(f"_{name}_{size:g}" for name, size in (effects or {}).items())
-    return folder / f"{kind}{added}_truth{truth}_cycles{cycles}_{first}_{last}.npz"
+    return folder / f"{kind}{added}_truth{truth}_cycles{cycles}_torque{amplitude:g}_{first}_{last}.npz"
 
 
 def collect(
     settings: dict[str, Any], folder: Path, jobs: list[Job], kind: str, effects: dict[str, float] | None = None
 ) -> xr.Dataset:
-    """Everything in the blocks, by (truth, cycles, fmax, realization, quantity), with the true values."""
+    """Everything in the blocks, by (truth, cycles, amplitude, fmax, realization, quantity), with the true values."""
     names = [q.name for q in quantities(apply(two_segment(), *(effects or {})))]
-    axes = [settings[a] for a in ("truths", "cycles", "fmax")]
+    axes = [settings[a] for a in ("truths", "cycles", "amplitude", "fmax")]
     shape = *map(len, axes), settings["realizations"]
     kept = {"intervals": COLUMNS, "about": ABOUT, "judged": JUDGED}
     found: dict[str, np.ndarray] = {}
     for job in jobs:
-        truth, cycles, first, last = job
+        truth, cycles, amplitude, first, last = job
+        where = axes[0].index(truth), axes[1].index(cycles), axes[2].index(amplitude)
         with np.load(place(folder, job, kind, effects)) as stored:
-            for (f, highest), (part, columns) in product(enumerate(axes[2]), kept.items()):
+            for (f, highest), (part, columns) in product(enumerate(axes[3]), kept.items()):
                 if (values := stored.get(f"{highest:g} {part}")) is None:
                     continue
-                at = axes[0].index(truth), axes[1].index(cycles), f, slice(first, last)
+                at = *where, f, slice(first, last)
                 for i, column in enumerate(columns):
                     if part == "judged" and kind == "ends" and column != "contained":
                         continue
                     whole = found.setdefault(column, np.full((*shape, *values.shape[1:-1]), np.nan))
                     whole[at] = values[..., i]
-    dims = ("truth", "cycles", "fmax", "realization", "quantity")
+    dims = ("truth", "cycles", "amplitude", "fmax", "realization", "quantity")
     data: dict[str, Any] = {name: (dims[: values.ndim], values) for name, values in found.items()}
     data["true_value"] = (("truth", "quantity"), np.array([truths(t, names, effects) for t in axes[0]]))
-    coords = {"truth": axes[0], "cycles": axes[1], "fmax": axes[2], "quantity": names}
+    coords = {"truth": axes[0], "cycles": axes[1], "amplitude": axes[2], "fmax": axes[3], "quantity": names}
     return xr.Dataset(data, coords, attrs={"level": LEVEL})
 
 
@@ -153,20 +154,22 @@ def table(data: xr.Dataset) -> str:
         parts.append((data.low_by_data == 1) & (data.high_by_data == 1))
     held, n = parts[0], data.sizes["realization"]
     lines = [f"{n} realizations of each of {data.sizes['truth']} bodies", ""]
-    columns = list(product(data.cycles.values, data.fmax.values))
-    lines.append("".join([f"{'quantity':14}", *(f"{f'{c} cycles, {f:g} Hz':>22}" for c, f in columns)]))
+    columns = list(product(data.amplitude.values, data.cycles.values, data.fmax.values))
+    heads = (f"{f'{a:g} N m, {c} cycles, {f:g} Hz':>28}" for a, c, f in columns)
+    lines.append("".join([f"{'quantity':14}", *heads]))
     for name in [*data.quantity.values, "mean"]:
         row = f"{name:14}"
-        for c, f in columns:
-            cell = [x.sel(cycles=c, fmax=f) for x in parts]
+        for a, c, f in columns:
+            cell = [x.sel(amplitude=a, cycles=c, fmax=f) for x in parts]
             if name != "mean":
                 cell = [x.sel(quantity=name) for x in cell]
             first, *others = (100 * float(x.mean()) for x in cell)
-            row += f"{first:.1f} ({'; '.join(f'{x:.0f}' for x in others)})".rjust(22)
+            row += f"{first:.1f} ({'; '.join(f'{x:.0f}' for x in others)})".rjust(28)
         lines.append(row)
     if "rise" in data:
-        plain = [100 * float((data.rise.sel(cycles=c, fmax=f) <= chi2.ppf(LEVEL, 1)).mean()) for c, f in columns]
-        lines.append(f"{'uncorrected':14}" + "".join(f"{x:.1f}".rjust(22) for x in plain))
+        rises = [data.rise.sel(amplitude=a, cycles=c, fmax=f) for a, c, f in columns]
+        plain = [100 * float((x <= chi2.ppf(LEVEL, 1)).mean()) for x in rises]
+        lines.append(f"{'uncorrected':14}" + "".join(f"{x:.1f}".rjust(28) for x in plain))
     by_body = held.mean("realization") * 100
     low, high = by_body.min(("truth",)), by_body.max(("truth",))
     lines += ["", f"by body: {float(low.min()):.1f} to {float(high.max()):.1f} %"]
@@ -193,10 +196,11 @@ def write_csv(data: xr.Dataset, path: Path) -> None:
     n = data.sizes["realization"] * data.sizes["truth"]
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["cycles", "fmax", "realizations", "quantity", *Covered._fields])
-        for c, f, q in product(data.cycles.values, data.fmax.values, data.quantity.values):
-            percent = [f"{float(x.sel(cycles=c, fmax=f, quantity=q)):.2f}" for x in cells]
-            rows.writerow([c, f"{f:g}", n, q, *percent])
+        rows.writerow(["amplitude", "cycles", "fmax", "realizations", "quantity", *Covered._fields])
+        axes = (data[name].values for name in ("amplitude", "cycles", "fmax", "quantity"))
+        for a, c, f, q in product(*axes):
+            percent = [f"{float(x.sel(amplitude=a, cycles=c, fmax=f, quantity=q)):.2f}" for x in cells]
+            rows.writerow([f"{a:g}", c, f"{f:g}", n, q, *percent])
 
 
 def main() -> None:
@@ -230,8 +234,8 @@ def main() -> None:
         parser.error("--csv: expected none of --ends, --open and --with")
     kind = "ends" if args.ends else "open" if args.open else "judged"
     n, size = settings["realizations"], settings["block"]
-    bodies = list(product(settings["truths"], settings["cycles"]))
-    jobs = [(truth, cycles, k, min(k + size, n)) for k in range(0, n, size) for truth, cycles in bodies]
+    bodies = list(product(settings["truths"], settings["cycles"], settings["amplitude"]))
+    jobs = [(*body, k, min(k + size, n)) for k in range(0, n, size) for body in bodies]
     args.output.mkdir(parents=True, exist_ok=True)
     run = partial(
         block, fmax=settings["fmax"], folder=args.output, kind=kind, time_domain=args.time_domain, effects=args.effect

@@ -138,7 +138,13 @@ def test_other_data_and_other_options_have_other_diagnoses(
     asked = [[one], [two], [one, two], [two, one], [edited], [replace(one, name="other")]]
     for recordings in asked:
         kept_diagnosis(recordings, OPTIONS, computed)
-    for options in ({"seed": 1}, {"accept": ["units_theta1"]}, {"method": "bootstrap"}, {"fmax": 8.0}):
+    for options in (
+        {"seed": 1},
+        {"accept": ["units_theta1"]},
+        {"method": "bootstrap"},
+        {"fmax": 8.0},
+        {"prior_none": 0.3},
+    ):
         kept_diagnosis([one], OPTIONS | options, computed)
     assert computed.times == 10
 

@@ -220,3 +220,39 @@ def test_trials_of_one_kind_are_pooled(lagging: Recording) -> None:
     both = diagnose_fast([lagging.select((0,)), lagging.select((1,))])
     assert both.method["trials"] == 2
     assert both.lines.counts == (len(both.lines),)
+
+
+def test_the_prior_and_the_bayes_factor_are_stated_and_anyone_can_apply_his_own(
+    lagging: Recording, out: Diagnosis, plain_recordings: list[Recording]
+) -> None:
+    for recording, seed in ((lagging, 3), (plain_recordings[0], 0)):
+        default = out if recording is lagging else diagnose_fast(recording, seed=seed)
+        plain = default.to_dict()
+        assert plain["prior"] == {"none": 0.30, "single": 0.52, "pair": 0.03, "unknown": 0.11, "beside": 0.04}
+        for p in (0.1, 0.7):
+            other = diagnose_fast(recording, seed=seed, prior_none=p)
+            schema.validate("diagnosis", other.to_dict(), "diagnosis")
+            assert sum(other.prior.values()) == pytest.approx(1)
+            assert other.prior["single"] / other.prior["unknown"] == pytest.approx(0.52 / 0.11)
+            assert other.none_log_factor == pytest.approx(default.none_log_factor, abs=1e-9)
+            odds = p / (1 - p) * np.exp(default.none_log_factor)
+            assert other.none_probability == pytest.approx(odds / (1 + odds), rel=1e-9, abs=1e-12)
+            assert (other.p_value, other.closed) == (default.p_value, default.closed)
+            ratio = [c.probability / (1 - d.none_probability) for d in (default, other) for c in d.causes[:1]]
+            assert ratio[0] == pytest.approx(ratio[1], rel=1e-9)
+        assert "Prior probabilities: no missing effect 30 %, one effect of the library 52 %" in " ".join(
+            text(default).split()
+        )
+
+
+def test_a_bayes_factor_beyond_all_evidence_is_a_limit(out: Diagnosis) -> None:
+    said = [" ".join(text(replace(out, none_log_factor=x)).split()) for x in (-900.0, -1.0, 900.0)]
+    assert "against all others: below 1e-06;" in said[0]
+    assert "against all others: 0.37;" in said[1]
+    assert "against all others: above 1e+06;" in said[2]
+
+
+@pytest.mark.parametrize("p", [0.0, 1.0, -0.1, float("nan"), "0.3"])
+def test_a_prior_that_is_no_probability_is_refused_before_the_work(lagging: Recording, p: float) -> None:
+    with pytest.raises(InputError, match=r"prior_none: expected a probability above 0 and below 1"):
+        diagnose_fast(lagging, prior_none=p)

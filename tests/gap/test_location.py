@@ -22,7 +22,7 @@ def _explanation(lines: Lines, *shares: tuple[tuple[str, ...], float], unknown: 
     base = Fitter(BASE, weak_prior(BASE, BASE), data.f).best(data, BASE.truth[None])
     hypotheses = tuple((Hypothesis(names, 0.0, base), p) for names, p in shares)
     none = sum(p for names, p in shares if not names)
-    return Explanation((), none, sum(unknown.values()), unknown, hypotheses)
+    return Explanation((), none, sum(unknown.values()), unknown, hypotheses, 0.0)
 
 
 def test_places_share_the_posterior(plain_lines: list[Lines]) -> None:

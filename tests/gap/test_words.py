@@ -136,6 +136,8 @@ def test_no_share_closed_is_stated_without_its_interval_and_what_noise_leaves_of
 ) -> None:
     stated = 0
     for case, d in variants:
+        assert (d.closed is None) == (d.added is None), case
+        assert (d.to_dict()["closed"] is None) == (d.added is None), case
         share = re.search(r"closes? (\d+) % (\[\d+, \d+\])? ?of the gap", verdict(d))
         rows = {row[0]: row for row in closing(d).rows}
         assert (share is None) == (d.added is None), case

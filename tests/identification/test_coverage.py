@@ -69,14 +69,14 @@ def test_drawn_lines_are_those_of_a_simulated_recording() -> None:
 
 
 def test_a_stopped_study_goes_on_and_counts_every_test(example: dict[str, Any], tmp_path: Path) -> None:
-    settings = {"realizations": 3, "truths": [0], "cycles": [3], "fmax": [1.2, 3.1], "block": 2}
-    jobs = [(0, 3, 0, 2), (0, 3, 2, 3)]
+    settings = {"realizations": 3, "truths": [0], "cycles": [3], "amplitude": [5.0], "fmax": [1.2, 3.1], "block": 2}
+    jobs = [(0, 3, 5.0, 0, 2), (0, 3, 5.0, 2, 3)]
     assert example["block"](jobs[0], settings["fmax"], tmp_path, "judged") > 0
     assert example["block"](jobs[0], settings["fmax"], tmp_path, "judged") == 0.0  # it is there
     example["block"](jobs[1], settings["fmax"], tmp_path, "judged")
     data = example["collect"](settings, tmp_path, jobs, "judged")
     whole = coverage.judgements(0, 3, settings["fmax"], 0, 3)[3.1]
-    np.testing.assert_array_equal(data.rise.sel(fmax=3.1).values[0, 0], whole[:, :, JUDGED.index("rise")])
+    np.testing.assert_array_equal(data.rise.sel(fmax=3.1).values[0, 0, 0], whole[:, :, JUDGED.index("rise")])
     row = next(line for line in example["table"](data).splitlines() if line.startswith("mean"))
     assert float(row.split()[3]) == pytest.approx(100 * float(data.contained.sel(fmax=3.1).mean()), abs=0.06)
     example["write_csv"](data, tmp_path / "coverage.csv")
@@ -91,9 +91,9 @@ def test_intervals_contain_the_truth_where_the_test_at_the_truth_says_so(
     example: dict[str, Any], tmp_path: Path
 ) -> None:
     """Two ways to the same answer: both ends of an interval, and one fit with the quantity at its true value."""
-    settings = {"realizations": 4, "truths": [0], "cycles": [6], "fmax": [3.1], "block": 4}
-    example["block"]((0, 6, 0, 4), settings["fmax"], tmp_path, "ends")
-    data = example["collect"](settings, tmp_path, [(0, 6, 0, 4)], "ends")
+    settings = {"realizations": 4, "truths": [0], "cycles": [6], "amplitude": [5.0], "fmax": [3.1], "block": 4}
+    example["block"]((0, 6, 5.0, 0, 4), settings["fmax"], tmp_path, "ends")
+    data = example["collect"](settings, tmp_path, [(0, 6, 5.0, 0, 4)], "ends")
     held = (data.low <= data.true_value) & (data.true_value <= data.high)
     np.testing.assert_array_equal(data.contained, held)
     found = example["table"](data)

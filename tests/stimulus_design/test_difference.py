@@ -21,6 +21,7 @@ from mcstudy.stimulus_design.spectrum import whitener
 
 SHOW: dict[str, Any] = {
     "design": {"name": "show", "seed": 3, "phase_starts": 1, "criterion": "difference", "effects": ["integral_ankle"]},
+    "limits": {"bodies_within": 0.0},
     "prior": {"bodies": 1},
     "stimulus": {"stages": 6},
     "verify": {"bodies": 1},

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy, neural, robust, selection
@@ -20,6 +21,7 @@ from mcstudy.analysis.performance import WITH_ERRORS, performance
 from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
+from mcstudy.fitting.certainty import WANTED
 
 _BESIDE = ("floor", "lower", "upper", "box", "box_mcse", "used")
 """Further numbers of a result that the tables hold."""
@@ -156,6 +158,7 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
         "median_cost": quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True),
         "median_j_nc": quantiles(neural.j_nc(cells, view.model), (0.5,)).isel(quantile=0, drop=True),
         "missed_minimum": _mean_over_realizations(needed["missed"]),
+        "missed_minimum_upper": _mean_over_realizations(np.maximum(needed["missed_upper"], WANTED)),
         "starts_needed_median": quantile.sel(quantile=0.5, drop=True),
         "starts_needed_90th": quantile.sel(quantile=0.9, drop=True),
     }

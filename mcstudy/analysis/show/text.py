@@ -7,6 +7,7 @@ from typing import Any
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.paper.published import MARGINS
 from mcstudy.analysis.paper.verdict_names import AGREES, LIMIT
+from mcstudy.analysis.show.missed import missed_words
 from mcstudy.stance.own_values import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
 
@@ -208,7 +209,7 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
                 number(cell["median_cost"]["value"]),
                 number(cell["median_j_nc"]["value"]),
                 number(cell["hit_rate"], 2),
-                number(None if (missed := cell["missed_minimum"]["value"]) is None else 100 * missed, 2),
+                missed_words(cell),
                 *(_starts(cell[f"starts_needed_{q}"]) for q in ("median", "90th")),
             ]
         )
@@ -218,8 +219,8 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
         "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, no bound: % of best "
         "fits that\nare unstable, that touch no bound. cost, J_NC: medians. success: fraction of starts that reach "
         "the lowest cost.\nmissed: chance that as many new starts miss that cost, and so that these missed a lower "
-        "one (mean).\nstarts, 90th: new starts needed for 95 % certainty, median and 90th percentile over realizations "
-        "[95 % interval;\n-: an end that so few realizations cannot bound]."
+        "one (mean); it is\nnot known better than to 1 %. starts, 90th: new starts needed for 95 % certainty, median "
+        "and 90th percentile\nover realizations [95 % interval; -: an end that so few realizations cannot bound]."
     )
 
 

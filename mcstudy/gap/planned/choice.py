@@ -13,6 +13,7 @@ from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.gain import Told, told
 from mcstudy.gap.planned.predictions import Belief, Expected, Recorded, moved, predictions
+from mcstudy.gap.planned.response import SURE, chances, least_amplitude
 from mcstudy.gap.planned.trials import SPECTRA, PlannedTrial, SwayNoise
 from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.recordings.frf import FrfRecording
@@ -21,6 +22,7 @@ from mcstudy.recordings.recording import AMPLITUDE, Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import STIMULI
 from mcstudy.stance.joint import members, under
+from mcstudy.stance.response import frf
 from mcstudy.streams import stream
 
 KINDS = ("ankle_torque", "hip_torque", "platform_translation")
@@ -108,18 +110,38 @@ class Situation:
             fmax,
         )
 
-    def amplitude(self, kind: str, spectrum: str) -> float:
-        """The recorded amplitude of a kind, else one that evokes no more sway of any angle than was recorded."""
+    def amplitude(self, kind: str, spectrum: str, cycles: int = CYCLES) -> float:
+        """The recorded amplitude of a kind, else one that evokes no more sway of any angle than was recorded.
+
+        It is larger only where a trial of so many ``cycles`` would show no response otherwise.
+        """
         if kind in self.amplitudes and spectrum == "prts":
             return self.amplitudes[kind]
-        unit = PlannedTrial(kind, 1.0, spectrum, 1, CYCLES, 1, self.fmax)
-        recorded = self.expected.recorded
-        base = moved(recorded.base, under(recorded.base.model, kind, recorded.body))[0]
-        evoked = _rms(np.abs(unit.drive) ** 2, base.response(unit.f))
-        most = float((self.sway / evoked).min())
-        step = 10.0 ** (np.floor(np.log10(most)) + 1 - DIGITS)
+        unit = PlannedTrial(kind, 1.0, spectrum, 1, cycles, 1, self.fmax)
+        most = float((self.sway / _rms(np.abs(unit.drive) ** 2, self.responses(unit)[0])).min())
+        least = least_amplitude(unit, self.shown)
+        size, rounded = (most, np.floor) if most >= least else (least, np.ceil)
+        step = 10.0 ** (np.floor(np.log10(size)) + 1 - DIGITS)
         allowed = AMPLITUDE[STIMULI[kind]]
-        return float(np.clip(round(np.floor(most / step) * step, 12), allowed.low, allowed.high))
+        return float(np.clip(round(float(rounded(size / step)) * step, 12), allowed.low, allowed.high))
+
+    def responses(self, trial: PlannedTrial) -> np.ndarray:
+        """Of the fitted body, the nominal one and all hypotheses, (B, N, 2), rad per unit of the stimulus."""
+        recorded = self.expected.recorded
+        model = under(recorded.base.model, trial.kind, recorded.body)
+        fitted, nominal = moved(recorded.base, model)[0].response(trial.f), frf(model, model.truth, trial.f)
+        return np.array([fitted, nominal, *self.expected.responses(trial)])
+
+    @property
+    def dof(self) -> float:
+        """Complex degrees of freedom of the noise at a line of one trial, of the recording with the fewest."""
+        parts = self.expected.recorded.lines.parts
+        return min(float(np.median(p.noise.dof)) / np.unique(p.trial).size for p in parts)
+
+    def shown(self, trial: PlannedTrial) -> float:
+        """Chance that a trial shows a response, without which its recording is refused."""
+        fitted, nominal, *of = chances(trial, self.noise, self.responses(trial), self.dof).tolist()
+        return min(fitted, nominal, float(self.expected.belief.probability @ of))
 
 
 def _sway(lines: Lines, base: Fitted) -> np.ndarray:
@@ -141,7 +163,8 @@ def possible_trials(
 ) -> list[Plan]:
     """What could be recorded next: so many trials of one kind, or half of them of one kind and half of another.
 
-    Raises `InputError` for a kind, amplitude, spectrum or number that cannot be recorded.
+    Trials whose recording would be refused, because it shows no response, are left out. Raises `InputError` for a kind,
+    amplitude, spectrum or number that cannot be recorded, and when no trial is left.
     """
     given = dict(amplitudes or {})
     require_possible(kinds, given, spectra, trials, cycles)
@@ -150,12 +173,19 @@ def possible_trials(
         PlannedTrial(kind, a, spectrum, 1, cycles, 1, now.fmax)
         for kind in chosen
         for spectrum in spectra
-        for a in given.get(kind, (now.amplitude(kind, spectrum),))
+        for a in given.get(kind) or (now.amplitude(kind, spectrum, cycles),)
     ]
     single: list[Plan] = [(replace(t, trials=n),) for t in alone for n in trials]
     halves = [n // 2 for n in trials if n % 2 == 0]
     mixed = [(replace(a, trials=n), replace(b, trials=n)) for a, b in combinations(alone, 2) for n in halves]
-    return [*single, *mixed]
+    plans = [plan for plan in (*single, *mixed) if min(map(now.shown, plan)) >= SURE]
+    if not plans:
+        said = ", ".join(f"{t.kind} {t.amplitude:g} {t.unit} {100 * now.shown(t):.0f} %" for t in alone)
+        raise InputError(
+            f"next trial: expected a response beyond noise with a chance of {100 * SURE:g} %, got {said}; "
+            "give larger amplitudes or more cycles"
+        )
+    return plans
 
 
 def require_possible(

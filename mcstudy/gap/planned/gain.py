@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from mcstudy.gap.planned.predictions import Belief, Predictions
+from mcstudy.gap.planned.predictions import NOTHING, Belief, Predictions
 
 DRAWS = 40
 """Drawn responses per hypothesis and trial."""
@@ -33,6 +33,8 @@ class Told:
         That entropy before the trial, bits.
     probability
         Expected posterior probability of the true cause.
+    probability_if_missing
+        The same if an effect is missing, or a cause outside the library; 1 where nothing else is possible.
     set_size
         Expected number of causes in the smallest set of 95 %.
     separated
@@ -43,6 +45,7 @@ class Told:
     bits: float
     entropy: float
     probability: float
+    probability_if_missing: float
     set_size: float
     separated: np.ndarray
 
@@ -63,12 +66,15 @@ def told(found: Predictions, belief: Belief, rng: np.random.Generator, draws: in
     weight = np.repeat(p / draws, draws)
     true = np.repeat(member, draws, axis=0)  # (H D, K)
     prior = member.T @ p
+    right = (posterior.T * true).sum(axis=1)
+    missing = np.repeat([float(c != NOTHING) for c in belief.causes], draws) * weight
     ordered = -np.sort(-posterior, axis=0)
     sizes = 1 + (np.cumsum(ordered, axis=0) < CREDIBLE).sum(axis=0)
     return Told(
         bits=_entropy(prior[:, None])[0] - float(weight @ _entropy(posterior)),
         entropy=float(_entropy(prior[:, None])[0]),
-        probability=float(weight @ (posterior.T * true).sum(axis=1)),
+        probability=float(weight @ right),
+        probability_if_missing=float(missing @ right / missing.sum()) if missing.any() else 1.0,
         set_size=float(weight @ sizes),
         separated=_separated(log, p, member),
     )

@@ -12,6 +12,7 @@ from mcstudy.files import schema
 from mcstudy.files.json_files import plain
 from mcstudy.fitting.penalised import Data
 from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.nearest_words import chance
 from mcstudy.gap.planned.choice import CYCLES, TRIALS, Option, Plan, Situation, possible_trials, ranked
 from mcstudy.gap.planned.trials import SPECTRA, PlannedTrial
 from mcstudy.gap.planned.twins import Twins, twins, twins_after
@@ -27,14 +28,15 @@ DECIDED = 0.6
 SHOWN = 12
 """Most trials that a table lists."""
 
-HEADER = ["trial", "minutes", "bits", "P(true)", "causes", "would tell apart"]
+HEADER = ["trial", "minutes", "bits", "P(true)", "if a gap", "causes", "would tell apart"]
 """Columns of the tables."""
 
 NOTE = (
-    "bits: expected information about the cause. P(true), causes: expected posterior probability of the true cause, "
-    "and number of causes in the 95 % set. Last column: the two causes for which the trial matters most, and the "
-    "chance that it names the right one of them (50 % by guessing). Amplitudes are peaks; where none was recorded or "
-    "given, the one that evokes no more sway than was recorded."
+    "bits: expected information about the cause. P(true): expected posterior probability of the true cause, with the "
+    "probabilities above, so that much of it may be that nothing is missing; if a gap: the same if something is. "
+    "causes: expected number of causes in the 95 % set. Last column: the two causes for which the trial matters most, "
+    "and the chance that it names the right one of them (50 % by guessing). Amplitudes are peaks; where none was "
+    "recorded or given, the one that evokes no more sway than was recorded, but shows a response."
 )
 """What the columns mean."""
 
@@ -76,7 +78,7 @@ class NextTrial(Summary):
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
-        causes = "; ".join(f"{n} {100 * p:.0f} %" for n, p in self.causes[:4])
+        causes = "; ".join(f"{n} {chance(p)}" for n, p in self.causes[:4])
         return [("name", shortened(self.name)), ("causes", causes), ("next", self.sentence(self.best))]
 
     def decides(self, option: Option) -> tuple[str, str, float] | None:
@@ -119,6 +121,7 @@ class NextTrial(Summary):
                 f"{o.duration_s / 60:.1f}",
                 f"{o.told.bits:.2f}",
                 f"{o.told.probability:.2f}",
+                f"{o.told.probability_if_missing:.2f}",
                 f"{o.told.set_size:.1f}",
                 self.decision(o),
             ]
@@ -144,7 +147,7 @@ class NextTrial(Summary):
     def text(self) -> str:
         """What `mcstudy gap next` prints."""
         now = self.best.told.entropy
-        known = ", ".join(f"{n} ({100 * p:.0f} %)" for n, p in self.causes)
+        known = ", ".join(f"{n} ({chance(p)})" for n, p in self.causes)
         lines = [f"{self.name}. Possible causes: {known}; {number(now, 2)} bits are open."]
         if not self.open:
             lines.append("The cause is known from these recordings: no further trial is needed to name it.")
@@ -172,6 +175,7 @@ class NextTrial(Summary):
                         "duration_s": o.duration_s,
                         "bits": o.told.bits,
                         "probability": o.told.probability,
+                        "probability_if_missing": o.told.probability_if_missing,
                         "set_size": o.told.set_size,
                         "decides": None
                         if (d := self.decides(o)) is None

@@ -197,6 +197,10 @@ class Expected:
             alone.append(free)
         return _Part(mean, shared, alone)
 
+    def responses(self, trial: PlannedTrial) -> list[np.ndarray]:
+        """The mean responses (N, 2) of every hypothesis, rad per unit of the stimulus."""
+        return [H for _, _, H, _ in self._responses(trial)]
+
     def _responses(self, trial: PlannedTrial) -> list[tuple[Fitted, np.ndarray, np.ndarray, np.ndarray]]:
         """Fit, covariance (P, P), responses (N, 2) and derivatives (N, 2, P) by hypothesis."""
         key = trial.kind, trial.f.tobytes()

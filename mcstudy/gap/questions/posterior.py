@@ -1,8 +1,10 @@
 """Which effect is missing: posterior over none, single effects, pairs, amplitude dependence, drift and the unknown.
 
 Prior probabilities: `NONE` for no missing effect; `SINGLE`, divided among the causes of the library; `PAIR`, divided
-among their pairs; `UNKNOWN` for a cause outside the library; `BESIDE` for such a cause together with a named effect. A
-mislabelled recording has a prior of its own beside them (`mcstudy.gap.questions.mislabelled`).
+among their pairs; `UNKNOWN` for a cause outside the library; `BESIDE` for such a cause together with a named effect.
+Probabilities are right in a population with these shares, so the first can be set, and the Bayes factor of no missing
+effect against all others is stated: with it anyone can apply a prior of his own. A mislabelled recording has a prior of
+its own beside them (`mcstudy.gap.questions.mislabelled`).
 Effects that this recording cannot distinguish (`mcstudy.gap.candidates.signatures`) form one group with one
 probability.
 """
@@ -16,6 +18,7 @@ import numpy as np
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.declare import Effect
+from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted, whiten
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.signatures import Signature
@@ -31,6 +34,15 @@ from mcstudy.short_repr import Summary
 from mcstudy.stance.response import frf
 
 NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.52, 0.03, 0.11, 0.04
+
+MEANINGS = {
+    "none": "no missing effect",
+    "single": "one effect of the library",
+    "pair": "two effects",
+    "unknown": "a cause outside the library",
+    "beside": "such a cause beside an effect",
+}
+"""Kinds of hypotheses with a prior probability, in words."""
 
 UNSTRUCTURED_SHARE = 0.25
 """Share of the unknown that is unstructured (`mcstudy.gap.candidates.unstructured`)."""
@@ -82,13 +94,18 @@ class Cause:
         """Whether it is an effect, or two, that changes the mean response of the body."""
         return all(n in library.LIBRARY and library.effect(n).kind == "linear" for n in self.effects)
 
+    def changes(self, base: Fitted) -> bool:
+        """Whether its model is another one than that of ``base``, so that it changes the mean response."""
+        return self.fitted.model.names != base.model.names
+
 
 @dataclass(frozen=True, repr=False)
 class Explanation(Summary):
     """The posterior: named ``causes`` by decreasing probability, and the probabilities of ``none`` and ``unknown``.
 
     ``unknown_locations``: probability of the unknown by location, "" without one. ``hypotheses``: every refitted
-    hypothesis with its posterior probability.
+    hypothesis with its posterior probability. ``none_log_factor``: ln Bayes factor of no missing effect against all
+    others.
     """
 
     causes: tuple[Cause, ...]
@@ -96,12 +113,24 @@ class Explanation(Summary):
     unknown: float
     unknown_locations: dict[str, float]
     hypotheses: tuple[tuple[Hypothesis, float], ...]
+    none_log_factor: float
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
         leading = [(" and ".join(c.effects), c.probability) for c in self.causes[:3]]
         entries = [*leading, ("outside the library", self.unknown), ("no missing effect", self.none)]
         return [(name, f"{100 * p:.0f} %") for name, p in entries]
+
+
+def prior(none: float = NONE) -> dict[str, float]:
+    """Prior probability of each of `MEANINGS`, with ``none`` that of no missing effect; the others keep their ratios.
+
+    Raises `InputError` unless it is above 0 and below 1.
+    """
+    if not (isinstance(none, int | float) and 0 < none < 1):
+        raise InputError(f"prior_none: expected a probability above 0 and below 1, got {none!r}")
+    others = np.array([SINGLE, PAIR, UNKNOWN, BESIDE]) * ((1 - none) / (1 - NONE))
+    return dict(zip(MEANINGS, (float(none), *others.tolist()), strict=True))
 
 
 def explain(
@@ -115,12 +144,14 @@ def explain(
     unstructured: Unstructured,
     contrasts: Sequence[Contrast],
     mislabelled: Callable[[float], Sequence[Mislabelled]] | None = None,
+    prior_none: float = NONE,
 ) -> Explanation:
     """The posterior for one recording; effects are also fitted from the lowest ``minima`` (K, P) of the base model.
 
     ``mislabelled``: how the recording may be mislabelled, from the log evidence and prior of the best of all other
-    hypotheses. A hypothesis that no body can have (`possible`) has no weight.
+    hypotheses. A hypothesis that no body can have (`possible`) has no weight. ``prior_none``: see `prior`.
     """
+    log_odds = float(np.log((1 - NONE) * prior_none / (1 - prior_none)))  # of no missing effect, beside all others
     residual = base.residual(data)
     none = Hypothesis((), base.log_evidence, base)
     of = {e.name: [s for s in found if s.effect == e.name] for e in effects}
@@ -131,14 +162,17 @@ def explain(
         families[e.cause] = families.get(e.cause, 0) + 1
     changes = [(c, k) for c in contrasts for k in c.changes]
     n_causes = len(families) + len(changes)
-    weighted: list[tuple[Hypothesis, float]] = [(none, np.log(NONE))]
+    weighted: list[tuple[Hypothesis, float]] = [(none, log_odds)]
     for h, e in zip(with_departures(base, data, singles), effects, strict=True):
         weighted.append((h, np.log(SINGLE / n_causes / families[e.cause])))
     # Also leaders that no body can have: what is beside them, or in a pair, may be possible.
     leaders = sorted(singles, key=lambda h: -h.log_evidence)[:LEADERS]
     group_of = {n: k for k, g in enumerate(groups) for n in g}
     n_pairs = n_causes * (n_causes - 1) / 2
-    if leaders and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + np.log(NONE) - 3:
+    if (
+        leaders
+        and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + min(log_odds, np.log(NONE)) - 3
+    ):
         as_declared = {h.effects: h for h in declared}
         for h in pairs(data, base, [as_declared[h.effects] for h in leaders], effects, of, group_of):
             weighted.append((h, np.log(PAIR / n_pairs)))
@@ -171,12 +205,14 @@ def explain(
             unknown_locations[place] = unknown_locations.get(place, 0.0) + float(np.exp(x - total)) * share
     posterior = [(h, x) for (h, _), x in zip(weighted[1:], np.array(log_named[1:]) - total, strict=True)]
     advice = {m.hypothesis.effects: m.advice for m in readings}
+    others = float(np.logaddexp.reduce(np.concatenate([log_named[1:], log_unknown])))
     return Explanation(
         causes=tuple(replace(c, advice=advice.get(c.effects, "")) for c in _grouped(posterior, groups, group_of)),
         none=float(probability[0]),
         unknown=float(np.exp(np.logaddexp.reduce(log_unknown) - total)),
         unknown_locations=unknown_locations,
         hypotheses=tuple((h, float(p)) for (h, _), p in zip(weighted, probability, strict=True)),
+        none_log_factor=float(log_named[0]) - log_odds + float(np.log(1 - NONE)) - others,
     )
 
 

@@ -111,7 +111,7 @@ def effect_sizes(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
 def closed_bar(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     """Share of the gap that the leading cause closes, with its 95 % interval."""
     closed = diagnosis.closed
-    if closed is None or diagnosis.added is None:
+    if closed is None:
         raise InputError(f"{diagnosis.name}: expected a cause that was added to the model; see the verdict")
     ax = axes(ax, (4.3, 1.9))
     ax.barh(0, 100 * closed.fraction, 0.5, color=AFTER, alpha=0.75)

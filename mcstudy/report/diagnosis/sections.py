@@ -173,7 +173,7 @@ def which_figures(d: Diagnosis) -> list[Figure | Missing]:
 def _closing_figure(d: Diagnosis) -> Figure | Missing:
     """The share of the gap closed beside the error of predicted sway."""
     title, numbers, panels, text, call = "How far the gap closes", tables.closing(d), [], [], ""
-    if d.closed is not None and d.added is not None:
+    if d.closed is not None:
         panels.append(Panel("share of the gap closed", partial(outcome_figures.closed_bar, d), FLAT))
         text.append(
             "First: share of the misfit (noise subtracted) that the leading cause removes. The 95 % interval includes "

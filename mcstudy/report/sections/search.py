@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
 from mcstudy.analysis.by_starts import mean_cv, missed_by
 from mcstudy.analysis.montecarlo import REALIZATION
+from mcstudy.analysis.show.missed import missed_percent, missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report import figures
@@ -21,7 +22,7 @@ from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_
 from mcstudy.report.figures.search import MOST_CURVES, curve_of, pools_of_points, printed_starts
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
-from mcstudy.report.numbers import chance, finite, short
+from mcstudy.report.numbers import finite, short
 
 CURVE_TITLE = "Starts needed"
 
@@ -101,7 +102,7 @@ def _starts_table(context: Context, view: GroupView) -> Table:
         [
             cell_label(view, c["amplitude"], c["fmax"]),
             short(100 * (c["hit_rate"] or 0.0)),
-            chance(c["missed_minimum"]["value"], c["missed_minimum"]["mcse"]),
+            missed_words(c, error=True),
             *(with_ends(c[f"starts_needed_{q}"]) for q in ("median", "90th")),
         ]
         for c in context.cells(view)
@@ -202,11 +203,15 @@ def _named_waterfall(view: GroupView, amplitude: float, fmax: float, ax: Axes) -
 
 def _hits_table(view: GroupView) -> Table:
     rate, missed = 100 * view.needed["hit_rate"], view.needed["missed"].mean(REALIZATION)
+    upper = view.needed["missed_upper"].mean(REALIZATION)
+    alone = view.needed.sizes[REALIZATION] == 1
     rows = [
         [
             cell_label(view, a, f),
             *(short(rate.sel(amplitude=a, fmax=f).dropna(REALIZATION).quantile(q), 2) for q in (0.0, 0.1, 0.5, 0.9)),
-            chance(missed.sel(amplitude=a, fmax=f)),
+            missed_percent(
+                float(missed.sel(amplitude=a, fmax=f)), upper=float(upper.sel(amplitude=a, fmax=f)) if alone else None
+            ),
         ]
         for a, f in conditions(view)
     ]
@@ -292,7 +297,7 @@ def _missed_table(view: GroupView) -> Table:
     drawn = by_starts_of(view, mean_cv)["drawn"]
     missed = missed_by(view.needed["hit_rate"], drawn)
     rows = [
-        [cell_label(view, a, f), *(chance(x) for x in missed.sel(amplitude=a, fmax=f).values)]
+        [cell_label(view, a, f), *(missed_percent(float(x)) for x in missed.sel(amplitude=a, fmax=f).values)]
         for f in view.cube["fmax"].values.tolist()
         for a in view.cube["amplitude"].values.tolist()
     ]

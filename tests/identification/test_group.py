@@ -14,7 +14,9 @@ from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
+from mcstudy.identification.group_words import spread
 from mcstudy.identification.people import members, read_people
+from mcstudy.text_tables import number
 
 FMAX = 1.2
 PEOPLE = (("ann", "open"), ("ben", "open"), ("ann", "closed"), ("ben", "closed"))
@@ -108,6 +110,30 @@ def test_the_document_conforms_and_the_dataset_holds_the_same_numbers(group: mc.
     assert "<caption>GroupResult</caption>" in group._repr_html_()
     with pytest.raises(KeyError, match="expected a quantity"):
         group["K11"]
+
+
+def test_a_spread_that_may_be_zero_has_no_point_value(group: mc.GroupResult) -> None:
+    """Where errors of the fits explain all scatter of two people, zero would be told as if it had been measured."""
+    none = [m for m in group.means if np.isnan(m.between)]
+    assert none
+    assert all(m.between > 0 for m in group.means if m not in none)
+    documents = {(m["quantity"], m["condition"]): m for m in group.to_dict()["means"]}
+    for m in none:
+        assert documents[m.quantity, m.condition]["between"] is None
+        assert m.between_low == 0 < m.between_high
+        assert spread(m) in ("not determined", f"0 (at most {number(m.between_high)})")
+        assert spread(m) in group.text()
+
+
+def test_a_limit_of_the_spread_is_told_where_data_set_it(group: mc.GroupResult) -> None:
+    m = replace(group.means[0], between=np.nan, between_low=0.0, between_high=12.0, between_high_from="data")
+    assert spread(m) == "0 (at most 12.0)"
+    assert spread(replace(m, between=3.0)) == "3.00"
+
+
+def test_tests_and_intervals_of_differences_agree(group: mc.GroupResult) -> None:
+    for d in group.differences:
+        assert (d.p_value >= 1 - group.level) == (d.low <= 0 <= d.high), d.quantity
 
 
 def test_the_command_prints_and_writes_what_python_returns(

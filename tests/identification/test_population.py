@@ -100,7 +100,7 @@ def test_p_is_below_the_level_exactly_where_the_interval_does_not_hold_zero(seed
 
 
 def test_p_of_a_paired_difference_is_the_level_of_the_interval_that_ends_at_zero() -> None:
-    people = Population(random_people(np.random.default_rng(3)), 0.95)
+    people = Population([Likelihood.gaussian(v, w) for v, w in ((1.2, 0.5), (0.1, 1.0), (2.0, 0.7), (0.9, 0.4))], 0.95)
     p = paired(people).p_value
     wider, narrower = (people.mean(1 - factor * p) for factor in (0.99, 1.01))
     assert wider.low <= 0 <= wider.high

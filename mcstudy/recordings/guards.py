@@ -104,9 +104,9 @@ def _check_array(folder: Path, document: dict[str, Any]) -> None:
             f"{where}: expected dimension_names and chunk_shape as long as shape, found {dims!r}"[:300]
         )
     named = document.get("codecs")
-    codecs = [str(c.get("name") if isinstance(c, dict) else c) for c in (named if isinstance(named, list) else [named])]
+    codecs = [str(isinstance(c, dict) and c.get("name")) for c in (named if isinstance(named, list) else [named])]
     if codecs[:1] != ["bytes"] or len(codecs) > len(CODECS) or not set(codecs) <= set(CODECS):
-        raise RecordingError(f"{where}: codecs: expected {', '.join(CODECS)}, found {', '.join(codecs)}"[:300])
+        raise RecordingError(f"{where}: codecs: expected {', '.join(CODECS)}, found {named!r}"[:300])
     for key, *expected in (("chunk_grid", "regular"), ("chunk_key_encoding", "default", "v2")):
         if stated(key, "name") not in expected:
             raise RecordingError(f"{where}: {key}: expected {' or '.join(expected)}, found {stated(key)!r}"[:300])

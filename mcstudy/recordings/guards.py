@@ -6,7 +6,6 @@ in `mcstudy.recordings.hdf5_files`.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import re
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import RecordingError, StoreError
-from mcstudy.files.untrusted import LARGEST_METADATA, check_chunk, real_bytes, refuse_links, sealed
+from mcstudy.files.untrusted import LARGEST_METADATA, check_chunk, json_document, real_bytes, refuse_links, sealed
 
 LARGEST = 1 << 31
 """Bytes a recording may hold in memory; a header that declares more is refused before anything is read."""
@@ -59,19 +58,64 @@ def check_zarr(path: str | Path) -> None:
     path = Path(path)
     try:
         refuse_links(path)
+        _document(path, "group")
         for folder in sorted(p for p in path.iterdir() if p.is_dir()):
-            _check_array(folder, json.loads(real_bytes(folder / "zarr.json", LARGEST_METADATA)))
+            _check_array(folder, _document(folder, "array"))
     except StoreError as error:
         raise RecordingError(str(error)) from None
+    except OSError as error:
+        raise RecordingError(f"{path}: expected a Zarr folder: {error.strerror}") from None
 
 
-def _check_array(folder: Path, document: Any) -> None:
+def _document(folder: Path, kind: str) -> dict[str, Any]:
+    """The metadata of a group or an array."""
+    file = folder / "zarr.json"
+    try:
+        document = json_document(real_bytes(file, LARGEST_METADATA))
+    except ValueError as error:
+        raise RecordingError(f"{file}: expected JSON: {error}") from None
+    except FileNotFoundError:
+        raise RecordingError(f"{folder}: expected {kind}s of Zarr version 3, found no zarr.json") from None
+    if not isinstance(document, dict):
+        raise RecordingError(f"{file}: expected a JSON object")
+    stated = {**document, "attributes": type(document.get("attributes", {})).__name__}
+    for key, expected in {"zarr_format": 3, "node_type": kind, "attributes": "dict"}.items():
+        if type(stated.get(key)) is not type(expected) or stated[key] != expected:
+            raise RecordingError(f"{file}: {key}: expected {expected!r}, found {stated.get(key)!r}"[:300])
+    return document
+
+
+def _check_array(folder: Path, document: dict[str, Any]) -> None:
     where = f"{folder.parent}: {folder.name}"
-    shape, codecs = document["shape"], [codec["name"] for codec in document["codecs"]]
-    chunks = document["chunk_grid"]["configuration"]["chunk_shape"]
-    if not set(codecs) <= set(CODECS):
-        raise RecordingError(f"{where}: codecs: expected {', '.join(CODECS)}, found {', '.join(map(str, codecs))}")
-    itemsize = _item_bytes(document["data_type"], where)
+
+    def stated(*keys: str) -> Any:
+        value: Any = document
+        for key in keys:
+            value = value.get(key) if isinstance(value, dict) else None
+        return value
+
+    shape, chunks = stated("shape"), stated("chunk_grid", "configuration", "chunk_shape")
+    for name, sizes, least in (("shape", shape, 0), ("chunk_shape", chunks, 1)):
+        if not (isinstance(sizes, list) and all(type(n) is int and n >= least for n in sizes)):
+            raise RecordingError(f"{where}: {name}: expected whole numbers from {least}, found {sizes!r}"[:300])
+    dims = document.get("dimension_names")
+    if not (isinstance(dims, list) and len(dims) == len(shape) == len(chunks)):
+        raise RecordingError(
+            f"{where}: expected dimension_names and chunk_shape as long as shape, found {dims!r}"[:300]
+        )
+    named = document.get("codecs")
+    codecs = [str(isinstance(c, dict) and c.get("name")) for c in (named if isinstance(named, list) else [named])]
+    if codecs[:1] != ["bytes"] or len(codecs) > len(CODECS) or not set(codecs) <= set(CODECS):
+        raise RecordingError(f"{where}: codecs: expected {', '.join(CODECS)}, found {named!r}"[:300])
+    for key, *expected in (("chunk_grid", "regular"), ("chunk_key_encoding", "default", "v2")):
+        if stated(key, "name") not in expected:
+            raise RecordingError(f"{where}: {key}: expected {' or '.join(expected)}, found {stated(key)!r}"[:300])
+    separator = stated("chunk_key_encoding", "configuration", "separator")
+    if separator not in (None, "/", "."):
+        raise RecordingError(f"{where}: chunk_key_encoding: separator: expected / or ., found {separator!r}"[:300])
+    if document.get("storage_transformers"):
+        raise RecordingError(f"{where}: storage_transformers: expected none")
+    itemsize = _item_bytes(document.get("data_type"), where)
     check_size(shape, chunks, itemsize, where)
     # Zarr reads chunks in parallel; if one fails, errors of the others would follow the one-line message.
     for file in _chunk_files(folder, where):
@@ -123,7 +167,9 @@ def _item_bytes(kind: Any, where: str) -> int:
     if number:
         return int(number[1]) // 8
     if isinstance(kind, dict) and kind.get("name") == "fixed_length_utf32":
-        return int(kind["configuration"]["length_bytes"])
+        length = kind["configuration"].get("length_bytes") if isinstance(kind.get("configuration"), dict) else None
+        if type(length) is int and length > 0 and length % 4 == 0:
+            return length
     raise RecordingError(f"{where}: data_type: expected numbers, found {kind!r}"[:300])
 
 

@@ -270,7 +270,7 @@ def _recording(file: Labelled, where: str) -> Recording:
     kind = str(_attribute(attrs, "stimulus_kind", where))
     if kind not in STIMULI:
         raise RecordingError(f"{where}: stimulus_kind: expected one of {', '.join(STIMULI)}, got {kind!r}")
-    refuse_size(count, 0, where)
+    refuse_size(count, count * length, where)
     samples = _per_trial(file, "samples", count, float(length), where)
     for k, n in enumerate(samples, start=1):
         if not (1 <= n <= length and n == round(n)):

@@ -16,8 +16,9 @@ from mcstudy.files.reading_process import Answer
 
 
 def numbers(path: Path, values: Any, kind: str, shape: list[int]) -> Answer:
-    """The values in an array of this type and shape."""
-    return [str(path), f"{path.stat().st_size} bytes"], [np.resize(np.array(values, kind), shape)]
+    """The values, or one value everywhere, in an array of this type and shape."""
+    made = np.full(shape, values, kind) if np.ndim(values) == 0 else np.array(values, kind).reshape(shape)
+    return [str(path), f"{path.stat().st_size} bytes"], [made]
 
 
 def its_number(_: Path) -> Answer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import shutil
@@ -142,6 +143,34 @@ def test_a_netcdf_file_that_refers_elsewhere_or_claims_too_much_is_refused(
         ("data_type", "object", "data_type"),
         ("data_type", {"name": "fixed_length_utf32", "configuration": {"length_bytes": 2**40}}, "declares"),
         ("chunk_grid", {"name": "regular", "configuration": {"chunk_shape": [2**40]}}, "declares"),
+        ("shape", [-1], "shape: expected whole numbers"),
+        ("shape", ["64"], "shape: expected whole numbers"),
+        ("shape", [2.5], "shape: expected whole numbers"),
+        ("shape", None, "shape: expected whole numbers"),
+        ("shape", [True], "shape: expected whole numbers"),
+        ("shape", [1] * 40, "as long as shape"),
+        ("chunk_grid", {"name": "regular", "configuration": {"chunk_shape": [0]}}, "chunk_shape: expected whole"),
+        ("chunk_grid", {"name": "rectilinear", "configuration": {"chunk_shape": [64]}}, "chunk_grid: expected regular"),
+        ("chunk_grid", "regular", "chunk_shape: expected whole numbers"),
+        ("codecs", [{"name": "sharding_indexed", "configuration": {"chunk_shape": [1]}}], "codecs"),
+        ("codecs", [{"name": "bytes"}, *[{"name": "zstd"}] * 50], "codecs"),
+        ("codecs", [{"name": "zstd"}, {"name": "bytes"}], "codecs"),
+        ("codecs", [{"name": ["bytes"]}], "codecs"),
+        ("codecs", "bytes", "codecs"),
+        ("codecs", None, "codecs"),
+        ("data_type", "complex128", "data_type"),
+        ("data_type", {"name": "fixed_length_utf32", "configuration": {"length_bytes": -4}}, "data_type"),
+        ("data_type", {"name": "fixed_length_utf32"}, "data_type"),
+        ("data_type", {"name": "structured", "configuration": {"fields": [["a", "float64"]]}}, "data_type"),
+        ("dimension_names", None, "dimension_names"),
+        ("dimension_names", "t", "dimension_names"),
+        ("chunk_key_encoding", {"name": "default", "configuration": {"separator": "../../"}}, "separator"),
+        ("chunk_key_encoding", None, "chunk_key_encoding"),
+        ("storage_transformers", [{"name": "x"}], "storage_transformers"),
+        ("node_type", "group", "node_type: expected 'array'"),
+        ("zarr_format", 2, "zarr_format: expected 3"),
+        ("zarr_format", "3", "zarr_format: expected 3"),
+        ("attributes", [1], "attributes: expected 'dict'"),
     ],
 )
 def test_a_zarr_store_with_other_codecs_or_that_claims_too_much_is_refused(
@@ -152,6 +181,52 @@ def test_a_zarr_store_with_other_codecs_or_that_claims_too_much_is_refused(
     document[key] = value
     file.write_text(json.dumps(document))
     refused(copy / "a.zarr", word)
+
+
+@pytest.mark.parametrize(
+    ("array", "text", "word"),
+    [
+        ("", '{"attributes":' + "[" * 100_000 + "]" * 100_000 + "}", "nesting"),
+        ("stimulus", '{"shape":' + "[" * 100_000 + "]" * 100_000 + "}", "nesting"),
+        ("stimulus", "[]", "expected a JSON object"),
+        ("stimulus", '{"shape": NaN}', "finite"),
+        ("stimulus", "", "expected JSON"),
+        ("", '{"zarr_format": 3, "node_type": "group", "attributes": "x"}', "attributes: expected 'dict'"),
+        ("extra", '{"zarr_format": 3, "node_type": "group", "attributes": {}}', "node_type: expected 'array'"),
+    ],
+)
+def test_zarr_metadata_that_are_none_are_refused(copy: Path, array: str, text: str, word: str) -> None:
+    (copy / "a.zarr" / array).mkdir(exist_ok=True)
+    (copy / "a.zarr" / array / "zarr.json").write_text(text)
+    refused(copy / "a.zarr", word)
+
+
+@pytest.mark.parametrize("name", ["a.nc", "a.zarr", "a.h5"])
+@pytest.mark.parametrize("content", [gzip.compress(bytes(1 << 20)), b"PK\x03\x04" + bytes(1000)], ids=["gzip", "zip"])
+def test_a_packed_file_under_another_name_is_refused(copy: Path, name: str, content: bytes) -> None:
+    path = copy / "packed" / name
+    path.parent.mkdir()
+    path.write_bytes(content)
+    refused(path, name)
+
+
+@pytest.mark.parametrize("packed", [None, "gzip"])
+def test_a_netcdf_file_of_samples_that_are_nowhere_is_refused_before_they_are_made(
+    copy: Path, packed: str | None
+) -> None:
+    """Chunks that were never written are all the same value: a file of 20 kB with 1.5 GB of numbers."""
+    with h5py.File(copy / "a.nc", "a") as file:
+        length = 30_000_000
+        for name, shape in {"time": (length,), "stimulus": (2, length), "theta": (2, length, 2)}.items():
+            del file[name]
+            made = file.create_dataset(name, shape, "f8", chunks=(1,) * (len(shape) - 1) + (2,), compression=packed)
+            made.attrs["units"] = {"time": "s", "stimulus": "N m", "theta": "rad"}[name]
+        file["time"].make_scale("time")
+        for name, dims in {"stimulus": ("trial", "time"), "theta": ("trial", "time", "angle")}.items():
+            for k, dim in enumerate(dims):
+                file[name].dims[k].attach_scale(file[dim])
+    assert (copy / "a.nc").stat().st_size < 100_000
+    refused(copy / "a.nc", "samples in all, got 60000000")
 
 
 def test_a_zarr_store_with_a_link_or_a_bomb_in_it_is_refused(copy: Path) -> None:

@@ -6,6 +6,7 @@ import html
 import json
 import runpy
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,15 +26,18 @@ from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.choice import Situation, possible_trials
 from mcstudy.gap.planned.gain import told
 from mcstudy.gap.planned.next_trial import NextTrial, described, next_trial
-from mcstudy.gap.planned.predictions import Belief, Predictions, predictions
+from mcstudy.gap.planned.predictions import NOTHING, Belief, Predictions, predictions
 from mcstudy.gap.planned.record import simulated, steady
+from mcstudy.gap.planned.response import chances, least_amplitude
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
+from mcstudy.gap.questions.labels import EDGES_HZ, NO_RESPONSE, no_response
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.figure import figure
 from mcstudy.report.with_page import NextTrialWithPage
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
+from mcstudy.stance.response import frf
 
 EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
 
@@ -208,6 +212,64 @@ def test_impossible_trials_and_recordings_without_a_period_are_refused(delayed: 
         mc.next_trial("not_read_before.nc", cycles=1)
     with pytest.raises(RecordingError, match="expected a recording with a periodic stimulus"):
         SwayNoise.of(measure(mc.simulate(periodic=False, cycles=4, rate_hz=50, seed=1), 4.0), "walk")
+
+
+@pytest.mark.parametrize(("kind", "spectrum"), [("hip_torque", "flat"), ("ankle_torque", "prts")])
+def test_the_chance_of_a_response_is_how_often_a_diagnosis_accepts_the_recording(
+    delayed: Diagnosis, kind: str, spectrum: str
+) -> None:
+    """Near the smallest amplitude, where it is neither 0 nor 1; the test of `diagnose` on drawn recordings."""
+    now = Situation.of(delayed)
+    trial = PlannedTrial(kind, 1.0, spectrum, 1, 4, 1, 4.0)
+    model, theta = two_segment(stimulus=kind), two_segment().truth
+    H = frf(model, theta, trial.f)[None]
+
+    def chance(t: PlannedTrial) -> float:
+        return float(chances(t, now.noise, H, now.dof)[0])
+
+    least = least_amplitude(trial, chance)
+    assert chance(replace(trial, amplitude=least)) >= 0.99 > chance(replace(trial, amplitude=0.98 * least))
+    for share in (1.0, 0.5):
+        planned = replace(trial, amplitude=share * least)
+        accepted = []
+        for k in range(12):
+            lines = measure(steady(planned, theta, np.random.default_rng(k)), 4.0)
+            accepted.append(no_response(lines) * 2 * len(EDGES_HZ) <= NO_RESPONSE)
+        # A lower limit: the clearest of all bands may be another one.
+        assert np.mean(accepted) >= chance(planned) - 0.35 * (share < 1)
+        assert chance(planned) > 0.9 or np.mean(accepted) < 1
+
+
+def test_a_trial_that_would_be_refused_is_not_planned(delayed: Diagnosis) -> None:
+    now = Situation.of(delayed)
+    plans = possible_trials(now, ["hip_torque"], {"hip_torque": [0.005, 3.0]}, trials=(1,), cycles=4)
+    assert {p[0].amplitude for p in plans} == {3.0}
+    with pytest.raises(
+        InputError, match=r"next trial: expected a response beyond noise with a chance of 95 %, got"
+    ) as e:
+        possible_trials(now, ["hip_torque"], {"hip_torque": [0.005]}, trials=(1,), cycles=4)
+    assert "hip_torque 0.005 N m 0 %" in str(e.value)
+    assert "\n" not in str(e.value)
+
+
+def test_an_amplitude_that_is_chosen_is_never_too_small_to_show_a_response(delayed: Diagnosis) -> None:
+    """Also where the fit sways a hundred times as much as the person does, as one near instability may."""
+    now = replace(Situation.of(delayed), sway=Situation.of(delayed).sway / 100)
+    for kind in ("hip_torque", "platform_translation"):
+        a = now.amplitude(kind, "flat", 4)
+        assert now.shown(PlannedTrial(kind, a, "flat", 1, 4, 1, 4.0)) >= 0.99
+
+
+def test_what_is_expected_if_something_is_missing_stands_beside_the_hope_that_nothing_is() -> None:
+    """Nothing at 0.8, and two causes that no trial tells apart: the true one of these gets less than one half."""
+    belief = _belief([0.8, 0.1, 0.1])
+    belief = replace(belief, causes=(NOTHING, *belief.causes[1:]))
+    same = Predictions(np.array([[0.0], [8.0], [8.0]]), (np.zeros((1, 0)),) * 3)
+    found = told(same, belief, np.random.default_rng(1))
+    assert found.probability == pytest.approx(0.9, abs=0.01)
+    assert found.probability_if_missing == pytest.approx(0.5, abs=0.01)
+    known = told(same, replace(belief, causes=(NOTHING,) * 3), np.random.default_rng(1))
+    assert known.probability_if_missing == 1.0
 
 
 def test_further_stimuli_leave_fewer_twins() -> None:

@@ -15,12 +15,15 @@ from mcstudy.identification.quantities import quantities
 from mcstudy.identification.result import FitResult
 from mcstudy.identification.simulated_coverage import LEAST, MOST, Covered, nearest, simulated
 from mcstudy.report.person import figures
+from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 
 
 def test_every_condition_has_every_quantity() -> None:
     names = [q.name for q in quantities(two_segment())]
-    assert {(c.cycles, c.fmax) for c in simulated()} == {(c, f) for c in (3, 6) for f in (1.2, 3.1, 8.0)}
+    assert {(c.amplitude, c.cycles, c.fmax) for c in simulated()} == {
+        (a, c, f) for a in (2.5, 5.0) for c in (3, 6) for f in (1.2, 3.1, 8.0)
+    }
     for c in simulated():
         assert list(c.quantities) == names
         assert all(80 < x.lowest <= x.percent <= x.highest <= 100 for x in c.quantities.values())
@@ -35,6 +38,21 @@ def test_a_fit_tells_the_nearest_condition_and_no_other_kind_of_fit_does(fits: d
     assert fits["effect added"].coverage is None
     assert nearest(replace(fits["good"], level=0.9)) is None
     assert nearest(replace(fits["good"], recording=None)) is None
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "convention", "found"),
+    [(2.5, "peak", 2.5), (5.0, "peak_to_peak", 2.5), (1.0, "peak", 2.5), (6.0, "peak", 5.0)],
+)
+def test_similar_recordings_have_a_similar_torque(
+    fits: dict[str, FitResult], amplitude: float, convention: str, found: float
+) -> None:
+    """Half of the torque has twice the noise of the responses; how the amplitude is counted does not matter."""
+    recording = mc.simulate(cycles=6, rate_hz=100.0, amplitude=(amplitude,) * 2, convention=convention)
+    other = nearest(replace(fits["good"], recording=recording, lines=measure(recording, 3.1)))
+    assert other is not None
+    assert (other.amplitude, other.cycles, other.fmax) == (found, 6, 3.1)
+    assert f"at {found:g} N m (peak)" in other.condition
 
 
 def test_words_data_and_figure_agree(fits: dict[str, FitResult]) -> None:

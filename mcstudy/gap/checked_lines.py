@@ -60,10 +60,12 @@ def discarded(discard: Discard, part: int) -> int:
 def given_model(model: Model | None, recording: AnyRecording, lines: Lines) -> Model:
     """``model``, or the one on the recording's body and stimulus, or on all stimuli of a joint one.
 
+    A recording calls the angles of a ``model`` theta1 and theta2, so its rows and angles get their usual names.
+
     Raises `InputError` for a ``model`` of a joint recording: it has one stimulus.
     """
     if not isinstance(recording, JointRecording):
-        return model or recording.base_model()
+        return model.with_usual_names() if model is not None else recording.base_model()
     if model is not None:
         raise InputError(f"model: expected none for recordings under different stimuli, got {model.name}")
     return recording.base_model(lines.counts)

@@ -29,8 +29,10 @@ def axes(ax: Axes | None, size: tuple[float, float] = (4.3, 3.2)) -> Axes:
         return ax
     import matplotlib.pyplot as plt  # only here: it chooses a window system
 
+    # Outside of the settings: the first figure of a notebook's kernel makes the kernel show figures, which is a setting
+    # too, and would be undone with ours.
+    figure = plt.figure(figsize=size, layout="constrained", facecolor=SETTINGS["figure.facecolor"])
     with styled():
-        figure = plt.figure(figsize=size, layout="constrained")
         new: Axes = figure.add_subplot()
         return new
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -126,7 +127,8 @@ def frame(ax: Axes) -> str:
             for p, (_, t) in zip(x, xs, strict=True)
         )
     else:
-        under = "".join(_lines(t, p, below + 0.8 * _TICK_SIZE, 1.2) for p, (_, t) in zip(x, xs, strict=True))
+        shown = [t for _, t in xs] if isinstance(ax.xaxis.get_major_locator(), FixedLocator) else _apart(x, xs)
+        under = "".join(_lines(t, p, below + 0.8 * _TICK_SIZE, 1.2) for p, t in zip(x, shown, strict=True))
     beside = "".join(
         _lines(t, x0 - _TICK - _GAP, p + middle - 0.55 * _TICK_SIZE * t.count("\n"), 1.1)
         for p, (_, t) in zip(y, ys, strict=True)
@@ -143,6 +145,17 @@ def frame(ax: Axes) -> str:
         f"{_group(under, 'end' if _rotated(ax) else 'middle', _TICK_SIZE)}{_group(beside, 'end', _TICK_SIZE)}"
         f"{_group(names, 'middle', _LABEL_SIZE)}{_group(title, 'middle', _TITLE_SIZE)}</g>"
     )
+
+
+def _apart(at: Sequence[float], labels: Sequence[tuple[float, str]]) -> list[str]:
+    """Texts of ticks at these places, points: every one, or every second, third, ... so that none touches the next."""
+    texts = [t for _, t in labels]
+    half = [_width(t, _TICK_SIZE) / 2 for t in texts]
+    for step in range(1, len(texts)):
+        kept = range(0, len(texts), step)
+        if all(abs(at[b] - at[a]) > half[a] + half[b] for a, b in pairwise(kept)):
+            return [t if k % step == 0 else "" for k, t in enumerate(texts)]
+    return texts
 
 
 def _labels(axis: Any) -> list[tuple[float, str]]:

@@ -122,9 +122,10 @@
   const box = document.body.appendChild(make("dialog", { className: "lightbox" }));
   let fit = () => {}, back = () => {};
   function enlarge(figure) {
+    back();
     const panels = figure.querySelector(".panels"), svgs = [...panels.querySelectorAll("svg.plot")], gap = 12;
     const sizes = svgs.map(s => s.viewBox.baseVal), legend = figure.querySelector(".legend"), place = make("div", {});
-    const least = 1.5 * svgs[0].getBoundingClientRect().width / sizes[0].width;  // where it is as wide as the window already
+    const shown = svgs[0].getBoundingClientRect().width / sizes[0].width, largest = Math.max(...sizes.map(b => b.width));
     const title = figure.querySelector("h3").textContent;
     box.ariaLabel = title;
     box.replaceChildren(make("div", { className: "bar" }, make("strong", {}, title),
@@ -143,12 +144,16 @@
         }
         return y + row;
       };
-      let scale = (width - 1) / Math.max(...sizes.map(b => b.width));
-      while (scale > least && needed(scale) > height) scale *= 0.98;
-      scale = Math.max(scale, least);
+      let scale = (width - 1) / largest;
+      while (scale > 1.25 * shown && needed(scale) > height) scale *= 0.98;
+      if (scale < 1.25 * shown || needed(scale) > height) {  // larger than on the page, and the window scrolls
+        const columns = Math.floor((width + gap) / (1.25 * shown * largest + gap));
+        scale = columns ? (width - (columns - 1) * gap - 1) / columns / largest : 1.6 * shown;
+      }
       svgs.forEach((s, i) => { s.style.width = sizes[i].width * scale + "px"; });
     };
     back = () => {
+      fit = back = () => {};
       svgs.forEach(s => { s.style.width = ""; });
       place.replaceWith(panels);
       tip.hidden = true;
@@ -157,7 +162,7 @@
     box.showModal();
     fit();
   }
-  box.addEventListener("close", () => { back(); fit = back = () => {}; });
+  box.addEventListener("close", () => { if (!box.open) back(); });
   addEventListener("resize", () => fit());
   const drawn = panels => [["panel", "series", "x is", "x", "y is", "y", "error bar on", "error bar"], ...panels.flatMap(
     p => p.series.flatMap(s => s.x.map((x, i) => {

@@ -201,6 +201,13 @@ class Model:
     blocks: tuple[Block, ...] = ()
 
     def __post_init__(self) -> None:
+        for what in ("rows", "angles", "output_filters"):
+            given = getattr(self, what)
+            if len(given) != 2 or (what != "output_filters" and given[0] == given[1]):
+                raise ModelError(
+                    f"model {self.name}: {what}: expected two different ones, got {given}; a model has at most two "
+                    "joints, and one joint uses the second row and the first angle"
+                )
         names = [p.name for p in self.parameters]
         for duplicate in {n for n in names if names.count(n) > 1}:
             raise ModelError(f"model {self.name}: parameter {duplicate} is declared twice")
@@ -230,6 +237,15 @@ class Model:
                 for parameter, _ in monomial.powers:
                     if parameter not in known:
                         raise ModelError(f"model {self.name}: filter {filt.name}: unknown parameter {parameter!r}")
+
+    def with_usual_names(self) -> Model:
+        """The same model whose rows and angles are called as those of two linked segments (`ROWS`, `ANGLES`)."""
+        if (self.rows, self.angles) == (ROWS, ANGLES):
+            return self
+        rows = dict(zip(self.rows, ROWS, strict=True))
+        angles = dict(zip(self.angles, ANGLES, strict=True))
+        terms = (replace(t, row=rows[t.row], sense=angles.get(t.sense, t.sense)) for t in self.terms)
+        return replace(self, rows=ROWS, angles=ANGLES, terms=tuple(terms))
 
     @cached_property
     def senses(self) -> dict[str, tuple[float, float, float]]:

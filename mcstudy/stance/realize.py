@@ -173,7 +173,8 @@ def realise(
     mass = build.mass
     if abs(np.linalg.det(mass)) <= 1e-12 * np.abs(mass).max(axis=1).prod():
         raise ModelError(
-            f"model {model.name}: the mass matrix (undelayed second-order terms) is singular: {mass.tolist()}"
+            f"model {model.name}: the mass matrix (undelayed second-order terms) is singular: {mass.tolist()}; "
+            "expected an inertia in every row, a term of order 2 on the row's angle"
         )
     parts = {key: value for key, value in build.parts.items() if value != [0.0, 0.0]}
     signals = list(dict.fromkeys(signal for signal, _ in parts))

@@ -107,7 +107,12 @@ def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     root = np.empty(len(theta), dtype=complex)
     outcome, rounds = np.empty(len(theta), dtype=np.int8), np.empty(len(theta), dtype=np.int8)
     room = Room.of(delay.shape[1], numerator.shape[-1])
-    rightmost(numerator, delay, np.empty((len(theta), 0), dtype=complex), room, root, outcome, rounds)
+    try:
+        rightmost(numerator, delay, np.empty((len(theta), 0), dtype=complex), room, root, outcome, rounds)
+    except ZeroDivisionError:  # without inertia, or without any damping or delay
+        root[:] = [roots_chebyshev(model, one, FALLBACK_ORDER)[0] for one in theta]
+        root.imag = np.abs(root.imag)
+        return root, np.full(len(theta), Proof.UNCERTAIN, dtype=np.int8)
     proof = np.where(rounds > 1, Proof.RESTART, Proof.SEARCH).astype(np.int8)
     proof[outcome == CHAIN] = Proof.CHAIN
     for b in np.flatnonzero((outcome != CERTIFIED) & (outcome != CHAIN)):

@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
+import mcstudy as mc
+import mcstudy.analysis.accessor
 from mcstudy.analysis import accuracy, selection
 from mcstudy.analysis.results import open_results
-from mcstudy.errors import DesignError, StoreError
+from mcstudy.errors import DesignError, ModelError, StoreError
 from mcstudy.own_model import run_model
 from mcstudy.stance.body import one_segment, two_segment
+from mcstudy.stance.feedback import Model, Parameter, Term
 from mcstudy.stance.response import frf
+from mcstudy.stance.stability import growth_rate
 from mcstudy.study.readable import structured
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study
@@ -118,3 +121,64 @@ def test_settings_are_refused_as_a_study_file_would_be(settings: dict[str, objec
         run_model(two_segment(), **{**usual, **settings})  # type: ignore[arg-type]
     assert str(refused.value).startswith(line)
     assert "\n" not in str(refused.value)
+
+
+def renamed(model: Model, rows: tuple[str, str], angles: tuple[str, str]) -> Model:
+    """The same model whose rows and angles have other names."""
+    row, angle = dict(zip(model.rows, rows, strict=True)), dict(zip(model.angles, angles, strict=True))
+    terms = tuple(replace(t, row=row[t.row], sense=angle.get(t.sense, t.sense)) for t in model.terms)
+    return replace(model, rows=rows, angles=angles, terms=terms)
+
+
+def test_a_recording_is_fitted_and_diagnosed_with_a_model_whose_rows_and_angles_are_called_otherwise() -> None:
+    recording = mc.simulate(seed=1, cycles=3)
+    model = recording.base_model()
+    other = renamed(model, ("neck", "elbow"), ("low", "high"))
+    fits = [mc.fit(recording, model=m, fmax=1.2) for m in (model, other)]
+    np.testing.assert_array_equal(fits[0].theta, fits[1].theta)
+    assert [e.low for e in fits[0].estimates] == [e.low for e in fits[1].estimates]
+    assert fits[0].gap.p_value == fits[1].gap.p_value
+    verdicts = [mc.diagnose(recording, model=m, fast=True, fmax=1.2).verdict() for m in (model, other)]
+    assert verdicts[0] == verdicts[1]
+
+
+def plant(order: int) -> Model:
+    """A row with a constant term of this order, and a gain."""
+    return Model(
+        name="circuit",
+        rows=("unused", "node"),
+        angles=("voltage", "none"),
+        parameters=(Parameter("R", "", 1.0, 0.0, 2.0, ""),),
+        terms=(
+            Term("node", "voltage", order=order),
+            Term("node", "voltage", ("R",), noisy=True),
+            Term("node", "stimulus"),
+        ),
+    )
+
+
+def test_a_plant_without_inertia_is_refused_in_one_line() -> None:
+    message = "model circuit: .* expected an inertia in every row"
+    with pytest.raises(ModelError, match=message):
+        growth_rate(plant(1), plant(1).truth)
+    with pytest.raises(ModelError, match=message):
+        mc.fit(mc.simulate(seed=1, cycles=3), model=plant(1), fmax=1.2)
+    assert growth_rate(plant(2), plant(2).truth) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"rows": ("a", "b", "node")},
+        {"rows": ("node",)},
+        {"rows": ("node", "node")},
+        {"angles": ("voltage", "b", "c")},
+        {"angles": ("voltage", "voltage")},
+        {"output_filters": (None, None, None)},
+    ],
+)
+def test_more_than_two_joints_are_refused_in_one_line(change: dict[str, tuple[str, ...]]) -> None:
+    (what,) = change
+    with pytest.raises(ModelError, match=f"model circuit: {what}: expected two different ones") as error:
+        replace(plant(2), **change)
+    assert "\n" not in str(error.value)

@@ -234,7 +234,7 @@ def test_every_figure_offers_files_and_its_svg_stands_alone(browser: Browser, pa
       const seen = {}, real = URL.createObjectURL;
       URL.createObjectURL = blob => { seen[blob.type] = blob; return real(blob); };
       HTMLAnchorElement.prototype.click = () => {};
-      for (const b of document.querySelectorAll('#fig5 h3 + .tools button')) b.click();
+      for (const b of document.querySelectorAll('#fig5 h3 + .tools button')) if (b.textContent !== 'Enlarge') b.click();
       for (let i = 0; i < 100 && !seen['image/png']; i++) await new Promise(r => setTimeout(r, 50));
       return Object.fromEntries(await Promise.all(Object.entries(seen).map(
         async ([k, b]) => [k, k === 'image/png' ? String(b.size) : await b.text()])));
@@ -275,3 +275,65 @@ def test_print_shows_the_numbers_behind_every_figure_on_few_pages(
     pdf = browser.printed()
     assert pdf.startswith(b"%PDF")
     assert len(re.findall(rb"/Type\s*/Page[^s]", pdf)) <= most
+
+
+ENLARGED = """(async () => {
+  const out = [], box = document.querySelector('dialog');
+  for (const figure of document.querySelectorAll('figure')) {
+    const button = [...figure.querySelectorAll('.tools button')].find(b => b.textContent === 'Enlarge');
+    if (!button) continue;
+    const svgs = [...figure.querySelectorAll('svg.plot')], before = svgs[0].getBoundingClientRect().width;
+    button.focus();
+    button.click();
+    const held = box.open && svgs.every(s => box.contains(s)), size = svgs[0].getBoundingClientRect();
+    const bottom = Math.max(...svgs.map(s => s.getBoundingClientRect().bottom));
+    const left = Math.min(...svgs.map(s => s.getBoundingClientRect().left));
+    const sideways = box.scrollWidth > box.clientWidth + 1;
+    const closed = new Promise(done => box.addEventListener('close', done, { once: true }));
+    box.querySelector('button').click();
+    await closed;
+    out.push({ id: figure.id, held, factor: size.width / before, bottom, left, sideways,
+      back: svgs.every(s => figure.contains(s)) && svgs[0].getBoundingClientRect().width === before,
+      focus: document.activeElement === button });
+  }
+  return out; })()"""
+
+
+@pytest.mark.parametrize("width", [380, 1200])
+@pytest.mark.parametrize("page", ["paper_page", "gap_page", "fit_page"])
+def test_enlarge_shows_every_figure_larger_over_the_window_and_puts_it_back(
+    browser: Browser, page: str, width: int, request: pytest.FixtureRequest
+) -> None:
+    seen = browser.open(request.getfixturevalue(page), width)
+    figures = browser.evaluate(ENLARGED)
+    assert len(figures) == browser.evaluate("[...document.querySelectorAll('figure:has(svg.plot)')].length") > 5
+    for f in figures:
+        assert f["held"], f
+        assert f["factor"] > 1.2, f
+        assert f["left"] >= 0, f
+        assert f["back"], f
+        assert f["focus"], f
+        assert width < 600 or not f["sideways"], f
+    assert seen.complaints == []
+
+
+def test_escape_closes_an_enlarged_figure_and_values_are_read_in_it(browser: Browser, fit_page: Path) -> None:
+    browser.open(fit_page, 1200)
+    key = "[...document.querySelectorAll('.tools button')].find(b => b.textContent === 'Enlarge')"
+    browser.evaluate(f"{key}.focus()")
+    for kind in ("rawKeyDown", "char", "keyUp"):
+        browser.send(
+            "Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13, text="\r"
+        )
+    assert browser.evaluate("document.querySelector('dialog').open")
+    assert browser.evaluate("document.querySelector('dialog').ariaLabel.length") > 3
+    x, y = browser.evaluate(
+        "(() => { const r = document.querySelector('dialog svg.plot').getBoundingClientRect();"
+        " return [r.x + r.width / 2, r.y + r.height / 2]; })()"
+    )
+    browser.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    assert browser.evaluate("document.querySelector('dialog .tip').checkVisibility()")
+    for kind in ("rawKeyDown", "keyUp"):
+        browser.send("Input.dispatchKeyEvent", type=kind, key="Escape", code="Escape", windowsVirtualKeyCode=27)
+    assert not browser.evaluate("document.querySelector('dialog').open")
+    assert browser.evaluate("document.querySelectorAll('dialog svg.plot').length") == 0

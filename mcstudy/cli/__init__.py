@@ -168,4 +168,6 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
 
 
 def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())
+    from mcstudy.text_tables import printable
+
+    return printable(" ".join(str(error).split()))

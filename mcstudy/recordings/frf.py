@@ -22,6 +22,9 @@ GAIN = Range(0.0, 1e3, "rad per unit of the stimulus")
 SD = Range(1e-12, 1e3, "rad per unit of the stimulus")
 """Standard deviations of a published FRF."""
 
+COLUMNS = ("f", *(f"{n}{k}" for k in (1, 2) for n in ("re", "im", "gain", "phase", "sd")), "c12_re", "c12_im")
+"""Columns of a table of responses; see `frf_of_columns`."""
+
 
 @dataclass(frozen=True, repr=False)
 class FrfRecording(Summary):

@@ -59,7 +59,21 @@ def filled(values: np.ndarray, longest: int, where: str, rate_hz: float) -> tupl
             f"{(ends[k] - starts[k]) / rate_hz:g} s {place} is not filled"
             + ("" if longest else "; to interpolate short gaps, state fill_gaps_s")
         )
+    return interpolated(values, bad), int(bad.sum())
+
+
+def interpolated(values: np.ndarray, bad: np.ndarray) -> np.ndarray:
+    """Values (n,) with those where ``bad`` (n,) holds replaced: monotone cubic between the good ones on both sides.
+
+    Between its neighbours it does not overshoot (Fritsch & Butland 1984, SIAM J Sci Stat Comput 5:300). At least two
+    values must be good; at the ends the curve is continued.
+    """
     from scipy.interpolate import PchipInterpolator
 
     at = np.arange(values.size)
-    return np.where(bad, PchipInterpolator(at[~bad], values[~bad])(at), values), int(bad.sum())
+    return np.where(bad, PchipInterpolator(at[~bad], values[~bad])(at), values)
+
+
+def whole_samples(seconds: float, rate_hz: float) -> int:
+    """How many samples fit in a duration; 0.29 s at 100 Hz are 29."""
+    return int(seconds * rate_hz * (1 + 1e-9))

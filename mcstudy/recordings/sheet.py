@@ -57,8 +57,9 @@ from pydantic import Field, model_validator
 from mcstudy.errors import RecordingError
 from mcstudy.files.untrusted import toml
 from mcstudy.recordings.body_sheet import BodySheet
-from mcstudy.recordings.columns import Dialect, content
+from mcstudy.recordings.columns import content
 from mcstudy.recordings.description import Description, Table
+from mcstudy.recordings.layout import Dialect
 from mcstudy.recordings.markers import MarkerSheet
 from mcstudy.recordings.recording import EXPECTED
 
@@ -116,19 +117,20 @@ class TrialSheet(Table):
 
 
 class Units(Table):
-    """Units of the columns, unless a channel says otherwise."""
+    """Units of the columns, unless a channel says otherwise; what the file states must agree, unless it is ignored."""
 
     time: str = "s"
     stimulus: str | None = None
     angle: str | None = None
+    stated: Literal["checked", "ignored"] = "checked"
 
 
 class TextSheet(Table):
     """How text files are written."""
 
     delimiter: str | None = None
-    decimal: Literal[".", ","] = "."
-    skip: int = Field(default=0, ge=0, le=10_000)
+    decimal: Literal[".", ","] | None = None
+    skip: int | None = Field(default=None, ge=0, le=10_000)
 
     def dialect(self) -> Dialect:
         """The same for the reader."""
@@ -140,7 +142,7 @@ class TextSheet(Table):
         given = self.dialect().delimiter
         if given is not None and len(given) != 1:
             raise ValueError(f"expected delimiter of one character or {', '.join(DELIMITERS)}")
-        if given == self.decimal:
+        if given is not None and given == self.decimal:
             raise ValueError("expected delimiter and decimal to differ")
         return self
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,8 @@ SHOWN = 20
 _INDEX = re.compile(
     r"(?P<name>.+)\[(?P<index>\s*(?::|-?\d{1,9})(?:\s*,\s*(?::|-?\d{1,9}))*\s*)\]", re.ASCII | re.DOTALL
 )
+
+_TIME = re.compile(r"time(?:_(?:s|ms|us|sec))?", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,10 @@ class Variable:
         As the file states it, or None.
     rate_hz
         Samples per second as the file states it, or None.
+    angle_unit
+        Unit of all angles of the file, which holds if this is one; or None.
+    content
+        What it holds in words where that is not numbers.
     """
 
     name: str
@@ -50,6 +56,8 @@ class Variable:
     read: Callable[[], np.ndarray]
     unit: str | None = None
     rate_hz: float | None = None
+    angle_unit: str | None = None
+    content: str = ""
 
 
 @dataclass(frozen=True)
@@ -60,30 +68,56 @@ class Picked:
     values: np.ndarray
     unit: str | None = None
     rate_hz: float | None = None
+    angle_unit: str | None = None
 
 
 @dataclass(frozen=True)
 class Source:
     """The variables of one file, by name.
 
-    ``kind``: format in words. ``numbered``: names of columns that may also be asked for by their number.
+    ``kind``: format in words. ``numbered``: names of columns by their position, which may also be asked for by it.
+    ``plain``: names as the file states them, with the positions of the columns that have them. ``remarks``: what was
+    left out of the file, in words.
     """
 
     path: Path
     kind: str
     variables: Mapping[str, Variable]
     numbered: tuple[str, ...] = ()
+    plain: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     def pick(self, key: str | int) -> Picked:
-        """The values under a name, with or without indices, or of a column by its number; `RecordingError`."""
-        if isinstance(key, int) or (self.numbered and key.isdecimal() and key not in self.variables):
+        """The values under a name, with or without indices, or of a column by its number; `RecordingError`.
+
+        A number is a position, whatever the columns are called.
+        """
+        if isinstance(key, int) or (self.numbered and key.isascii() and key.isdecimal()):
             return self._of(self._column(int(key)))
+        if len(at := self.plain.get(key, ())) > 1:
+            raise RecordingError(
+                f"{self.path}: column {key!r}: {len(at)} columns have this name, {', '.join(map(str, at))} from 0; "
+                "give the number of one"
+            )
+        if at:
+            return self._of(self.numbered[at[0]])
         if key in self.variables:
             return self._of(key)
         name, index = _parts(key)
         if name not in self.variables:
             raise RecordingError(self._missing(key))
         return self._indexed(self._of(name), index)
+
+    def has(self, name: str) -> bool:
+        """Whether one variable, or several, have this name."""
+        return name in self.variables or name in self.plain
+
+    def time(self) -> str | int | None:
+        """The variable that is called time, ``Time`` or ``time_ms``, None where there is none."""
+        if self.has("time"):
+            return "time"
+        alike = [k for k, name in enumerate(self.numbered) if _TIME.fullmatch(name)]
+        return alike[0] if len(alike) == 1 else None
 
     def elements(self, key: str) -> list[Picked]:
         """The values under a name in every element of a struct array or cell array, in order; `RecordingError`.
@@ -113,7 +147,7 @@ class Source:
         except (OSError, ValueError, RuntimeError, KeyError, MemoryError) as error:
             reason = (str(error).splitlines() or [type(error).__name__])[0][:300]
             raise RecordingError(f"{self.path}: {name}: cannot be read: {reason}") from error
-        return Picked(name, values, variable.unit, variable.rate_hz)
+        return Picked(name, values, variable.unit, variable.rate_hz, variable.angle_unit)
 
     def _column(self, number: int) -> str:
         if not 0 <= number < len(self.numbered):

@@ -42,8 +42,8 @@ def unfolded() -> Iterator[None]:
         _folds.reset(token)
 
 
-def printable(text: str) -> str:
-    """A text from a file as it may be shown: control characters, which could move a terminal's cursor, are escaped.
+def escaped(text: str) -> str:
+    """A text of others as it may be shown: characters that control a terminal are written as their codes.
 
     So are halves of characters, which stand for bytes of a file name that are not UTF-8. Line breaks stay.
     """
@@ -62,14 +62,14 @@ def fill(text: str, indent: str = "") -> str:
     Numbers with their errors and percent signs stay whole.
     """
     width = min(terminal_width() or PROSE, PROSE)
-    whole = printable(text).replace(" %", "\xa0%").replace(" ± ", "\xa0±\xa0")
+    whole = escaped(text).replace(" %", "\xa0%").replace(" ± ", "\xa0±\xa0")
     lines = textwrap.fill(whole, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
     return lines.replace("\xa0", " ")
 
 
 def folded(text: str) -> str:
     """Text whose lines are broken where the terminal ends; without a terminal as it is."""
-    width, text = terminal_width(), printable(text)
+    width, text = terminal_width(), escaped(text)
     if width is None:
         return text
     return "\n".join(fill(line, _indent(line)) if len(line) > width else line for line in text.split("\n"))
@@ -123,7 +123,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, of_text: bool
 
     ``of_text``: all columns are left-aligned, with one rule under all headings.
     """
-    lines, room = [[printable(c) for c in line] for line in (header, *rows)], terminal_width()
+    lines, room = [[escaped(c) for c in line] for line in (header, *rows)], terminal_width()
     natural = [max(len(line[i]) for line in lines) for i in range(len(header))]
     if room is None or _total(natural) <= room:
         return _block(lines, natural, of_text)

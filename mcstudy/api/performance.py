@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ from mcstudy.analysis import performance as measures
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.selection import ERROR
 from mcstudy.errors import InputError, StoreError
-from mcstudy.files.delimited import labelled, number
 from mcstudy.files.untrusted import real_bytes
 
 KEYS = (REALIZATION, "parameter")
@@ -91,25 +91,17 @@ def performance(
 def _read(path: Path) -> pd.DataFrame:
     """The table of a CSV file; the message of an error does not repeat the file's name."""
     try:
-        header, rows, decimal = labelled(real_bytes(path, LARGEST_TABLE, follow=True))
+        text = real_bytes(path, LARGEST_TABLE, follow=True).decode("utf-8-sig")
+        first = text.partition("\n")[0]
+        separator = next((s for s in ("\t", ";") if s in first), ",")
+        return pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True)
     except (OSError, StoreError) as error:
         why = getattr(error, "strerror", None) or str(error).removeprefix(f"{path}: ")
         raise InputError(f"cannot be read: {why}") from None
-    except ValueError as error:
-        raise InputError(f"expected a CSV file with a header ({error})") from None
-    for name in (*KEYS, *VALUES, ERROR, "method"):
-        if header.count(name) > 1:
-            raise InputError(f"{name}: expected one column of this name, got {header.count(name)}")
-    columns: dict[str, list[Any]] = {name: [row[k] for _, row in rows] for k, name in enumerate(header)}
-    for name in (*VALUES, ERROR):
-        for k, ((line, _), cell) in enumerate(zip(rows, columns.get(name, []), strict=False)):
-            if (value := number(cell, decimal)) is None:
-                raise InputError(f"line {line}: {name}: expected numbers, got {cell[:60]!r}")
-            columns[name][k] = value
-    for name in ("parameter", "method"):
-        if "" in columns.get(name, []):
-            raise InputError(f"line {rows[columns[name].index('')][0]}: {name}: expected a name, got none")
-    return pd.DataFrame(columns)
+    except UnicodeDecodeError:
+        raise InputError("expected UTF-8 text") from None
+    except ValueError as error:  # pandas raises subclasses of it for text that is no table
+        raise InputError(f"expected a CSV file with a header ({' '.join(str(error).split())})") from None
 
 
 def _table(data: pd.DataFrame | Mapping[str, Sequence[Any]]) -> pd.DataFrame:

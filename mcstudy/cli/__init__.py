@@ -58,6 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> Exit:
     # A look is mostly imports, which make 170,000 objects that stay. To search them for garbage after every 700 new
     # ones takes a twelfth of the imports' time (benchmarks/README.md). Somebody else's process is left as it is.
     gc.set_threshold(300_000)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a file name may hold bytes that are no character
+            stream.reconfigure(errors="backslashreplace")
     stop, words = catch(), sys.argv[1:]
     stop.watch(words)
     code = _main(words, stop)
@@ -168,6 +171,6 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
 
 
 def _one_line(error: BaseException) -> str:
-    from mcstudy.text_tables import printable
+    from mcstudy.text_tables import escaped
 
-    return printable(" ".join(str(error).split()))
+    return escaped(" ".join(str(error).split()))

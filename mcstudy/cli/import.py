@@ -96,7 +96,7 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.recordings.importing import import_files, listing
     from mcstudy.recordings.io import write_recording
     from mcstudy.recordings.sheet import Sheet
-    from mcstudy.text_tables import folded, printable
+    from mcstudy.text_tables import escaped, folded
 
     options = _options(args)
     if args.list:
@@ -115,7 +115,7 @@ def main(args: argparse.Namespace) -> Exit:
     written = None if args.output is None else write_recording(imported.recording, args.output)
     print(folded(imported.text()))  # nothing may be lost with a reader (head) that stops after some lines
     _print_doubts(imported.recording)
-    print("nothing written (no -o)" if written is None else f"written: {printable(str(written))}")
+    print("nothing written (no -o)" if written is None else f"written: {escaped(str(written))}")
     return Exit.DONE
 
 

@@ -37,11 +37,11 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.api.performance import performance
 
     found = performance(args.table, reference=args.reference, level=args.level)
+    print(_text(found))
     if args.out is not None:
         from mcstudy.files.json_files import write_text
 
         write_text(args.out, found.to_dataframe().reset_index().to_csv(index=False))
-    print(_text(found))
     return Exit.DONE
 
 

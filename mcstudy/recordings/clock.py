@@ -15,6 +15,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.columns import LARGEST_NUMBER
 from mcstudy.recordings.recording import RATE_HZ
+from mcstudy.recordings.resample import at_regular_times
 
 UNIFORM = 1.5
 """Largest step, and largest distance from a regular clock, in periods, of stamps that count as regular."""
@@ -60,13 +61,7 @@ class Clock:
             return out
         if self.stamps is None:
             return values
-        from scipy.interpolate import CubicSpline
-
-        known = np.isfinite(values)
-        times = np.arange(math.floor(self.stamps[-1] * self.rate_hz * (1 + 1e-12)) + 1) / self.rate_hz
-        out = CubicSpline(self.stamps[known], values[known])(times) if known.sum() > 1 else np.full(times.size, np.nan)
-        lost = np.interp(times, self.stamps, (~known).astype(float)) > 0  # a missing value stays missing
-        return np.where(lost, np.nan, out)
+        return at_regular_times(values, self.stamps, self.rate_hz)
 
 
 def rate_of(time: np.ndarray, stated: float | None, where: str) -> float:

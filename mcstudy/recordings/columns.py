@@ -17,7 +17,7 @@ import numpy as np
 from mcstudy.errors import RecordingError, StoreError
 from mcstudy.files.delimited import decoded, number
 from mcstudy.files.untrusted import real_bytes
-from mcstudy.recordings.layout import BLANKS, Dialect, Layout, layout, split
+from mcstudy.recordings.layout import AXIS, BLANKS, Dialect, Layout, layout, split
 from mcstudy.recordings.variables import Source, Variable
 
 LARGEST_FILE = 1 << 30
@@ -80,32 +80,36 @@ def _kind(first: list[str], decimal: str) -> str:
 
 def _distinct(found: Layout) -> tuple[tuple[str, ...], dict[str, tuple[int, ...]]]:
     """A name for every column that no other has, and the columns of every name as the file states it."""
-    given = found.names or tuple(map(str, range(found.columns)))
+    stated = found.names or tuple(map(str, range(found.columns)))
     groups = found.groups or ("",) * found.columns
-    full = [
-        f"{group}.{name}" if group else name or f"column {k}"
-        for k, (group, name) in enumerate(zip(groups, given, strict=True))
-    ]
+    full = []
     plain: dict[str, tuple[int, ...]] = {}
-    for k, names in enumerate(zip(given, full, strict=True)):
-        for name in dict.fromkeys(n for n in names if n):
-            plain[name] = (*plain.get(name, ()), k)
+    for k, (group, name) in enumerate(zip(groups, stated, strict=True)):
+        axis = AXIS.fullmatch(name)
+        full.append(f"{group}.{axis[1].lower() if axis else name}" if group else name or f"column {k}")
+        for each in dict.fromkeys((name, full[-1])):
+            plain[each] = (*plain.get(each, ()), k)
+    plain.pop("", None)
     return tuple(n if full.count(n) == 1 else f"{n} [{k}]" for k, n in enumerate(full)), plain
 
 
-def _cells(found: Layout, column: int) -> list[str]:
+def _cells(found: Layout, column: int, where: str) -> list[str]:
     """The cells of a column, one per row."""
     if found.delimiter == BLANKS:
         return [split(line, BLANKS)[column] for _, line in found.rows]
-    rows = csv.reader((line for _, line in found.rows), delimiter=found.delimiter, skipinitialspace=True)
+    rows = list(csv.reader((line for _, line in found.rows), delimiter=found.delimiter, skipinitialspace=True))
+    if len(rows) != len(found.rows):
+        raise RecordingError(f"{where}a quoted cell is not closed, or holds a line break")
     return [row[column].strip() for row in rows]
 
 
 def _numbers(found: Layout, column: int, where: str, name: str) -> np.ndarray:
     """The numbers of a column (n,), nan for missing ones, 1 and 0 for true and false."""
-    given = _cells(found, column)
+    given = _cells(found, column, where)
     try:
-        values = np.loadtxt(given, delimiter=",", comments=None, ndmin=1)  # refuses what Python takes: 1_000
+        if not all(given):
+            raise ValueError
+        values = np.loadtxt(given, comments=None, ndmin=1)  # refuses what Python takes: 1_000
         if values.shape != (len(given),):
             raise ValueError
     except ValueError:
@@ -131,7 +135,7 @@ def _stamps(found: Layout, column: int, where: str, name: str) -> np.ndarray:
     """Seconds since the first of the time stamps in a column (n,)."""
     times: list[float] = []
     first: datetime | None = None
-    for k, cell in enumerate(_cells(found, column)):
+    for k, cell in enumerate(_cells(found, column, where)):
         try:
             if "-" not in cell:
                 hours, minutes, seconds = cell.replace(",", ".").split(":")

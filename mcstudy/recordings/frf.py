@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.recording import LEAST_LINES
+from mcstudy.recordings.recording import LEAST_LINES, escape_texts
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
@@ -64,6 +64,7 @@ class FrfRecording(Summary):
     provenance: str = ""
 
     def __post_init__(self) -> None:
+        escape_texts(self, "name", "provenance")
         f, y, C, name = self.f, self.y, self.C, self.name
         n = f.size
         if f.shape != (n,) or y.shape != (n, 2) or C.shape != (n, 2, 2) or n < LEAST_LINES:

@@ -17,7 +17,7 @@ from mcstudy.recordings.layout import Dialect
 from mcstudy.recordings.recording import Recording
 from mcstudy.recordings.sheet import document
 from mcstudy.recordings.trials import Read, Series
-from mcstudy.text_tables import number, printable, table
+from mcstudy.text_tables import escaped, number, table
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,6 @@ def listing(file: str | Path, dialect: Dialect | None = None) -> str:
         rate = "-" if variable.rate_hz is None else f"{variable.rate_hz:g}"
         unit = variable.unit or (f"{variable.angle_unit} (angles)" if variable.angle_unit else "-")
         rows.append([name, *([str(k)] if source.numbered else []), shape, unit, rate])
-    head = "\n".join([f"{printable(str(file))}: {source.kind}, {len(rows)} variables", *source.remarks])
+    head = "\n".join([f"{escaped(str(file))}: {source.kind}, {len(rows)} variables", *source.remarks])
     header = ["variable", *(["column"] if source.numbered else []), "size", "unit", "Hz"]
     return f"{head}\n\n{table(header, rows)}" if rows else head

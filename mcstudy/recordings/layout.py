@@ -37,7 +37,7 @@ _WITH_UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]")
 _WORD = re.compile(r'"[^"]*"|(?:[^\s"\[(]|\([^)]*\)?|\[[^\]]*\]?)+')
 """A name between blanks; blanks in quotes and in brackets belong to it."""
 
-_AXIS = re.compile(r"([xyz])\d*", re.IGNORECASE)
+AXIS = re.compile(r"([xyz])\d*", re.IGNORECASE)
 
 _OCTAVE = re.compile(r"#\s*name:")
 
@@ -204,7 +204,7 @@ def _first_row(body: list[tuple[int, str]], seen: _Rows, header_first: bool) -> 
     """Index of the first row of numbers. Names may be numbers only in the first line: 0, 1, 2, ... of a data frame."""
     for k, (_, line) in enumerate(body):
         found = seen.split(line)
-        if k == 0 and (_counted(found) or (header_first and number(found[0], seen.decimal) is None)):
+        if k == 0 and len(body) > 1 and (_counted(found) or (header_first and number(found[0], seen.decimal) is None)):
             continue
         if not seen.is_data(found):
             continue
@@ -217,10 +217,9 @@ def _first_row(body: list[tuple[int, str]], seen: _Rows, header_first: bool) -> 
 
 
 def _counted(found: Sequence[str]) -> bool:
-    """Whether a line counts its columns: 0, 1, 2, ..., or nothing and then such numbers."""
+    """Whether a line counts its columns from 0 or 1, or names the first nothing and counts the others."""
     rest = list(found if found[0] else found[1:])
-    starts = (0,) if found[0] else (0, 1)
-    return len(rest) > 1 and any(rest == [str(j + k) for k in range(len(rest))] for j in starts)
+    return len(rest) > 1 and any(rest == [str(j + k) for k in range(len(rest))] for j in (0, 1))
 
 
 def _only_numbers(found: Sequence[str], seen: _Rows) -> bool:
@@ -240,9 +239,8 @@ def _last_row(body: list[tuple[int, str]], start: int, seen: _Rows) -> tuple[int
     below = [(k, line) for k, line in body[stop:] if any(seen.split(line))]
     if not below:
         return stop, ()
-    return stop, (
-        f"lines {below[0][0]} to {below[-1][0]}, below the numbers, are left out ({below[0][1].strip()[:60]})",
-    )
+    which = f"line {below[0][0]}" if len(below) == 1 else f"lines {below[0][0]} to {below[-1][0]}"
+    return stop, (f"{which} below the numbers left out ({below[0][1].strip()[:60]})",)
 
 
 def _heads(rows: list[tuple[int, str]], seen: _Rows, above: list[tuple[int, str]]) -> tuple[int, list[list[str]]]:
@@ -317,10 +315,10 @@ def _named(
     out, groups, units, group = [], [], [], ""
     for name, word, unit in zip(names, over, below, strict=True):
         group = word or (group if name else "")
-        axis = _AXIS.fullmatch(name) if group else None
+        axis = AXIS.fullmatch(name) if group else None
         match = _WITH_UNIT.fullmatch(name)
         plain, inside = (match["name"], match["unit"].strip()) if match and match["name"] else (name, "")
-        out.append(axis[1].lower() if axis else plain or group)
+        out.append(plain or group)
         groups.append(group if name else "")
         units.append(unit.strip("[](){} ") or inside or at_end(name) or (length if axis else None))
     return tuple(out), tuple(groups), tuple(units)

@@ -39,6 +39,21 @@ def resampled(values: np.ndarray, rate_hz: float, to_hz: float, where: str) -> n
     return np.asarray(resample_poly(values, up, down, window=taps, padtype="line"))
 
 
+def at_regular_times(values: np.ndarray, stamps: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Values (n,) sampled at ``stamps`` (n,), s, from the first on, at regular times: a cubic spline through them.
+
+    It passes what is well below half the mean rate. Around missing values (nan), they are missing.
+    """
+    from scipy.interpolate import CubicSpline
+
+    known = np.isfinite(values)
+    times = np.arange(int(stamps[-1] * rate_hz * (1 + 1e-12)) + 1) / rate_hz
+    if known.sum() < 2:
+        return np.full(times.size, np.nan)
+    lost = np.interp(times, stamps, (~known).astype(float)) > 0
+    return np.where(lost, np.nan, CubicSpline(stamps[known], values[known])(times))
+
+
 def filled(values: np.ndarray, longest: int, where: str, rate_hz: float) -> tuple[np.ndarray, int]:
     """Values (n,) with gaps of at most ``longest`` samples interpolated (monotone cubic), and how many were filled.
 
@@ -62,16 +77,12 @@ def filled(values: np.ndarray, longest: int, where: str, rate_hz: float) -> tupl
     return interpolated(values, bad), int(bad.sum())
 
 
-def interpolated(values: np.ndarray, bad: np.ndarray) -> np.ndarray:
-    """Values (n,) with those where ``bad`` (n,) holds replaced: monotone cubic between the good ones on both sides.
-
-    Between its neighbours it does not overshoot (Fritsch & Butland 1984, SIAM J Sci Stat Comput 5:300). At least two
-    values must be good; at the ends the curve is continued.
-    """
+def interpolated(values: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """Values (n,) with those in ``gap`` (n,), bool, replaced by a monotone cubic through the others (pchip)."""
     from scipy.interpolate import PchipInterpolator
 
     at = np.arange(values.size)
-    return np.where(bad, PchipInterpolator(at[~bad], values[~bad])(at), values)
+    return np.where(gap, PchipInterpolator(at[~gap], values[~gap])(at), values)
 
 
 def whole_samples(seconds: float, rate_hz: float) -> int:

@@ -20,10 +20,10 @@ from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.recordings import netcdf_zarr
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.columns import text_source
-from mcstudy.recordings.layout import Dialect
 from mcstudy.recordings.described import read_sheet
 from mcstudy.recordings.guards import check_hdf5, check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
+from mcstudy.recordings.layout import Dialect
 from mcstudy.recordings.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import Recording, Trial
 from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,9 @@ import pytest
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.importing import Imported, import_files, listing
+from mcstudy.recordings.lab_files import open_source
+from mcstudy.recordings.layout import Dialect
+from mcstudy.recordings.units import kind_of
 
 RATE, N = 100.0, 400
 
@@ -93,7 +95,7 @@ def stamps(form: str, step_ms: int = 10) -> list[str]:
 
 DECLARED = {"angle": "deg", "stimulus": "N m"}
 
-FILES: dict[str, tuple[str | bytes | Callable[[], str], dict[str, Any]]] = {
+FILES: dict[str, tuple[str | bytes, dict[str, Any]]] = {
     "plain": (lines(), {}),
     "blanks": (lines(" "), {}),
     "tab": (lines("\t"), {}),
@@ -186,10 +188,6 @@ FILES: dict[str, tuple[str | bytes | Callable[[], str], dict[str, Any]]] = {
             "channels": {"stimulus": 2, "theta1": 6, "theta2": 7},
         },
     ),
-    "first values missing": (
-        lines().replace("\n0,0,", "\n0,NA,").replace(f"{LEG[1]:.9g},", "nan,"),
-        {"fill_gaps_s": 0.05, "channels": {"stimulus": "theta2", "theta1": "stimulus"}, "missing": True},
-    ),
 }
 
 
@@ -199,12 +197,246 @@ def imported(folder: Path, content: str | bytes, options: dict[str, Any], name: 
     return import_files([file], None, {"units": DECLARED, "body": BODY, **options})
 
 
-@pytest.mark.parametrize("name", [n for n in FILES if n != "first values missing"])
+@pytest.mark.parametrize("name", FILES)
 def test_a_file_of_an_ordinary_program_is_read_to_its_last_digit(tmp_path: Path, name: str) -> None:
     content, options = FILES[name]
-    assert not callable(content)
     found = imported(tmp_path, content, options)
     (trial,) = found.recording.trials
     assert found.recording.rate_hz == RATE
     np.testing.assert_allclose(trial.stimulus, TORQUE, rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(trial.theta, np.column_stack([LEG, HIP]) * DEG, rtol=1e-8, atol=1e-10)
+
+
+def trc() -> str:
+    """Markers in mm at 100 Hz as motion capture writes them; shank and trunk of constant length, z up, x forward."""
+    leg, trunk = LEG * DEG, (LEG + HIP) * DEG
+    hip = np.column_stack([850 * np.sin(leg), 0 * leg, 850 * np.cos(leg)])
+    shoulder = hip + np.column_stack([500 * np.sin(trunk), 0 * trunk, 500 * np.cos(trunk)])
+    marks = {"ANK": np.zeros((N, 3)), "HIP": hip, "SHO": shoulder}
+    head = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\n"
+    head += f"100.00\t100.00\t{N}\t3\tmm\t100.00\nFrame#\tTime\t" + "\t\t\t".join(marks) + "\t\t\n"
+    head += "\t\t" + "\t".join(f"{axis}{k}" for k in (1, 2, 3) for axis in "XYZ") + "\n\n"
+    rows = zip(range(1, N + 1), TIME, *(values for values in marks.values()), strict=True)
+    return head + "\n".join(
+        "\t".join([str(k), f"{t:.5f}", *(f"{v:.9g}" for point in points for v in point)]) for k, t, *points in rows
+    )
+
+
+def test_markers_of_a_trc_file_are_named_as_in_c3d_and_have_its_unit_and_rate(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "torque.csv", TORQUE, header="motor", comments="")
+    (tmp_path / "a.trc").write_text(trc())
+    described = tmp_path / "a.toml"
+    described.write_text(
+        'units = {stimulus = "N m"}\nrate_hz = 100\nbody = {reference = "goodworth2018"}\n'
+        'channels = {stimulus = {file = "torque.csv", column = "motor"}}\n'
+        '[markers]\nankle = ["ANK"]\nhip = ["HIP"]\nshoulder = ["SHO"]\nforward = "+x"\nup = "+z"\n'
+        '[[trials]]\nfile = "a.trc"\n'
+    )
+    (trial,) = import_files([], described).recording.trials
+    np.testing.assert_allclose(trial.theta, np.column_stack([LEG, HIP]) * DEG, atol=1e-9)
+    told = listing(tmp_path / "a.trc")
+    assert [line.split() for line in told.splitlines() if line.startswith("HIP.z")] == [
+        ["HIP.z", "7", "400", "mm", "100"]
+    ]
+
+
+def test_a_marker_is_never_an_angle(tmp_path: Path) -> None:
+    channels = {"stimulus": "ANK.x", "theta1": "HIP.x", "theta2": "SHO.x"}
+    for unit in ("mrad", "deg", "rad"):
+        with pytest.raises(
+            RecordingError, match=r"theta1: unit: expected an angle, but the file states mm \(a length\)"
+        ):
+            imported(
+                tmp_path,
+                trc(),
+                {"stimulus": "platform_translation", "channels": channels, "units": {"angle": unit, "stimulus": "mm"}},
+                "a.trc",
+            )
+
+
+REFUSED: dict[str, tuple[str | bytes, dict[str, Any], str]] = {
+    "a repeated name": (
+        vicon(),
+        {"channels": {"stimulus": "T", "theta1": "X", "theta2": "Y"}, "rate_hz": RATE},
+        r"a\.csv: column 'X': 2 columns have this name, 3, 6 from 0; give the number of one$",
+    ),
+    "a repeated name that is not asked for by name": (
+        lines().replace("time,", "theta1,"),
+        {"rate_hz": RATE},
+        r"column 'theta1': 2 columns have this name, 0, 2 from 0",
+    ),
+    "a number behind the last column": (
+        lines(),
+        {"channels": {"theta1": 4}},
+        r"column 4: the file has columns 0 to 3",
+    ),
+    "a volt for a torque": (
+        lines().replace("stimulus", "stimulus (V)"),
+        {},
+        r"stimulus: unit: expected a torque, but the file states V \(a voltage\) for stimulus",
+    ),
+    "a length for an angle": (
+        lines().replace("theta2", "theta2 [mm]"),
+        {},
+        r"theta2: unit: expected an angle, but the file states mm \(a length\) for theta2",
+    ),
+    "a length for an angle, units below": (
+        lines().replace("theta2\n", "theta2\ns,N m,mm,deg\n"),
+        {},
+        r"theta1: unit: expected an angle, but the file states mm",
+    ),
+    "a length for an angle, by the end of its name": (
+        lines().replace("theta1", "marker_mm"),
+        {"channels": {"theta1": "marker_mm"}, "units": {"angle": "mrad", "stimulus": "N m"}},
+        r"theta1: unit: expected an angle, but the file states mm",
+    ),
+    "an angular velocity": (
+        lines().replace("theta1", "theta1 (deg/s)"),
+        {},
+        r"theta1: unit: expected an angle, but the file states deg/s \(an angle per s\)",
+    ),
+    "a torque per mass": (
+        lines().replace("stimulus", "stimulus (Nm/kg)"),
+        {},
+        r"stimulus: unit: expected a torque, but the file states Nm/kg \(a torque per kg\)",
+    ),
+    "radians declared as degrees": (
+        lines().replace("theta1", "theta1 (rad)"),
+        {},
+        r"theta1: unit: declared deg, but the file states rad for theta1",
+    ),
+    "the other unit with a scale of -1": (
+        lines().replace("theta1", "theta1 (rad)"),
+        {"channels": {"theta1": {"column": "theta1", "scale": -1.0}}},
+        r"theta1: unit: declared deg, but the file states rad",
+    ),
+    "degrees of OpenSim declared as radians": (
+        opensim(True),
+        {"units": {"angle": "rad", "stimulus": "N m"}},
+        r"theta1: unit: declared rad, but the file states deg",
+    ),
+    "samples for time": (
+        lines().replace("time", "time (frames)"),
+        {},
+        r"time: unit: expected a time, but the file states frames \(a count\)",
+    ),
+    "no unit": (
+        lines(),
+        {"units": {"stimulus": "N m"}},
+        r"units\.angle: expected the unit of theta1 \(--unit\), got none",
+    ),
+    "text that is asked for": (
+        with_columns(event=["a"] * N),
+        {"channels": {"theta2": "event"}},
+        r"a\.csv: line 2, column 'event': expected a number, got 'a'$",
+    ),
+    "a wrong number": (
+        lines().replace(f"{LEG[2]:.9g}", "0.0O1"),
+        {},
+        r"a\.csv: line 4, column 'theta1': expected a number, got '0\.0O1'$",
+    ),
+    "a thousand or a comma": (
+        "time;stimulus;theta1;theta2\n" + "\n".join(f"{k};1,234;5,678;9,012" for k in range(40)),
+        {},
+        r"is the comma of '1,234' a decimal sign or between thousands\? state decimal",
+    ),
+    "a row cut off": (lines().rstrip("\n")[:-14] + "\n", {}, r"a\.csv: line 401: expected 4 columns, got 3$"),
+    "a second table below": (
+        lines() + "\nDevices\n1000\nFrame,Force\n1,2.5\n2,2.5\n",
+        {},
+        r"a\.csv: line 403: expected 4 columns, got 1",
+    ),
+    "an Excel workbook": (
+        b"PK\3\4" + bytes(100),
+        {},
+        r"a\.csv: expected text, found a workbook .*; save the sheet as CSV$",
+    ),
+    "an old Excel workbook": (
+        b"\xd0\xcf\x11\xe0" + bytes(100),
+        {},
+        r"found a workbook \(\.xls\); save the sheet as CSV$",
+    ),
+    "several variables of Octave": (
+        octave() + octave().replace("name: x", "name: y"),
+        {},
+        r"found a file of Octave with several variables; save it with -v7",
+    ),
+    "time stamps of two kinds": (
+        stamped([*stamps("")[:-1], "later"]),
+        {},
+        r"line 401, column 'time': expected a time stamp as in the lines above, got 'later'",
+    ),
+    "more names than columns": (
+        lines().replace("theta2\n", "theta2,theta3\n"),
+        {},
+        r"line 1: the header names 5 columns, the rows have 4",
+    ),
+    "a quote that is not closed": (
+        with_columns(remark=["a"] * N).replace("a\n", '"a\n', 1),
+        {},
+        "a quoted cell is not closed",
+    ),
+    "no numbers": ("a,b,c\nd,e,f\n", {}, "expected rows of numbers under the header, found none"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_read_gets_one_line_that_says_where_and_what_to_do(tmp_path: Path, name: str) -> None:
+    content, options, message = REFUSED[name]
+    with pytest.raises(RecordingError, match=message) as caught:
+        imported(tmp_path, content, options)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_column_number_is_a_position(tmp_path: Path) -> None:
+    """Also where names repeat, are numbers themselves, or are not there."""
+    values = np.arange(40.0).reshape(8, 5) + 0.5
+    headers = ("X,Y,X,Y,X", "4,3,2,1,0", "1,2,3,4,5", "0,1,2,3,4", "a,b,c,d,e", ",,,,", "time,X,X,X,X", "")
+    for header in headers:
+        rows = "\n".join(",".join(map(str, row)) for row in values)
+        (tmp_path / "a.csv").write_text(f"{header}\n{rows}\n")
+        source = open_source(tmp_path / "a.csv", Dialect())
+        for k in range(5):
+            for key in (k, str(k)):
+                assert source.pick(key).values[-1] == values[-1, k], (header, key)
+        assert len(source.variables) == 5
+
+
+def test_the_list_shows_every_column_with_its_number(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,X,Y,X,Y,X\n" + "\n".join("0,1,2,3,4,5" for _ in range(5)))
+    rows = [line.rsplit(maxsplit=4)[:2] for line in listing(tmp_path / "a.csv").splitlines()[4:]]
+    assert [(name.strip(), number) for name, number in rows] == [
+        ("t", "0"), ("X [1]", "1"), ("Y [2]", "2"), ("X [3]", "3"), ("Y [4]", "4"), ("X [5]", "5")
+    ]  # fmt: skip
+
+
+def test_a_calibrated_voltage_and_a_wrong_header_have_a_way_in(tmp_path: Path) -> None:
+    volts = lines().replace("stimulus", "stimulus (V)")
+    found = imported(tmp_path, volts, {"channels": {"stimulus": {"column": "stimulus", "unit": "N m", "scale": 2.0}}})
+    np.testing.assert_allclose(found.recording.trials[0].stimulus, 2 * TORQUE, rtol=1e-8, atol=1e-9)
+    found = imported(tmp_path, volts, {"units": {**DECLARED, "stated": "ignored"}})
+    np.testing.assert_allclose(found.recording.trials[0].stimulus, TORQUE, rtol=1e-8, atol=1e-9)
+    assert "units that the files state are ignored, as declared" in found.notes
+
+
+@pytest.mark.parametrize(
+    ("unit", "kind"),
+    [
+        ("N·m", "a torque"),
+        ("N.m", "a torque"),
+        ("[N-m]", "a torque"),
+        ("newton metre", "a torque"),
+        ("nm", None),
+        ("Deg", "an angle"),
+        ("(degrees)", "an angle"),
+        ("RAD", "an angle"),
+        ("mV", "a voltage"),
+        ("deg/s^2", "an angle per s^2"),
+        ("m/s2", "a length per s2"),
+        ("left", None),
+        ("", None),
+        ("1", None),
+    ],
+)
+def test_what_a_unit_measures(unit: str, kind: str | None) -> None:
+    assert kind_of(unit) == kind

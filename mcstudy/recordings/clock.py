@@ -26,6 +26,15 @@ SAME_RATE = 1e-3
 LONGEST_STEP = 3.0
 """Longest step in periods that is bridged when values are resampled by their stamps; longer ones are gaps."""
 
+SCATTER = 0.05
+"""Standard deviation of stamps about a regular clock, in periods, from which on they are told, or followed."""
+
+FINEST = 6
+"""Decimals of rounded stamps that are recognised."""
+
+MOST_LOST = 2
+"""Most rows per row that is there, of a file that lost rows; fewer would be stamps that come in bursts."""
+
 REMEDIES = (
     "if the samples are regular and only their stamps are not, state the rate (rate_hz, --rate); if they were taken "
     "when stamped, resample them (resample_hz, --resample)"
@@ -102,7 +111,11 @@ def clock_of(
         raise RecordingError(f"{where}: time: {_backwards(time, steps)}")
     fault = _irregular(time, steps)
     if fault is None:
-        return Clock(_rate(time.size, span, stated, where))
+        rate, fault = _rate(time.size, span, stated, where), _scatter(time)
+        if fault is None or stated is not None:
+            return Clock(rate)
+        if resample_hz is None:
+            return Clock(rate, remark=f"{fault}; taken as regular; to follow them, state resample_hz (--resample)")
     rows = _rows(time, steps)
     if rows is not None:
         lost = int(rows[-1]) + 1 - time.size
@@ -118,7 +131,7 @@ def clock_of(
         told = f"{lost} lost rows (longest gap {longest:.3g} s) are missing values"
         return Clock(_rate(int(rows[-1]) + 1, span, stated, where), rows=rows, remark=told)
     if stated is not None:
-        _rate(time.size, span, stated, where)
+        _rate(time.size, (time.size - 1) * _line(time, np.arange(time.size))[0], stated, where)
         return Clock(stated, remark=f"time stamps are not used, because a rate of {stated:g} Hz is stated: {fault}")
     if resample_hz is None:
         raise RecordingError(f"{where}: time: {fault}; {REMEDIES}")
@@ -170,13 +183,25 @@ def _irregular(time: np.ndarray, steps: np.ndarray) -> str | None:
     )
 
 
+def _scatter(time: np.ndarray) -> str | None:
+    """How much stamps that count as regular scatter, in words; None for little, and for what rounding explains."""
+    period, away = _line(time, np.arange(time.size))
+    sd = float(away.std())
+    if sd <= SCATTER * period:
+        return None
+    digits = next((k for k in range(FINEST + 1) if np.abs(time - np.round(time, k)).max() < 1e-9), None)
+    if digits is not None and np.abs(away).max() <= 10.0**-digits < period / 2:
+        return None
+    return f"time stamps scatter by {sd:.2g} s (SD) about a regular clock, {100 * sd / period:.0f} % of a period"
+
+
 def _rows(time: np.ndarray, steps: np.ndarray) -> np.ndarray | None:
     """Numbers of the rows (n,) on a regular clock that lost some; None where that does not explain the steps.
 
     Stamps that only scatter stay within half a period of a regular clock without any loss.
     """
     count, step = np.arange(time.size), float(np.median(steps))
-    if step <= 0 or time[-1] - time[0] > 10 * time.size * step or _within(time, count):
+    if step <= 0 or time[-1] - time[0] > MOST_LOST * time.size * step or _within(time, count):
         return None
     rows = np.concatenate([[0], np.cumsum(np.rint(steps / step))]).astype(int)
     if (np.diff(rows) < 1).any():
@@ -186,8 +211,14 @@ def _rows(time: np.ndarray, steps: np.ndarray) -> np.ndarray | None:
 
 def _within(time: np.ndarray, rows: np.ndarray) -> bool:
     """Whether stamps are within half a period of a regular clock on which the rows have these numbers."""
+    period, away = _line(time, rows)
+    return bool(np.abs(away).max() <= period / 2)
+
+
+def _line(time: np.ndarray, rows: np.ndarray) -> tuple[float, np.ndarray]:
+    """Period (s) of the regular clock that is nearest to the stamps of rows with these numbers, and how far each is."""
     period, start = np.polyfit(rows, time - time[0], 1)
-    return bool(np.abs(time - time[0] - start - period * rows).max() <= period / 2)
+    return float(period), time - time[0] - start - period * rows
 
 
 def _rate(samples: int, span: float, stated: float | None, where: str) -> float:

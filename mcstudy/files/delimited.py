@@ -92,7 +92,7 @@ def number(cell: str, decimal: str = ".") -> float | None:
 def row_names(first: Sequence[str]) -> bool:
     """Whether the first cells of all rows are names of rows, as R writes them: 1, 2, 3 and so on, or unlike words."""
     return list(first) == [str(k) for k in range(1, len(first) + 1)] or (
-        len(set(first)) == len(first) and not any(c == "" or NUMBER.fullmatch(c) for c in first)
+        1 < len(set(first)) == len(first) and not any(c == "" or NUMBER.fullmatch(c) for c in first)
     )
 
 
@@ -110,7 +110,7 @@ def labelled(raw: bytes) -> Labelled:
     delimiter = stated_delimiter(lines[0])
     skipped = 1 if delimiter else 0
     first = next((line for line in lines[skipped:] if line.strip()), "")
-    delimiter = delimiter or next((d for d in DELIMITERS if d in first), ",")
+    delimiter = delimiter or max((",", *DELIMITERS), key=first.count)  # a comma where there is none of them
     reader = csv.reader(lines[skipped:], delimiter=delimiter, skipinitialspace=True)
     found = [(reader.line_num + skipped, [c.strip() for c in row]) for row in reader if any(c.strip() for c in row)]
     if not found:
@@ -118,7 +118,8 @@ def labelled(raw: bytes) -> Labelled:
     header, rows = found[0][1], found[1:]
     while header and not header[-1]:
         header.pop()
-    if rows and all(len(c) == len(header) + 1 for _, c in rows) and row_names([c[0] for _, c in rows]):
+    named = all(len(c) == len(header) + 1 for _, c in rows) and any(c[-1] for _, c in rows)
+    if named and row_names([c[0] for _, c in rows]):
         header.insert(0, "")
     for k, row in rows:
         if len(row) < len(header) or any(row[len(header) :]):

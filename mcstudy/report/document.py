@@ -77,7 +77,7 @@ def write_page(path: str | Path, text: Callable[[], str]) -> Path:
             opened = stack.enter_context(replacing(place))
         except OSError as error:
             raise InputError(f"{file}: expected a writable file, got {error.strerror}") from None
-        opened.write(text().encode())
+        opened.write(text().encode("utf-8", "backslashreplace"))
     return file
 
 

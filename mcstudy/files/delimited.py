@@ -54,7 +54,7 @@ def decoded(raw: bytes) -> str:
 
 def lines_of(text: str) -> list[str]:
     """The lines of a text from Windows, Unix or an old Macintosh."""
-    return re.split(r"\r\n|\r|\n", text)
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def stated_delimiter(line: str) -> str | None:
@@ -72,7 +72,7 @@ def cells(line: str, delimiter: str) -> list[str]:
 
 
 def decimal_sign(found: Sequence[str]) -> str:
-    """Decimal sign of numbers in cells between which no comma stands; `ValueError` where it cannot be told."""
+    """Decimal sign of the numbers in cells; `ValueError` where it cannot be told."""
     with_comma = [c for c in found if _COMMA.fullmatch(c)]
     if not with_comma or any("." in c and NUMBER.fullmatch(c) for c in found):
         return "."
@@ -125,5 +125,4 @@ def labelled(raw: bytes) -> Labelled:
         if len(row) < len(header) or any(row[len(header) :]):
             raise ValueError(f"line {k}: expected {len(header)} columns, got {len(row)}")
         del row[len(header) :]
-    decimal = "." if delimiter == "," else decimal_sign([c for _, row in rows for c in row])
-    return Labelled(header, rows, decimal)
+    return Labelled(header, rows, decimal_sign([c for _, row in rows for c in row]))

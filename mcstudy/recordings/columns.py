@@ -18,7 +18,7 @@ from mcstudy.errors import RecordingError, StoreError
 from mcstudy.files.delimited import decoded, number
 from mcstudy.files.untrusted import real_bytes
 from mcstudy.recordings.layout import AXIS, BLANKS, Dialect, Layout, layout, split
-from mcstudy.recordings.variables import Source, Variable
+from mcstudy.recordings.variables import TEXTS, Source, Variable
 
 LARGEST_FILE = 1 << 30
 """Largest text file, bytes."""
@@ -75,7 +75,7 @@ def _kind(first: list[str], decimal: str) -> str:
     texts = [c for c in first if c.lower() not in _BOOLEAN and number(c, decimal) is None]
     if texts and _STAMP.fullmatch(texts[0]):
         return STAMPS
-    return "texts" if texts else ""
+    return TEXTS if texts else ""
 
 
 def _distinct(found: Layout) -> tuple[tuple[str, ...], dict[str, tuple[int, ...]]]:
@@ -105,15 +105,16 @@ def _cells(found: Layout, column: int, where: str) -> list[str]:
 
 def _numbers(found: Layout, column: int, where: str, name: str) -> np.ndarray:
     """The numbers of a column (n,), nan for missing ones, 1 and 0 for true and false."""
-    given = _cells(found, column, where)
+    delimiter = None if found.delimiter == BLANKS else found.delimiter
     try:
-        if not all(given):
+        if found.decimal != ".":
             raise ValueError
-        values = np.loadtxt(given, comments=None, ndmin=1)  # refuses what Python takes: 1_000
-        if values.shape != (len(given),):
+        lines = [line for _, line in found.rows]  # loadtxt refuses what Python takes for a number: 1_000
+        values = np.loadtxt(lines, delimiter=delimiter, usecols=column, comments=None, quotechar='"', ndmin=1)
+        if values.size != len(lines):
             raise ValueError
     except ValueError:
-        values = np.array([_value(cell, k, found, where, name) for k, cell in enumerate(given)])
+        values = np.array([_value(c, k, found, where, name) for k, c in enumerate(_cells(found, column, where))])
     large = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST_NUMBER))
     if large.size:
         k = int(large[0])

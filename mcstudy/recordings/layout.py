@@ -39,7 +39,7 @@ _WORD = re.compile(r'"[^"]*"|(?:[^\s"\[(]|\([^)]*\)?|\[[^\]]*\]?)+')
 
 AXIS = re.compile(r"([xyz])\d*", re.IGNORECASE)
 
-_OCTAVE = re.compile(r"#\s*name:")
+_OCTAVE = re.compile(r"^#\s*name:", re.MULTILINE)
 
 _LENGTH = re.compile(r".*_t[xyz]", re.DOTALL)
 """Coordinates of OpenSim that are lengths: ``pelvis_tx``. All others of a file of coordinates are angles."""
@@ -120,7 +120,7 @@ def split(line: str, delimiter: str) -> list[str]:
 def layout(text: str, dialect: Dialect) -> Layout:
     """Where names, units and numbers are in a text; `ValueError`, one line, where there are no rows of numbers."""
     every = [(k, line) for k, line in enumerate(lines_of(text), start=1) if line.strip()]
-    if sum(1 for _, line in every if _OCTAVE.match(line)) > 1:
+    if text.startswith("#") and len(_OCTAVE.findall(text)) > 1:
         raise ValueError("expected one matrix, found a file of Octave with several variables; save it with -v7 as .mat")
     of_program, rate_hz, angle_unit, length = _program(every)
     lines = [(k, line) for k, line in every if k > max(of_program, dialect.skip or 0)]
@@ -142,7 +142,10 @@ def layout(text: str, dialect: Dialect) -> Layout:
     _check_widths(rows, seen, columns)
     names, groups, units = _named(heads, columns, length, declared == 2)
     if angle_unit is not None:
-        units = tuple(u or ("m" if _LENGTH.fullmatch(n) else None) for n, u in zip(names, units, strict=True))
+        units = tuple(
+            u or ("m" if _LENGTH.fullmatch(n) else "s" if n == "time" else None)
+            for n, u in zip(names, units, strict=True)
+        )
     return Layout(
         seen.delimiter, seen.decimal, columns, names, groups, units, tuple(rows), angle_unit, rate_hz, remarks
     )
@@ -175,7 +178,7 @@ def _typical(body: list[tuple[int, str]], dialect: Dialect, delimiter: str | Non
     seen = _Rows(decimal=dialect.decimal or ".")
     seen.delimiter = delimiter or _delimiter(sample, dialect.decimal)
     found = [seen.split(line) for line in sample]
-    if dialect.decimal is None and seen.delimiter != ",":
+    if dialect.decimal is None:
         seen.decimal = decimal_sign([c for row in found for c in row])
     counts = [seen.numbers(row) for row in found]
     if max(counts) == 0:
@@ -261,7 +264,10 @@ def _heads(rows: list[tuple[int, str]], seen: _Rows, above: list[tuple[int, str]
             if comment and not heads:
                 continue
             if not heads and len(given) > 1 and not _only_numbers(given, seen):
-                raise ValueError(f"line {k}: the header names {len(given)} columns, the rows have {seen.width}")
+                raise ValueError(
+                    f"line {k}: the header names {len(given)} columns, the rows have {seen.width}; if this is "
+                    "no header, state the lines above the numbers (text.skip, --skip)"
+                )
             break
         heads.append(found)
         if len(heads) == 3:
@@ -297,7 +303,8 @@ def _check_widths(rows: list[tuple[int, str]], seen: _Rows, columns: int) -> Non
         if n != columns:
             found = seen.split(line)
             if len(found) < columns or any(found[columns:]):
-                raise ValueError(f"line {k}: expected {columns} columns, got {len(found)}")
+                below = "; does another table begin here? cut the file" if len(found) == 1 and k > rows[0][0] else ""
+                raise ValueError(f"line {k}: expected {columns} columns, got {len(found)}{below}")
 
 
 def _named(

@@ -140,6 +140,8 @@ def _matrix(data: memoryview, order: str, name: str, found: dict[str, Variable],
             raise _Damaged(f"{name[:60]}: {values.size} numbers for an array of {' x '.join(map(str, shape))}")
         if len(found) >= MOST_VARIABLES:
             raise _Damaged(f"expected at most {MOST_VARIABLES} variables")
+        if name and name in found:
+            raise _Damaged(f"{name[:60]}: two variables have this name")
         found[name] = Variable(name, shape, partial(_shaped, values, shape))
 
 

@@ -8,7 +8,7 @@
     stimulus = "ankle_torque"  # or hip_torque, platform_translation, surface_tilt, visual_tilt
     convention = "peak"        # or peak_to_peak: how the amplitudes are stated
     upper_body = "hip"         # what theta2 is in the files: the hip angle, or "space", the upper body's angle in space
-    units = {angle = "deg", stimulus = "N m", time = "s"}
+    units = {angle = "deg", stimulus = "N m", time = "s"}  # what the file states must agree; stated = "ignored"
     body = {height = 1.80, weight = 75}
 
     [[trials]]
@@ -20,11 +20,11 @@ A file is text with columns (any other ending), MATLAB (``.mat``) or C3D (``.c3d
 folder given to `read_sheet`:
 
     [channels]
-    stimulus = "data.torque"                 # struct field; a header's name; a number of a column from 0
+    stimulus = "data.torque"                 # struct field; a header's name; the position of a column, from 0
     theta1 = {column = "data.angles[:,0]", unit = "deg", scale = -1.0}  # scale turns the sign
     theta2 = {file = "joints.txt", column = 1, rate_hz = 100}           # another file, another rate
 
-    [text]                     # text files only
+    [text]                     # text files only; what is left out is found
     delimiter = ";"
     decimal = ","
     skip = 3                   # lines above the header

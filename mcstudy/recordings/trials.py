@@ -279,7 +279,9 @@ def _rate(sheet: Sheet, channel: Channel, found: Picked, timed: _Timed | None, w
             )
         return found.rate_hz
     if declared is None:
-        raise RecordingError(f"{where.rsplit(': ', 1)[0]}: rate_hz: expected a rate or a time column")
+        raise RecordingError(
+            f"{where.rsplit(': ', 1)[0]}: rate_hz: expected a rate or a time column (numbers, or time stamps)"
+        )
     return declared
 
 

@@ -26,6 +26,9 @@ _INDEX = re.compile(
     r"(?P<name>.+)\[(?P<index>\s*(?::|-?\d{1,9})(?:\s*,\s*(?::|-?\d{1,9}))*\s*)\]", re.ASCII | re.DOTALL
 )
 
+TEXTS = "texts"
+"""What a column holds that is neither numbers nor time stamps."""
+
 _TIME = re.compile(r"time(?:_(?:s|ms|us|sec))?", re.IGNORECASE)
 
 
@@ -113,11 +116,16 @@ class Source:
         return name in self.variables or name in self.plain
 
     def time(self) -> str | int | None:
-        """The variable that is called time, ``Time`` or ``time_ms``, None where there is none."""
-        if self.has("time"):
+        """The variable that is called time, ``Time`` or ``time_ms``, None where there is none or it is other text."""
+        if self.has("time") and not self.numbered:
             return "time"
-        alike = [k for k, name in enumerate(self.numbered) if _TIME.fullmatch(name)]
-        return alike[0] if len(alike) == 1 else None
+        alike = [k for k, name in enumerate(self.numbered) if name == "time"] or [
+            k for k, name in enumerate(self.numbered) if _TIME.fullmatch(name)
+        ]
+        if len(self.plain.get("time", ())) > 1:
+            return "time"
+        held = [k for k in alike if self.variables[self.numbered[k]].content != TEXTS]
+        return held[0] if len(held) == 1 else None
 
     def elements(self, key: str) -> list[Picked]:
         """The values under a name in every element of a struct array or cell array, in order; `RecordingError`.

@@ -130,6 +130,7 @@ def test_a_byte_order_mark_in_front_of_toml_is_left_out(tmp_path: Path) -> None:
     (tmp_path / "rec.toml").write_text(text + '[[trials]]\nfile = "a.csv"\n', encoding="utf-8")
     assert isinstance(read_recording(tmp_path / "rec.toml"), Recording)
     study = '\ufeff[study]\nname = "x"\nseed = 1\n\n[group.a]\nrealizations = 2\nstarts = 2\n'
+    study += "fmax = [1.2]\namplitude = [3.0]\n"
     (tmp_path / "s.toml").write_text(study, encoding="utf-8")
     assert mc.read_study(tmp_path / "s.toml").study.seed == 1
 

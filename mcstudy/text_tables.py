@@ -9,6 +9,7 @@ import re
 import shutil
 import sys
 import textwrap
+import unicodedata
 from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 
@@ -41,20 +42,34 @@ def unfolded() -> Iterator[None]:
         _folds.reset(token)
 
 
+def escaped(text: str) -> str:
+    """A text of others as it may be shown: characters that control a terminal are written as their codes.
+
+    So are halves of characters, which stand for bytes of a file name that are not UTF-8. Line breaks stay.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c == "\n" or _shown(c) else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def _shown(character: str) -> bool:
+    return character.isprintable() or unicodedata.category(character) == "Zs"  # blanks of any width
+
+
 def fill(text: str, indent: str = "") -> str:
     """Prose in lines that fit the terminal, at most `PROSE` long; ``indent`` is in front of all but the first.
 
     Numbers with their errors and percent signs stay whole.
     """
     width = min(terminal_width() or PROSE, PROSE)
-    whole = text.replace(" %", "\xa0%").replace(" ± ", "\xa0±\xa0")
+    whole = escaped(text).replace(" %", "\xa0%").replace(" ± ", "\xa0±\xa0")
     lines = textwrap.fill(whole, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
     return lines.replace("\xa0", " ")
 
 
 def folded(text: str) -> str:
     """Text whose lines are broken where the terminal ends; without a terminal as it is."""
-    width = terminal_width()
+    width, text = terminal_width(), escaped(text)
     if width is None:
         return text
     return "\n".join(fill(line, _indent(line)) if len(line) > width else line for line in text.split("\n"))
@@ -116,7 +131,7 @@ def starts_in_words(starts: int, until_certain: bool) -> str:
 
 def printable(text: str, most: int | None = None) -> str:
     """Text of others in one line of at most ``most`` characters, without characters that control a terminal."""
-    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split()))
+    line = escaped(" ".join(text.split()))
     return line if most is None or len(line) <= most else f"{line[: most - 3]}..."
 
 
@@ -133,13 +148,13 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, of_text: bool
 
     ``of_text``: all columns are left-aligned, with one rule under all headings.
     """
-    lines, room = [list(header), *map(list, rows)], terminal_width()
+    lines, room = [[escaped(c) for c in line] for line in (header, *rows)], terminal_width()
     natural = [max(len(line[i]) for line in lines) for i in range(len(header))]
     if room is None or _total(natural) <= room:
         return _block(lines, natural, of_text)
-    words = [max(map(len, h.split()), default=0) for h in header]
-    calm = [max(words[i], *(len(row[i]) for row in rows)) if rows else words[i] for i in range(len(header))]
-    least = [max(words[i], *(_least(row[i]) for row in rows)) if rows else words[i] for i in range(len(header))]
+    words = [max(map(len, h.split()), default=0) for h in lines[0]]
+    calm = [max(words[i], *(len(row[i]) for row in lines[1:])) if rows else words[i] for i in range(len(header))]
+    least = [max(words[i], *(_least(row[i]) for row in lines[1:])) if rows else words[i] for i in range(len(header))]
     least[0] = min(least[0], room // 2)
     blocks, columns = [], [0]
     for i in range(1, len(header)):

@@ -44,14 +44,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     units.add_argument("--unit", metavar="UNIT", help="of the angles: deg, rad, mrad")
     units.add_argument("--stimulus-unit", metavar="UNIT", help="of the stimulus: N m, N mm, kgf m; m, cm, mm; deg, rad")
     units.add_argument(
+        "--stated-units",
+        choices=("checked", "ignored"),
+        help="whether units that the file states must agree with those declared here (default checked)",
+    )
+    units.add_argument(
         "--kind", help="ankle_torque (default), hip_torque, platform_translation, surface_tilt or visual_tilt"
     )
-    units.add_argument("--rate", type=float, metavar="HZ", help="samples per second, where the file does not state it")
+    units.add_argument(
+        "--rate",
+        type=float,
+        metavar="HZ",
+        help="samples per second: where the file does not state it, or its time stamps are not regular",
+    )
     units.add_argument("--period", type=float, metavar="S", help="period of the stimulus")
     units.add_argument(
-        "--resample", type=float, metavar="HZ", help="common rate (default: the lowest of the channels')"
+        "--resample",
+        type=float,
+        metavar="HZ",
+        help="common rate (default: the lowest of the channels'); time stamps that are not regular are followed",
     )
-    units.add_argument("--fill-gaps", type=float, metavar="S", help="longest gap that is interpolated (default: none)")
+    units.add_argument(
+        "--fill-gaps",
+        type=float,
+        metavar="S",
+        help="longest gap of missing values or lost rows that is interpolated (default: none)",
+    )
     trials = parser.add_argument_group("several trials in one file")
     trials.add_argument(
         "--split", choices=("columns", "rows", "elements"), help="trials are columns or rows of matrices, or elements"
@@ -61,9 +79,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     trials.add_argument("--above", type=float, help="trials start where that variable rises above this level")
     trials.add_argument("--length", type=float, metavar="S", help="duration of a trial (default: to the next start)")
     text = parser.add_argument_group("text files")
-    text.add_argument("--delimiter", help="comma, semicolon, tab, blank or a character (default: found in the header)")
-    text.add_argument("--decimal", choices=(".", ","), help="decimal sign (default .)")
-    text.add_argument("--skip", type=int, metavar="N", help="lines above the header")
+    text.add_argument("--delimiter", help="comma, semicolon, tab, blank or a character (default: found)")
+    text.add_argument("--decimal", choices=(".", ","), help="decimal sign (default: found)")
+    text.add_argument("--skip", type=int, metavar="N", help="lines above the header (default: found)")
     person = parser.add_argument_group("the person")
     person.add_argument("--height", type=float, metavar="M", help="body height, m")
     person.add_argument("--weight", type=float, metavar="KG", help="body mass, kg")
@@ -78,7 +96,7 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.recordings.importing import import_files, listing
     from mcstudy.recordings.io import write_recording
     from mcstudy.recordings.sheet import Sheet
-    from mcstudy.text_tables import folded
+    from mcstudy.text_tables import escaped, folded
 
     options = _options(args)
     if args.list:
@@ -94,12 +112,10 @@ def main(args: argparse.Namespace) -> Exit:
     if args.above is not None and not args.starts_in:
         raise InputError("--above: expected together with --starts-in")
     imported = import_files(args.files, args.map, options)
-    print(folded(imported.text()))
+    written = None if args.output is None else write_recording(imported.recording, args.output)
+    print(folded(imported.text()))  # nothing may be lost with a reader (head) that stops after some lines
     _print_doubts(imported.recording)
-    if args.output is not None:
-        print(f"written: {write_recording(imported.recording, args.output)}")
-    else:
-        print("nothing written (no -o)")
+    print("nothing written (no -o)" if written is None else f"written: {escaped(str(written))}")
     return Exit.DONE
 
 
@@ -116,7 +132,7 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
         upper_body=args.upper_body,
         resample_hz=args.resample,
         fill_gaps_s=args.fill_gaps,
-        units=_given(angle=args.unit, stimulus=args.stimulus_unit),
+        units=_given(angle=args.unit, stimulus=args.stimulus_unit, stated=args.stated_units),
         channels=_given(stimulus=args.stimulus, theta1=args.theta1, theta2=args.theta2, time=args.time),
         split=_given(by=args.split, starts=starts, length_s=args.length),
         text=_given(delimiter=args.delimiter, decimal=args.decimal, skip=args.skip),

@@ -78,7 +78,7 @@ class Stop:
 
         self._last.acquire()  # never released: only one last line is printed
         remove_unfinished()
-        line = f"mcstudy: {message}\n".encode()
+        line = f"mcstudy: {message}\n".encode("utf-8", "backslashreplace")
         try:
             if select.select([], [2], [], WRITE_S)[1]:
                 os.write(2, line)

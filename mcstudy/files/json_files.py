@@ -46,7 +46,7 @@ def write_json(path: Path, value: Mapping[str, Any], kind: str) -> str:
 
 def write_text(path: Path, text: str) -> str:
     """Write text and a line end atomically; returns the SHA-256 of the file."""
-    content = f"{text}\n".encode()
+    content = f"{text}\n".encode("utf-8", "backslashreplace")  # names of files may hold bytes that are no character
     write_file(path, lambda: content)
     return hashlib.sha256(content).hexdigest()
 

@@ -71,7 +71,11 @@ def _regular(path: Path, follow: bool = False) -> BinaryIO:
 
 
 def toml(text: str) -> dict[str, Any]:
-    """Parse a TOML document; `ValueError`, one line, if it is invalid or nested too deeply."""
+    """Parse a TOML document; `ValueError`, one line, if it is invalid or nested too deeply.
+
+    A byte order mark, which editors of Windows write, is left out.
+    """
+    text = text.removeprefix("\ufeff")
     # The parser keeps every prefix of a dotted key: 200 kB of "a.a.a..." would take 40 GB.
     if DEEP_KEY.search(text):
         raise ValueError(f"expected keys of at most {DEEPEST_KEY} parts")

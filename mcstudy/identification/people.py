@@ -6,13 +6,13 @@ are required; a further column, by default `condition`, says what is compared. O
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
 from mcstudy.errors import InputError, StoreError
+from mcstudy.files.delimited import labelled
 from mcstudy.files.untrusted import real_bytes
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording
@@ -109,30 +109,21 @@ def read_people(path: Path, column: str | None = None) -> list[Row]:
     Raises `InputError` with file, line and column.
     """
     try:
-        text = real_bytes(path, LARGEST_TABLE, follow=True).decode("utf-8-sig")
+        header, table, _ = labelled(real_bytes(path, LARGEST_TABLE, follow=True))
     except (OSError, StoreError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: expected UTF-8 text") from None
-    lines = text.splitlines()
-    first = lines[0] if lines else ""
-    separator = next((s for s in ("\t", ";") if s in first), ",")
-    table = csv.reader(lines, delimiter=separator, skipinitialspace=True)
-    header = [h.strip() for h in next(table, [])]
-    wanted = ["file", "person", *([column] if column else [])]
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    compared = column or (CONDITION if CONDITION in header else None)
+    wanted = ["file", "person", *([compared] if compared else [])]
     for name in wanted:
         if header.count(name) != 1:
             found = ", ".join(header) or "nothing"
             raise InputError(f"{path}: expected one column {name!r} in the first line, found {found}")
-    compared = column or (CONDITION if CONDITION in header else None)
     rows = []
-    for number, cells in enumerate(table, start=2):
-        if not any(c.strip() for c in cells):
-            continue
-        if len(cells) != len(header):
-            raise InputError(f"{path}: line {number}: expected {len(header)} columns, got {len(cells)}")
-        row = {name: cell.strip() for name, cell in zip(header, cells, strict=True)}
-        for name in (*wanted, *([compared] if compared else [])):
+    for number, cells in table:
+        row = dict(zip(header, cells, strict=True))
+        for name in wanted:
             if not row[name]:
                 raise InputError(f"{path}: line {number}: {name}: expected a value")
         rows.append(Row(path.parent / row["file"], row["person"], row[compared] if compared else ALL))

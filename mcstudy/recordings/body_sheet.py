@@ -15,8 +15,8 @@ from typing import Literal
 from pydantic import Field
 
 from mcstudy.errors import ModelError, RecordingError
-from mcstudy.recordings.columns import TextTable
 from mcstudy.recordings.description import Table
+from mcstudy.recordings.variables import Source
 from mcstudy.stance.anthropometry import SEXES, TABLES, proportions
 from mcstudy.stance.body import SEGMENTS, Body
 
@@ -51,18 +51,19 @@ class BodySheet(Table):
     reference: Literal["goodworth2018"] | None = None
 
 
-def body_of(sheet: BodySheet, table: Callable[[str], TextTable], where: str) -> tuple[Body, str]:
+def body_of(sheet: BodySheet, source: Callable[[str], Source], where: str) -> tuple[Body, str]:
     """The body, and a sentence on where its constants come from when they were not measured, or on what is odd.
 
-    ``table`` opens a data file by its name. `RecordingError` names ``where`` and the field.
+    ``source`` opens a data file by its name. `RecordingError` names ``where`` and the field.
     """
     segments = {n: getattr(sheet, n) for n in SEGMENTS if getattr(sheet, n) is not None}
     if sheet.file is not None:
-        row = table(sheet.file).values[0]
-        if len(sheet.order) != row.size or set(sheet.order) != set(SEGMENTS):
+        file = source(sheet.file)
+        row = [file.pick(k).values[0] for k in range(len(file.numbered))]
+        if len(sheet.order) != len(row) or set(sheet.order) != set(SEGMENTS):
             raise RecordingError(
                 f"{where}: body.order: expected the {len(SEGMENTS)} names {', '.join(SEGMENTS)} in the order of the "
-                f"{row.size} columns of {sheet.file}"
+                f"{len(row)} columns of {sheet.file}"
             )
         segments |= {n: float(v) for n, v in zip(sheet.order, row, strict=True)}
     constants = {n: getattr(sheet, n) for n in CONSTANTS if getattr(sheet, n) is not None}
@@ -85,8 +86,8 @@ def body_of(sheet: BodySheet, table: Callable[[str], TextTable], where: str) -> 
             return Body(**constants, g=sheet.g), ""
         if person:
             body = Body.from_person(**person, sex=sheet.sex, table=sheet.table, g=sheet.g)
-            source = proportions(sheet.sex, sheet.table).source
-            return body, f"body of {person['height']:g} m and {person['weight']:g} kg by {source}"
+            table = proportions(sheet.sex, sheet.table).source
+            return body, f"body of {person['height']:g} m and {person['weight']:g} kg by {table}"
     except ModelError as error:
         raise RecordingError(f"{where}: {error}") from error
     if sheet.reference is None:

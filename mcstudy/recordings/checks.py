@@ -18,7 +18,6 @@ from mcstudy.recordings.recording import (
     MINIMUM_CYCLES,
     MOST_CYCLES,
     MOST_CYCLES_IN_ALL,
-    RATE_HZ,
     Recording,
     Suspicion,
     Trial,
@@ -62,48 +61,6 @@ CLOCK_NARROW = 5
 
 CLOCK_HARMONIC = 3
 """Lowest harmonic of the period that is compared; slow drift dominates those below."""
-
-
-def rate_of(time: np.ndarray, stated: float | None, where: str) -> float:
-    """Sampling rate (Hz) of a time column (n,), s; it must be uniform and agree with the stated rate.
-
-    Raises `RecordingError` for a value that is not a number, time that does not increase, a gap, or another rate.
-    """
-    if not np.isfinite(time).all():
-        row = int(np.flatnonzero(~np.isfinite(time))[0])
-        raise RecordingError(f"{where}: time: not a number in row {row + 1}")
-    if time.size < 10:
-        raise RecordingError(f"{where}: time: expected at least 10 samples, got {time.size}")
-    if np.abs(time).max() > LARGEST_NUMBER:
-        raise RecordingError(f"{where}: time: expected at most {LARGEST_NUMBER:g} s, got {np.abs(time).max():g} s")
-    if stated is not None and (fault := RATE_HZ.fault(stated)):
-        raise RecordingError(f"{where}: rate_hz: {fault}")
-    steps = np.diff(time)
-    if (steps <= 0).any():
-        row = int(np.flatnonzero(steps <= 0)[0])
-        raise RecordingError(f"{where}: time: does not increase after t = {time[row]:g} s (row {row + 1})")
-    span = float(time[-1] - time[0])
-    step = float(np.median(steps))
-    wide = np.flatnonzero(steps > 1.5 * step)
-    if wide.size:
-        row = int(wide[0])
-        raise RecordingError(
-            f"{where}: time: gap of {steps[row]:g} s after t = {time[row]:g} s; expected steps of {step:g} s"
-        )
-    drift = time - np.linspace(time[0], time[-1], time.size)
-    if np.abs(drift).max() > 1.5 * step:
-        raise RecordingError(
-            f"{where}: time: not uniform; it deviates by up to {np.abs(drift).max():g} s from a constant rate"
-        )
-    if not RATE_HZ.low * span <= time.size - 1 <= RATE_HZ.high * span:
-        raise RecordingError(
-            f"{where}: time: expected a rate from {RATE_HZ.low:g} to {RATE_HZ.high:g} Hz, "
-            f"got {time.size} samples in {span:g} s"
-        )
-    rate = (time.size - 1) / span
-    if stated is not None and abs(rate / stated - 1) > 1e-3:
-        raise RecordingError(f"{where}: rate_hz: stated {stated:g} Hz, but the time column has {rate:.6g} Hz")
-    return stated or (round(rate) if abs(rate / round(rate) - 1) < 1e-4 else rate)
 
 
 def check(recording: Recording) -> tuple[Suspicion, ...]:

@@ -11,13 +11,16 @@ from mcstudy.errors import RecordingError
 from mcstudy.files.local_path import local_path
 from mcstudy.recordings.body_sheet import body_of
 from mcstudy.recordings.description import described
-from mcstudy.recordings.frf import FrfRecording, frf_of_columns
+from mcstudy.recordings.frf import COLUMNS, FrfRecording, frf_of_columns
 from mcstudy.recordings.lab_files import Files
 from mcstudy.recordings.recording import Recording
 from mcstudy.recordings.sheet import Sheet, TrialSheet, document
 from mcstudy.recordings.trials import Read, trials_of
-from mcstudy.recordings.units import factor
+from mcstudy.recordings.units import FACTORS, KINDS, agreed, factor, kind_of
+from mcstudy.recordings.variables import Picked
 from mcstudy.stance.body import STIMULI
+
+DEGREE = FACTORS["rad"]["deg"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | 
 def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) -> Assembled:
     """The recording of a description whose trials are in files of ``folder``, or among ``own`` (see `Files`)."""
     files = Files(folder, sheet.text.dialect(), where, own)
-    body, source = body_of(sheet.body, files.table, where)
+    body, source = body_of(sheet.body, files.source, where)
     if not sheet.trials:
         raise RecordingError(f"{where}: trials: expected at least one")
     read, notes = trials_of(sheet, files, where)
@@ -82,19 +85,40 @@ def with_files(content: Mapping[str, Any], names: Sequence[str], where: str) -> 
 
 
 def _frf(sheet: Sheet, files: Files, where: str) -> FrfRecording:
-    body, source = body_of(sheet.body, files.table, where)
+    body, remark = body_of(sheet.body, files.source, where)
     if sheet.trials or sheet.frf is None:
         raise RecordingError(f"{where}: frf: expected either trials or an frf, got both")
-    table = files.table(sheet.frf.file)
-    columns = {n: table.column(n) for n in table.names}
+    file = files.source(sheet.frf.file)
     target = STIMULI[sheet.stimulus]
     if target == "rad" and (sheet.units.angle is None) != (sheet.units.stimulus is None):
         raise RecordingError(f"{where}: units: expected both angle and stimulus for the FRF of a {sheet.stimulus}")
-    per = factor(sheet.units.stimulus or target, target, f"{where}: units.stimulus")
-    scale = factor(sheet.units.angle or "rad", "rad", f"{where}: units.angle") / per
-    f, y, C, single = frf_of_columns(columns, scale, str(table.path))
+    picked = {name: file.pick(name) for name in COLUMNS if file.has(name)}
+    angle, stimulus = _frf_units(sheet, picked, str(file.path))
+    scale = factor(angle or "rad", "rad", f"{where}: units.angle") / factor(
+        stimulus or target, target, f"{where}: units.stimulus"
+    )
+    f, y, C, single = frf_of_columns({n: p.values for n, p in picked.items()}, scale, str(file.path))
     try:
-        provenance = "; ".join(filter(None, (sheet.provenance, source)))
+        provenance = "; ".join(filter(None, (sheet.provenance, remark, *files.remarks())))
         return FrfRecording(f, y, C, sheet.stimulus, body, single, sheet.name, provenance)
     except RecordingError as error:
-        raise RecordingError(f"{table.path}: {error}") from error
+        raise RecordingError(f"{file.path}: {error}") from error
+
+
+def _frf_units(sheet: Sheet, columns: Mapping[str, Picked], where: str) -> tuple[str | None, str | None]:
+    """Units of angle and stimulus, declared or stated as deg/Nm in a header, which may not contradict each other."""
+    angle, stimulus = sheet.units.angle, sheet.units.stimulus
+    if sheet.units.stated == "ignored":
+        return angle, stimulus
+    for name, picked in columns.items():
+        kind, unit = kind_of(picked.unit), picked.unit or ""
+        if name == "f" or name.startswith("phase"):
+            expected = "Hz" if name == "f" else "deg"
+            right = unit == "Hz" if name == "f" else kind == KINDS["rad"] and factor(unit, "rad", where) == DEGREE
+            if kind is not None and not right:
+                raise RecordingError(f"{where}: {name}: unit: expected {expected}, but the file states {unit}")
+        elif not name.startswith("c12"):
+            over, _, under = unit.partition("/")
+            angle = agreed(angle, over, "rad", f"{where}: {name}", name)
+            stimulus = agreed(stimulus, under, STIMULI[sheet.stimulus], f"{where}: {name}", name)
+    return angle, stimulus

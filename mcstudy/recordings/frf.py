@@ -8,7 +8,7 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.polar import response
-from mcstudy.recordings.recording import LEAST_LINES
+from mcstudy.recordings.recording import LEAST_LINES, escape_texts
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
@@ -22,6 +22,9 @@ GAIN = Range(0.0, 1e3, "rad per unit of the stimulus")
 
 SD = Range(1e-12, 1e3, "rad per unit of the stimulus")
 """Standard deviations of a published FRF."""
+
+COLUMNS = ("f", *(f"{n}{k}" for k in (1, 2) for n in ("re", "im", "gain", "phase", "sd")), "c12_re", "c12_im")
+"""Columns of a table of responses; see `frf_of_columns`."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,6 +65,7 @@ class FrfRecording(Summary):
     provenance: str = ""
 
     def __post_init__(self) -> None:
+        escape_texts(self, "name", "provenance")
         f, y, C, name = self.f, self.y, self.C, self.name
         n = f.size
         if f.shape != (n,) or y.shape != (n, 2) or C.shape != (n, 2, 2) or n < LEAST_LINES:

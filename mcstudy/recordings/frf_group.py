@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import fields
@@ -12,14 +11,16 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.errors import RecordingError
+from mcstudy.files.delimited import NUMBER, labelled, number
 from mcstudy.files.local_path import local_path
 from mcstudy.recordings.body_sheet import body_of
-from mcstudy.recordings.columns import LARGEST_FILE, NUMBER, Dialect, content
+from mcstudy.recordings.columns import LARGEST_FILE, content
 from mcstudy.recordings.copies import equal_rows
 from mcstudy.recordings.frf import GAIN
 from mcstudy.recordings.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
 from mcstudy.recordings.guards import inside
 from mcstudy.recordings.lab_files import Files
+from mcstudy.recordings.layout import Dialect
 from mcstudy.recordings.polar import response
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, Body
@@ -60,7 +61,7 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
     path = local_path(path)
     sheet = read_group_sheet(path)
     files = Files(path.parent if data is None else Path(data), Dialect(), str(path))
-    body, source = body_of(sheet.body, files.table, str(path))
+    body, source = body_of(sheet.body, files.source, str(path))
     table = inside(path.parent if data is None else Path(data), sheet.frf_group.file, str(path))
     target = STIMULI[sheet.stimulus]
     if target == "rad" and (sheet.units.angle is None) != (sheet.units.stimulus is None):
@@ -144,36 +145,29 @@ def body_of_group(group: xr.Dataset) -> Body:
 def _rows(sheet: TableSheet, path: Path) -> tuple[list[str], list[tuple[str, ...]], np.ndarray]:
     """People and conditions in the order of the file, and the FRFs (person, condition, 2, N) as it states them."""
     try:
-        lines = content(path, LARGEST_FILE).decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise RecordingError(f"{path}: expected UTF-8 text") from None
-    separator = next((s for s in ("\t", ";") if lines and s in lines[0]), ",")
-    rows = csv.reader(lines, delimiter=separator, skipinitialspace=True)
-    header = [h.strip() for h in next(rows, [])]
+        header, rows, decimal = labelled(content(path, LARGEST_FILE))
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}") from None
     words = (sheet.person, *sheet.conditions, sheet.segment)
     for name in words:
         if header.count(name) != 1:
             raise RecordingError(f"{path}: expected one column {name!r} in the first line, found {', '.join(header)}")
     columns = {name: _columns(sheet, name, header, path) for name in PATTERNS if getattr(sheet, name) is not None}
     found: dict[tuple[str, tuple[str, ...]], dict[str, np.ndarray]] = {}
-    for number, cells in enumerate(rows, start=2):
-        if not any(c.strip() for c in cells):
-            continue
-        if len(cells) != len(header):
-            raise RecordingError(f"{path}: line {number}: expected {len(header)} columns, got {len(cells)}")
-        row = {name: cell.strip() for name, cell in zip(header, cells, strict=True)}
+    for line, cells in rows:
+        row = dict(zip(header, cells, strict=True))
         for name in words:
             if not row[name]:
-                raise RecordingError(f"{path}: line {number}: {name}: expected a value")
+                raise RecordingError(f"{path}: line {line}: {name}: expected a value")
         segment = row[sheet.segment]
         if segment not in SEGMENTS:
-            raise RecordingError(f"{path}: line {number}: {sheet.segment}: expected lower or upper, got {segment!r}")
+            raise RecordingError(f"{path}: line {line}: {sheet.segment}: expected lower or upper, got {segment!r}")
         key = row[sheet.person], tuple(row[c] for c in sheet.conditions)
         own = found.setdefault(key, {})
         if segment in own:
-            raise RecordingError(f"{path}: line {number}: a second row of {', '.join((key[0], *key[1], segment))}")
-        values = {name: _numbers(row, of, path, number) for name, of in columns.items()}
-        own[segment] = _complex(values, f"{path}: line {number}")
+            raise RecordingError(f"{path}: line {line}: a second row of {', '.join((key[0], *key[1], segment))}")
+        values = {name: _numbers(row, of, path, line, decimal) for name, of in columns.items()}
+        own[segment] = _complex(values, f"{path}: line {line}")
     people = list(dict.fromkeys(person for person, _ in found))
     conditions = list(dict.fromkeys(condition for _, condition in found))
     if not people:
@@ -214,11 +208,14 @@ def _columns(sheet: TableSheet, field: str, header: Sequence[str], path: Path) -
     return [name for name, _ in found]
 
 
-def _numbers(row: dict[str, str], names: Sequence[str], path: Path, number: int) -> np.ndarray:
+def _numbers(row: dict[str, str], names: Sequence[str], path: Path, line: int, decimal: str) -> np.ndarray:
+    values = []
     for name in names:
-        if not NUMBER.fullmatch(row[name]) or not np.isfinite(float(row[name])):
-            raise RecordingError(f"{path}: line {number}, column {name!r}: expected a number, got {row[name]!r}")
-    return np.array([float(row[name]) for name in names])
+        value = number(row[name], decimal)
+        if value is None or not np.isfinite(value):
+            raise RecordingError(f"{path}: line {line}, column {name!r}: expected a number, got {row[name]!r}")
+        values.append(value)
+    return np.array(values)
 
 
 def _complex(values: dict[str, np.ndarray], where: str) -> np.ndarray:

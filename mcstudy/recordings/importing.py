@@ -11,13 +11,13 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.checks import check, repeats_every
-from mcstudy.recordings.columns import Dialect
 from mcstudy.recordings.described import Assembled, assemble, with_files
 from mcstudy.recordings.lab_files import open_source
+from mcstudy.recordings.layout import Dialect
 from mcstudy.recordings.recording import Recording
-from mcstudy.recordings.sheet import Sheet, document
+from mcstudy.recordings.sheet import document
 from mcstudy.recordings.trials import Read, Series
-from mcstudy.text_tables import number, table
+from mcstudy.text_tables import escaped, number, table
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,9 @@ def import_files(
     where = str(described) if described is not None else names[0] if names else "import"
     stated = document(Path(described)) if described is not None else {}
     sheet = with_files(merged(stated, options or {}), names, where)
-    _require_units(sheet, where)
     folder = Path(described).parent if described is not None else Path(".")
     found: Assembled = assemble(sheet, folder, where, own=names)
+    _require_units(found.read, where)
     recording = found.recording
     if not recording.name or recording.name == "recording":
         recording = replace(recording, name=Path(names[0] if names else where).stem)
@@ -108,21 +108,11 @@ def merged(stated: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, A
     return out
 
 
-def _require_units(sheet: Sheet, where: str) -> None:
+def _require_units(read: Sequence[Read], where: str) -> None:
     """A unit is declared, or stated by the file; it is never taken for granted."""
-    declared = {
-        "stimulus": sheet.units.stimulus,
-        "theta1": sheet.units.angle,
-        "theta2": sheet.units.angle,
-    }
-    for trial in sheet.trials:
-        for name, general in declared.items():
-            channel = getattr(trial if name in trial.model_fields_set else sheet.channels, name)
-            in_c3d = (channel.file or trial.file or "").lower().endswith(".c3d")
-            from_markers = sheet.markers is not None and name != "stimulus"
-            if not (general or channel.unit or in_c3d or from_markers):
-                key, option = ("stimulus", "--stimulus-unit") if name == "stimulus" else ("angle", "--unit")
-                raise RecordingError(f"{where}: units.{key}: expected the unit of {name} ({option}), got none")
+    for series in (s for trial in read for s in trial.parts if s.assumed):
+        key, option = ("stimulus", "--stimulus-unit") if series.channel == "stimulus" else ("angle", "--unit")
+        raise RecordingError(f"{where}: units.{key}: expected the unit of {series.channel} ({option}), got none")
 
 
 def _odd(recording: Recording) -> list[str]:
@@ -137,13 +127,15 @@ def _odd(recording: Recording) -> list[str]:
 
 
 def listing(file: str | Path, dialect: Dialect | None = None) -> str:
-    """A table of the variables in a file: name, size, unit, rate, RMS and peak of vectors."""
+    """A table of the variables in a file: name, number of a column, size, unit and rate."""
     source = open_source(Path(file), dialect or Dialect())
     rows = []
-    for name, variable in source.variables.items():
-        shape = " x ".join(map(str, variable.shape))
+    for k, (name, variable) in enumerate(source.variables.items()):
+        shape = " x ".join(map(str, variable.shape)) + (f" {variable.content}" if variable.content else "")
         rate = "-" if variable.rate_hz is None else f"{variable.rate_hz:g}"
-        rows.append([name, shape, variable.unit or "-", rate])
-    head = f"{file}: {source.kind}, {len(rows)} variables"
-    parts = [head, table(["variable", "size", "unit", "Hz"], rows) if rows else "", "\n".join(source.others.values())]
+        unit = variable.unit or (f"{variable.angle_unit} (angles)" if variable.angle_unit else "-")
+        rows.append([name, *([str(k)] if source.numbered else []), shape, unit, rate])
+    head = "\n".join([f"{escaped(str(file))}: {source.kind}, {len(rows)} variables", *source.remarks])
+    header = ["variable", *(["column"] if source.numbered else []), "size", "unit", "Hz"]
+    parts = [head, table(header, rows) if rows else "", "\n".join(map(escaped, source.others.values()))]
     return "\n\n".join(filter(None, parts))

@@ -12,8 +12,9 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.files.reading_process import Unreadable, answer
 from mcstudy.recordings import c3d_file, matlab5
-from mcstudy.recordings.columns import Dialect, TextTable, content, text_source
+from mcstudy.recordings.columns import content, text_source
 from mcstudy.recordings.guards import inside, regular
+from mcstudy.recordings.layout import Dialect
 from mcstudy.recordings.variables import Source, Variable, one_line
 
 MATLAB, C3D = ".mat", ".c3d"
@@ -109,9 +110,9 @@ class Files:
             self._sources[name] = open_source(self._path(name), self._dialect)
         return self._sources[name]
 
-    def table(self, name: str) -> TextTable:
-        """A text file of numbers; raises `RecordingError`."""
-        return TextTable(self._path(name), self._dialect)
+    def remarks(self) -> tuple[str, ...]:
+        """What was left out of the opened files, in words that name the file."""
+        return tuple(f"{source.path.name}: {r}" for source in self._sources.values() for r in source.remarks)
 
     def _path(self, name: str) -> Path:
         return Path(name) if name in self._own else inside(self._folder, name, self._where)

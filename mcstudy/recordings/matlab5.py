@@ -167,6 +167,8 @@ def _matrix(data: memoryview, order: str, name: str, found: _Found, depth: int) 
         if values.size != count:
             raise _Damaged(f"{name[:60]}: {values.size} numbers for an array of {' x '.join(map(str, shape))}")
         found.refuse_more()
+        if name and name in found.variables:
+            raise _Damaged(f"{name[:60]}: two variables have this name")
         found.variables[name] = Variable(name, shape, partial(_shaped, values, shape))
 
 

@@ -24,12 +24,12 @@ import numpy as np
 
 from mcstudy.errors import ModelError, RecordingError
 from mcstudy.files import schema
+from mcstudy.files.delimited import NUMBER
 from mcstudy.files.durable import partial_name, replace_tree
 from mcstudy.files.json_files import write_text
 from mcstudy.files.reading_process import answer
 from mcstudy.files.unfinished import unfinished
-from mcstudy.recordings.checks import rate_of
-from mcstudy.recordings.columns import NUMBER
+from mcstudy.recordings.clock import rate_of
 from mcstudy.recordings.guards import LARGEST, check_zarr
 from mcstudy.recordings.recording import Recording, Trial, refuse_size
 from mcstudy.recordings.units import factor

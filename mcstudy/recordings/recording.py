@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from mcstudy.stance.body import STIMULI, Body, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.ranges import LARGEST_TILT, Range
 from mcstudy.stance.stimulus import CONVENTIONS
+from mcstudy.text_tables import escaped
 
 EXPECTED = (
     "expected a recording (a stimulus and two sway angles over time): .nc, .zarr, or a .toml that describes .csv "
@@ -129,6 +131,12 @@ class Trial(Summary):
         ]
 
 
+def escape_texts(record: Any, *names: str) -> None:
+    """Escape what a terminal or a file cannot hold in the texts of a frozen ``record``, which may be file names."""
+    for name in names:
+        object.__setattr__(record, name, escaped(getattr(record, name)))
+
+
 def refuse_size(trials: int, samples: int, where: str) -> None:
     """Raise `RecordingError` for more trials or samples than a recording may have."""
     if trials > MOST_TRIALS:
@@ -182,6 +190,7 @@ class Recording(Summary):
     condition: str = ""
 
     def __post_init__(self) -> None:
+        escape_texts(self, "name", "provenance", "person", "condition")
         if not self.trials:
             raise RecordingError(f"{self.name}: trials: expected at least one")
         if self.stimulus not in STIMULI:

@@ -39,6 +39,21 @@ def resampled(values: np.ndarray, rate_hz: float, to_hz: float, where: str) -> n
     return np.asarray(resample_poly(values, up, down, window=taps, padtype="line"))
 
 
+def at_regular_times(values: np.ndarray, stamps: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Values (n,) sampled at ``stamps`` (n,), s, from the first on, at regular times: a cubic spline through them.
+
+    It passes what is well below half the mean rate. Around missing values (nan), they are missing.
+    """
+    from scipy.interpolate import CubicSpline
+
+    known = np.isfinite(values)
+    times = np.arange(int(stamps[-1] * rate_hz * (1 + 1e-12)) + 1) / rate_hz
+    if known.sum() < 2:
+        return np.full(times.size, np.nan)
+    lost = np.interp(times, stamps, (~known).astype(float)) > 0
+    return np.where(lost, np.nan, CubicSpline(stamps[known], values[known])(times))
+
+
 def filled(values: np.ndarray, longest: int, where: str, rate_hz: float) -> tuple[np.ndarray, int]:
     """Values (n,) with gaps of at most ``longest`` samples interpolated (monotone cubic), and how many were filled.
 
@@ -68,3 +83,8 @@ def interpolated(values: np.ndarray, gap: np.ndarray) -> np.ndarray:
 
     at = np.arange(values.size)
     return np.where(gap, PchipInterpolator(at[~gap], values[~gap])(at), values)
+
+
+def whole_samples(seconds: float, rate_hz: float) -> int:
+    """How many samples fit in a duration; 0.29 s at 100 Hz are 29."""
+    return int(seconds * rate_hz * (1 + 1e-9))

@@ -8,7 +8,7 @@
     stimulus = "ankle_torque"  # or hip_torque, platform_translation, surface_tilt, visual_tilt
     convention = "peak"        # or peak_to_peak: how the amplitudes are stated
     upper_body = "hip"         # what theta2 is in the files: the hip angle, or "space", the upper body's angle in space
-    units = {angle = "deg", stimulus = "N m", time = "s"}
+    units = {angle = "deg", stimulus = "N m", time = "s"}  # what the file states must agree; stated = "ignored"
     body = {height = 1.80, weight = 75}
 
     [[trials]]
@@ -20,11 +20,11 @@ A file is text with columns (any other ending), MATLAB (``.mat``) or C3D (``.c3d
 folder given to `read_sheet`:
 
     [channels]
-    stimulus = "data.torque"                 # struct field; a header's name; a number of a column from 0
+    stimulus = "data.torque"                 # struct field; a header's name; the position of a column, from 0
     theta1 = {column = "data.angles[:,0]", unit = "deg", scale = -1.0}  # scale turns the sign
     theta2 = {file = "joints.txt", column = 1, rate_hz = 100}           # another file, another rate
 
-    [text]                     # text files only
+    [text]                     # text files only; what is left out is found
     delimiter = ";"
     decimal = ","
     skip = 3                   # lines above the header
@@ -57,8 +57,9 @@ from pydantic import Field, model_validator
 from mcstudy.errors import RecordingError
 from mcstudy.files.untrusted import toml
 from mcstudy.recordings.body_sheet import BodySheet
-from mcstudy.recordings.columns import Dialect, content
+from mcstudy.recordings.columns import content
 from mcstudy.recordings.description import Description, Table
+from mcstudy.recordings.layout import Dialect
 from mcstudy.recordings.markers import MarkerSheet
 from mcstudy.recordings.recording import EXPECTED
 
@@ -116,19 +117,20 @@ class TrialSheet(Table):
 
 
 class Units(Table):
-    """Units of the columns, unless a channel says otherwise."""
+    """Units of the columns, unless a channel says otherwise; what the file states must agree, unless it is ignored."""
 
     time: str = "s"
     stimulus: str | None = None
     angle: str | None = None
+    stated: Literal["checked", "ignored"] = "checked"
 
 
 class TextSheet(Table):
     """How text files are written."""
 
     delimiter: str | None = None
-    decimal: Literal[".", ","] = "."
-    skip: int = Field(default=0, ge=0, le=10_000)
+    decimal: Literal[".", ","] | None = None
+    skip: int | None = Field(default=None, ge=0, le=10_000)
 
     def dialect(self) -> Dialect:
         """The same for the reader."""
@@ -140,7 +142,7 @@ class TextSheet(Table):
         given = self.dialect().delimiter
         if given is not None and len(given) != 1:
             raise ValueError(f"expected delimiter of one character or {', '.join(DELIMITERS)}")
-        if given == self.decimal:
+        if given is not None and given == self.decimal:
             raise ValueError("expected delimiter and decimal to differ")
         return self
 

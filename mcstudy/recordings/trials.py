@@ -8,22 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.checks import rate_of
+from mcstudy.recordings.clock import SAME_RATE, Clock, clock_of
 from mcstudy.recordings.faults import angle_faults
 from mcstudy.recordings.lab_files import Files
 from mcstudy.recordings.markers import space_angles
 from mcstudy.recordings.recording import MOST_TRIALS, RATE_HZ, Trial, refuse_size
-from mcstudy.recordings.resample import METHOD, filled, resampled
+from mcstudy.recordings.resample import METHOD, filled, resampled, whole_samples
 from mcstudy.recordings.sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
 from mcstudy.recordings.soundness import FILLABLE, without_gaps
-from mcstudy.recordings.units import factor, known
+from mcstudy.recordings.units import agreed, factor
 from mcstudy.recordings.variables import Picked
 from mcstudy.stance.body import STIMULI
 
 CHANNELS = ("stimulus", "theta1", "theta2")
-
-SAME_RATE = 1e-3
-"""Largest relative difference of two rates that count as the same."""
 
 SAME_LENGTH = 1.5
 """Largest difference in length of the channels of a trial after resampling, in samples; the excess is cut off."""
@@ -33,8 +30,9 @@ SAME_LENGTH = 1.5
 class Series:
     """One channel of one trial.
 
-    Attributes: channel; variable, its name in the file; unit, as declared; factor from that unit to ours; values (n,)
-    in our unit, rad, N m or m; rate_hz; missing, how many values were interpolated.
+    Attributes: channel; variable, its name in the file; unit, declared or stated by the file, or ``assumed`` to be
+    ours; factor from that unit to ours; values (n,) in our unit, rad, N m or m; rate_hz; missing, how many values were
+    interpolated; remark, what was done to its times.
     """
 
     channel: str
@@ -44,6 +42,8 @@ class Series:
     values: np.ndarray
     rate_hz: float
     missing: int = 0
+    remark: str = ""
+    assumed: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def trials_of(sheet: Sheet, files: Files, where: str) -> tuple[tuple[Read, ...],
         Read(trial.file or "", parts, _trial(sheet, trial, parts, rate, f"{where}: trial {k}"), rate)
         for k, (trial, parts) in enumerate(found, start=1)
     ]
-    return tuple(done), _notes(sheet, [parts for _, parts in found], rate)
+    return tuple(done), (*files.remarks(), *_notes(sheet, [parts for _, parts in found], rate))
 
 
 def _common_rate(sheet: Sheet, trials: Sequence[tuple[Series, ...]], where: str) -> float:
@@ -103,7 +103,7 @@ def _common_rate(sheet: Sheet, trials: Sequence[tuple[Series, ...]], where: str)
 
 
 def _notes(sheet: Sheet, trials: Sequence[tuple[Series, ...]], rate: float) -> tuple[str, ...]:
-    notes = []
+    notes = list(dict.fromkeys(s.remark for parts in trials for s in parts if s.remark))
     changed = {(s.channel, s.rate_hz) for parts in trials for s in parts if abs(s.rate_hz / rate - 1) > SAME_RATE}
     for channel, own in sorted(changed):
         notes.append(f"{channel} resampled from {own:g} to {rate:g} Hz by a {METHOD}")
@@ -119,6 +119,8 @@ def _notes(sheet: Sheet, trials: Sequence[tuple[Series, ...]], rate: float) -> t
         notes.append(
             f"{gaps} missing, held or jumping values interpolated (monotone cubic, gaps up to {sheet.fill_gaps_s:g} s)"
         )
+    if sheet.units.stated == "ignored":
+        notes.append("units that the files state are ignored, as declared")
     return tuple(notes)
 
 
@@ -138,7 +140,7 @@ def _trial(sheet: Sheet, trial: TrialSheet, parts: tuple[Series, ...], rate: flo
     stimulus, theta1, theta2 = (v[:shortest] for v in done)
     hip = theta2 - theta1 if sheet.upper_body == "space" or sheet.markers is not None else theta2
     target = STIMULI[sheet.stimulus]
-    per = factor(sheet.units.stimulus or target, target, f"{where}: amplitude")
+    per = factor(sheet.units.stimulus or parts[0].unit, target, f"{where}: amplitude")
     return Trial(stimulus, np.column_stack([theta1, hip]), None if trial.amplitude is None else per * trial.amplitude)
 
 
@@ -175,7 +177,8 @@ def _series(sheet: Sheet, trial: TrialSheet, files: Files, where: str) -> list[t
 
         def fill(p: Picked) -> Picked:
             rate = p.rate_hz or sheet.rate_hz or 1.0
-            return replace(p, values=filled(p.values, int(sheet.fill_gaps_s * rate), f"{where}: {p.name}", rate)[0])
+            longest = whole_samples(sheet.fill_gaps_s, rate)
+            return replace(p, values=filled(p.values, longest, f"{where}: {p.name}", rate)[0])
 
         lower, upper = space_angles(markers, source, fill, where)
         columns |= {"theta1": [lower], "theta2": [upper]}
@@ -242,8 +245,8 @@ def _pieces(
     where: str,
 ) -> list[tuple[Series, ...]]:
     """Channels in our units, cut where trials start."""
-    time = _time(sheet, trial, picked["stimulus"].values.size, files, where)
-    parts = [_converted(sheet, name, given[name], picked[name], time, where) for name in CHANNELS]
+    clock = _clock(sheet, trial, picked["stimulus"], files, where)
+    parts = [_converted(sheet, name, given[name], picked[name], clock, where) for name in CHANNELS]
     for s in parts[1:]:
         if s.rate_hz == parts[0].rate_hz and s.values.size != parts[0].values.size:
             raise RecordingError(
@@ -255,32 +258,45 @@ def _pieces(
     return [tuple(_cut(s, begin, end, where) for s in parts) for begin, end in starts]
 
 
-def _converted(sheet: Sheet, name: str, channel: Channel, found: Picked, time: float | None, where: str) -> Series:
+def _converted(sheet: Sheet, name: str, channel: Channel, found: Picked, clock: _Timed | None, where: str) -> Series:
     where = f"{where}: {name}"
     target = STIMULI[sheet.stimulus] if name == "stimulus" else "rad"
-    from_markers = sheet.markers is not None and name != "stimulus"
-    general = sheet.units.stimulus if name == "stimulus" else sheet.units.angle
-    unit = "rad" if from_markers else channel.unit or general or found.unit or target
-    scale = channel.scale * factor(unit, target, where)
     if abs(channel.scale) < 1 / LARGEST_SCALE:
         raise RecordingError(
             f"{where}.scale: expected a size from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}, got {channel.scale:g}"
         )
-    stated = known(found.unit, target)
-    if stated is not None and channel.scale == 1.0 and stated != factor(unit, target, where):
-        raise RecordingError(f"{where}: unit: declared {unit}, but the file states {found.unit} for {found.name}")
-    rate = _rate(sheet, channel, found, time, where)
-    values, missing = found.values if scale == 1.0 else found.values * scale, 0
+    unit = _unit(sheet, name, channel, found, target, where)
+    scale = channel.scale * factor(unit or target, target, where)
+    timed = clock if clock is not None and found.rate_hz in (None, clock.stated) and channel.rate_hz is None else None
+    values = found.values if timed is None or found.values.size != timed.samples else timed.clock.regular(found.values)
+    rate = _rate(sheet, channel, found, timed, where)
+    values, missing = values if scale == 1.0 else values * scale, 0
     if sheet.fill_gaps_s:
-        values, missing = filled(values, int(sheet.fill_gaps_s * rate), where, rate)
+        values, missing = filled(values, whole_samples(sheet.fill_gaps_s, rate), where, rate)
         if name != "stimulus":
             values, more = without_gaps(values, rate, sheet.fill_gaps_s)
             missing += more
-    return Series(name, found.name, unit, scale, values, rate, missing)
+    remark = timed.clock.remark if timed else ""
+    return Series(name, found.name, unit or target, scale, values, rate, missing, remark, assumed=unit is None)
 
 
-def _rate(sheet: Sheet, channel: Channel, found: Picked, time: float | None, where: str) -> float:
-    declared = channel.rate_hz or (time if found.rate_hz is None else None) or sheet.rate_hz
+def _unit(sheet: Sheet, name: str, channel: Channel, found: Picked, target: str, where: str) -> str | None:
+    """The unit of a channel, before its scale: declared, or stated by its file, and never of another kind."""
+    general = sheet.units.stimulus if name == "stimulus" else sheet.units.angle
+    from_markers = sheet.markers is not None and name != "stimulus"
+    declared = None if from_markers else channel.unit or general
+    stated = found.unit or (found.angle_unit if target == "rad" else None)
+    calibrated = abs(channel.scale) != 1.0  # the unit is that of the product: volts times N m per volt
+    if sheet.units.stated == "ignored" or (calibrated and declared is not None):
+        stated = None
+    unit = agreed(declared, stated, target, where, found.name)
+    return "rad" if from_markers else unit
+
+
+def _rate(sheet: Sheet, channel: Channel, found: Picked, timed: _Timed | None, where: str) -> float:
+    if timed is not None:
+        return timed.clock.rate_hz
+    declared = channel.rate_hz or sheet.rate_hz
     if found.rate_hz is not None:
         if declared is not None and abs(found.rate_hz / declared - 1) > SAME_RATE:
             raise RecordingError(
@@ -288,24 +304,40 @@ def _rate(sheet: Sheet, channel: Channel, found: Picked, time: float | None, whe
             )
         return found.rate_hz
     if declared is None:
-        raise RecordingError(f"{where.rsplit(': ', 1)[0]}: rate_hz: expected a rate or a time column")
+        raise RecordingError(
+            f"{where.rsplit(': ', 1)[0]}: rate_hz: expected a rate or a time column (numbers, or time stamps)"
+        )
     return declared
 
 
-def _time(sheet: Sheet, trial: TrialSheet, samples: int, files: Files, where: str) -> float | None:
-    """The rate of a time column, None without one."""
+@dataclass(frozen=True)
+class _Timed:
+    """The clock of a file's time stamps: ``samples``, their number; ``stated``, the rate that the file states."""
+
+    clock: Clock
+    samples: int
+    stated: float | None
+
+
+def _clock(sheet: Sheet, trial: TrialSheet, stimulus: Picked, files: Files, where: str) -> _Timed | None:
+    """The clock of a time column, None without one."""
     channel = trial.time or sheet.channels.time
     if channel is None:
-        if trial.file is None or "time" not in files.source(trial.file).variables or sheet.split.by is not None:
+        column = None if trial.file is None or sheet.split.by is not None else files.source(trial.file).time()
+        if column is None:
             return None
-        channel = Channel()
+        channel = Channel(column=column)
     file, key = _pick_from(channel, trial, "time", where)
     found = _flat(files.source(file).pick(key), f"{where}: time")
-    unit = channel.unit or (known(found.unit, "s") and found.unit) or sheet.units.time
+    if found.values.size != stimulus.values.size:
+        raise RecordingError(f"{where}: time: {found.values.size} rows, but the stimulus has {stimulus.values.size}")
+    declared = channel.unit or (sheet.units.time if "time" in sheet.units.model_fields_set else None)
+    stated = None if sheet.units.stated == "ignored" or abs(channel.scale) != 1.0 else found.unit
+    unit = agreed(declared, stated, "s", f"{where}: time", found.name) or "s"
     scale = channel.scale * factor(unit, "s", f"{where}: time")
-    if found.values.size != samples:
-        raise RecordingError(f"{where}: time: {found.values.size} rows, but the stimulus has {samples}")
-    return rate_of(found.values * scale, sheet.rate_hz, where)
+    rate = sheet.rate_hz or found.rate_hz
+    clock = clock_of(found.values * scale, rate, sheet.resample_hz, sheet.fill_gaps_s, where)
+    return _Timed(clock, found.values.size, found.rate_hz)
 
 
 def _starts(

@@ -1,44 +1,144 @@
-"""Conversion factors to the units used internally: rad, s, N m, m."""
+"""Units: conversion factors to those used internally (rad, s, N m, m), and what a file may state against a declaration.
+
+A unit is declared by the user or stated by the file; where both speak they must agree. A file that states a unit of
+another kind - volts, millimetres, degrees per second - does not hold what is asked for, whatever was declared.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 
 from mcstudy.errors import RecordingError
 
 FACTORS: dict[str, dict[str, float]] = {
-    "rad": {
-        "rad": 1.0,
-        "mrad": 1e-3,
-        "deg": math.pi / 180,
-        "degree": math.pi / 180,
-        "degrees": math.pi / 180,
-        "°": math.pi / 180,
-    },
-    "s": {"s": 1.0, "ms": 1e-3},
+    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
     "N m": {
         "N m": 1.0,
-        "Nm": 1.0,
-        "N*m": 1.0,
-        "N.m": 1.0,
         "N mm": 1e-3,
-        "Nmm": 1e-3,
+        "N cm": 1e-2,
+        "mN m": 1e-3,
+        "kN m": 1e3,
         "kgf m": 9.80665,
         "kgf cm": 9.80665e-2,
     },
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
 }
-"""Accepted spellings per target unit; a kilogram-force is 9.80665 N (CGPM 1901)."""
+"""Units per target; a kilogram-force is 9.80665 N (CGPM 1901)."""
+
+KINDS = {"rad": "an angle", "s": "a time", "N m": "a torque", "m": "a length"}
+"""What each target measures."""
+
+OTHERS = {
+    "a voltage": ("V", "mV", "uV", "volt", "volts"),
+    "a current": ("A", "mA"),
+    "a force": ("N", "kN", "kgf", "newton", "newtons"),
+    "a mass": ("kg",),
+    "an acceleration": ("g",),
+    "a frequency": ("Hz", "kHz"),
+    "a share": ("%", "percent"),
+    "a level": ("dB",),
+    "a power": ("W",),
+    "a pressure": ("Pa", "kPa", "hPa"),
+    "a temperature": ("°C", "degC"),
+    "a count": ("counts", "count", "samples", "frames", "frame", "px", "pixel", "pixels", "bit", "bits"),
+}
+"""Units of other kinds, which files of laboratories state."""
+
+_WORDS = {
+    "rad": ("radian", "radians", "rads"),
+    "deg": ("degree", "degrees", "degs", "º"),
+    "s": ("sec", "secs", "second", "seconds"),
+    "ms": ("msec", "millisecond", "milliseconds"),
+    "min": ("minute", "minutes"),
+    "N m": ("newtonmeter", "newtonmeters", "newtonmetre", "newtonmetres"),
+    "m": ("meter", "meters", "metre", "metres"),
+    "cm": ("centimeter", "centimeters", "centimetre", "centimetres"),
+    "mm": ("millimeter", "millimeters", "millimetre", "millimetres"),
+}
+"""Other words for a unit."""
+
+_ENDING = re.compile(
+    r"(?:.+_(?P<unit>deg|degs|degree|degrees|rad|radian|radians|mrad|N_?mm?|mm|mV)(?P<rate>_(?:per_)?s(?:2|ec)?)?"
+    r"|(?:t|time)_(?P<time>s|ms|us|sec))",
+    re.IGNORECASE,
+)
+"""A unit at the end of a name. ``_m``, ``_s``, ``_cm`` are none: they also mean measured, smoothed, centre of mass."""
+
+
+def _bare(unit: str) -> str:
+    """A spelling without blanks, dots and hyphens between its parts: N·m, N.m, N-m and N*m are Nm."""
+    return re.sub(r"[\s·⋅∙×*._-]", "", unit.strip().strip("[](){}")).replace("µ", "u").replace("μ", "u")
+
+
+_SPELLED = {_bare(unit): unit for units in FACTORS.values() for unit in units}
+_SPELLED |= {word: unit for unit, words in _WORDS.items() for word in words}
+_TARGET = {unit: target for target, units in FACTORS.items() for unit in units}
+_OTHER = {_bare(unit): kind for kind, units in OTHERS.items() for unit in units}
+
+
+def _spelled(unit: str) -> str | None:
+    """The unit as `FACTORS` spells it; capital letters count only where they tell units apart (mN m, Nm)."""
+    bare = _bare(unit)
+    found = _SPELLED.get(bare)
+    if found is None and len(bare) > 1 and bare.lower() not in ("nm", "mnm", "knm"):
+        found = _SPELLED.get(bare.lower())
+    return found
+
+
+def kind_of(unit: str | None) -> str | None:
+    """What a unit measures, in words; None for text that is no known unit, and for none."""
+    if unit is None:
+        return None
+    if (spelled := _spelled(unit)) is not None:
+        return KINDS[_TARGET[spelled]]
+    if (other := _OTHER.get(_bare(unit)) or _OTHER.get(_bare(unit).lower())) is not None:
+        return other
+    over, slash, under = unit.strip().strip("[](){}").partition("/")
+    if slash and kind_of(over) and kind_of(re.sub(r"\^?-?\d$|²$", "", under)):
+        return f"{kind_of(over)} per {_bare(under)}"
+    return None
 
 
 def factor(unit: str, target: str, where: str) -> float:
     """Factor that converts values in ``unit`` to ``target``; `RecordingError` names ``where``."""
-    try:
-        return FACTORS[target][unit.strip()]
-    except KeyError:
-        raise RecordingError(f"{where}: unit: expected one of {', '.join(FACTORS[target])}, got {unit!r}") from None
+    spelled = _spelled(unit)
+    if spelled is None or spelled not in FACTORS[target]:
+        raise RecordingError(f"{where}: unit: expected one of {', '.join(FACTORS[target])}, got {unit!r}")
+    return FACTORS[target][spelled]
 
 
-def known(unit: str | None, target: str) -> float | None:
-    """The same factor, None for a unit that is not known."""
-    return None if unit is None else FACTORS[target].get(unit.strip())
+def agreed(declared: str | None, stated: str | None, target: str, where: str, name: str) -> str | None:
+    """The unit of a variable ``name``: declared by the user, or stated by its file; None where neither speaks.
+
+    ``target``: the unit that its kind is converted to. Raises `RecordingError`, naming ``where``, for a file that
+    states a unit of another kind, or of the same kind but not the declared one; text that is no unit states nothing.
+    """
+    kind = kind_of(stated)
+    if kind is not None and kind != KINDS[target]:
+        raise RecordingError(
+            f"{where}: unit: expected {KINDS[target]}, but the file states {stated} ({kind}) for {name}; name another "
+            "variable, or state that its units are wrong (units.stated, --stated-units ignored)"
+        )
+    if kind is None or stated is None:
+        return declared
+    if declared is not None and factor(declared, target, where) != factor(stated, target, where):
+        raise RecordingError(
+            f"{where}: unit: declared {declared}, but the file states {stated} for {name}; leave the unit out, or "
+            "state that those of the file are wrong (units.stated, --stated-units ignored)"
+        )
+    return declared or stated
+
+
+def at_end(name: str) -> str | None:
+    """The unit at the end of a column's name, ``theta1_deg``; None where there is none."""
+    found = _ENDING.fullmatch(name)
+    if found is None:
+        return None
+    if found["time"]:
+        return found["time"]
+    unit = found["unit"].replace("_", "")
+    if found["rate"]:
+        return f"{unit}/s^2" if found["rate"].endswith("2") else f"{unit}/s"
+    return unit if kind_of(unit) else None

@@ -26,6 +26,11 @@ _INDEX = re.compile(
     r"(?P<name>.+)\[(?P<index>\s*(?::|-?\d{1,9})(?:\s*,\s*(?::|-?\d{1,9}))*\s*)\]", re.ASCII | re.DOTALL
 )
 
+TEXTS = "texts"
+"""What a column holds that is neither numbers nor time stamps."""
+
+_TIME = re.compile(r"time(?:_(?:s|ms|us|sec))?", re.IGNORECASE)
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -43,6 +48,10 @@ class Variable:
         As the file states it, or None.
     rate_hz
         Samples per second as the file states it, or None.
+    angle_unit
+        Unit of all angles of the file, which holds if this is one; or None.
+    content
+        What it holds in words where that is not numbers.
     """
 
     name: str
@@ -50,6 +59,8 @@ class Variable:
     read: Callable[[], np.ndarray]
     unit: str | None = None
     rate_hz: float | None = None
+    angle_unit: str | None = None
+    content: str = ""
 
 
 @dataclass(frozen=True)
@@ -60,32 +71,62 @@ class Picked:
     values: np.ndarray
     unit: str | None = None
     rate_hz: float | None = None
+    angle_unit: str | None = None
 
 
 @dataclass(frozen=True)
 class Source:
     """The variables of one file, by name.
 
-    ``kind``: format in words. ``numbered``: names of columns that may also be asked for by their number. ``others``:
-    what there is to say of variables that are no numbers, by name.
+    ``kind``: format in words. ``numbered``: names of columns by their position, which may also be asked for by it.
+    ``plain``: names as the file states them, with the positions of the columns that have them. ``remarks``: what was
+    left out of the file, in words. ``others``: what there is to say of variables that are no numbers, by name.
     """
 
     path: Path
     kind: str
     variables: Mapping[str, Variable]
     numbered: tuple[str, ...] = ()
+    plain: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
     others: Mapping[str, str] = field(default_factory=dict)
 
     def pick(self, key: str | int) -> Picked:
-        """The values under a name, with or without indices, or of a column by its number; `RecordingError`."""
-        if isinstance(key, int) or (self.numbered and key.isdecimal() and key not in self.variables):
+        """The values under a name, with or without indices, or of a column by its number; `RecordingError`.
+
+        A number is a position, whatever the columns are called.
+        """
+        if isinstance(key, int) or (self.numbered and key.isascii() and key.isdecimal()):
             return self._of(self._column(int(key)))
+        if len(at := self.plain.get(key, ())) > 1:
+            raise RecordingError(
+                f"{self.path}: column {key!r}: {len(at)} columns have this name, {', '.join(map(str, at))} from 0; "
+                "give the number of one"
+            )
+        if at:
+            return self._of(self.numbered[at[0]])
         if key in self.variables:
             return self._of(key)
         name, index = _parts(key)
         if name not in self.variables:
             raise RecordingError(self._missing(key))
         return self._indexed(self._of(name), index)
+
+    def has(self, name: str) -> bool:
+        """Whether one variable, or several, have this name."""
+        return name in self.variables or name in self.plain
+
+    def time(self) -> str | int | None:
+        """The variable that is called time, ``Time`` or ``time_ms``, None where there is none or it is other text."""
+        if self.has("time") and not self.numbered:
+            return "time"
+        alike = [k for k, name in enumerate(self.numbered) if name == "time"] or [
+            k for k, name in enumerate(self.numbered) if _TIME.fullmatch(name)
+        ]
+        if len(self.plain.get("time", ())) > 1:
+            return "time"
+        held = [k for k in alike if self.variables[self.numbered[k]].content != TEXTS]
+        return held[0] if len(held) == 1 else None
 
     def elements(self, key: str) -> list[Picked]:
         """The values under a name in every element of a struct array or cell array, in order; `RecordingError`.
@@ -115,7 +156,7 @@ class Source:
         except (OSError, ValueError, RuntimeError, KeyError, MemoryError) as error:
             reason = (str(error).splitlines() or [type(error).__name__])[0][:300]
             raise RecordingError(f"{self.path}: {name}: cannot be read: {reason}") from error
-        return Picked(name, values, variable.unit, variable.rate_hz)
+        return Picked(name, values, variable.unit, variable.rate_hz, variable.angle_unit)
 
     def _column(self, number: int) -> str:
         if not 0 <= number < len(self.numbered):

@@ -63,7 +63,7 @@ def _entry(key: str, heading: str, content: str) -> str:
 
 def write_page(path: str | Path, text: Callable[[], str]) -> Path:
     """Write the page that ``text`` makes, see `mcstudy.files.output.write_file`."""
-    return write_file(path, lambda: text().encode())
+    return write_file(path, lambda: text().encode("utf-8", "backslashreplace"))
 
 
 def _style() -> str:

@@ -20,10 +20,11 @@ from mcstudy.gap.candidates.readings import READINGS
 from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.recordings import netcdf_zarr
 from mcstudy.recordings.checks import check
-from mcstudy.recordings.columns import TextTable
+from mcstudy.recordings.columns import text_source
 from mcstudy.recordings.described import read_sheet
 from mcstudy.recordings.guards import check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
+from mcstudy.recordings.layout import Dialect
 from mcstudy.recordings.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import Recording, Trial
 from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
@@ -408,7 +409,7 @@ def test_every_function_that_takes_a_path_takes_its_name(tmp_path: Path, monkeyp
         assert read_dataset(name).cycles == (3,)
     sheet_path = write_csv(SWAY, "b")
     assert isinstance(read_sheet(str(sheet_path), "b"), Recording)
-    assert TextTable("b/trial1.csv").names[0] == "time"
+    assert text_source(Path("b/trial1.csv"), Dialect()).numbered[0] == "time"
     assert inside("b", "trial1.csv", "b.toml").is_file()
 
 

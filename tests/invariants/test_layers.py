@@ -14,7 +14,7 @@ from mcstudy.study import environment
 PACKAGE = Path(mcstudy.__file__).parent
 
 LAYERS = (
-    ("errors", "exits", "streams", "text_tables", "short_repr"),
+    ("program", "errors", "exits", "streams", "text_tables", "short_repr"),
     ("stance",),
     ("files",),
     ("recordings",),

@@ -63,7 +63,7 @@ def _look(folder: str, prefix: str, found: State, apart: Sequence[str] = ()) -> 
             if name.endswith(SUFFIXES):
                 about = entry.stat()
                 found[prefix + name] = about.st_ino, about.st_ctime_ns, about.st_size
-            elif not name.startswith("_") and "." not in name and entry.is_dir():  # "_compiled" follows from the source
+            elif not name.startswith("_") and entry.is_dir():  # "_compiled" follows from the source
                 _look(entry.path, f"{prefix}{name}/", found)
 
 

@@ -20,8 +20,7 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
-from mcstudy import open_results
-from mcstudy import program
+from mcstudy import open_results, program
 from mcstudy.analysis.paper.rows import rows
 from mcstudy.analysis.view import StudyView
 from mcstudy.api.studies import summary

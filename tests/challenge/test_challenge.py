@@ -352,7 +352,7 @@ def test_a_command_whose_file_now_asks_for_another_method_prints_no_score_of_the
     file = tmp_path / "c.toml"
     for method, code in (("fast", Exit.DONE), ("fast", Exit.DONE), ("detect", Exit.BAD_INPUT)):
         text = f'[challenge]\nname = "c"\nseed = 3\ncases = 1\n[answer]\nmethod = "{method}"\n'
-        file.write_text(text + "[mix]\nnone = 1\nknown = 0\nunknown = 0\npair = 0\n")
+        file.write_text(text + "[mix]\nnone = 1\nknown = 0\noutsider = 0\npair = 0\nshifted = 0\n")
         assert main(["gap", "challenge", "run", str(file), "-o", str(tmp_path / "out"), "--workers", "1"]) == code
         printed = capsys.readouterr()
         assert bool(printed.out) == (code == Exit.DONE)

@@ -143,12 +143,12 @@ def test_an_interrupted_extension_loses_nothing_and_resumes(
     def stop_after_two(self: GroupStore, chunk: object, data: object) -> None:
         if next(copied, None) is None:
             raise KeyboardInterrupt
-        write(self, chunk, data)  # type: ignore[arg-type]
+        write(self, chunk, data, *environments)  # type: ignore[arg-type]
 
     def full(self: GroupStore, chunk: object, data: object) -> None:
         if self.path.parent == out:
             raise OSError(28, "No space left on device")
-        write(self, chunk, data)  # type: ignore[arg-type]
+        write(self, chunk, data, *environments)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
         if moment == "create":

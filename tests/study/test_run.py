@@ -117,7 +117,7 @@ def test_a_block_that_always_fails_is_reported_and_the_rest_finishes(
 ) -> None:
     write, bad = GroupStore.write, []
 
-    def broken(self: GroupStore, chunk: object, data: object) -> None:
+    def broken(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         if self.name == "ideal":
             bad.append(chunk)
             raise ValueError("cosmic ray")
@@ -163,7 +163,7 @@ def test_a_disk_that_cannot_be_written_stops_the_run_and_the_next_one_completes_
     run_study(study, whole, ONE)
     write, done = GroupStore.write, iter(range(2))
 
-    def full(self: GroupStore, chunk: object, data: object) -> None:
+    def full(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         if next(done, None) is None:
             raise OSError(28, reason)
         write(self, chunk, data, *environments)  # type: ignore[arg-type]
@@ -182,7 +182,7 @@ def test_a_store_deleted_under_the_run_does_not_come_back_in_pieces(
     out = tmp_path / "out.zarr"
     write = GroupStore.write
 
-    def vanish(self: GroupStore, chunk: object, data: object) -> None:
+    def vanish(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         if out.exists():
             out.rename(tmp_path / "moved.zarr")
         write(self, chunk, data, *environments)  # type: ignore[arg-type]
@@ -198,7 +198,7 @@ def test_a_stop_request_ends_the_run_as_resumable(tmp_path: Path, tiny: str, mon
     run_study(study, whole, ONE)
     write = GroupStore.write
 
-    def stop_after_one(self: GroupStore, chunk: object, data: object) -> None:
+    def stop_after_one(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         write(self, chunk, data, *environments)  # type: ignore[arg-type]
         for event in tasks.STOP.values():
             event.set()

@@ -55,12 +55,14 @@ write = GroupStore.write
 
 def write_later(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], *environments: Iterable[str]) -> None:
     """A chunk that is reported before it is written."""
-    later = threading.Timer(0.2, write, (self, chunk, {name: values.copy() for name, values in data.items()}))
+    copied = {name: values.copy() for name, values in data.items()}
+    later = threading.Timer(0.2, write, (self, chunk, copied, *environments))
     later.start()
 
 
 def status_first(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], *environments: Iterable[str]) -> None:
     """A chunk whose status does not come last."""
+    del environments
     *first, last = self.layout.results
     for name in (last, *first):
         self.put(name, chunk, data[name])

@@ -71,8 +71,7 @@ def test_workers_of_other_environments_change_no_byte(
     local: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     others = {
-        OTHER_VERSION: "workers of another environment agree in a sample of 32 fits of group noisy (their chunks name it): "
-        "versions.numpy:",
+        OTHER_VERSION: "workers of another environment agree in a sample of 32 fits of group noisy",
         OTHER_SOURCE: "refused, because they run other source code: source:",
         OTHER_BITS: "refused, because their fits have other bits: cpu:",
     }

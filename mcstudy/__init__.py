@@ -8,6 +8,8 @@ intervals, `fit_group` those of many people; `diagnose` says what a model lacks;
 
 from __future__ import annotations
 
+import mcstudy.program  # noqa: F401  # first of all: it notes the source that the others are loaded from
+
 TYPE_CHECKING = False  # importing `typing` for it would take longer than all else until the command hears Ctrl-C
 if TYPE_CHECKING:
     from typing import Any

@@ -13,7 +13,6 @@ from mcstudy.errors import ModelError, StoreError
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import expected_line_covariance
-from mcstudy.stance.own_values import OWN_VALUES, REPLACED
 from mcstudy.study.design import Group
 from mcstudy.study.measure import kept_points, stimulus
 from mcstudy.study.models import build_model
@@ -67,10 +66,15 @@ def points_of(data: xr.Dataset) -> Bands:
 
 
 def provenance_of(data: xr.Dataset) -> str:
-    """Origin of the true values; it must be shown wherever they are shown."""
-    text = str(data.attrs.get("truth_provenance") or model_of(data).provenance)
-    replaced = set(text.partition(REPLACED)[2].split(", "))
-    return OWN_VALUES if replaced >= {str(n) for n in data["parameter"].values} else text
+    """Origin of the true values; it must be shown wherever they are shown.
+
+    It follows from the design: cubes of older programs call a user's own body the paper's.
+    """
+    try:
+        text = fitted_model(data).provenance
+    except StoreError:  # no design
+        text = ""
+    return text or str(data.attrs.get("truth_provenance", ""))
 
 
 def covariance_of(data: xr.Dataset) -> xr.DataArray:

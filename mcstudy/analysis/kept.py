@@ -2,8 +2,9 @@
 
 They lie in ``OUT.log/statistics/``, next to the cube and not part of it; whoever deletes them loses nothing but time.
 The name of a file is a hash of everything that the numbers depend on: the content of the cube and of its run log, the
-source of this package, versions, CPU and threads. So a changed or damaged cube, another program and another machine
-do not find it, and what is found under a name was computed from this content, which was checked then.
+source of this package, versions, CPU and settings. So a changed or damaged cube, another program and another machine
+do not find it, and what is found under a name was computed from this content, which was checked then. A process whose
+own source has changed since it started (`mcstudy.program`) keeps nothing and takes nothing.
 
 The numbers of a chunk are not read again, because in a large cube that takes longer than all else. A chunk is
 represented by the file's size, the time of its last change, and its last four bytes, which are the CRC-32C of the
@@ -23,16 +24,16 @@ import os
 import stat
 from collections.abc import Callable, Iterator, Sequence
 from hashlib import file_digest, sha256
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from mcstudy import program
 from mcstudy.errors import StoreError
 from mcstudy.files import schema
 from mcstudy.files.durable import log_folder
 from mcstudy.files.sealed import read_sealed, write_sealed
 from mcstudy.files.untrusted import json_document
-from mcstudy.study.environment import environment, source
+from mcstudy.study.environment import platform
 
 MOST = 8
 """Files that are kept per cube; the oldest are removed."""
@@ -41,7 +42,7 @@ CHECKSUM_BYTES = 4
 """Bytes of the CRC-32C at the end of a chunk."""
 
 PACKAGES = ("xarray", "pandas", "matplotlib")
-"""Libraries of statistics and figures whose versions `environment` does not hold."""
+"""Libraries of statistics and figures whose versions a cube's environment does not hold."""
 
 
 def folder(cube: Path) -> Path:
@@ -72,7 +73,7 @@ class Look:
     """What is kept of the present content of cubes, beside the first of them; `looking` makes one."""
 
     def __init__(self, cubes: Sequence[Path]) -> None:
-        self._cubes, self._content = cubes, _contents(cubes)
+        self._cubes, self._content, self._maker = cubes, _contents(cubes), maker()
         self._new: dict[Path, dict[str, Any]] = {}
 
     def kept(self, kind: str, words: Sequence[str], compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
@@ -80,31 +81,27 @@ class Look:
 
         It is computed only if it is not kept. ``words``: what it depends on besides the cubes.
         """
-        if self._content is None:
+        if self._content is None or self._maker is None:
             return compute()
-        file = folder(self._cubes[0]) / _key(kind, self._content, words)
+        parts = [kind, self._content, list(words), self._maker]
+        file = folder(self._cubes[0]) / sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
         found = self._new.get(file) or _read(file, kind)
         if found is None:
             found = self._new[file] = compute()
         return found
 
     def keep(self) -> None:
-        """Write what was computed, unless a run has changed the cubes meanwhile."""
-        if self._new and _contents(self._cubes) == self._content:
+        """Write what was computed, unless a run has changed the cubes meanwhile, or an update the program."""
+        if self._new and _contents(self._cubes) == self._content and maker() == self._maker:
             for file, value in self._new.items():
                 _write(file, value)
         self._new.clear()
 
 
-def _key(kind: str, content: Sequence[str], words: Sequence[str]) -> str:
-    """Hash of everything that the statistics depend on."""
-    parts = [kind, list(content), list(words), *program()]
-    return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-
-
-def program() -> list[Any]:
-    """What computes: versions, CPU, threads and the source of this package, as a JSON value."""
-    return [environment(), {name: _version(name) for name in PACKAGES}, source((".",))]
+def maker() -> list[Any] | None:
+    """What computes and draws: source, versions, CPU and settings, as a JSON value; None if files have changed."""
+    source = program.source()
+    return None if source is None else [source, platform(), program.versions(PACKAGES)]
 
 
 def _contents(cubes: Sequence[Path]) -> list[str] | None:
@@ -113,13 +110,6 @@ def _contents(cubes: Sequence[Path]) -> list[str] | None:
         return [_content(cube) for cube in cubes]
     except OSError:
         return None
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ""
 
 
 def _content(cube: Path) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from mcstudy import program
 from mcstudy.challenge import files
 from mcstudy.challenge.answer_checks import check_answer
 from mcstudy.errors import McstudyError, StoreError, StudyChangedError
@@ -136,14 +137,15 @@ def answer(
     ------
     StoreError: the folder is not that of a challenge, is incomplete, holds other files than recordings (for example a
         key), or a recording has changed.
-    StudyChangedError: there are unfinished answers to other data or by another method.
+    StudyChangedError: there are answers to other data, by another method or by another program.
     Interrupted: stopped; the same call resumes.
     """
     data, out = data.resolve(), out.resolve()
     manifest, sha = files.read_manifest(data)
+    header = {"manifest_sha256": sha, "method": method, "program": program.maker()}
     if out.is_relative_to(data):
         raise StudyChangedError(f"{out}: expected answers outside the data folder {data}")
-    done = _resumed(out, sha, method)
+    done = _resumed(out, header)
     names = [Path(n).stem for n in manifest["files"]]
     for name in (n for n in names if n not in done):
         if json_files.digest(data / f"{name}.nc") != manifest["files"][f"{name}.nc"]:
@@ -161,7 +163,6 @@ def answer(
         return {"name": name, "seconds": round(time.perf_counter() - begun, 3), **given}
 
     json_files.ensure_folder(files.partial_folder(out))
-    header = {"manifest_sha256": sha, "method": method}
     for name, given in fan_out(one, [n for n in names if n not in done], options or ClusterOptions(), str(data)):
         done[name] = header | {"answer": given}
         files.write_part(out, KIND, header, given)
@@ -176,13 +177,39 @@ def answer(
     return result
 
 
-def _resumed(out: Path, sha: str, method: str) -> dict[str, dict[str, Any]]:
+def answered(data: Path, out: Path, method: str) -> bool:
+    """Whether ``out`` holds all answers to the data by this method and this program.
+
+    Raises `StudyChangedError` where it holds others.
+    """
+    if not out.exists():
+        return False
+    _, sha = files.read_manifest(data)
+    _same(out, files.read_answers(out), {"manifest_sha256": sha, "method": method, "program": program.maker()})
+    return True
+
+
+def _same(path: Path, held: Mapping[str, Any], header: Mapping[str, Any]) -> None:
+    """Raise `StudyChangedError`, one line, unless answers in ``path`` are of this header."""
+    why = ""
+    if held.get("manifest_sha256") != header["manifest_sha256"]:
+        why = "they are answers to other data"
+    elif held.get("method") != header["method"]:
+        why = f"they are answers of the method {str(held.get('method'))[:60]!r}, expected {header['method']!r}"
+    else:
+        why = program.other_maker(held.get("program"), header["program"])
+    if why:
+        raise StudyChangedError(
+            f"{path}: {why}; to answer again, remove it or choose another place; whole answers can be scored as they "
+            "are: mcstudy gap challenge score"
+        )
+
+
+def _resumed(out: Path, header: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Existing answers, without those that cannot be scored."""
     done = {}
     for name, part in files.read_parts(out, KIND).items():
-        if part.get("manifest_sha256") != sha or part.get("method") != method:
-            folder = files.partial_folder(out)
-            raise StudyChangedError(f"{folder}: answers to other data or by another method; remove the folder")
+        _same(files.partial_folder(out), part, header)
         with contextlib.suppress(StoreError):
             check_answer(part["answer"], name)
             done[name] = part

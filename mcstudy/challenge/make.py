@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from mcstudy import program
 from mcstudy.challenge import files
 from mcstudy.challenge.cases import Case, check_visible, list_cases
 from mcstudy.challenge.design import ChallengeFile
@@ -57,7 +58,7 @@ def make(file: ChallengeFile, data: Path, key: Path, options: ClusterOptions | N
     ------
     DesignError: no effect of a series is detectable in its recordings.
     StoreError: the key would lie inside the data folder, or a folder cannot be written.
-    StudyChangedError: the folder belongs to another challenge.
+    StudyChangedError: the folder belongs to another challenge, or was made by another program.
     Interrupted: stopped; the same call resumes.
     """
     data, key = data.resolve(), key.resolve()
@@ -67,6 +68,11 @@ def make(file: ChallengeFile, data: Path, key: Path, options: ClusterOptions | N
         manifest, _ = files.read_manifest(data)
         if manifest["fingerprint"] != file.fingerprint:
             raise StudyChangedError(f"{data}: made from another challenge file; expected a new folder")
+        if why := program.other_maker(manifest.get("program"), program.maker()):
+            raise StudyChangedError(
+                f"{data}: {why}; expected a new folder; these recordings can be answered and scored as they are: "
+                "mcstudy gap challenge answer, score"
+            )
         if not key.exists() or json_files.digest(key) != manifest["key_sha256"]:
             raise StoreError(f"{key}: expected the key that {data / files.MANIFEST} names")
         return str(manifest["key_sha256"])
@@ -74,15 +80,16 @@ def make(file: ChallengeFile, data: Path, key: Path, options: ClusterOptions | N
     cases = list_cases(file)
     json_files.ensure_folder(data)
     json_files.ensure_folder(files.partial_folder(key))
+    made_by = {"fingerprint": file.fingerprint, "program": program.maker()}
     done = {
         name: part
         for name, part in files.read_parts(key, KIND).items()
-        if part.get("fingerprint") == file.fingerprint and _is(data / f"{name}.nc", part.get("sha256"))
+        if made_by.items() <= part.items() and _is(data / f"{name}.nc", part.get("sha256"))
     }
 
     def one(case: Case) -> dict[str, Any]:
         recording, truth = make_case(file, case)
-        part = {"fingerprint": file.fingerprint, "sha256": write_case(recording, data / f"{case.name}.nc")}
+        part = made_by | {"sha256": write_case(recording, data / f"{case.name}.nc")}
         files.write_part(key, KIND, part, truth)
         return part | {"truth": truth}
 
@@ -111,6 +118,7 @@ def _finish(file: ChallengeFile, data: Path, key: Path, cases: list[Case], done:
         "challenge": file.challenge.name,
         "description": "Recordings of bodies with hidden causes; diagnose each recording, then score the answers.",
         "fingerprint": file.fingerprint,
+        "program": next(iter(done.values()))["program"],
         "key_sha256": sha,
         "files": recordings,
     }

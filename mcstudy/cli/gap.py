@@ -419,7 +419,7 @@ def _score(args: argparse.Namespace) -> Exit:
 
 
 def _run(args: argparse.Namespace) -> Exit:
-    from mcstudy.challenge.answer import METHODS, answer
+    from mcstudy.challenge.answer import METHODS, answer, answered
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
     from mcstudy.files.json_files import write_json, write_text
@@ -429,7 +429,7 @@ def _run(args: argparse.Namespace) -> Exit:
 
     data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
     file, _ = _made(args, data, key)
-    if not answers.exists():
+    if not answered(data, answers, file.answer.method):
         _compile(args, DIAGNOSIS)
         answer(data, answers, METHODS[file.answer.method], file.answer.method, cluster_options(args))
     score = score_files(data, key, answers)

@@ -2,8 +2,8 @@
 
 They lie in ``$MCSTUDY_CACHE_DIR/diagnoses``, by default ``~/.cache/mcstudy/diagnoses``; whoever deletes them loses
 nothing but time. The name of a file is a hash of everything that a diagnosis depends on: all that was read of the
-recordings, the options, the source of this package, versions, CPU and threads. So other data, other options, another
-program and another machine do not find it.
+recordings, the options, the source of this package, versions, CPU and settings. So other data, other options, another
+program and another machine do not find it, and a process whose own source has changed keeps nothing.
 
 A file is a `Diagnosis` as data (`mcstudy.files.objects`: nothing in it can be executed) without the signals that were
 recorded: these may be a patient's, and belong where their owner has put them. Only a folder is used that belongs to
@@ -21,7 +21,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.analysis.kept import program
+from mcstudy.analysis.kept import maker
 from mcstudy.files.objects import NotData, from_bytes, to_bytes
 from mcstudy.files.sealed import read_sealed, write_sealed
 from mcstudy.recordings.recording import Recording, Trial
@@ -64,10 +64,10 @@ def kept_diagnosis(
 
     ``also``: other options whose diagnosis holds all that is asked for, and the same numbers.
     """
-    place = folder()
-    if place is None:
+    place, made_by = folder(), maker()
+    if place is None or made_by is None:
         return compute()
-    read, made_by = sha256(to_bytes(list(recordings))).hexdigest(), program()
+    read = sha256(to_bytes(list(recordings))).hexdigest()
     trials = [trial for r in recordings if isinstance(r, Recording) for trial in r.trials]
 
     def name(options: Mapping[str, Any]) -> str:
@@ -79,7 +79,8 @@ def kept_diagnosis(
             return found
     diagnosis = compute()
     _ = diagnosis.sway_noise_deg  # computed when it is asked for, which every text and page does
-    _write(place / name(options), diagnosis, trials)
+    if maker() == made_by:
+        _write(place / name(options), diagnosis, trials)
     return diagnosis
 
 

@@ -129,6 +129,14 @@ def positive(text: str) -> int:
     return value
 
 
+def relative(text: str) -> float:
+    """A relative difference, above 0 and below 1, as argparse's ``type``."""
+    value = float(text)
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"expected a number above 0 and below 1, such as 1e-6, got {text}")
+    return value
+
+
 def seconds(text: str) -> float:
     """A time above 0, as argparse's ``type``."""
     value = float(text)

@@ -1,8 +1,12 @@
-"""Arrays that are made once and kept, one file per job, so that a stopped run resumes with the same bits."""
+"""Arrays that are made once and kept, one file per job, so that a stopped run resumes with the same bits.
+
+A file says from what and by which program its arrays were made; those of another program are made again.
+"""
 
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -11,11 +15,15 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from mcstudy import program
 from mcstudy.errors import StoreError
 from mcstudy.files.durable import PARTIAL, write
 from mcstudy.files.json_files import ensure_folder
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.fan_out import fan_out
+
+MADE_BY = "program"
+"""Name of the text in a file that says which program made it."""
 
 J = TypeVar("J")
 Arrays = dict[str, np.ndarray]
@@ -36,7 +44,7 @@ def kept(
     make: Callable[[J], Mapping[str, np.ndarray]],
     options: ClusterOptions,
 ) -> list[Arrays]:
-    """Arrays of every job, read where its file holds what they are ``made_from``, and made and written where not.
+    """Arrays of every job, read where a file of this program holds what they are ``made_from``, else made and written.
 
     ``name``: of the file of a job. Raises `Interrupted` when stopped; the same call resumes.
     """
@@ -45,14 +53,16 @@ def kept(
     for left in folder.glob(f"*{PARTIAL}"):
         left.unlink(missing_ok=True)
 
+    made_by = {MADE_BY: np.array(json.dumps(program.maker(), sort_keys=True))}
+
     def work(job: J) -> bool:
         content = io.BytesIO()
-        np.savez(content, allow_pickle=False, **made_from(job), **make(job))
+        np.savez(content, allow_pickle=False, **made_by, **made_from(job), **make(job))
         write(folder / name(job), content.getvalue())
         return True
 
     def held(job: J) -> Arrays | None:
-        return _read(folder / name(job), made_from(job), kind.names)
+        return _read(folder / name(job), {**made_by, **made_from(job)}, kind.names)
 
     for _ in fan_out(work, [job for job in jobs if held(job) is None], options, str(folder.parent)):
         pass

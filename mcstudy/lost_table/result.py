@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from mcstudy import program
 from mcstudy.errors import StoreError
 from mcstudy.files.durable import PARTIAL
 from mcstudy.lost_table import checks
@@ -38,16 +40,16 @@ QUANTILES = (0.05, 0.5, 0.95)
 
 
 def result(file: InferenceFile, out: Path, options: ClusterOptions) -> xr.Dataset:
-    """Infer what is missing and return the whole result; a finished one is read.
+    """Infer what is missing and return the whole result; a finished one is read, whichever program made it.
 
     Raises
     ------
-    StudyChangedError: the folder belongs to another inference file.
+    StudyChangedError: the folder belongs to another inference file, or another program has begun it.
     Interrupted: stopped; the same call resumes.
     """
-    claim(file, out)
     path = out / RESULT
-    if path.exists():
+    claim(file, out, finished := path.exists())
+    if finished:
         return opened(out)
     found = infer(file, out, options)
     inference = file.inference
@@ -67,6 +69,7 @@ def result(file: InferenceFile, out: Path, options: ClusterOptions) -> xr.Datase
     dataset = dataset.merge(_contradictions(found, bank, missed, given_others, fronts))
     dataset.attrs |= {
         "fingerprint": file.fingerprint,
+        "program": json.dumps(program.maker()),
         "studies": len(bank),
         "realizations": n,
         "power": found.power,

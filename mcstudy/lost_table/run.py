@@ -1,6 +1,6 @@
 """Running an inference: the bank, its waves, and the posterior of the unknowns.
 
-    OUT/design.json   fingerprint of the inference file
+    OUT/design.json   fingerprint of the inference file, and the program
     OUT/bank/         simulated studies, a few per file
     OUT/papers/       simulated papers whose tables were inferred, one per file
     OUT/result.zarr   posterior, posterior predictive, contradictions, calibration
@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mcstudy import program
 from mcstudy.errors import StudyChangedError
 from mcstudy.files.json_files import ensure_folder, own_folder, read_document, write_text
 from mcstudy.files.local_path import resolved
@@ -65,18 +66,23 @@ class Inferred:
     posterior: Posterior
 
 
-def claim(file: InferenceFile, out: Path) -> None:
-    """Make the folder of an inference, or check that it is that of ``file``; raises `StudyChangedError`."""
+def claim(file: InferenceFile, out: Path, finished: bool = False) -> None:
+    """Make the folder of an inference, or check that it is that of ``file``; raises `StudyChangedError`.
+
+    Nothing is kept together of two programs: a folder that another one has begun and not ``finished`` is refused.
+    """
     refuse_part(resolved(out))
     own_folder(out, "design.json", "an inference")
     ensure_folder(out)
-    design = out / "design.json"
+    design, own = out / "design.json", program.maker()
     if not design.exists():
-        write_text(design, json.dumps({"fingerprint": file.fingerprint}))
+        write_text(design, json.dumps({"fingerprint": file.fingerprint, "program": own}))
         return
     found = read_document(design)
     if not isinstance(found, dict) or found.get("fingerprint") != file.fingerprint:
         raise StudyChangedError(f"{out}: made from another inference file; expected a new folder")
+    if not finished and (why := program.other_maker(found.get("program"), own)):
+        raise StudyChangedError(f"{out}: {why}; expected a new folder, or the program that has begun it")
 
 
 def infer(file: InferenceFile, out: Path, options: ClusterOptions) -> Inferred:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import xarray as xr
 
+from mcstudy import program
 from mcstudy.lost_table.checks import LIMIT
 from mcstudy.lost_table.contradictions import REACHED
 from mcstudy.lost_table.unknowns import UNKNOWNS
@@ -25,9 +28,12 @@ def text(result: xr.Dataset) -> str:
 
 
 def _heading(result: xr.Dataset) -> str:
+    made_by = json.loads(str(result.attrs.get("program", "null")))
+    other = program.other_maker(made_by, program.maker())
     return fill(
         f"This is {result.attrs['status']}. It rests on {result.attrs['studies']} simulated studies of "
         f"{result.attrs['realizations']} realizations. Ranges are 90 % intervals."
+        + (f" Note: {other}." if other else "")
     )
 
 

@@ -7,15 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from hashlib import sha256
 from pathlib import Path
 
 from mcstudy.analysis.kept import looking
 from mcstudy.files.local_path import local_path
 from mcstudy.study.settled import settled
-
-DRESS = ("page.css", "page.js")
-"""Files of this folder that a page contains besides what the program computes."""
 
 
 def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
@@ -42,9 +38,4 @@ def _page(path: Path, beside: Sequence[Path]) -> str:
 
             return {"html": study_page(path, beside, looks, look)}
 
-        return str((drawn() if beside else look.kept("page", [str(path), _dress()], drawn))["html"])
-
-
-def _dress() -> str:
-    """Digest of style and script: a page in another dress is drawn again."""
-    return sha256(b"".join(Path(__file__).with_name(name).read_bytes() for name in DRESS)).hexdigest()
+        return str((drawn() if beside else look.kept("page", [str(path)], drawn))["html"])

@@ -11,7 +11,8 @@ from typing import Any
 import dask.array  # noqa: F401  # xarray imports it on first use, which two threads must not do at once
 from distributed import KilledWorker
 
-from mcstudy.errors import Interrupted, Stopped
+from mcstudy import program
+from mcstudy.errors import InputError, Interrupted, Stopped
 from mcstudy.scheduler.cluster import ClusterOptions, connect
 from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.stopping import stop_requests
@@ -58,9 +59,14 @@ class _Local:
 _LOCAL: dict[str, _Local] = {}
 
 
-def _one(process: str, fan: str, work: Callable[[Item], Any], item: Item) -> Any:
-    """Result of one item; None when the process that submitted it runs it and has been told to stop."""
+def _one(process: str, made_by: dict[str, Any], fan: str, work: Callable[[Item], Any], item: Item) -> Any:
+    """Result of one item; None when the process that submitted it runs it and has been told to stop.
+
+    Raises `InputError` in a worker that runs another program than ``made_by``: its results would pass for those of it.
+    """
     if process != PROCESS:
+        if why := program.other_maker(program.maker(), made_by):
+            raise InputError(f"worker: expected the program that submits the work; its results would be {why}")
         return work(item)
     local = _LOCAL.get(fan)
     if local is None or not local.begin():
@@ -84,14 +90,14 @@ def fan_out(
 
     ``unit``: what the items are called. ``resumes``: whether the caller stores results, so that the same call resumes.
 
-    Raises whatever ``work`` raises, after the items in progress in this process have ended. Raises `Interrupted` at
-    once on Ctrl-C, SIGTERM, SIGHUP, a lost scheduler, or an item that kills its workers, `Stopped` if the call does not
-    resume. The caller keeps what was yielded until then.
+    Raises `InputError` if a worker runs another program, and whatever ``work`` raises, after the items in progress in
+    this process have ended. Raises `Interrupted` at once on Ctrl-C, SIGTERM, SIGHUP, a lost scheduler, or an item that
+    kills its workers, `Stopped` if the call does not resume. The caller keeps what was yielded until then.
     """
     if not items:
         return
     progress = Progress(len(items), unit=unit)
-    fan, local = uuid.uuid4().hex, _Local()
+    fan, local, made_by = uuid.uuid4().hex, _Local(), program.maker()
 
     def interrupted(why: str) -> Interrupted:
         return (Interrupted if resumes else Stopped)(progress.how_far(what, why, resumes))
@@ -109,7 +115,7 @@ def fan_out(
                     raise interrupted("stopped")
                 window.check()
                 while window.has_room() and (item := next(waiting, None)) is not None:
-                    window.submit(item, _one, PROCESS, fan, work, item)
+                    window.submit(item, _one, PROCESS, made_by, fan, work, item)
                 progress.show()
                 if not (ended := window.ended()):
                     continue

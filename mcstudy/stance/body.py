@@ -8,16 +8,11 @@ from dataclasses import dataclass, field, fields, replace
 from mcstudy.errors import ModelError
 from mcstudy.stance import anthropometry
 from mcstudy.stance.feedback import Model, Parameter, Term
+from mcstudy.stance.provenance import BODY, stand_in
 from mcstudy.stance.ranges import Range, within
 
 DELAY_MARGIN = 0.030
 """Half-width of the delay bounds in s (Goodworth & Peterka 2018, Methods)."""
-
-TRUTH_PROVENANCE = (
-    "stand-in: the paper's Table I is lost; body and Kpas1 are the paper's, the other gains were calibrated "
-    "until the study reproduces the paper's published aggregates"
-)
-
 
 DEFINITE = 1e-6
 """Least determinant of a body's inertia, relative to the product of its diagonal (the paper's body: 0.49)."""
@@ -184,8 +179,8 @@ WEIGHTS: dict[str, Parameter] = {
 }
 """The sensory weight that a tilt makes visible, by kind of stimulus; the other senses have the rest of 1."""
 
-WEIGHT_PROVENANCE = "the sensory weight is a round stand-in as well"
-"""Peterka (2002) reports weights of 0.8 to 0.4 for tilts of 0.5 to 4 deg; they depend on amplitude and person."""
+PASSIVE = {"two_segment": "Kpas1", "one_segment": "Kpas"}
+"""The passive stiffness of the ankle, by model; the paper states it."""
 
 
 def stimulus_terms(kind: str, body: Body, feedback: Iterable[Term] = ()) -> tuple[Term, ...]:
@@ -343,10 +338,11 @@ def _model(
 ) -> Model:
     """Inertia and gravity, feedback and stimulus as one table; a tilt adds its weight to the parameters."""
     tilted = stimulus in WEIGHTS
+    replaced, weights = [BODY] if body != Body() else [], [WEIGHTS[stimulus].name] if tilted else []
     return Model(
         name,
         (*parameters, WEIGHTS[stimulus]) if tilted else parameters,
         (*inertia, *feedback, *stimulus_terms(stimulus, body, feedback)),
         stimulus_unit=STIMULI[stimulus],
-        provenance=f"{TRUTH_PROVENANCE}; {WEIGHT_PROVENANCE}" if tilted else TRUTH_PROVENANCE,
+        provenance=stand_in(PASSIVE[name], replaced, weights),
     )

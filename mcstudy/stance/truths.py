@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mcstudy.stance.body import TRUTH_PROVENANCE, two_segment
+from mcstudy.stance.body import two_segment
 
 INFERRED = "inferred from the paper's published numbers"
 """How true values are called that were found by `mcstudy infer`, wherever they are shown."""
@@ -20,7 +20,7 @@ class Truth:
 
 
 TRUTHS: dict[str, Truth] = {
-    "stand_in": Truth({p.name: p.value for p in two_segment().parameters}, TRUTH_PROVENANCE),
+    "stand_in": Truth({p.name: p.value for p in two_segment().parameters}, two_segment().provenance),
     "inferred": Truth(
         {
             "K11": 639.6,
@@ -43,6 +43,6 @@ TRUTHS: dict[str, Truth] = {
 """Sets that `model.truth` of a study file may name."""
 
 
-def provenance_of(values: Mapping[str, float]) -> str | None:
-    """Where a set of true values comes from, if it is a named one."""
-    return next((t.provenance for t in TRUTHS.values() if dict(t.values) == dict(values)), None)
+def named(values: Mapping[str, float]) -> str | None:
+    """Name of a set of true values, if it is one of `TRUTHS`."""
+    return next((name for name, truth in TRUTHS.items() if dict(truth.values) == dict(values)), None)

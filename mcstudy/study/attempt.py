@@ -7,14 +7,15 @@ separates a block that kills workers from the blocks that waited behind it.
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 from distributed import get_worker
 
 from mcstudy.fitting.compilers import warm
 from mcstudy.study import trust
-from mcstudy.study.environment import environment
+from mcstudy.study.environment import environment, label
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.kernels import parts_of
 from mcstudy.study.tasks import Task, TaskReport, open_group, run_task
@@ -52,10 +53,17 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Trusted:
-    """Environment of the process that runs the study, and labels of those that compute the same bits."""
+    """Environments whose bits are taken.
+
+    Attributes
+    ----------
+    own: of the process that runs the study. made_in: label of the one that the cube was created in.
+    agreed: others (label, group) that agreed in a sample of a group.
+    """
 
     own: dict[str, Any]
-    same: frozenset[str] = frozenset()
+    made_in: str
+    agreed: frozenset[tuple[str, str]] = frozenset()
 
 
 def topic(run: str) -> str:
@@ -66,16 +74,16 @@ def topic(run: str) -> str:
 def attempt(task: Task, key: str, trusted: Trusted) -> Attempt:
     """Announce ``key`` and run the task. A worker that has not compiled the kernels yet does so before it announces.
 
-    A worker in an environment that is not trusted runs a sample of fits instead.
+    A worker in an environment that is not trusted for this group runs a sample of its fits instead.
     """
-    worker, here = get_worker(), environment()
+    worker, here = get_worker(), _environment(task.run)
     with contextlib.suppress(Exception):  # the block meets it too, and reports it
         warm(parts_of([_experiment(task).group]))
     ended: TaskReport | Failure | Unlike
     try:
-        if here == trusted.own or trust.label(here) in trusted.same:
+        if here == trusted.own or (label(here), task.group) in trusted.agreed:
             worker.log_event(topic(task.run), {"key": key, "worker": worker.address})
-            ended = run_task(task)
+            ended = run_task(task if label(here) == trusted.made_in else replace(task, here=label(here)))
         else:
             ended = Unlike(trust.sample(_experiment(task)) if trust.same_source(here, trusted.own) else "")
     except Exception as error:  # whatever a block raises is an outcome of that block
@@ -83,6 +91,13 @@ def attempt(task: Task, key: str, trusted: Trusted) -> Attempt:
         disk = (error.strerror or str(error)) if isinstance(error, OSError) else None
         ended = Failure(reason, disk)
     return Attempt(ended, here, worker.address)
+
+
+@lru_cache(maxsize=8)
+def _environment(run: str) -> dict[str, Any]:
+    """Environment of this process when the first block of a run came: a file edited since does not end the run."""
+    del run
+    return environment()
 
 
 def _experiment(task: Task) -> Experiment:

@@ -4,13 +4,16 @@ Every file of a chunk ends in its own CRC-32C. That detects a changed byte, but 
 as fill values, nor two swapped files, which Zarr reads as numbers. The checksum file of a chunk lists the checksum of
 every file by its path. It is written after all files of the chunk are on disk and removed before one of them is written
 again, so it is correct whenever it exists. A chunk without it is being written or comes from an older program.
+
+It also names the environments that the chunk was computed in, if any of them is not the one that the cube was created
+in; what the names stand for is in the attribute ``environments`` of the cube.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -31,13 +34,24 @@ TRIES = 5
 OTHER = "swapped or replaced?"
 """Probable cause when a file is intact but its checksum is not the one listed for its path."""
 
+OWN, UNKNOWN = "own", "unknown"
+"""Names of the environment that the cube was created in, where a checksum file names others besides it, and of one
+that is not known: a kill came before the checksum file was written."""
+
 _LINE = re.compile(r"([0-9a-f]{8})  (\S+)")
 
+_ENVIRONMENTS = "# environments "
 
-def note(fingerprint: str, files: Mapping[str, int]) -> bytes:
-    """Content of a checksum file: the study, the CRC-32C of every file by its path, and that of the text itself."""
-    lines = (f"{crc:08x}  {file}" for file, crc in files.items())
-    text = "\n".join([f"# CRC-32C of the files of one chunk, study {fingerprint}", *lines, ""]).encode()
+
+def note(fingerprint: str, files: Mapping[str, int], environments: Iterable[str] = ()) -> bytes:
+    """Content of a checksum file: the study, the CRC-32C of every file by its path, and that of the text itself.
+
+    ``environments``: labels of those that the chunk was computed in; none if that is the cube's alone.
+    """
+    named = " ".join(sorted(environments))
+    lines = [f"# CRC-32C of the files of one chunk, study {fingerprint}", *([_ENVIRONMENTS + named] if named else [])]
+    lines += [f"{crc:08x}  {file}" for file, crc in files.items()]
+    text = "\n".join([*lines, ""]).encode()
     return text + f"# {crc32c(text):08x}\n".encode()
 
 
@@ -45,9 +59,16 @@ def noted(content: bytes, fingerprint: str, files: tuple[str, ...]) -> dict[str,
     """CRC-32C by file, read from a checksum file; `ValueError` if it is damaged or of other files or another study."""
     lines = [_LINE.fullmatch(line) for line in content.decode("ascii", "replace").splitlines()]
     said = {line[2]: int(line[1], 16) for line in lines if line is not None}
-    if tuple(said) != files or note(fingerprint, said) != content:
+    if tuple(said) != files or note(fingerprint, said, environments_of(content)) != content:
         raise ValueError
     return said
+
+
+def environments_of(content: bytes) -> tuple[str, ...]:
+    """Labels of the environments that a checksum file names; none where the chunk was computed in the cube's alone."""
+    lines = content.decode("ascii", "replace").splitlines()
+    named = (line.removeprefix(_ENVIRONMENTS) for line in lines if line.startswith(_ENVIRONMENTS))
+    return tuple(next(named, "").split())
 
 
 def checksum(content: bytes) -> int:

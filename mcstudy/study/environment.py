@@ -1,20 +1,45 @@
-"""Environment on which numbers may depend: versions, CPU, thread settings. No host names, paths or times are stored."""
+"""Environment on which numbers may depend: program, libraries, CPU, settings. No host names, paths or times are stored.
+
+`platform` needs no slow import and says what is installed and set; `environment` also asks the loaded libraries what
+they chose: OpenBLAS its kernels by the processor, NumPy its loops.
+"""
 
 from __future__ import annotations
 
-import copy
+import json
 import os
-import platform
+import platform as machine
 from functools import cache
 from hashlib import sha256
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
+
+from mcstudy import program
 
 PACKAGES = ("mcstudy", "numpy", "scipy", "numba", "llvmlite", "zarr", "numcodecs", "dask", "distributed")
 
 THREADS = ("MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 """Variables that set the number of threads of a library; sums that are split differently differ in the last digits."""
+
+SETTINGS = (
+    "BLIS_ARCH_TYPE",
+    "GLIBC_TUNABLES",
+    "MKL_CBWR",
+    "MKL_DEBUG_CPU_TYPE",
+    "MKL_ENABLE_INSTRUCTIONS",
+    "NPY_DISABLE_CPU_FEATURES",
+    "NPY_ENABLE_CPU_FEATURES",
+    "NUMBA_CPU_FEATURES",
+    "NUMBA_CPU_NAME",
+    "NUMBA_DISABLE_INTEL_SVML",
+    "NUMBA_DISABLE_JIT",
+    "NUMBA_ENABLE_AVX",
+    "NUMBA_LOOP_VECTORIZE",
+    "NUMBA_OPT",
+    "NUMBA_SLP_VECTORIZE",
+    "OPENBLAS_CORETYPE",
+    "VECLIB_MAXIMUM_THREADS",
+)
+"""Other variables that choose which instructions a library uses, and with them the last digits."""
 
 LAYERS = ("compiling", "stance", "files", "recordings", "spectra", "fitting", "study", "streams.py")
 """Folders and files of this package that affect numbers."""
@@ -22,61 +47,123 @@ LAYERS = ("compiling", "stance", "files", "recordings", "spectra", "fitting", "s
 DIGITS = 12
 """Digits of a source's digest that a message prints."""
 
+PLAIN = ("source", "machine", "cpu", "libc", "svml")
+"""Fields that are one value."""
 
-@cache
-def source(layers: tuple[str, ...] = LAYERS) -> str:
-    """SHA-256 of the source that computes the numbers; unlike a version number, it detects an edited copy."""
-    package, digest = Path(__file__).resolve().parent.parent, sha256()
-    for layer in layers:
-        at = package / layer
-        for file in [at] if at.is_file() else sorted(at.rglob("*.py")):
-            digest.update(file.relative_to(package).as_posix().encode())
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
+LISTS = ("cpu_features", "simd")
+"""Fields of which a message prints what is gone and what is new."""
+
+TABLES = (("versions", PACKAGES), ("blas", ()), ("threads", THREADS), ("settings", SETTINGS))
+"""Fields with fields of their own, and names of these in the order of a message."""
+
+
+def source() -> str:
+    """SHA-256 of the source that computes numbers; that of no other process if files have changed since it started."""
+    return program.source(LAYERS) or program.MIXED
+
+
+def platform(packages: tuple[str, ...] = PACKAGES) -> dict[str, Any]:
+    """Versions, source, CPU and settings."""
+    return {
+        "versions": {"python": machine.python_version(), **program.versions(packages)},
+        "source": source(),
+        **_processor(),
+        "threads": _set(THREADS),
+        "settings": _set(SETTINGS),
+    }
 
 
 def environment() -> dict[str, Any]:
-    """Versions, CPU, and the thread settings that are set, as stored in a cube's attributes."""
-    threads = {name: os.environ[name] for name in THREADS if name in os.environ}
-    return {**copy.deepcopy(_lasting(PACKAGES)), "threads": threads}
+    """The environment of this process, as stored in a cube's attributes."""
+    chosen = _chosen()  # loads libraries: their versions are those of what was loaded
+    return {**platform(), **json.loads(chosen)}
+
+
+def _set(names: tuple[str, ...]) -> dict[str, str]:
+    return {name: os.environ[name] for name in names if name in os.environ}
 
 
 @cache
-def _lasting(packages: tuple[str, ...]) -> dict[str, Any]:
-    """The part that is constant in a process; cached, because it takes milliseconds and every block reports it."""
+def _processor() -> dict[str, Any]:
     from llvmlite import binding  # not needed to open a cube
 
     features = sorted(name for name, on in binding.get_host_cpu_features().items() if on)
-    return {
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
-        "source": source(),
-        "machine": platform.machine(),
-        "cpu": binding.get_host_cpu_name(),
-        "cpu_features": features,
+    return {"machine": machine.machine(), "cpu": binding.get_host_cpu_name(), "cpu_features": features}
+
+
+@cache
+def _chosen() -> str:
+    """What the libraries of this process are and chose, as JSON; cached, because every block reports it."""
+    import numpy as np
+    import scipy.linalg  # its linear algebra is another library than NumPy's
+    from numba.core import config
+    from threadpoolctl import threadpool_info
+
+    loaded = [
+        " ".join(str(found.get(key) or "") for key in ("internal_api", "version", "threading_layer", "architecture"))
+        + f", {found['num_threads']} threads"
+        for found in threadpool_info()
+        if found["user_api"] == "blas" and _of_ours(found["filepath"])
+    ]
+    built = {module.__name__: module.show_config(mode="dicts") for module in (np, scipy)}
+    chosen = {
+        "simd": [name for kind in ("baseline", "found") for name in built["numpy"]["SIMD Extensions"].get(kind, ())],
+        "blas": {
+            **{name: _built(config["Build Dependencies"].get("blas", {})) for name, config in built.items()},
+            "loaded": "; ".join(sorted(" ".join(text.split()) for text in loaded)),
+        },
+        "libc": _libc(),
+        "svml": bool(getattr(config, "USING_SVML", False)),
     }
+    return json.dumps(chosen)
+
+
+def _of_ours(path: str) -> bool:
+    """Whether a loaded library is that of NumPy or SciPy, and not one that another package has brought."""
+    _, packages, inside = path.replace(os.sep, "/").rpartition("/site-packages/")
+    return not packages or inside.startswith(("numpy", "scipy"))
+
+
+def _built(blas: dict[str, Any]) -> str:
+    return f"{blas.get('name', '')} {blas.get('version', '')}".strip()
+
+
+def _libc() -> str:
+    """Name and version of the C library, whose elementary functions numbers depend on."""
+    try:
+        found = os.confstr("CS_GNU_LIBC_VERSION")
+    except (AttributeError, OSError, ValueError):
+        found = None
+    return found or " ".join(filter(None, machine.libc_ver())) or f"{machine.system()} {machine.mac_ver()[0]}".strip()
+
+
+def label(environment: dict[str, Any]) -> str:
+    """A short name of an environment; equal for equal ones."""
+    return sha256(json.dumps(environment, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     """Differences between two environments, as ``field: old -> new`` lines."""
     lines = []
-    for name in sorted({*old.get("versions", {}), *new["versions"]}):
-        a, b = old.get("versions", {}).get(name), new["versions"].get(name)
-        if a != b:
-            lines.append(f"versions.{name}: {a} -> {b}")
-    for k, most in (("source", DIGITS), ("machine", None), ("cpu", None)):
-        if old.get(k) != new[k]:
-            lines.append(f"{k}: {str(old.get(k))[:most]} -> {str(new[k])[:most]}")
-    gone = sorted(set(old.get("cpu_features", [])) - set(new["cpu_features"]))
-    come = sorted(set(new["cpu_features"]) - set(old.get("cpu_features", [])))
-    if gone or come:
-        lines.append("cpu_features: " + " ".join([*("-" + f for f in gone), *("+" + f for f in come)]))
-    before, now = old.get("threads"), new["threads"]
-    if before is None:  # an old cube, which does not store them
-        lines.append(
-            "threads: not stored -> " + (" ".join(f"{name}={value}" for name, value in now.items()) or "unset")
-        )
-        return lines
-    for name in THREADS:
-        if before.get(name) != now.get(name):
-            lines.append(f"threads.{name}: {before.get(name, 'unset')} -> {now.get(name, 'unset')}")
+    for field, names in TABLES:
+        a, b = old.get(field), new.get(field)
+        if isinstance(a, dict) and isinstance(b, dict):
+            for name in dict.fromkeys((*names, *sorted({*a, *b}))):
+                if a.get(name) != b.get(name):
+                    lines.append(f"{field}.{name}: {_said(a.get(name))} -> {_said(b.get(name))}")
+    for field in PLAIN:
+        if field in old and field in new and old[field] != new[field]:
+            most = DIGITS if field == "source" else None
+            lines.append(f"{field}: {str(old[field])[:most]} -> {str(new[field])[:most]}")
+    for field in LISTS:
+        if field in old and field in new:
+            gone, come = (sorted(set(x[field]) - set(y[field])) for x, y in ((old, new), (new, old)))
+            if gone or come:
+                lines.append(f"{field}: " + " ".join([*("-" + f for f in gone), *("+" + f for f in come)]))
+    if absent := [field for field in (*(f for f, _ in TABLES), *PLAIN, *LISTS) if field in new and field not in old]:
+        lines.append(f"not stored: {', '.join(absent)}")
     return lines
+
+
+def _said(value: object) -> str:
+    return "unset" if value is None else str(value)

@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from mcstudy.files.durable import locked, recover, recoverable, replace_tree, re
 from mcstudy.files.local_path import resolved
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.checksums import OWN
 from mcstudy.study.design import Study
 from mcstudy.study.growth import Growth, grown_study
 from mcstudy.study.layout import Chunk
@@ -78,7 +80,7 @@ def grow(old: Cube, growth: Growth) -> Cube:
                 if not store.complete(chunk):
                     _copy(source, store, chunk)
                 elif not store.annotated(chunk):  # a kill came before the last step
-                    store.annotate(chunk)
+                    store.annotate(chunk, _environments(source, store, chunk))
         replace_tree(out, building)
     except OSError as error:
         raise unwritable(out, "disk space for a larger copy of the cube next to it", error) from None
@@ -89,17 +91,19 @@ def _begin(building: Path, study: Study, old: Cube) -> Cube:
     """The cube being built: the remainder of an interrupted call for the same extension, or a new one."""
     try:
         left = Cube.open(building)
-        if (left.study.fingerprint, left.attributes) == (study.fingerprint, {**left.attributes, **_made(old)}):
+        if left.study.fingerprint == study.fingerprint and _made(left) == _made(old):
             sweep(building)
             return left
     except StoreError:
         pass
     shutil.rmtree(building, ignore_errors=True)
-    return Cube.create(building, study, old.attributes["environment"])
+    made_in, others = _made(old)
+    return Cube.create(building, study, made_in, others=others)
 
 
-def _made(cube: Cube) -> dict[str, object]:
-    return {"environment": cube.attributes["environment"]}
+def _made(cube: Cube) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The environment that a cube was created in, and the others that its chunks name."""
+    return cube.attributes["environment"], cube.attributes.get("environments", {})
 
 
 def _copy(old: GroupStore, new: GroupStore, chunk: Chunk) -> None:
@@ -131,7 +135,17 @@ def _copy(old: GroupStore, new: GroupStore, chunk: Chunk) -> None:
             else:
                 data[name][0, r] = source[name][0, realization % depth]
     if (data["status"] != Status.PENDING).any():
-        new.write(chunk, data)
+        new.write(chunk, data, _environments(old, new, chunk))
+
+
+def _environments(old: GroupStore, new: GroupStore, chunk: Chunk) -> tuple[str, ...]:
+    """Environments that the cells of a new chunk come from; none if that is the cube's alone."""
+    amplitude = old.layout.group.amplitude.index(new.layout.group.amplitude[chunk.amplitude])
+    depth, n = old.layout.realizations_a_chunk, old.layout.group.realizations
+    blocks = {r // depth for r in new.layout.realizations(chunk) if r < n}
+    named = [set(old.environments(Chunk(amplitude, block))) or {OWN} for block in blocks]
+    made = set().union(*named)
+    return () if made <= {OWN} else tuple(sorted(made))
 
 
 def _results(store: GroupStore) -> Iterator[tuple[str, tuple[str, ...]]]:

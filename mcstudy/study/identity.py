@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import DesignError, StoreError
+from mcstudy.study.environment import label
 from mcstudy.study.metadata import folders, whole_document
-from mcstudy.study.runlog import last_begin
+from mcstudy.study.runlog import events, last_begin
 from mcstudy.study.study_file import parse_study
 
 
@@ -35,6 +36,21 @@ def made_in(path: Path) -> dict[str, Any] | None:
     copies = (*_group_copies(path), _root(path))
     said = [last_begin(path).get("made_in"), *(copy.get("environment") for copy in copies)]
     return _most(value for value in said if isinstance(value, dict) and isinstance(value.get("versions"), dict))
+
+
+def environments(path: Path) -> dict[str, dict[str, Any]]:
+    """Environments, by label, that the chunks of a cube name besides the one that it was created in.
+
+    Each is what the root holds under its label or, where that is damaged, what the run log does.
+    """
+    root = _root(path)
+    held = root.get("environments", {} if root else None)
+    logged = {label(found): found for e in events(path) if isinstance(found := e.get("environment"), dict)}
+    if held is None:  # the root cannot be read
+        return {name: found for name, found in logged.items() if found != made_in(path)}
+    own = held if isinstance(held, dict) else {}
+    both = {name: found if label(found) == name else logged.get(name) for name, found in own.items()}
+    return {name: found for name, found in sorted(both.items()) if found is not None}
 
 
 def _most(values: Iterable[Any]) -> Any:

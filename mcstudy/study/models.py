@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict, fields, replace
 
 from mcstudy.errors import DesignError, ModelError
-from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment
+from mcstudy.stance.body import PASSIVE, SINGLE, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model, Parameter
-from mcstudy.stance.own_values import REPLACED
-from mcstudy.stance.truths import provenance_of
+from mcstudy.stance.provenance import BODY, REPLACED, WEIGHT, own_values, stand_in
+from mcstudy.stance.truths import TRUTHS, named
 from mcstudy.study.group import BoundsSection, Group
 
 
@@ -43,10 +43,32 @@ def build_model(group: Group) -> Model:
     parameters = tuple(
         _parameter(p, section.truth.get(p.name, p.value), model, section.bounds) for p in model.parameters
     )
-    replaced = [p.name for p, own in zip(model.parameters, parameters, strict=True) if p.value != own.value]
-    note = REPLACED + ", ".join(replaced) if replaced else ""
-    named = provenance_of({p.name: p.value for p in parameters})
-    return replace(model, parameters=parameters, provenance=named or model.provenance + note)
+    values = {p.name: p.value for p in parameters}
+    replaced = [p.name for p in model.parameters if p.value != values[p.name]]
+    return replace(model, parameters=parameters, provenance=_provenance(model, values, replaced, body != Body()))
+
+
+def _provenance(model: Model, values: dict[str, float], replaced: list[str], own_body: bool) -> str:
+    """Where the true values of a model come from; ``replaced``: parameters whose value is not the reference model's."""
+    weights, own = [name for name in values if name in model.weights], [BODY] if own_body else []
+    if named({name: value for name, value in values.items() if name not in weights}) == "inferred":
+        own += [name for name in weights if name in replaced]
+        weight = f"; {WEIGHT}" if set(weights) - set(replaced) else ""
+        return TRUTHS["inferred"].provenance + weight + (REPLACED + ", ".join(own) if own else "")
+    if len(replaced) == len(values):
+        return own_values(own_body)
+    return stand_in(PASSIVE[model.name], [*own, *replaced], weights)
+
+
+def earlier_provenance(group: Group) -> str:
+    """Where the true values of a group come from in the words of older programs, which call any body the paper's."""
+    reference = (one_segment if group.model.kind == "one_segment" else two_segment)(stimulus=group.stimulus.kind)
+    values = {p.name: group.model.truth.get(p.name, p.value) for p in reference.parameters}
+    if name := named(values):
+        return TRUTHS[name].provenance
+    replaced = [p.name for p in reference.parameters if p.value != values[p.name]]
+    text = stand_in("Kpas1", (), [""] if reference.weights else [])
+    return text + (REPLACED + ", ".join(replaced) if replaced else "")
 
 
 def with_model_values(group: Group) -> Group:

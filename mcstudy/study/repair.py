@@ -1,8 +1,8 @@
 """Repair of the metadata and coordinates of a cube: they are made again from its study and replace damaged files.
 
-Everything in a cube except its results follows from the study, the environment it was created in, and the number of
-realizations per chunk. The study is given, the environment is stored redundantly (`identity`), and the number is in
-attributes and arrays.
+Everything in a cube except its results follows from the study, the environments it was made in, and the number of
+realizations per chunk. The study is given, the environments are stored redundantly (`identity`), and the number is in
+attributes and arrays. What was only rounded otherwise in another environment is left as it is (`elsewhere`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from mcstudy.files.unfinished import scratch_folder
 from mcstudy.files.untrusted import refuse_links
 from mcstudy.study import identity
 from mcstudy.study.design import Study
+from mcstudy.study.elsewhere import alike
+from mcstudy.study.environment import environment, label
 from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.metadata import depth_votes, own_document
 from mcstudy.study.store import SCHEMA, Cube
@@ -39,10 +41,13 @@ class Repairs:
     said: list[str] = field(default_factory=list)
 
 
-def skeleton(cube: Cube, made_in: dict[str, Any]) -> dict[Path, bytes]:
-    """Every file of an empty cube of the same study and depths, made in an environment: relative path and content."""
+def skeleton(cube: Cube, made_in: dict[str, Any], others: dict[str, dict[str, Any]]) -> dict[Path, bytes]:
+    """Every file of an empty cube of the same study and depths, made in an environment: relative path and content.
+
+    ``others``: further environments that its chunks name, by label.
+    """
     with scratch_folder("mcstudy-fresh-") as folder:
-        fresh = Cube.create(folder / "fresh", cube.study, made_in, cube.depths)
+        fresh = Cube.create(folder / "fresh", cube.study, made_in, cube.depths, others)
         return {p.relative_to(fresh.path): p.read_bytes() for p in fresh.path.rglob("*") if p.is_file()}
 
 
@@ -60,6 +65,22 @@ def refuse_part(path: Path) -> None:
             raise StoreError(f"{path}: expected a place of its own, found one inside the results cube {folder}")
     if (path / "status" / "zarr.json").exists():
         raise StoreError(f"{path}: expected a results cube, found one group of one")
+
+
+def note_environment(cube: Cube, environment: dict[str, Any]) -> None:
+    """Store an environment in the root of a cube, durably, before chunks name it; `StoreError` if it cannot be."""
+    made_in, name = cube.attributes["environment"], label(environment)
+    others = dict(cube.attributes.get("environments", {}))
+    if name in (*others, label(made_in)):
+        return
+    others[name] = environment
+    root = cube.path / "zarr.json"
+    try:
+        write(root, skeleton(cube, made_in, others)[Path(root.name)])
+        sync_folder(cube.path)
+    except OSError as error:
+        raise StoreError(f"{root}: expected a writable file ({error.strerror})") from None
+    cube.attributes["environments"] = others
 
 
 def repairable(path: Path, study: Study) -> bool:
@@ -84,7 +105,7 @@ def repair(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Re
     votes = depth_votes(path)
     depths = {name: votes.get(name, realizations_a_chunk(group)) for name, group in study.groups.items()}
     cube = Cube(path, study, {"environment": made_in}, depths)
-    files = skeleton(cube, made_in)
+    files, elsewhere = skeleton(cube, made_in, identity.environments(path)), made_in != environment()
     repairs = Repairs()
     found = list(strays(path, parts(cube, files)))
     leaving = [stray for stray in found if quarantine or stray.in_the_way]
@@ -98,7 +119,8 @@ def repair(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Re
     repairs.said += [f"warning: {path / stray}: {NOT_PART}" for stray in left]
     for file, content in files.items():
         target = path / file
-        if not target.is_file() or target.read_bytes() != content:
+        held = target.read_bytes() if target.is_file() else b""
+        if held != content and not (elsewhere and alike(cube, file, content, held)):
             try:
                 for folder in reversed(target.relative_to(path).parents):
                     (path / folder).mkdir(exist_ok=True)

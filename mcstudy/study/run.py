@@ -14,7 +14,9 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+from mcstudy import program
 from mcstudy.errors import StoreError, StudyChangedError
 from mcstudy.files.durable import locked, recover, resumable, sweep
 from mcstudy.files.local_path import resolved
@@ -23,11 +25,12 @@ from mcstudy.scheduler.compiling import compile_kernels
 from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.stopping import stop_requests
 from mcstudy.study import environment, runlog, study_file
+from mcstudy.study.checksums import UNKNOWN
 from mcstudy.study.design import Study
 from mcstudy.study.extent import chunks_a_block
 from mcstudy.study.growth import Growth, growths
 from mcstudy.study.kernels import compile_for_check, parts_of
-from mcstudy.study.repair import Repairs, refuse_part, repair, repairable
+from mcstudy.study.repair import Repairs, note_environment, refuse_part, repair, repairable
 from mcstudy.study.runlog import RunLog
 from mcstudy.study.store import Cube
 from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission
@@ -148,12 +151,12 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
     run = uuid.uuid4().hex[:12]
     log, here = RunLog(out, run, study.fingerprint), environment.environment()
     outcome = Outcome(out)
-    noted = _annotate(cube)
+    noted = _annotate(cube, here)
     blocks = list(pending_blocks(cube, options.threads, block))
     total = sum(b.fits for b in blocks)
     outcome.skipped = study.fits - total
     progress = Progress(total, chunks=sum(len(b.chunks) for b in blocks), headlines=Watch(cube).news)
-    differ = environment.differences(cube.attributes["environment"], here)
+    differ = "; ".join(environment.differences(cube.attributes["environment"], here))
     log.add(
         "begin",
         made_in=cube.attributes["environment"],
@@ -175,18 +178,21 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
         progress.say(f"repaired: missing checksums of {noted} chunks")
     for line in warnings_of(study):
         progress.say(f"warning: {line}")
-    for line in differ if total else ():
-        progress.say(f"warning: the cube was created in another environment: {line}")
+    if total and not program.unchanged():
+        progress.say("warning: files of mcstudy have changed since this process started: it may run parts of both")
+    if total and differ:
+        progress.say(f"warning: the cube was created in another environment, so last digits may differ: {differ}")
     if blocks:
+        note_environment(cube, here)
         with _stop_requests(run, partial(progress.how_far, out)) as stop, connect(options, progress.say) as client:
             if options.here:  # other workers do so themselves before their first block
                 compile_kernels(parts_of(study.groups.values()), stop)
             progress.begin(ready=options.here)
             submission = Submission(cube, client, options, stop, run, log, progress, outcome)
-            submission.warned.update(differ)
+            submission.warned.add(differ)
             doubtful = submission.run(deque(blocks))
             for _ in range(SECOND_LOOKS):
-                again = deque(_unsound(cube, doubtful, log))
+                again = deque(_unsound(cube, doubtful, log, here))
                 if not again:
                     break
                 doubtful = submission.run(again)
@@ -195,7 +201,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
     return outcome
 
 
-def _annotate(cube: Cube) -> int:
+def _annotate(cube: Cube, here: dict[str, Any]) -> int:
     """Store the checksums of complete chunks that lack them: a kill came before that step, or the cube is older.
 
     A chunk that lacks an estimate it should hold is set back to pending. Returns the number of new checksum files.
@@ -206,14 +212,20 @@ def _annotate(cube: Cube) -> int:
             if store.annotated(chunk) or store.pending(chunk):
                 continue
             if store.consistent(chunk):
-                store.annotate(chunk)
+                store.annotate(chunk, _probably(cube, here))
                 noted += 1
             else:
                 store.forget(chunk)
     return noted
 
 
-def _unsound(cube: Cube, blocks: list[Block], log: RunLog) -> Iterator[Block]:
+def _probably(cube: Cube, here: dict[str, Any]) -> tuple[str, ...]:
+    """Environments of a chunk without a checksum file: the cube's, unless it can have been another."""
+    alone = here == cube.attributes["environment"] and not cube.attributes.get("environments")
+    return () if alone else (UNKNOWN,)
+
+
+def _unsound(cube: Cube, blocks: list[Block], log: RunLog, here: dict[str, Any]) -> Iterator[Block]:
     """Chunks that two workers may have written at once, and whose later write was the less complete one."""
     for one in blocks:
         store = cube.groups[one.group]
@@ -224,7 +236,7 @@ def _unsound(cube: Cube, blocks: list[Block], log: RunLog) -> Iterator[Block]:
             if left := store.pending(chunk):
                 yield Block(one.group, (chunk,), left)
             elif not store.annotated(chunk):  # the other worker set it back to pending and did not finish it
-                store.annotate(chunk)
+                store.annotate(chunk, _probably(cube, here))
 
 
 def pending_blocks(cube: Cube, threads: int, per_block: int | None) -> Iterator[Block]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import shutil
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
 from functools import cache, cached_property
@@ -28,7 +28,7 @@ from mcstudy.files.local_path import local_path
 from mcstudy.files.unfinished import unfinished
 from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, real_end, refuse_links, sealed
 from mcstudy.fitting.status import USABLE, Status
-from mcstudy.study.checksums import LARGEST_NOTE, Checked, checksum, note, noted
+from mcstudy.study.checksums import LARGEST_NOTE, Checked, checksum, environments_of, note, noted
 from mcstudy.study.design import Study
 from mcstudy.study.encoding import codecs, decoded, encoded
 from mcstudy.study.environment import environment
@@ -56,15 +56,18 @@ class GroupStore:
         e = experiment
         self.layout: Layout = layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, depth)
 
-    def write(self, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
-        """Write one chunk: arrays, folders, status, checksums, in this order; on return all of it is on disk."""
+    def write(self, chunk: Chunk, data: dict[str, np.ndarray], environments: Iterable[str] = ()) -> None:
+        """Write one chunk: arrays, folders, status, checksums, in this order; on return all of it is on disk.
+
+        ``environments``: labels of those that it was computed in; none if that is the cube's alone.
+        """
         *first, last = self.layout.results
         self._take_back(self.note_file(chunk))
         sums = _together(lambda name: self.put(name, chunk, data[name]), first)
         _together(lambda name: sync_folder(self.path / name), first)
         sums.append(self.put(last, chunk, data[last]))
         sync_folder(self.path / last)
-        self._annotate(chunk, self._note(chunk, sums))
+        self._annotate(chunk, self._note(chunk, sums, environments))
 
     def put(self, name: str, chunk: Chunk, values: np.ndarray) -> int:
         """Write one array of a chunk and return its CRC-32C; its name is durable once the array's folder is synced."""
@@ -105,12 +108,13 @@ class GroupStore:
         """The file with the checksums of a chunk's files (`mcstudy.study.checksums`)."""
         return self.path / self.layout.note(chunk)
 
-    def note(self, chunk: Chunk) -> bytes:
+    def note(self, chunk: Chunk, environments: Iterable[str] = ()) -> bytes:
         """Content of the checksum file for the chunk's present files; `OSError` or `StoreError` if they are missing."""
-        return self._note(chunk, [checksum(real_bytes(self.chunk_file(name, chunk))) for name in self.layout.results])
+        sums = [checksum(real_bytes(self.chunk_file(name, chunk))) for name in self.layout.results]
+        return self._note(chunk, sums, environments)
 
-    def _note(self, chunk: Chunk, sums: list[int]) -> bytes:
-        return note(self.fingerprint, dict(zip(self.files(chunk), sums, strict=True)))
+    def _note(self, chunk: Chunk, sums: list[int], environments: Iterable[str] = ()) -> bytes:
+        return note(self.fingerprint, dict(zip(self.files(chunk), sums, strict=True)), environments)
 
     def files(self, chunk: Chunk) -> tuple[str, ...]:
         """The files of a chunk by their path in the cube, in the order of writing."""
@@ -120,9 +124,16 @@ class GroupStore:
         """Whether a chunk has stored checksums; a chunk that is being written has none, nor have older cubes."""
         return os.path.lexists(self.note_file(chunk))
 
-    def annotate(self, chunk: Chunk) -> None:
-        """Store the checksums of a chunk that has none."""
-        self._annotate(chunk, self.note(chunk))
+    def annotate(self, chunk: Chunk, environments: Iterable[str] = ()) -> None:
+        """Store the checksums of a chunk that has none; ``environments`` as in `write`."""
+        self._annotate(chunk, self.note(chunk, environments))
+
+    def environments(self, chunk: Chunk) -> tuple[str, ...]:
+        """Labels of the environments that a chunk was computed in; none where that is the cube's alone."""
+        try:
+            return environments_of(real_bytes(self.note_file(chunk), LARGEST_NOTE))
+        except (OSError, StoreError):
+            return ()
 
     def _annotate(self, chunk: Chunk, content: bytes) -> None:
         durable.write(self.note_file(chunk), content)
@@ -140,7 +151,7 @@ class GroupStore:
             said = real_bytes(self.note_file(chunk), LARGEST_NOTE) if self.annotated(chunk) else None
         except (OSError, StoreError):
             return False
-        return said is None or said == self._note(chunk, sums)
+        return said is None or said == self._note(chunk, sums, environments_of(said))
 
     def status(self, chunk: Chunk) -> np.ndarray | None:
         """Status of every fit of a chunk, None when it is not whole: a quick look, which reads little of a large cube.
@@ -227,11 +238,13 @@ class Cube:
         study: Study,
         made_in: dict[str, Any] | None = None,
         depths: dict[str, int] | None = None,
+        others: Mapping[str, dict[str, Any]] | None = None,
     ) -> Cube:
         """Create an empty cube; it appears at ``path`` complete and on disk, or not at all.
 
         ``made_in`` is the environment to store and ``depths`` are the realizations per chunk; defaults are the present
-        environment and the layout of the design. Raises `StoreError` when ``path`` cannot be written.
+        environment and the layout of the design. ``others``: further environments that its chunks will name.
+        Raises `StoreError` when ``path`` cannot be written.
         """
         import zarr
         from zarr.errors import ZarrUserWarning
@@ -244,6 +257,8 @@ class Cube:
             if building.exists():
                 shutil.rmtree(building)
             attributes = _root_attributes(study, made_in or environment())
+            if others:
+                attributes["environments"] = dict(sorted(others.items()))
             cube = cls(building, study, attributes, depths)
             with unfinished(building, building.mkdir):
                 root = zarr.create_group(building, zarr_format=3, attributes=attributes)

@@ -3,7 +3,8 @@
 - A block that raises an exception is tried `ATTEMPTS` times.
 - A block whose worker dies is given to another worker. If its workers keep dying, it is set aside and run alone at the
   end, so that blocks on the same workers can finish. A block that then still kills its workers is given up.
-- A worker in another environment than this process computes a sample of fits first. It is refused if the bits differ.
+- A worker in another environment than this process computes a sample of fits of each group first. It is refused if the
+  bits differ.
 - A block that runs longer than the time limit is cancelled and its worker restarted (a local worker is replaced).
 """
 
@@ -15,7 +16,7 @@ import queue
 import threading
 import time
 from collections import Counter, deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from mcstudy.study import environment, trust
 from mcstudy.study.attempt import Attempt, Failure, Trusted, Unlike, attempt, topic
 from mcstudy.study.kernels import parts_of
 from mcstudy.study.layout import Chunk
+from mcstudy.study.repair import note_environment
 from mcstudy.study.runlog import RunLog
 from mcstudy.study.store import Cube
 from mcstudy.study.tasks import Task, TaskReport
@@ -132,7 +134,7 @@ class Submission:
         self.doubtful: list[Block] = []
         self.given_up: set[Block] = set()
         self.warned: set[str] = set()
-        self.trusted = Trusted(environment.environment())
+        self.trusted = Trusted(environment.environment(), environment.label(cube.attributes["environment"]))
         self.refused: set[str] = set()
         client.subscribe_topic(topic(run), lambda event: self.started.put(event[1]))
 
@@ -164,7 +166,8 @@ class Submission:
         return Interrupted(self.progress.how_far(self.cube.path, why))
 
     def _submit(self, block: Block, alone: bool = False) -> None:
-        task = Task(self.id, str(self.cube.path), self.study, block.group, self.cube.depths[block.group], block.chunks)
+        depth = self.cube.depths[block.group]
+        task = Task(self.id, str(self.cube.path), self.study, block.group, depth, block.chunks)
         self.attempts[block] += 1
         first = block.chunks[0]
         key = f"mcstudy-{self.id}-{block.group}-{first.amplitude}.{first.block}-{self.attempts[block]}"
@@ -199,10 +202,9 @@ class Submission:
         self.outcome.counts.update(counts)
         self.progress.add(counts.total(), failed, len(block.chunks) if report.complete else 0)
         differ = environment.differences(self.cube.attributes["environment"], place)
-        for line in differ:
-            if line not in self.warned:
-                self.warned.add(line)
-                self.progress.say(f"warning: the workers' environment differs from the cube's: {line}")
+        if differ and (said := "; ".join(differ)) not in self.warned:
+            self.warned.add(said)
+            self.progress.say(f"warning: workers of another environment than the cube's have written to it: {said}")
         self.log.add(
             "block",
             group=block.group,
@@ -215,19 +217,24 @@ class Submission:
         )
 
     def _unlike(self, flight: _Flight, result: Attempt, unlike: Unlike) -> None:
-        """Trust a worker of another environment that computes the same bits, and refuse it otherwise."""
+        """Trust a worker of another environment whose sample of a group has the same bits; refuse it otherwise."""
         (self.suspects if flight.alone else self.waiting).append(flight.block)
-        label = trust.label(result.environment)
-        if label in self.trusted.same or result.worker in self.refused:
+        group = flight.block.group
+        who = environment.label(result.environment), group
+        if who in self.trusted.agreed or result.worker in self.refused:
             return
-        differ = ", ".join(environment.differences(self.trusted.own, result.environment))
-        experiment = self.cube.groups[flight.block.group].experiment
+        differ = "; ".join(environment.differences(self.trusted.own, result.environment))
+        experiment = self.cube.groups[group].experiment
         compile_kernels(parts_of([experiment.group]), self.stop)
         same = unlike.sample == trust.sample(experiment)
-        self.log.add("other_environment", differ=differ, same_bits=same)
+        self.log.add("other_environment", differ=differ, group=group, same_sample=same, environment=result.environment)
         if same:
-            self.trusted = Trusted(self.trusted.own, self.trusted.same | {label})
-            self.progress.say(f"workers of another environment compute the same bits (sample of fits): {differ}")
+            note_environment(self.cube, result.environment)
+            self.trusted = replace(self.trusted, agreed=self.trusted.agreed | {who})
+            self.progress.say(
+                f"workers of another environment agree in a sample of {trust.fits(experiment.group)} fits of group "
+                f"{group} (their chunks name it): {differ}"
+            )
             return
         self.refused.add(result.worker)
         why = "their fits have other bits" if unlike.sample else "they run other source code"

@@ -21,6 +21,7 @@ from mcstudy.fitting.problem import Fits, Problem
 from mcstudy.fitting.solvers import fit_queue
 from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.stance.stability import growth_rate
+from mcstudy.study.checksums import OWN, UNKNOWN
 from mcstudy.study.design import Group, Study
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import Chunk
@@ -41,7 +42,10 @@ STOP: dict[str, threading.Event] = {}
 
 @dataclass(frozen=True)
 class Task:
-    """Input of a worker: the cube, the study (as JSON), a group and its chunks, and the realizations per chunk."""
+    """Input of a worker: the cube, the study (as JSON), a group and its chunks, and the realizations per chunk.
+
+    ``here``: label of the environment that the worker runs in, `OWN` where the cube was created in it.
+    """
 
     run: str
     path: str
@@ -49,6 +53,7 @@ class Task:
     group: str
     depth: int
     chunks: tuple[Chunk, ...]
+    here: str = OWN
 
 
 @dataclass(frozen=True)
@@ -85,24 +90,40 @@ def run_task(task: Task) -> TaskReport:
         if stop.is_set():
             complete = False
             break
-        data = store.taken_up(chunk)
+        data, environments = _taken_up(store, chunk, task)
         before = data["status"] != Status.PENDING
-        fill(store, chunk, data, _pause(store, chunk, data, stop))
+        fill(store, chunk, data, _pause(store, chunk, data, environments, stop))
         new = data["status"][~before]
         counts.update(new[new != Status.PENDING].tolist())
         complete = complete and bool((data["status"] != Status.PENDING).all())
-        store.write(chunk, data)
+        store.write(chunk, data, environments)
     return TaskReport(counts, complete, time.perf_counter() - begun)
 
 
-def _pause(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stop: threading.Event) -> Callable[[], bool]:
+def _taken_up(store: GroupStore, chunk: Chunk, task: Task) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """The arrays of a chunk, and the environments that it names when this one has completed it."""
+    there, named = store.annotated(chunk), store.environments(chunk)
+    data = store.taken_up(chunk)
+    made: set[str] = {task.here}
+    if (data["status"] != Status.PENDING).any():
+        made |= set(named or [OWN if there or task.here == OWN else UNKNOWN])
+    return data, () if made == {OWN} else tuple(sorted(made))
+
+
+def _pause(
+    store: GroupStore,
+    chunk: Chunk,
+    data: dict[str, np.ndarray],
+    environments: tuple[str, ...],
+    stop: threading.Event,
+) -> Callable[[], bool]:
     """Between calls of the solver, check for a stop request and write a slow chunk as far as it is done."""
     written = time.monotonic()
 
     def stopped() -> bool:
         nonlocal written
         if time.monotonic() > written + CHECKPOINT_S:
-            store.write(chunk, data)
+            store.write(chunk, data, environments)
             written = time.monotonic()
         return stop.is_set()
 

@@ -1,30 +1,31 @@
-"""Whether another machine computes the same bits: a sample of fits that a worker repeats before its first block.
+"""Whether another machine agrees bit for bit: a sample of fits that a worker repeats before its first block of a group.
 
 A worker with the environment of this process is trusted. One that runs other source code is not. Of any other one
-(another CPU, Python or library) the bits of a sample of each group's fits are compared.
+(another CPU, Python or library) the bits of a sample are compared, for each group, because groups differ in noise, cost
+and solver. Equal samples do not prove that all fits are equal: the chunks of such a worker name its environment.
 """
 
 from __future__ import annotations
 
-import json
 from functools import lru_cache
 from hashlib import sha256
 from typing import Any
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Options
 from mcstudy.fitting.solvers import fit_queue
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.experiment import Experiment
+from mcstudy.study.group import Group
 
-STARTS = 2
-"""Fits in the sample at each Fmax."""
+STARTS = 4
+"""Fits in the sample at each Fmax, for each of its data."""
 
+REALIZATIONS = 2
+"""Realizations in the sample, at the smallest and at the largest amplitude."""
 
-def label(environment: dict[str, Any]) -> str:
-    """A short name of an environment; equal for equal ones."""
-    return sha256(json.dumps(environment, sort_keys=True).encode()).hexdigest()[:16]
+COMPILED = ("lm", "interior_point")
+"""Solvers of which that many fits take less than a second; of others, one start of one realization is compared."""
 
 
 def same_source(one: dict[str, Any], other: dict[str, Any]) -> bool:
@@ -32,18 +33,40 @@ def same_source(one: dict[str, Any], other: dict[str, Any]) -> bool:
     return bool(one["source"] == other["source"])
 
 
+def cells(group: Group) -> tuple[list[tuple[float, int]], int]:
+    """Data of the sample of a group (amplitude, realization), and the number of starts of each at every Fmax."""
+    if group.fit.solver not in COMPILED:
+        return [(group.amplitude[0], 0)], 1
+    amplitudes = dict.fromkeys((group.amplitude[0], group.amplitude[-1]))
+    realizations = range(min(REALIZATIONS, group.realizations))
+    return [(a, r) for a in amplitudes for r in realizations], min(STARTS, group.starts)
+
+
+def fits(group: Group) -> int:
+    """Number of fits in the sample of a group."""
+    data, starts = cells(group)
+    return len(data) * len(group.fmax) * starts
+
+
 @lru_cache(maxsize=16)
 def sample(experiment: Experiment) -> str:
-    """Digest of everything that a few fits of a group give: data, starts, estimates, costs and growth rates."""
+    """Digest of all that a few fits of a group give: data, noise, starts, estimates, costs, growth rates, errors."""
     group, digest = experiment.group, sha256()
-    measured = experiment.measure(group.amplitude[0], 0)
-    digest.update(np.ascontiguousarray(measured.frf).tobytes())
-    options = Options(group.fit.tolerance, group.fit.max_iterations)
-    for fmax in group.fmax:
-        problem = experiment.problem(measured, fmax)
-        starts = np.ascontiguousarray(experiment.starts([problem], [0])[0][:STARTS])
-        fits = fit_queue([problem], np.zeros(len(starts), dtype=int), starts, group.fit.solver, options)
-        growth = growth_rate(experiment.model, fits.estimate)
-        for array in (starts, fits.estimate, fits.cost, fits.iterations, fits.status, growth):
+    data, n = cells(group)
+
+    def add(*arrays: np.ndarray) -> None:
+        for array in arrays:
             digest.update(np.ascontiguousarray(array).tobytes())
+
+    for amplitude, realization in data:
+        measured = experiment.measure(amplitude, realization)
+        add(measured.frf, *(() if measured.covariance is None else (measured.covariance,)))
+        for fmax in group.fmax:
+            problem = experiment.problem(measured, fmax)
+            starts = np.ascontiguousarray(experiment.starts([problem], [realization], n)[0])
+            found = fit_queue([problem], np.zeros(n, dtype=int), starts, group.fit.solver, group.fit.options())
+            add(starts, found.estimate, found.cost, found.iterations, found.status)
+            add(growth_rate(experiment.model, found.estimate))
+            if group.store.standard_errors and np.isfinite(found.cost).all():
+                add(experiment.standard_errors(problem, found.estimate[int(found.cost.argmin())], measured))
     return digest.hexdigest()

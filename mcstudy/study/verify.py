@@ -1,7 +1,8 @@
 """Check a cube against its study: metadata, checksums, impossible values, and a sample of recomputed fits.
 
 Metadata and coordinates are compared with those of a new empty cube of the same study. All chunks are read completely.
-Randomly chosen fits are run again and compared bit for bit.
+Randomly chosen fits are run again and compared bit for bit or, where they were computed in another environment, within
+a tolerance.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,14 +21,17 @@ import numpy as np
 
 from mcstudy.errors import StoreError
 from mcstudy.files.durable import tree_digest
+from mcstudy.files.json_files import plain
 from mcstudy.files.local_path import local_path
+from mcstudy.files.schema import identifier
 from mcstudy.files.sections import leaves
 from mcstudy.files.untrusted import real_bytes
 from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.scheduler.activity import doing
 from mcstudy.streams import stream
 from mcstudy.study import environment, identity, runlog
-from mcstudy.study.checksums import LARGEST_NOTE, OTHER, TRIES, checksum, noted
+from mcstudy.study.checksums import LARGEST_NOTE, OTHER, OWN, TRIES, checksum, noted
+from mcstudy.study.elsewhere import TOLERANCE, Compared, alike, apart, compared
 from mcstudy.study.layout import Chunk
 from mcstudy.study.repair import skeleton
 from mcstudy.study.settled import settled
@@ -35,6 +40,8 @@ from mcstudy.study.strays import NOT_PART, parts, strays
 from mcstudy.study.tasks import again, left_out
 
 T = TypeVar("T")
+
+SCHEMA = "verification"
 
 STARTS_A_CELL = 4
 """Number of starts recomputed in each sampled cell, at every Fmax."""
@@ -47,20 +54,58 @@ class Findings:
     Attributes
     ----------
     damage: one line per finding, each naming a file or a cell.
+    beyond: cells computed in another environment that differ from what comes out here by more than that explains.
     notes: information that is no damage.
+    elsewhere: cells computed in another environment that differ bit for bit from what comes out here.
     chunks, pending, recomputed: chunks checked, fits not run yet, fits run again.
     digest: SHA-256 of the tree (`mcstudy.files.durable.tree_digest`).
     """
 
     damage: list[str] = field(default_factory=list)
+    beyond: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    elsewhere: Compared = field(default_factory=Compared)
     chunks: int = 0
     pending: int = 0
     recomputed: int = 0
     digest: str = ""
 
+    def text(self, path: Path) -> str:
+        """What was found, in lines; the last one counts."""
+        lines = [f"note: {note}" for note in self.notes]
+        lines += [f"damage: {line}" for line in self.damage]
+        lines += [f"differs by more than rounding explains (computed in another environment): {x}" for x in self.beyond]
+        other = ""
+        if cells := self.elsewhere.cells:
+            lines.append(
+                f"computed in another environment, and not bit for bit what comes out here: {cells} cells; "
+                f"{self.elsewhere.text()}"
+            )
+            kind = "beyond" if self.beyond else "within"
+            other = f", {cells} cells not reproduced here (other environment, {kind} the tolerance)"
+        lines.append(
+            f"{path}: {len(self.damage)} damaged{other}; {self.chunks} chunks read, "
+            f"{self.recomputed} fits recomputed, {self.pending} not run yet"
+        )
+        return "\n".join(lines)
 
-def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
+    def to_dict(self) -> dict[str, Any]:
+        """What was found, as the schema ``verification`` describes it."""
+        compared = plain(asdict(self.elsewhere) | {"within": not self.beyond})
+        return {
+            "schema": identifier(SCHEMA),
+            "damage": self.damage,
+            "notes": self.notes,
+            "beyond": self.beyond,
+            "other_environment": compared if self.elsewhere.cells else None,
+            "chunks": self.chunks,
+            "recomputed": self.recomputed,
+            "pending": self.pending,
+            "sha256": self.digest,
+        }
+
+
+def verify(path: str | Path, cells: int = 20, seed: int = 0, tolerance: float = TOLERANCE) -> Findings:
     """Check a cube.
 
     Parameters
@@ -68,22 +113,25 @@ def verify(path: str | Path, cells: int = 20, seed: int = 0) -> Findings:
     path: the cube.
     cells: number of (amplitude, realization) cells to recompute, chosen at random over all groups.
     seed: random seed of this choice.
+    tolerance: relative difference of data and costs that another environment explains.
 
     Raises
     ------
     StoreError: nothing can be checked, because the study stored in the cube cannot be read.
     """
     path = local_path(path)
-    return settled([path], lambda: _verify(path, cells, seed))
+    return settled([path], lambda: _verify(path, cells, seed, tolerance))
 
 
-def _verify(path: Path, cells: int, seed: int) -> Findings:
-    findings = Findings()
+def _verify(path: Path, cells: int, seed: int, tolerance: float) -> Findings:
+    findings = Findings(elsewhere=Compared(tolerance))
     cube = _readable(path, findings)
     made_in, now = identity.made_in(path) or cube.attributes["environment"], environment.environment()
-    for line in environment.differences(made_in, now):
-        findings.notes.append(f"made in another environment: {line}")
-    skeleton_damage = list(_skeleton_damage(cube, made_in))
+    others = identity.environments(path)
+    cube.attributes |= {"environment": made_in, "environments": others}
+    if lines := environment.differences(made_in, now):
+        findings.notes.append(f"made in another environment: {'; '.join(lines)}")
+    skeleton_damage = list(_skeleton_damage(cube, made_in, made_in != now))
     findings.damage += [f"{file}: {what}" for file, what in skeleton_damage]
     damaged = {file for file, _ in skeleton_damage}
     sound: list[tuple[GroupStore, Chunk]] = []
@@ -114,12 +162,13 @@ def _verify(path: Path, cells: int, seed: int) -> Findings:
                 sound.append((store, chunk))
             elif not damage:
                 findings.pending += store.layout.fits(chunk)
+    findings.notes += _other_environments(cube, [(s, c) for s, c in sound if s.environments(c)], now)
     rng = stream(seed, "verify")
     chosen = rng.permutation(len(sound))[:cells].tolist()
     for number, k in enumerate(chosen, 1):
         doing(f"{path}: repeating the fits of cell {number} of {len(chosen)}")
         store, chunk = sound[k]
-        _recompute(store, chunk, rng, findings)
+        _recompute(store, chunk, rng, findings, apart(cube, store, chunk, now))
     findings.digest = tree_digest(path)
     return findings
 
@@ -156,6 +205,15 @@ def _lost(cube: Cube, group: str, chunk: Chunk) -> bool:
     return (group, chunk.amplitude, chunk.block) in runlog.reported(cube.path, cube.study.fingerprint)
 
 
+def _other_environments(cube: Cube, sound: list[tuple[GroupStore, Chunk]], now: dict[str, Any]) -> Iterator[str]:
+    """Chunks that were computed in another environment than the cube's, by that environment."""
+    count = Counter(name for store, chunk in sound for name in store.environments(chunk) if name != OWN)
+    for name, chunks in sorted(count.items()):
+        known = cube.attributes["environments"].get(name)
+        how = "not known" if known is None else "; ".join(environment.differences(known, now)) or "this one"
+        yield f"{chunks} chunks were computed, in part or whole, in environment {name}: {how}"
+
+
 def _readable(path: Path, findings: Findings) -> Cube:
     try:
         return Cube.open(path)
@@ -165,9 +223,12 @@ def _readable(path: Path, findings: Findings) -> Cube:
         return cube
 
 
-def _skeleton_damage(cube: Cube, made_in: dict[str, Any]) -> Iterator[tuple[Path, str]]:
-    """Differences of metadata and constant arrays from those of a new cube of the same study: (file, difference)."""
-    expected = skeleton(cube, made_in)
+def _skeleton_damage(cube: Cube, made_in: dict[str, Any], elsewhere: bool) -> Iterator[tuple[Path, str]]:
+    """Differences of metadata and constant arrays from those of a new cube of the same study: (file, difference).
+
+    ``elsewhere``: the cube was made in another environment, so that last digits may differ.
+    """
+    expected = skeleton(cube, made_in, cube.attributes["environments"])
     files = parts(cube, expected)
     for path in sorted(cube.path / file for file in files):
         if path.is_symlink():
@@ -185,7 +246,9 @@ def _skeleton_damage(cube: Cube, made_in: dict[str, Any]) -> Iterator[tuple[Path
             continue  # named above
         if not (cube.path / file).exists():
             yield cube.path / file, "missing"
-        elif (actual := real_bytes(cube.path / file)) != content:
+        elif (actual := real_bytes(cube.path / file)) != content and not (
+            elsewhere and alike(cube, file, content, actual)
+        ):
             yield cube.path / file, _difference(content, actual)
 
 
@@ -265,8 +328,13 @@ def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iter
         yield f"{store.chunk_file('cost', chunk)}: a negative or missing cost of a finished fit"
 
 
-def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, findings: Findings) -> None:
-    """Run a few fits of one realization of a chunk again and compare all arrays with the stored ones."""
+def _recompute(
+    store: GroupStore, chunk: Chunk, rng: np.random.Generator, findings: Findings, elsewhere: list[str]
+) -> None:
+    """Run a few fits of one realization of a chunk again and compare all arrays with the stored ones.
+
+    ``elsewhere``: in what the environment of the chunk differs from this one.
+    """
     group, realizations = store.layout.group, store.layout.realizations(chunk)
     r = int(rng.integers(len(realizations)))
     stored = _still(store, chunk, lambda: {name: store.read(name, chunk) for name in store.layout.results})
@@ -278,8 +346,14 @@ def _recompute(store: GroupStore, chunk: Chunk, rng: np.random.Generator, findin
     recomputed = again(store, chunk, stored, chosen)
     findings.recomputed += int(chosen.sum())
     differ = [n for n in store.layout.results if stored[n].tobytes() != recomputed[n].tobytes()]
-    if differ:
-        findings.damage.append(
-            f"{store.chunk_file('status', chunk)}: amplitude {group.amplitude[chunk.amplitude]:g}, realization "
-            f"{realizations[r]}: recomputed values differ from the stored ones ({', '.join(differ)})"
-        )
+    where = (
+        f"{store.chunk_file('status', chunk)}: amplitude {group.amplitude[chunk.amplitude]:g}, realization "
+        f"{realizations[r]}: "
+    )
+    if differ and not elsewhere:
+        findings.damage.append(f"{where}recomputed values differ from the stored ones ({', '.join(differ)})")
+    elif differ:
+        found = compared(store, chunk, r, (stored, recomputed), chosen, findings.elsewhere.tolerance)
+        findings.elsewhere.add(found)
+        if not found.within:
+            findings.beyond.append(f"{where}{found.text()}")

@@ -55,6 +55,7 @@ def test_the_users_own_values_are_no_stand_in(make_cube: Cube) -> None:
         view = GroupView("a", cube)
         assert view.provenance.startswith(origin)
         assert view.provenance.endswith(": K11") == (len(truth) == 1)
+        assert view.provenance.endswith("the body is the paper's") == (len(truth) > 1)
         title = paper_title({"groups": {"a": {"truth_provenance": view.provenance}}})
         assert title.startswith("Another body") == bool(truth)
         assert any("stand-in" in text for text in texts(cube).values()) == (not truth)

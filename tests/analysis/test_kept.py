@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 import mcstudy as mc
+from mcstudy import program
 from mcstudy.analysis import kept as module
 from mcstudy.analysis import results
 from mcstudy.analysis.kept import MOST, folder, kept
@@ -146,8 +147,9 @@ STALE: dict[str, Callable[[Path, pytest.MonkeyPatch], object]] = {
     "a link more": lambda cube, _: (cube / "noisy" / "stray").symlink_to("cost"),
     "the run log": lambda cube, _: _edit(log_folder(cube) / "runs.jsonl"),
     "no run log": lambda cube, _: (log_folder(cube) / "runs.jsonl").unlink(),
-    "the program": lambda _, patch: patch.setattr(module, "source", lambda layers: f"edited {layers}"),
-    "a library": lambda _, patch: patch.setattr(module, "version", lambda name: f"{name} 2"),
+    "the program": lambda _, patch: patch.setattr(program, "source", lambda *_: "0" * 64),
+    "a library": lambda _, patch: patch.setattr(program, "versions", lambda names: dict.fromkeys(names, "2")),
+    "a setting": lambda _, patch: patch.setenv("OPENBLAS_CORETYPE", "Prescott"),
     "threads": lambda _, patch: patch.setenv("OMP_NUM_THREADS", "7"),
 }
 
@@ -198,6 +200,32 @@ def test_a_cube_without_its_log_is_kept_too(cube: Path) -> None:
 def test_nothing_is_kept_of_a_cube_that_changed_while_it_was_read(cube: Path) -> None:
     def compute() -> dict[str, Any]:
         _edit(cube / "zarr.json")
+        return VALUE
+
+    assert kept(KIND, [cube], [], compute) == VALUE
+    assert not folder(cube).exists()
+
+
+def test_nothing_is_kept_and_nothing_taken_where_the_program_has_changed_since_it_started(
+    cube: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed = Computed()
+    with monkeypatch.context() as patch:
+        patch.setattr(program, "STARTED", {**program.STARTED, "errors.py": (0, 0, 0)})
+        assert [kept(KIND, [cube], [], computed) for _ in range(2)] == [VALUE] * 2
+        assert not folder(cube).exists()
+    kept(KIND, [cube], [], computed)
+    with monkeypatch.context() as patch:
+        patch.setattr(program, "STARTED", {**program.STARTED, "errors.py": (0, 0, 0)})
+        kept(KIND, [cube], [], computed)
+    assert computed.times == 4
+
+
+def test_nothing_is_kept_of_a_program_that_changed_while_it_computed(
+    cube: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def compute() -> dict[str, Any]:
+        monkeypatch.setattr(program, "STARTED", {**program.STARTED, "errors.py": (0, 0, 0)})
         return VALUE
 
     assert kept(KIND, [cube], [], compute) == VALUE

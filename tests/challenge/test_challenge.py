@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mcstudy import program
 from mcstudy.challenge import files
 from mcstudy.challenge.answer import answer, from_diagnosis
+from mcstudy.challenge.answer import answered as answered_already
 from mcstudy.challenge.cases import list_cases
 from mcstudy.challenge.challenge_file import read_challenge, resolve
 from mcstudy.challenge.design import ChallengeFile
@@ -32,6 +34,7 @@ from mcstudy.files import json_files
 from mcstudy.files.durable import tree_digest
 from mcstudy.recordings.io import read_recording
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.scheduler.fan_out import _one as one_item
 from mcstudy.scheduler.fan_out import fan_out
 
 ONE = ClusterOptions(workers=1)
@@ -211,12 +214,24 @@ def test_making_again_changes_nothing_and_a_killed_run_resumes(
     for case in truth["cases"][:4]:
         name = f"{case['name']}.nc"
         (other / name).write_bytes((data / name).read_bytes())
-        part = {"fingerprint": tiny.fingerprint, "sha256": json_files.digest(other / name), "truth": case}
+        made_by = {"fingerprint": tiny.fingerprint, "program": program.maker()}
+        part = made_by | {"sha256": json_files.digest(other / name), "truth": case}
         (files.partial_folder(other_key) / f"{case['name']}.json").write_text(json.dumps(part))
     (other / "case5.nc.abc.partial").write_bytes(b"torn")
     make(tiny, other, other_key, ONE)
     assert tree_digest(other) == before
     assert json_files.digest(other_key) == json_files.digest(key)
+
+
+def test_recordings_of_another_program_are_not_taken_for_those_of_this(
+    tiny: ChallengeFile, made: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert json.loads((made[0] / files.MANIFEST).read_text())["program"] == program.maker()
+    monkeypatch.setattr(program, "source", lambda *_: "0" * 64)
+    with pytest.raises(
+        StudyChangedError, match=r"^[^\n]*made by another program: source [0-9a-f]{12}, here 0000[^\n]*$"
+    ):
+        make(tiny, *made, ONE)
 
 
 def test_another_challenge_is_refused(made: tuple[Path, Path]) -> None:
@@ -279,13 +294,22 @@ def test_a_malformed_diagnosis_is_an_error_too(made: tuple[Path, Path], tmp_path
     assert all("error" in a for a in given["answers"])
 
 
+OTHER_ANSWERS = {
+    '{"method": "other"}': "answers of the method 'other', expected 'stub'",
+    '{"manifest_sha256": "' + 64 * "0" + '"}': "answers to other data",
+    '{"program": null}': "does not say by which program it was made",
+    '{"program": {"source": "' + 64 * "0" + '", "versions": {}}}': "made by another program: source 000000000000, here",
+}
+"""Changes of answers, as JSON, and why they are not taken for those of this method and program."""
+
+
 def test_answers_resume_and_do_not_mix_methods(made: tuple[Path, Path], tmp_path: Path) -> None:
     data, _ = made
     sha = json_files.digest(data / files.MANIFEST)
     parts = files.partial_folder(tmp_path / "a.json")
     parts.mkdir()
     done = {"name": "case1", "seconds": 0.0, **from_diagnosis(nothing_found(None))}
-    part = {"manifest_sha256": sha, "method": "stub", "answer": done}
+    part = {"manifest_sha256": sha, "method": "stub", "program": program.maker(), "answer": done}
     (parts / "case1.json").write_text(json.dumps(part))
     (parts / "case2.json").write_text("{torn")
 
@@ -297,9 +321,54 @@ def test_answers_resume_and_do_not_mix_methods(made: tuple[Path, Path], tmp_path
     assert sorted(p.name for p in tmp_path.glob("asked_*")) == [f"asked_case{k}" for k in (2, 3, 4, 5)]
     assert not parts.exists()
     parts.mkdir()
-    (parts / "case1.json").write_text(json.dumps(part | {"method": "other"}))
-    with pytest.raises(StudyChangedError, match="another method"):
-        answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+    for change, why in OTHER_ANSWERS.items():
+        (parts / "case1.json").write_text(json.dumps(part | json.loads(change)))
+        with pytest.raises(StudyChangedError, match=why):
+            answer(data, tmp_path / "a.json", nothing_found, "stub", ONE)
+
+
+@pytest.mark.parametrize("change", OTHER_ANSWERS)
+def test_whole_answers_of_another_method_or_program_are_not_taken_for_these(
+    made: tuple[Path, Path], tmp_path: Path, change: str
+) -> None:
+    data, key = made
+    out = tmp_path / "a.json"
+    assert not answered_already(data, out, "stub")
+    answer(data, out, nothing_found, "stub", ONE)
+    assert answered_already(data, out, "stub")
+    given = json.loads(out.read_text())
+    assert given["program"] == program.maker()
+    out.write_text(json.dumps({k: v for k, v in (given | json.loads(change)).items() if v is not None}))
+    with pytest.raises(StudyChangedError, match=f"^[^\n]*{OTHER_ANSWERS[change]}[^\n]*$"):
+        answered_already(data, out, "stub")
+    if "manifest_sha256" not in change:
+        assert score_files(data, key, out)["method"] == (given | json.loads(change))["method"]
+
+
+def test_a_command_whose_file_now_asks_for_another_method_prints_no_score_of_the_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mcstudy.challenge.answer.METHODS", {"fast": nothing_found, "detect": nothing_found})
+    file = tmp_path / "c.toml"
+    for method, code in (("fast", Exit.DONE), ("fast", Exit.DONE), ("detect", Exit.BAD_INPUT)):
+        text = f'[challenge]\nname = "c"\nseed = 3\ncases = 1\n[answer]\nmethod = "{method}"\n'
+        file.write_text(text + "[mix]\nnone = 1\nknown = 0\noutsider = 0\npair = 0\nshifted = 0\n")
+        assert main(["gap", "challenge", "run", str(file), "-o", str(tmp_path / "out"), "--workers", "1"]) == code
+        printed = capsys.readouterr()
+        assert bool(printed.out) == (code == Exit.DONE)
+    assert "answers of the method 'fast', expected 'detect'" in printed.err
+    with monkeypatch.context() as patch:
+        patch.setattr(program, "source", lambda *_: "0" * 64)
+        assert main(["gap", "challenge", "run", str(file), "-o", str(tmp_path / "out")]) == Exit.BAD_INPUT
+    assert f"made by another program: source {program.maker()['source'][:12]}, here 0000" in capsys.readouterr().err
+
+
+def test_a_worker_of_another_program_gives_no_result() -> None:
+    own = program.maker()
+    assert one_item("another process", own, "fan", str, 1) == "1"
+    other = own | {"versions": {**own["versions"], "numpy": "0.1"}}
+    with pytest.raises(InputError, match=f"made by another program: numpy {np.__version__}, here 0.1"):
+        one_item("another process", other, "fan", str, 1)
 
 
 def test_a_changed_key_and_foreign_answers_are_refused(made: tuple[Path, Path], tmp_path: Path) -> None:
@@ -471,7 +540,7 @@ def test_a_part_that_is_none_is_done_again(made: tuple[Path, Path], tmp_path: Pa
 def test_a_part_that_cannot_be_scored_is_done_again(made: tuple[Path, Path], tmp_path: Path) -> None:
     data, _ = made
     done = {"name": "case1", "seconds": 0.0, **from_diagnosis(nothing_found(None))}
-    header = {"manifest_sha256": json_files.digest(data / files.MANIFEST), "method": "stub"}
+    header = {"manifest_sha256": json_files.digest(data / files.MANIFEST), "method": "stub", "program": program.maker()}
     parts = files.partial_folder(tmp_path / "a.json")
     parts.mkdir()
     unsound = header | {"answer": done | {"unknown_probability": 0.8}}

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcstudy.analysis import kept as keys
+from mcstudy import program
 from mcstudy.cli import kept_diagnosis as module
 from mcstudy.cli import main
 from mcstudy.cli.kept_diagnosis import MOST, VARIABLE, folder, kept_diagnosis
@@ -112,8 +112,8 @@ def test_a_diagnosis_of_signals_that_were_not_read_is_not_kept(
 
 
 CHANGES: dict[str, Callable[[pytest.MonkeyPatch], object]] = {
-    "the program": lambda patch: patch.setattr(keys, "source", lambda layers: f"edited {layers}"),
-    "a library": lambda patch: patch.setattr(keys, "version", lambda name: f"{name} 2"),
+    "the program": lambda patch: patch.setattr(program, "source", lambda *_: "0" * 64),
+    "a library": lambda patch: patch.setattr(program, "versions", lambda names: dict.fromkeys(names, "2")),
     "threads": lambda patch: patch.setenv("OMP_NUM_THREADS", "7"),
 }
 

@@ -23,10 +23,10 @@ def made_once() -> Iterator[None]:
     """Within the block, an empty cube that was made before is used again."""
     honest, made = repair.skeleton, dict[str, dict[Path, bytes]]()
 
-    def skeleton(cube: Cube, made_in: dict[str, Any]) -> dict[Path, bytes]:
-        key = json.dumps([cube.study.fingerprint, made_in, cube.depths])
+    def skeleton(cube: Cube, made_in: dict[str, Any], others: dict[str, Any]) -> dict[Path, bytes]:
+        key = json.dumps([cube.study.fingerprint, made_in, others, cube.depths])
         if key not in made:
-            made[key] = honest(cube, made_in)
+            made[key] = honest(cube, made_in, others)
         return dict(made[key])
 
     with pytest.MonkeyPatch.context() as patch:

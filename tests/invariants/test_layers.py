@@ -14,7 +14,7 @@ from mcstudy.study import environment
 PACKAGE = Path(mcstudy.__file__).parent
 
 LAYERS = (
-    ("errors", "exits", "streams", "text_tables", "short_repr"),
+    ("program", "errors", "exits", "streams", "text_tables", "short_repr"),
     ("compiling",),
     ("stance",),
     ("files",),
@@ -125,5 +125,5 @@ def test_the_source_that_a_cube_notes_is_all_that_its_numbers_come_from() -> Non
         found |= todo
         todo = {other for name in todo for other in imported(MODULES[name])} - found
     held = {layer.removesuffix(".py") for layer in environment.LAYERS}
-    words = {"errors", "exits", "text_tables", "short_repr", "scheduler"}
+    words = {"errors", "exits", "program", "text_tables", "short_repr", "scheduler"}
     assert {name.split(".")[0] for name in found} - words <= held

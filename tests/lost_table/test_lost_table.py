@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import time
@@ -11,11 +12,23 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from mcstudy import program
 from mcstudy.analysis.paper.values import cells_of, fit_values
 from mcstudy.cli import main
 from mcstudy.errors import DesignError
 from mcstudy.exits import Exit
-from mcstudy.lost_table import bank, calibration, checks, closed_form, contradictions, posterior, result, run, search
+from mcstudy.lost_table import (
+    bank,
+    calibration,
+    checks,
+    closed_form,
+    contradictions,
+    kept_files,
+    posterior,
+    result,
+    run,
+    search,
+)
 from mcstudy.lost_table.bank import Bank, prior_points, simulated
 from mcstudy.lost_table.design import parse_inference, read_inference
 from mcstudy.lost_table.emulator import Emulator, packed, ridge, unpacked
@@ -228,7 +241,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("few")
 def test_a_killed_inference_resumes_with_the_same_bits_and_prints_its_tables(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "tiny.toml"
     file.write_text(FILE)
@@ -254,6 +267,29 @@ def test_a_killed_inference_resumes_with_the_same_bits_and_prints_its_tables(
     file.write_text(FILE.replace("seed = 3", "seed = 4"))
     assert main(["infer", str(file), "-o", str(killed)]) == Exit.BAD_INPUT
     assert "made from another inference file" in capsys.readouterr().err
+    # Another program goes on with nothing of this one, and says whose result it prints.
+    file.write_text(FILE)
+    monkeypatch.setattr(program, "source", lambda *_: "0" * 64)
+    assert main(["infer", str(file), "-o", str(killed)]) == Exit.DONE
+    assert "Note: made by another program: source" in " ".join(capsys.readouterr().out.split())
+    shutil.rmtree(killed / RESULT)
+    assert main(["infer", str(file), "-o", str(killed)]) == Exit.BAD_INPUT
+    assert "made by another program: source" in capsys.readouterr().err
+
+
+def test_kept_arrays_of_another_program_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def made(value: float) -> float:
+        jobs, options = [0], ClusterOptions(workers=1)
+        kind = kept_files.Kind(tmp_path / "kept", ("x",))
+        where = {"u": np.zeros(2)}
+        (arrays,) = kept_files.kept(
+            kind, jobs, lambda _: "a.npz", lambda _: where, lambda _: {"x": np.array(value)}, options
+        )
+        return float(arrays["x"])
+
+    assert [made(1.0), made(2.0)] == [1.0, 1.0]
+    monkeypatch.setattr(program, "source", lambda *_: "0" * 64)
+    assert made(2.0) == 2.0
 
 
 def test_a_trade_off_is_what_cannot_be_improved_in_both() -> None:

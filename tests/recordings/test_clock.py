@@ -109,7 +109,7 @@ def test_lost_rows_are_found_and_interpolated_on_request(tmp_path: Path, lost: l
     np.testing.assert_allclose(trial.theta, signals(TIME)[:, 1:], atol=2e-3)
     np.testing.assert_allclose(np.delete(trial.theta, lost, axis=0), signals(TIME)[left, 1:], atol=1e-9)
     assert f"{len(lost)} lost rows (longest gap" in found.text()
-    assert f"{3 * len(lost)} missing values interpolated" in found.text()
+    assert f"{3 * len(lost)} missing, held or jumping values interpolated" in found.text()
 
 
 def test_stamps_that_scatter_a_little_are_told_and_rounded_ones_are_not(tmp_path: Path) -> None:

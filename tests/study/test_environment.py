@@ -39,8 +39,8 @@ def test_thread_settings_are_noted_as_they_are_set(settings: pytest.MonkeyPatch)
         ({"OMP_NUM_THREADS": "1"}, {"OMP_NUM_THREADS": "2"}, ["threads.OMP_NUM_THREADS: 1 -> 2"]),
         ({"MKL_NUM_THREADS": "1"}, {}, ["threads.MKL_NUM_THREADS: 1 -> unset"]),
         ({}, {"OPENBLAS_NUM_THREADS": "3"}, ["threads.OPENBLAS_NUM_THREADS: unset -> 3"]),
-        (None, {"NUMBA_NUM_THREADS": "3"}, ["threads: not stored -> NUMBA_NUM_THREADS=3"]),
-        (None, {}, ["threads: not stored -> unset"]),
+        (None, {"NUMBA_NUM_THREADS": "3"}, ["not stored: threads"]),
+        (None, {}, ["not stored: threads"]),
     ],
 )
 def test_thread_settings_that_differ_are_named(

@@ -140,15 +140,15 @@ def test_an_interrupted_extension_loses_nothing_and_resumes(
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    def stop_after_two(self: GroupStore, chunk: object, data: object) -> None:
+    def stop_after_two(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         if next(copied, None) is None:
             raise KeyboardInterrupt
-        write(self, chunk, data)  # type: ignore[arg-type]
+        write(self, chunk, data, *environments)  # type: ignore[arg-type]
 
-    def full(self: GroupStore, chunk: object, data: object) -> None:
+    def full(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         if self.path.parent == out:
             raise OSError(28, "No space left on device")
-        write(self, chunk, data)  # type: ignore[arg-type]
+        write(self, chunk, data, *environments)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
         if moment == "create":

@@ -117,11 +117,11 @@ def test_a_block_that_always_fails_is_reported_and_the_rest_finishes(
 ) -> None:
     write, bad = GroupStore.write, []
 
-    def broken(self: GroupStore, chunk: object, data: object) -> None:
+    def broken(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         if self.name == "ideal":
             bad.append(chunk)
             raise ValueError("cosmic ray")
-        write(self, chunk, data)  # type: ignore[arg-type]
+        write(self, chunk, data, *environments)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
         patch.setattr(GroupStore, "write", broken)
@@ -163,10 +163,10 @@ def test_a_disk_that_cannot_be_written_stops_the_run_and_the_next_one_completes_
     run_study(study, whole, ONE)
     write, done = GroupStore.write, iter(range(2))
 
-    def full(self: GroupStore, chunk: object, data: object) -> None:
+    def full(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         if next(done, None) is None:
             raise OSError(28, reason)
-        write(self, chunk, data)  # type: ignore[arg-type]
+        write(self, chunk, data, *environments)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
         patch.setattr(GroupStore, "write", full)
@@ -182,10 +182,10 @@ def test_a_store_deleted_under_the_run_does_not_come_back_in_pieces(
     out = tmp_path / "out.zarr"
     write = GroupStore.write
 
-    def vanish(self: GroupStore, chunk: object, data: object) -> None:
+    def vanish(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         if out.exists():
             out.rename(tmp_path / "moved.zarr")
-        write(self, chunk, data)  # type: ignore[arg-type]
+        write(self, chunk, data, *environments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(GroupStore, "write", vanish)
     with pytest.raises(Interrupted, match=r"out\.zarr: expected a store that can be written \(No such file"):
@@ -198,8 +198,8 @@ def test_a_stop_request_ends_the_run_as_resumable(tmp_path: Path, tiny: str, mon
     run_study(study, whole, ONE)
     write = GroupStore.write
 
-    def stop_after_one(self: GroupStore, chunk: object, data: object) -> None:
-        write(self, chunk, data)  # type: ignore[arg-type]
+    def stop_after_one(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
+        write(self, chunk, data, *environments)  # type: ignore[arg-type]
         for event in tasks.STOP.values():
             event.set()
 

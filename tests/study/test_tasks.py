@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -94,10 +94,10 @@ def test_a_slow_chunk_is_written_before_it_is_complete(
     writes = iter(range(5))
     write = GroupStore.write
 
-    def kill(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
+    def kill(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], *environments: Iterable[str]) -> None:
         if next(writes, None) is None:
             raise KeyboardInterrupt
-        write(self, chunk, data)
+        write(self, chunk, data, *environments)
 
     with monkeypatch.context() as patch:
         patch.setattr(GroupStore, "write", kill)

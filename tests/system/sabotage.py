@@ -16,7 +16,7 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -53,14 +53,16 @@ def write_in_place(path: Path, content: bytes | memoryview) -> None:
 write = GroupStore.write
 
 
-def write_later(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
+def write_later(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], *environments: Iterable[str]) -> None:
     """A chunk that is reported before it is written."""
-    later = threading.Timer(0.2, write, (self, chunk, {name: values.copy() for name, values in data.items()}))
+    copied = {name: values.copy() for name, values in data.items()}
+    later = threading.Timer(0.2, write, (self, chunk, copied, *environments))
     later.start()
 
 
-def status_first(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray]) -> None:
+def status_first(self: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], *environments: Iterable[str]) -> None:
     """A chunk whose status does not come last."""
+    del environments
     *first, last = self.layout.results
     for name in (last, *first):
         self.put(name, chunk, data[name])
@@ -127,9 +129,9 @@ def noticed(campaign: Campaign, faults: str) -> bool:
     return False
 
 
-def blind(cube: Cube, made_in: dict[str, Any]) -> Iterator[tuple[Path, str]]:
+def blind(cube: Cube, made_in: dict[str, Any], elsewhere: bool) -> Iterator[tuple[Path, str]]:
     """Metadata that nobody compares."""
-    del cube, made_in
+    del cube, made_in, elsewhere
     return iter(())
 
 

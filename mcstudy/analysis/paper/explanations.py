@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from mcstudy.analysis.paper.published import AMPLITUDES_NM
 from mcstudy.analysis.view import GroupView
-from mcstudy.stance.own_values import another_body
+from mcstudy.stance.provenance import another_body
 from mcstudy.stance.truths import INFERRED
 
 OFTEN_PERCENT = 50.0
@@ -105,7 +105,7 @@ def _from_truth(_: GroupView) -> str:
 
 def _origin(view: GroupView) -> str:
     """Where the true values come from; the paper's Table I is lost."""
-    if INFERRED in view.provenance:
+    if INFERRED in view.provenance and not another_body(view.provenance):
         return (
             f"True values are {INFERRED}, this one among them where the inference uses it: an inference about the lost "
             "Table I (pipelines/table_one.md)."

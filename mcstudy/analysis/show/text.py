@@ -8,7 +8,7 @@ from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.paper.published import MARGINS
 from mcstudy.analysis.paper.verdict_names import AGREES, LIMIT
 from mcstudy.analysis.show.missed import missed_words
-from mcstudy.stance.own_values import another_body
+from mcstudy.stance.provenance import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
 
 _HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}

@@ -1,7 +1,7 @@
 """NetCDF recordings with changed bytes: what is read is right, or one line says why not; nothing hangs or crashes.
 
 HDF5 keeps most of its structure without checksums, so a changed byte of a number or of an attribute cannot be seen:
-the rest of the recording is right then. ``MCSTUDY_FUZZ=3000`` tries 3,000 changes of every kind and prints what came.
+the rest of the recording is right then. ``MCSTUDY_FUZZ=3000`` tries 3,000 changes of every kind; with ``-s`` it prints what came.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """NetCDF recordings with changed bytes: what is read is right, or one line says why not; nothing hangs or crashes.
 
-HDF5 keeps most of its structure without checksums, so a changed byte of a number or of an attribute cannot be seen:
-the rest of the recording is right then. ``MCSTUDY_FUZZ=3000`` tries 3,000 changes of every kind and prints what came.
+A changed byte of a number or of an attribute cannot be seen where a file keeps no checksums; where it does
+(``compressed``), no other values may come. ``MCSTUDY_FUZZ=300`` tries 300 changes of every kind on every form; with
+``-s`` it prints what came.
 """
 
 from __future__ import annotations
@@ -118,6 +119,7 @@ def test_a_damaged_netcdf_file_is_read_or_refused_in_one_line(
         path.write_bytes(change(rng, bytearray(raw)))
         found = outcome(path)
         counts[found] += 1
+        assert not ("compressed" in request.node.name and found.startswith("other values"))
         if (keep := os.environ.get("MCSTUDY_FUZZ_KEEP")) and found not in ("same", "refused"):
             (Path(keep) / f"{request.node.name}_{k}_{found}.nc").write_bytes(path.read_bytes())
     if MANY:

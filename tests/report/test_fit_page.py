@@ -98,6 +98,7 @@ def test_a_fit_with_figures_can_be_pickled(fit: mc.FitResult) -> None:
 def test_a_page_that_cannot_be_written_is_one_line(
     lagging_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    place = tmp_path / "no" / "page.html"
+    (tmp_path / "file").touch()
+    place = tmp_path / "file" / "page.html"
     assert main(["fit", str(lagging_recording), "--fmax", "1.2", "--html", str(place)]) == Exit.BAD_INPUT
-    assert "expected a writable file" in capsys.readouterr().err
+    assert "page.html: cannot be written: " in capsys.readouterr().err

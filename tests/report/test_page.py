@@ -272,8 +272,9 @@ def test_an_unfinished_cube_has_a_page(other_cube: Path, tmp_path: Path) -> None
 def test_a_page_that_cannot_be_written_is_one_line(
     other_cube: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["report", str(other_cube), "-o", str(tmp_path / "none" / "p.html")]) == Exit.BAD_INPUT
-    assert "expected a writable file" in capsys.readouterr().err
+    (tmp_path / "file").touch()
+    assert main(["report", str(other_cube), "-o", str(tmp_path / "file" / "p.html")]) == Exit.BAD_INPUT
+    assert "p.html: cannot be written: " in capsys.readouterr().err
 
 
 def test_the_page_of_a_diagnosis_waits_for_no_library_of_studies() -> None:

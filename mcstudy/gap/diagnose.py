@@ -65,8 +65,9 @@ def diagnose(
         pooled, others diagnosed together, each with the noise that was measured in it.
     bootstrap: number of null samples. seed: seed of all random numbers.
     model: base model; by default the two-segment model of the recording's body. None under several stimuli.
-    fmax: highest frequency, Hz; None for 8, or the last of a published response. discard: transient cycles left out at the start of every trial; None for one, or as
-        many as the slowest oscillation of the fitted body needs (`mcstudy.gap.settling`).
+    fmax: highest frequency, Hz; None for 8, or the last of a published response. discard: transient cycles left out at
+        the start of every trial; None for one, or as many as the slowest oscillation of the fitted body needs
+        (`mcstudy.gap.settling`).
     accept: codes of suspicions about mislabelled channels. For these the labels are kept.
     asked: the questions that are answered; the results of the others are None.
 

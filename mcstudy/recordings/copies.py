@@ -103,8 +103,8 @@ def refuse_copies(
     pair = _first_copy(trials) or next(((a, b) for (a, x), (b, y) in combinations(published, 2) if _equal(x, y)), None)
     if pair is not None:
         raise RecordingError(
-            f"{where}: {pair[1]}: holds the same data as {pair[0]}; expected every recording once, because copies count "
-            f"as independent and make intervals too narrow; leave one out (to keep both: accept {CODE!r})"
+            f"{where}: {pair[1]}: holds the same data as {pair[0]}; expected every recording once, because copies "
+            f"count as independent and make intervals too narrow; leave one out (to keep both: accept {CODE!r})"
         )
 
 

@@ -234,7 +234,7 @@ def stimulus_faults(u: np.ndarray, period: int, rate_hz: float) -> tuple[Fault, 
     noise = 1.4826 * float(np.median(np.abs(error[same])))
     off = np.abs(error) > max(DIFFERS * peak, JUMP * noise)
     off &= (np.sqrt((np.where(off, error, 0.0) ** 2).mean(axis=1)) > CYCLE_DIFFERS * size)[:, None]
-    out = []
+    out: list[Fault] = []
     for a, b in _stretches(off.ravel(), max(1, round(0.1 * rate_hz))):
         if out and b <= out[-1].stop:
             continue

@@ -27,8 +27,8 @@ def response(gain: np.ndarray, phase: np.ndarray, where: str, names: tuple[str, 
     """
     if (low := gain[gain < 0]).size:
         raise RecordingError(
-            f"{where}: {names[0]}: expected a magnitude, 0 or more, got {low[0]:g}; if gains are in dB, convert them by "
-            "10^(dB/20); if the sign is that of the response, add 180 to the phase"
+            f"{where}: {names[0]}: expected a magnitude, 0 or more, got {low[0]:g}; if gains are in dB, convert them "
+            "by 10^(dB/20); if the sign is that of the response, add 180 to the phase"
         )
     largest = float(np.abs(phase).max())
     if largest > LARGEST_PHASE:

@@ -189,7 +189,7 @@ def fill_gaps(recording: Recording, longest_s: float) -> Recording:
 
 
 def without_gaps(values: np.ndarray, rate_hz: float, longest_s: float) -> tuple[np.ndarray, int]:
-    """An angle (n,) with held values and spikes of at most ``longest_s`` interpolated, and how many values these are."""
+    """An angle (n,) with held values and spikes of at most ``longest_s`` interpolated, and how many values."""
     mask = np.zeros(values.size, dtype=bool)
     for f in angle_faults(values, rate_hz):
         if f.kind in FILLABLE and f.stop - f.start <= longest_s * rate_hz and f.start > 0 and f.stop < values.size:

@@ -208,7 +208,8 @@ def standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
 def bands(f: np.ndarray, angles: tuple[str, ...], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
     """Bands with a family-wise limit: noise alone exceeds it in any band in 5 % of recordings.
 
-    ``angles``: those that were measured. ``z``, ``null``: `standardised` residuals (N, 2) at lines ``f`` (N,) in Hz, and null samples of them (N, 2, D).
+    ``angles``: those that were measured. ``z``, ``null``: `standardised` residuals (N, 2) at lines ``f`` (N,) in Hz,
+    and null samples of them (N, 2, D).
     """
     rows, level, ratio = [], [], []
     for low, high in pairwise(EDGES_HZ):

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from mcstudy.recordings.frf_group import read_frf_group
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
+    from mcstudy.recordings.soundness import fill_gaps
     from mcstudy.report.comparison import ComparisonWithFigure as Comparison
     from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
     from mcstudy.report.person.plots import FitWithFigures as FitResult
@@ -58,6 +59,7 @@ _FROM = {
     "design": "api.design",
     "diagnose": "api.recordings",
     "effects": "effect_library.library:LIBRARY",
+    "fill_gaps": "recordings.soundness",
     "fit": "api.recordings",
     "fit_group": "api.groups",
     "import_recording": "api.recordings",
@@ -95,6 +97,7 @@ __all__ = [
     "design",
     "diagnose",
     "effects",
+    "fill_gaps",
     "fit",
     "fit_group",
     "import_recording",

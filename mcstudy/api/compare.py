@@ -15,6 +15,7 @@ from mcstudy.recordings.copies import equal_rows, refuse_copies
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.soundness import with_left_out
 from mcstudy.report.comparison import ComparisonWithFigure
 from mcstudy.spectra.frf_points import group_of
 from mcstudy.stance.ranges import Range
@@ -108,4 +109,5 @@ def _group(
     people = [str(getattr(r, "person", "") or r.name) for r in read]
     if twice := next((p for p in people if people.count(p) > 1), None):
         raise InputError(f"{where}: expected one recording of every person, got several of {twice!r}")
-    return group_of(read, people, fmax, discard)
+    sound = [with_left_out(r, discard=discard) if isinstance(r, Recording) else r for r in read]
+    return group_of(sound, people, fmax, discard)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy import fft
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.frf import FrfRecording
@@ -133,19 +132,19 @@ def _first_copy(trials: Sequence[_Signature]) -> tuple[str, str] | None:
     if len(trials) < 2:
         return None
     spread = np.array([t.x.std(axis=0) for t in trials])
-    size = fft.next_fast_len(2 * max(len(t.x) for t in trials), real=True)
+    size = 1 << (2 * max(len(t.x) for t in trials)).bit_length()
     kept: dict[int, np.ndarray] = {}
 
     def spectrum(k: int) -> np.ndarray:
         if k not in kept:
-            kept[k] = fft.rfft(trials[k].x, size, axis=0)
+            kept[k] = np.fft.rfft(trials[k].x, size, axis=0)
         return kept[k]
 
     for j in range(1, len(trials)):
         near = np.abs(spread[:j] / np.maximum(spread[j], 1e-300) - 1).max(axis=1) <= ALIKE_SPREAD
         for i in np.flatnonzero(near):
             a, b = trials[int(i)], trials[j]
-            cross = fft.irfft((spectrum(int(i)).conj() * spectrum(j)).sum(axis=1), size)
+            cross = np.fft.irfft((spectrum(int(i)).conj() * spectrum(j)).sum(axis=1), size)
             best = int(np.argmax(cross))
             best = best - size if best > size // 2 else best
             # Of a copy that lacks whole cycles, other lags of whole periods are almost as much alike.

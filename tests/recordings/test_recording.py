@@ -80,7 +80,7 @@ def test_a_recording_survives_every_format(tmp_path: Path, name: str) -> None:
     assert (back.name, back.rate_hz, back.period_s, back.stimulus) == ("sway", 100.0, PRTS.period_s, "ankle_torque")
     assert back.body == recording.body
     assert back.provenance == "test"
-    assert back.suspicions == ()
+    assert back.suspicions == check(recording)
     for a, b in zip(back.trials, recording.trials, strict=True):
         assert a.amplitude == b.amplitude
         np.testing.assert_allclose(a.stimulus, b.stimulus, rtol=1e-11, atol=1e-14)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy, neural, robust, selection
@@ -158,7 +157,7 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
         "median_cost": quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True),
         "median_j_nc": quantiles(neural.j_nc(cells, view.model), (0.5,)).isel(quantile=0, drop=True),
         "missed_minimum": _mean_over_realizations(needed["missed"]),
-        "missed_minimum_upper": _mean_over_realizations(np.maximum(needed["missed_upper"], WANTED)),
+        "missed_minimum_upper": _mean_over_realizations(needed["missed_upper"].clip(min=WANTED)),
         "starts_needed_median": quantile.sel(quantile=0.5, drop=True),
         "starts_needed_90th": quantile.sel(quantile=0.9, drop=True),
     }

@@ -76,6 +76,9 @@ def make(file: ChallengeFile, data: Path, key: Path, options: ClusterOptions | N
         if not key.exists() or json_files.digest(key) != manifest["key_sha256"]:
             raise StoreError(f"{key}: expected the key that {data / files.MANIFEST} names")
         return str(manifest["key_sha256"])
+    for strange in sorted(data.iterdir()) if data.is_dir() else ():
+        if not files.CASE.fullmatch(strange.stem) and strange.suffix != PARTIAL:
+            raise StoreError(f"{strange}: expected a new folder, or only the recordings of this challenge")
     check_visible(file)
     cases = list_cases(file)
     json_files.ensure_folder(data)

@@ -422,11 +422,12 @@ def _run(args: argparse.Namespace) -> Exit:
     from mcstudy.challenge.answer import METHODS, answer, answered
     from mcstudy.challenge.score import exit_code, score_files
     from mcstudy.challenge.table import score_text
-    from mcstudy.files.json_files import write_json, write_text
+    from mcstudy.files.json_files import own_folder, write_json, write_text
     from mcstudy.report.reliability import reliability_svg
     from mcstudy.scheduler.compiling import DIAGNOSIS
     from mcstudy.text_tables import folded, unfolded
 
+    own_folder(args.out, "data", "a challenge")
     data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
     file, _ = _made(args, data, key)
     if not answered(data, answers, file.answer.method):

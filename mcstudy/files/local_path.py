@@ -37,9 +37,7 @@ def local_path(given: str | os.PathLike[str]) -> Path:
     scheme, colon, _ = path.parts[0].partition(":") if path.parts else ("", "", "")
     flat = colon and scheme.lower() in SCHEMES and not isinstance(given, str) and not Path(path.parts[0]).exists()
     if ADDRESS.match(text) or flat:
-        raise InputError(
-            f"{text}: expected a path of this machine, found the address of another ({scheme}: is not read)"
-        )
+        raise InputError(f"{text}: expected a path of this machine, found an address ({scheme}:// is not supported)")
     return path
 
 

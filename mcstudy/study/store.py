@@ -261,6 +261,7 @@ class Cube:
                 attributes["environments"] = dict(sorted(others.items()))
             cube = cls(building, study, attributes, depths)
             with unfinished(building, building.mkdir):
+                _refuse_one_name(building, list(cube.groups))
                 root = zarr.create_group(building, zarr_format=3, attributes=attributes)
                 made: dict[str, Path] = {}
                 for name, group in cube.groups.items():
@@ -342,6 +343,21 @@ class Cube:
             raise StoreError(f"{path}: attribute fingerprint: expected {study.fingerprint}, the study's own hash")
         own = {name: depths.get(name, realizations_a_chunk(group)) for name, group in study.groups.items()}
         return cls(path, study, attributes, own)
+
+
+def _refuse_one_name(folder: Path, names: list[str]) -> None:
+    """Raise `StoreError` where the file system takes two of the names for one, as some do of upper and lower case."""
+    for k, name in enumerate(names):
+        for other in names[:k]:
+            if name.casefold() == other.casefold():
+                (folder / other).mkdir()
+                same = (folder / name).exists()
+                (folder / other).rmdir()
+                if same:
+                    raise StoreError(
+                        f"{folder.parent}: group.{name}: expected names that this file system can tell apart, "
+                        f"got {other} and {name}"
+                    )
 
 
 @cache

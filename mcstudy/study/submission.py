@@ -24,6 +24,7 @@ from distributed import Client, Future
 from distributed.scheduler import KilledWorker
 
 from mcstudy.errors import Interrupted
+from mcstudy.files.plain_errors import short
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions, dismiss_worker, replace_thread, restart_worker
 from mcstudy.scheduler.compiling import compile_kernels
@@ -187,7 +188,9 @@ class Submission:
         except Exception as error:  # the result is no `Attempt`: it could not be sent or read
             self._failed(block, Failure(f"{type(error).__name__}: {error}"[:300], None))
             return
-        if isinstance(result.ended, Failure):
+        if not isinstance(result, Attempt):
+            self._failed(block, Failure(f"its worker returned {short(result)}", None))
+        elif isinstance(result.ended, Failure):
             self._failed(block, result.ended)
         elif isinstance(result.ended, Unlike):
             self._unlike(flight, result, result.ended)
@@ -195,6 +198,9 @@ class Submission:
             self._done(block, result.ended, result.environment)
 
     def _done(self, block: Block, report: TaskReport, place: dict[str, Any]) -> None:
+        store = self.cube.groups[block.group]
+        if report.complete and not all(store.annotated(chunk) for chunk in block.chunks):
+            self.doubtful.append(block)  # its worker writes elsewhere, or a shared file system shows it later
         counts = self._counts(block, report)
         failed = sum(n for status, n in counts.items() if Status(status).failed)
         self.outcome.fits += counts.total() - counts[Status.NOT_NEEDED]

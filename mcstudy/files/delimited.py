@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan)", re.ASCII | re.IGNORECASE)
@@ -65,10 +65,17 @@ def stated_delimiter(line: str) -> str | None:
 
 def cells(line: str, delimiter: str) -> list[str]:
     """The cells of a line without blanks and quotes around them."""
-    parts = (
-        next(csv.reader([line], delimiter=delimiter, skipinitialspace=True)) if '"' in line else line.split(delimiter)
-    )
-    return [p.strip() for p in parts]
+    if '"' not in line:
+        return [c.strip() for c in line.split(delimiter)]
+    return [c.strip() for c in next(records([line], delimiter), [""])]
+
+
+def records(lines: Iterable[str], delimiter: str) -> Iterator[list[str]]:
+    """Rows of cells as `csv.reader` finds them; `ValueError` for a cell that is too long."""
+    try:
+        yield from csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    except csv.Error as error:
+        raise ValueError(f"expected cells of text or numbers ({error})") from None
 
 
 def decimal_sign(found: Sequence[str]) -> str:
@@ -112,7 +119,10 @@ def labelled(raw: bytes) -> Labelled:
     first = next((line for line in lines[skipped:] if line.strip()), "")
     delimiter = delimiter or max((",", *DELIMITERS), key=first.count)  # a comma where there is none of them
     reader = csv.reader(lines[skipped:], delimiter=delimiter, skipinitialspace=True)
-    found = [(reader.line_num + skipped, [c.strip() for c in row]) for row in reader if any(c.strip() for c in row)]
+    try:
+        found = [(reader.line_num + skipped, [c.strip() for c in row]) for row in reader if any(c.strip() for c in row)]
+    except csv.Error as error:
+        raise ValueError(f"line {reader.line_num + skipped}: expected cells of text or numbers ({error})") from None
     if not found:
         return Labelled([], [], ".")
     header, rows = found[0][1], found[1:]

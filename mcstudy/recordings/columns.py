@@ -6,7 +6,6 @@ not disturb. Time stamps become seconds. Empty cells and NA are missing numbers 
 
 from __future__ import annotations
 
-import csv
 import re
 from datetime import datetime
 from functools import partial
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import RecordingError, StoreError
-from mcstudy.files.delimited import decoded, number
+from mcstudy.files.delimited import decoded, number, records
 from mcstudy.files.untrusted import real_bytes
 from mcstudy.recordings.layout import AXIS, BLANKS, Dialect, Layout, layout, split
 from mcstudy.recordings.variables import TEXTS, Source, Variable
@@ -97,7 +96,10 @@ def _cells(found: Layout, column: int, where: str) -> list[str]:
     """The cells of a column, one per row."""
     if found.delimiter == BLANKS:
         return [split(line, BLANKS)[column] for _, line in found.rows]
-    rows = list(csv.reader((line for _, line in found.rows), delimiter=found.delimiter, skipinitialspace=True))
+    try:
+        rows = list(records((line for _, line in found.rows), found.delimiter))
+    except ValueError as error:
+        raise RecordingError(f"{where}{error}") from None
     if len(rows) != len(found.rows):
         raise RecordingError(f"{where}a quoted cell is not closed, or holds a line break")
     return [row[column].strip() for row in rows]

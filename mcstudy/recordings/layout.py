@@ -114,7 +114,7 @@ def split(line: str, delimiter: str) -> list[str]:
         return cells(line, delimiter)
     if not any(c in line for c in '"[('):
         return line.split()
-    return [w.strip('"') for w in _WORD.findall(re.sub(r"\s+(?=[\[(])", "", line))]
+    return [w.strip('"') for w in _WORD.findall(re.sub(r"\s+(?=[\[(])", "", line))] or line.split()
 
 
 def layout(text: str, dialect: Dialect) -> Layout:

@@ -376,6 +376,8 @@ REFUSED: dict[str, tuple[str | bytes, dict[str, Any], str]] = {
         {},
         "a quoted cell is not closed",
     ),
+    "a quote alone": ("1 2 3 4\n" * 5 + '"\n', {}, "column 'stimulus' is missing"),
+    "an endless cell": ('1,"' + "a" * 200_000 + '",3,4\n1,2,3,4\n', {}, "expected cells of text or numbers"),
     "no numbers": ("a,b,c\nd,e,f\n", {}, "expected rows of numbers under the header, found none"),
 }
 

@@ -196,7 +196,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
                 if not again:
                     break
                 doubtful = submission.run(again)
-            for lost in _unsound(cube, doubtful, log):
+            for lost in _unsound(cube, doubtful, log, here):
                 outcome.failed_blocks.append(f"{lost}: reported as done, but not in the cube")
     outcome.seconds = progress.seconds
     log.add("end", fits=outcome.fits, seconds=round(outcome.seconds, 3), failed_blocks=outcome.failed_blocks)

@@ -127,8 +127,8 @@ def _prior(d: Diagnosis) -> str:
     """What the probabilities take for granted, and what the data alone say."""
     shares = ", ".join(f"{MEANINGS[name]} {number(100 * p, 2)} %" for name, p in d.prior.items())
     return (
-        f"Prior probabilities: {shares}; --prior-none P sets the first, prior_none=P in Python. Bayes factor of no "
-        f"missing effect against all others: {_factor(d.none_log_factor)}; its odds are this factor times P / (1 - P)."
+        f"Prior probabilities: {shares}; --prior-none P sets the first. Bayes factor of no missing "
+        f"effect against all others: {_factor(d.none_log_factor)}; its odds are this factor times P / (1 - P)."
     )
 
 

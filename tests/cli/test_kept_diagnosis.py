@@ -146,7 +146,7 @@ def test_other_data_and_other_options_have_other_diagnoses(
         {"prior_none": 0.3},
     ):
         kept_diagnosis([one], OPTIONS | options, computed)
-    assert computed.times == 10
+    assert computed.times == 11
 
 
 def test_a_whole_diagnosis_answers_who_asks_for_the_cause_only_and_not_the_reverse(

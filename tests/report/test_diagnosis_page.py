@@ -181,7 +181,7 @@ def test_a_cause_that_leaves_the_mean_response_alone_has_no_share_to_show(diagno
     cause = replace(
         diagnosis.causes[0], effects=("gain_drift",), alternatives=(("gain_drift",),), fitted=diagnosis.base
     )
-    drifting = replace(diagnosis, causes=(cause, *diagnosis.causes[1:]))
+    drifting = replace(diagnosis, causes=(cause, *diagnosis.causes[1:]), closed=None)
     closing = which_figures(drifting)[1]
     assert isinstance(closing, Figure)
     assert [p.title for p in closing.panels] == ["error of predicted sway"]

@@ -169,10 +169,8 @@ def explain(
     leaders = sorted(singles, key=lambda h: -h.log_evidence)[:LEADERS]
     group_of = {n: k for k, g in enumerate(groups) for n in g}
     n_pairs = n_causes * (n_causes - 1) / 2
-    if (
-        leaders
-        and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + min(log_odds, np.log(NONE)) - 3
-    ):
+    # With the usual prior, whatever is given, so that the Bayes factor is the same under every prior.
+    if leaders and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + np.log(NONE) - 3:
         as_declared = {h.effects: h for h in declared}
         for h in pairs(data, base, [as_declared[h.effects] for h in leaders], effects, of, group_of):
             weighted.append((h, np.log(PAIR / n_pairs)))

@@ -285,7 +285,7 @@ def connect(options: ClusterOptions, say: Callable[[str], None] | None = None) -
     """
     # Dask's own messages are silenced: problems with workers and schedulers are reported here, one line each.
     for name in [n for n in logging.root.manager.loggerDict if n.split(".")[0] == "distributed"]:
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     if options.slurm is not None:
         with slurm_client(options.slurm) as client:
             yield client

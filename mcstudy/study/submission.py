@@ -179,23 +179,25 @@ class Submission:
         if flight.starts > 1 or self.attempts[block] > 1:
             self.doubtful.append(block)
         try:
-            result: Attempt = self.window.result(future)
+            result = self.window.result(future)
         except Interrupted:
             raise
         except KilledWorker as error:
             self._killer(flight, str(error))
             return
         except Exception as error:  # the result is no `Attempt`: it could not be sent or read
-            self._failed(block, Failure(f"{type(error).__name__}: {error}"[:300], None))
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            self._failed(block, Failure(reason[:300], None))
             return
-        if not isinstance(result, Attempt):
-            self._failed(block, Failure(f"its worker returned {short(result)}", None))
-        elif isinstance(result.ended, Failure):
-            self._failed(block, result.ended)
-        elif isinstance(result.ended, Unlike):
-            self._unlike(flight, result, result.ended)
-        else:
-            self._done(block, result.ended, result.environment)
+        match result:
+            case Attempt(ended=Failure() as failure):
+                self._failed(block, failure)
+            case Attempt(ended=Unlike() as unlike):
+                self._unlike(flight, result, unlike)
+            case Attempt(ended=TaskReport() as report):
+                self._done(block, report, result.environment)
+            case _:
+                self._failed(block, Failure(f"its worker returned no report but {short(result)}", None))
 
     def _done(self, block: Block, report: TaskReport, place: dict[str, Any]) -> None:
         store = self.cube.groups[block.group]

@@ -113,6 +113,33 @@ def test_all_axes_grow_at_once_also_with_starts_from_data(
     assert durable.tree_digest(out) == at_once(large.to_toml())
 
 
+REALIZATIONS, STARTS_TOO = Growth(realizations=7), Growth(starts=8, groups=("noisy",))
+FMAX, AMPLITUDE = Growth(fmax=(0.8, 2.0), groups=("noisy",)), Growth(amplitude=(8.0, 1.0, 4.0), groups=("noisy",))
+MIXED = Growth(realizations=7, fmax=(2.0,), amplitude=(4.0,), groups=("noisy",))
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        (REALIZATIONS, STARTS_TOO, FMAX, AMPLITUDE),
+        (AMPLITUDE, FMAX, STARTS_TOO, REALIZATIONS),
+        (STARTS_TOO, AMPLITUDE, REALIZATIONS, FMAX),
+        (FMAX, REALIZATIONS, AMPLITUDE, STARTS_TOO),
+        (MIXED, STARTS_TOO, AMPLITUDE, FMAX, REALIZATIONS),
+    ],
+    ids=["realizations first", "amplitude first", "starts first", "fmax first", "mixed"],
+)
+def test_the_order_of_extensions_leaves_no_trace(
+    out: Path, at_once: Callable[[str], str], tiny: str, steps: tuple[Growth, ...]
+) -> None:
+    study = parse_study(tiny)
+    for step in steps:
+        extend(out, step, ONE)
+        study = grown_study(study, step)
+    assert durable.tree_digest(out) == at_once(study.to_toml())
+    assert verify(out, cells=4).damage == []
+
+
 def test_a_half_done_and_damaged_cube_grows_too(out: Path, at_once: Callable[[str], str], tiny: str) -> None:
     store = Cube.open(out).groups["noisy"]
     first, second, third = store.layout.chunks[:3]

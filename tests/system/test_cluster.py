@@ -27,6 +27,7 @@ from mcstudy.scheduler.cluster import ClusterOptions, reach
 from mcstudy.scheduler.fan_out import fan_out
 from mcstudy.study import submission
 from mcstudy.study.run import Outcome, run_study
+from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study, read_study
 
 STUDY = """
@@ -294,6 +295,35 @@ def test_a_block_that_kills_every_worker_it_meets_is_reported_and_the_rest_finis
     assert "workers died" in line
     assert outcome.fits == STUDY_FITS - 8
     run_study(parse_study(STUDY), out, ClusterOptions(workers=1))
+    assert tree_digest(out) == local
+
+
+LIES = {
+    "no report": ('"nonsense"', "its worker returned no report but Attempt"),
+    "nothing that can be sent": ("__import__('threading').Lock()", "Could not serialize object of type Attempt"),
+    "work that was not done": ("TaskReport(Counter({1: 8}), True, 0.1)", "reported as done, but not in the cube"),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_worker_that_lies_is_found_out_and_the_next_run_completes_the_cube(
+    folder: Path, local: str, lie: str
+) -> None:
+    value, reason = LIES[lie]
+    preload = folder / "lies.py"
+    preload.write_text(
+        "import mcstudy.study.attempt as attempt\nfrom collections import Counter\n"
+        f"from mcstudy.study.tasks import TaskReport\nattempt.run_task = lambda task: {value}\n"
+    )
+    out = folder / f"{lie.replace(' ', '_')}.zarr"
+    with cluster(folder / f"lies {lie}") as made:
+        made.add_worker("--preload", str(preload))
+        made.wait_for(1)
+        outcome = run(out, made)
+    chunks = [chunk for group in Cube.open(out).groups.values() for chunk in group.layout.chunks]
+    assert len(outcome.failed_blocks) == len(chunks)
+    assert all(reason in line and "\n" not in line for line in outcome.failed_blocks)
+    assert run_study(parse_study(STUDY), out, ClusterOptions(workers=1)).fits == STUDY_FITS
     assert tree_digest(out) == local
 
 

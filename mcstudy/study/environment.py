@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import platform as machine
+from collections.abc import Iterator
 from functools import cache
 from hashlib import sha256
 from typing import Any
@@ -47,14 +48,20 @@ LAYERS = ("compiling", "stance", "files", "recordings", "spectra", "fitting", "s
 DIGITS = 12
 """Digits of a source's digest that a message prints."""
 
-PLAIN = ("source", "machine", "cpu", "libc", "svml")
-"""Fields that are one value."""
-
-LISTS = ("cpu_features", "simd")
-"""Fields of which a message prints what is gone and what is new."""
-
-TABLES = (("versions", PACKAGES), ("blas", ()), ("threads", THREADS), ("settings", SETTINGS))
-"""Fields with fields of their own, and names of these in the order of a message."""
+FIELDS: dict[str, tuple[str, ...]] = {
+    "versions": PACKAGES,
+    "source": (),
+    "machine": (),
+    "cpu": (),
+    "cpu_features": (),
+    "simd": (),
+    "blas": (),
+    "libc": (),
+    "svml": (),
+    "threads": THREADS,
+    "settings": SETTINGS,
+}
+"""Fields of an environment in the order of a message, and names within them that come first."""
 
 
 def source() -> str:
@@ -144,26 +151,24 @@ def label(environment: dict[str, Any]) -> str:
 
 def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     """Differences between two environments, as ``field: old -> new`` lines."""
-    lines = []
-    for field, names in TABLES:
-        a, b = old.get(field), new.get(field)
-        if isinstance(a, dict) and isinstance(b, dict):
-            for name in dict.fromkeys((*names, *sorted({*a, *b}))):
-                if a.get(name) != b.get(name):
-                    lines.append(f"{field}.{name}: {_said(a.get(name))} -> {_said(b.get(name))}")
-    for field in PLAIN:
-        if field in old and field in new and old[field] != new[field]:
-            most = DIGITS if field == "source" else None
-            lines.append(f"{field}: {str(old[field])[:most]} -> {str(new[field])[:most]}")
-    for field in LISTS:
+    lines: list[str] = []
+    for field, first in FIELDS.items():
         if field in old and field in new:
-            gone, come = (sorted(set(x[field]) - set(y[field])) for x, y in ((old, new), (new, old)))
-            if gone or come:
-                lines.append(f"{field}: " + " ".join([*("-" + f for f in gone), *("+" + f for f in come)]))
-    if absent := [field for field in (*(f for f, _ in TABLES), *PLAIN, *LISTS) if field in new and field not in old]:
+            lines += _different(field, old[field], new[field], first)
+    if absent := [field for field in FIELDS if field in new and field not in old]:
         lines.append(f"not stored: {', '.join(absent)}")
     return lines
 
 
-def _said(value: object) -> str:
-    return "unset" if value is None else str(value)
+def _different(field: str, old: Any, new: Any, first: tuple[str, ...]) -> Iterator[str]:
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in dict.fromkeys((*first, *sorted({*old, *new}))):
+            if old.get(name) != new.get(name):
+                yield f"{field}.{name}: {old.get(name, 'unset')} -> {new.get(name, 'unset')}"
+    elif isinstance(old, list) and isinstance(new, list):
+        gone, come = sorted(set(old) - set(new)), sorted(set(new) - set(old))
+        if gone or come:
+            yield f"{field}: " + " ".join([*("-" + f for f in gone), *("+" + f for f in come)])
+    elif old != new:
+        most = DIGITS if field == "source" else None
+        yield f"{field}: {str(old)[:most]} -> {str(new)[:most]}"

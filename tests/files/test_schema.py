@@ -128,7 +128,8 @@ def test_a_part_that_does_not_conform_is_neither_written_nor_read(tmp_path: Path
         ({"schema": "other"}, "schema: expected 'mcstudy:challenge_answers:1.0.0', found 'other'"),
         (
             {"by": "me"},
-            "top level: expected only the keys schema, challenge, manifest_sha256, method, answers, found 'by'",
+            "top level: expected only the keys schema, challenge, manifest_sha256, method, program, answers, "
+            "found 'by'",
         ),
         ({"answers": {}}, "answers: expected a list, found {}"),
         ({"answers": [{"name": "case1"}]}, "answers.0.seconds: missing"),

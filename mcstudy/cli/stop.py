@@ -37,6 +37,9 @@ RESUMABLE = (
 )
 """Verbs that continue from where they were stopped."""
 
+INTERRUPTED = 3
+"""`mcstudy.exits.Exit.INTERRUPTED`, whose module may not be loaded any more."""
+
 GRACE_S = 1.6
 """Seconds after a signal until work that does not stop by itself is ended; the whole exit takes less than 2 s."""
 
@@ -90,11 +93,14 @@ class Stop:
         from mcstudy.scheduler import stopping
 
         self._wait()
-        self._asked = True
-        asked = stopping.request_stop()
-        if asked and not self._wait(GRACE_S):
-            self._last_words(asked)
-        self.leave(*stopped(self._words))
+        try:
+            self._asked = True
+            asked = stopping.request_stop()
+            if asked and not self._wait(GRACE_S):
+                self._last_words(asked)
+            self.leave(*stopped(self._words))
+        finally:
+            os._exit(INTERRUPTED)  # without memory for a last line, too
 
     def _wait(self, seconds: float | None = None) -> bool:
         """Wait for one of the signals; whether it came."""
@@ -143,14 +149,24 @@ def stopped(words: Sequence[str], how: str = "") -> tuple[str, Exit]:
     return f"stopped{how}", Exit.STOPPED
 
 
-def unusable(error: OSError, words: Sequence[str]) -> tuple[str, Exit]:
-    """Message and exit code of a command that met a file or a disk that cannot be used."""
+def without_memory(error: BaseException) -> bool:
+    """Whether an exception says that there is too little memory: for numbers, the stack of a thread, or a library."""
+    said = ("can't start new thread", "failed to map segment")
+    return isinstance(error, MemoryError) or any(words in str(error) for words in said)
+
+
+def unusable(error: Exception, words: Sequence[str]) -> tuple[str, Exit]:
+    """Message and exit code of a command that met a file or a disk that cannot be used, or too little memory."""
     from mcstudy.exits import Exit
     from mcstudy.files.durable import FULL
 
-    what = f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error)
-    line = " ".join(what.split())
-    if error.errno in FULL and any(tuple(words[: len(verb)]) == verb for verb in RESUMABLE):
+    what, line = getattr(error, "filename", None), getattr(error, "strerror", None) or str(error)
+    line = " ".join((f"{what}: {line}" if what else line).split())
+    if without_memory(error):
+        line = f"expected more memory{' (' * bool(line)}{line}{')' * bool(line)}"
+    if (without_memory(error) or getattr(error, "errno", None) in FULL) and any(
+        tuple(words[: len(verb)]) == verb for verb in RESUMABLE
+    ):
         return with_command(f"{line}; {RESUMES}", words), Exit.INTERRUPTED
     return line, Exit.BAD_INPUT
 

@@ -50,7 +50,7 @@ def real_bytes(path: Path, limit: int = LARGEST_CHUNK, follow: bool = False) -> 
         size = os.fstat(file.fileno()).st_size
         if size > limit:
             raise StoreError(f"{path}: expected at most {limit} bytes, found {size}")
-        return file.read(limit)
+        return file.read(size)  # of the limit, Python would take all memory first
 
 
 def real_end(path: Path, n: int) -> bytes:

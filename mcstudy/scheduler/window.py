@@ -57,9 +57,12 @@ class Window(Generic[Item]):
     def ended(self, seconds: float = LOOK_S) -> tuple[Item, Future] | None:
         """The next item that ended, with its future for `result`; None when none did within ``seconds``."""
         try:
-            future = self._ended.get(timeout=seconds)
+            future: Future | None = self._ended.get(timeout=seconds)
         except queue.Empty:
-            return None
+            # Without memory for one more thread, Dask forgets to say that a future has ended.
+            future = next((future for future in self.running if future.done()), None)
+            if future is None:
+                return None
         return (self.running.pop(future), future) if future in self.running else None  # else taken back before
 
     def result(self, future: Future) -> Any:

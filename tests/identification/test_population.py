@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from examples import module
-from scipy import integrate, stats
+from scipy import integrate, optimize, stats
 
 from mcstudy.identification.likelihood import Likelihood, difference, hull
 from mcstudy.identification.population import Population
@@ -51,15 +51,25 @@ def test_mean_and_spread_are_the_published_ones_of_the_bcg_trials(trials: Popula
     assert trials.between().value ** 2 == pytest.approx(0.3132, abs=0.0010)
 
 
-def test_the_interval_of_the_mean_is_that_of_knapp_and_hartung(trials: Population) -> None:
-    """Their formula (2003, Stat Med 22:2693) with the REML estimate of tau."""
+def test_the_interval_of_the_mean_is_that_of_the_profile_likelihood_with_a_free_scale(trials: Population) -> None:
+    """The Gaussian random-effects likelihood in closed form, maximised by another optimiser."""
     y = np.array([p.estimate for p in trials.people])
-    weight = 1 / (np.array([p.width**2 for p in trials.people]) + trials.between().value ** 2)
-    mean = (weight * y).sum() / weight.sum()
-    error = np.sqrt((weight * (y - mean) ** 2).sum() / ((y.size - 1) * weight.sum()))
-    away = stats.t.ppf(0.975, y.size - 1) * error
+    v = np.array([p.width**2 for p in trials.people])
+
+    def log(mu: float, tau2: float, scale: float) -> float:
+        return float(stats.norm.logpdf(y, mu, np.sqrt(scale * (v + tau2))).sum())
+
+    def best(mu: float) -> float:
+        starts = ((-1.0, 0.0), (-3.0, 1.0), (2.0, -3.0))
+        found = [optimize.minimize(lambda x: -log(mu, *np.exp(x)), x0, method="Nelder-Mead") for x0 in starts]
+        return -min(f.fun for f in found)
+
+    top = -optimize.minimize_scalar(lambda mu: -best(mu), bounds=(-2, 1), method="bounded").fun
+    t = stats.t.ppf(0.975, y.size - 1)
+    goal = y.size * np.log1p(t**2 / (y.size - 1))
+    ends = [optimize.brentq(lambda mu: 2 * (top - best(mu)) - goal, *side) for side in ((-2, -0.7), (-0.7, 1))]
     found = trials.mean()
-    np.testing.assert_allclose(found[:3], [mean, mean - away, mean + away], atol=0.002)
+    np.testing.assert_allclose([found.low, found.high], ends, atol=0.003)
 
 
 def test_stated_errors_that_are_too_large_make_no_difference_too_uncertain() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from examples import module
@@ -259,6 +261,22 @@ def test_the_spread_of_ten_normal_people_is_covered_nearly_as_theory_says() -> N
     assert found[0].chi_squared == pytest.approx(94.5, abs=2.2)  # three standard errors
     assert found[0].present == pytest.approx(96.1, abs=1.9)
     assert found[-1].present > found[-1].chi_squared
+
+
+def test_a_person_of_the_example_goes_from_process_to_process() -> None:
+    example = module("group_coverage")
+    once = example.Person({"x": 1.0}, {"x": Likelihood.gaussian(1.0, 0.1)})
+    assert pickle.loads(pickle.dumps(once)).truth == {"x": 1.0}
+
+
+def test_changes_of_people_measured_twice_are_judged_against_their_mean() -> None:
+    example, rng = module("group_coverage"), np.random.default_rng(2)
+    true = rng.normal(0.0, 0.3, 64)
+    people = [example.Person({}, {}, {"x": t}, {"x": Likelihood.gaussian(t + rng.normal(0.0, 0.5), 0.6)}) for t in true]
+    found = np.mean(example.changes(people, "x", 60, 8), axis=0)
+    assert found[0] >= 0.85
+    assert found[1] <= 0.17
+    assert found[2] <= 0.17
 
 
 def test_the_interval_of_the_spread_ends_at_the_threshold_of_the_mean() -> None:

@@ -49,7 +49,7 @@ def compare(
     names
         Of the groups, for text and figure.
     permutations
-        Relabellings of the groups in the tests.
+        Relabellings of the groups in the tests; all different ones where there are no more.
     fmax, discard
         Of recordings: highest frequency, Hz, 8 when None; cycles left out at the start.
     seed
@@ -59,7 +59,7 @@ def compare(
     -------
     Comparison
         ``verdict()``, ``text()``, ``plot()``, ``to_dict()``; ``detection`` (tests), ``causes`` (changes of parameters
-        by probability).
+        by probability, none where no difference of the means was found).
 
     Raises
     ------

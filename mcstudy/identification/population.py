@@ -12,12 +12,12 @@ it is flat, two parameters trade for each other, and the integral would prefer v
 no other reason than that there are more of them. So a person of whom little is known adds little.
 
 - tau maximises the likelihood integrated over mu (REML for Gaussian likelihoods).
-- The mean is where Q(mu) is least: the sum over people of what the maximum above takes off the log likelihood, twice,
-  at the best tau; for Gaussian L the squared distances from mu in units of w^2 + tau^2. Its interval is that of
-  Student's t of n - 1 degrees of freedom with t^2 = (n - 1) (Q(mu) / min Q - 1): people weigh by what is expected of
-  them, and how far they scatter is taken from how far they do (Hartung & Knapp 2001, Stat Med 20:3875). For people
-  measured without error it is their t interval. If likelihoods are wider than errors are, as those of fits are, min Q
-  is small and the interval is not too wide, which one with the stated errors would be.
+- The interval of mu is that of its profile likelihood, in which the scale of all variances w^2 + tau^2 is free besides
+  tau: how far people scatter is taken from how far they do, and w says only how people weigh. Likelihoods of fits are
+  wider than their errors, so with the stated w intervals of small spreads would be too wide. The threshold
+  n log(1 + t^2 / (n - 1)), with Student's t of n - 1 degrees of freedom, makes it exact for few people who are measured
+  without error, or equally well: it is their t interval. At a fixed tau it is that of Hartung & Knapp (2001, Stat Med
+  20:3875), which is too narrow where people are known unequally well and tau is not known.
 - The interval of tau is that of its restricted likelihood with the threshold n log(1 + t^2 / (n - 1)). It is 4.50 for
   10 people; exact for normal people measured without error would be 3.99. The rest allows for people and errors that
   are not quite normal, to which a variance is more sensitive than a mean.
@@ -147,27 +147,30 @@ class Population:
     @cached_property
     def marginal(self) -> np.ndarray:
         """What every person adds to the log likelihood of tau and mu, (n, T, G)."""
-        return np.array([self._added(log) for log in self._log])
+        return np.array([self._greatest(log) for log in self._log]) + self._normaliser[..., None]
 
-    def _added(self, log: np.ndarray) -> np.ndarray:
-        """What one person adds, (T, G); ``log`` (G,), a concave log likelihood."""
-        w = np.exp(log[np.isfinite(log)]).sum() * self._step / np.sqrt(2 * np.pi)
-        return self._greatest(log, self.tau) + np.log(w / np.hypot(w, self.tau))[:, None]
+    @cached_property
+    def _normaliser(self) -> np.ndarray:
+        """Logarithm of what makes the integral of each person's share one, (n, T)."""
+        w = np.exp(self._log).sum(axis=1)[:, None] * self._step / np.sqrt(2 * np.pi)
+        return np.asarray(np.log(w / np.hypot(w, self.tau)))
 
-    def _greatest(self, log: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Greatest log likelihood of a person's value and of its distance from the mean together, (T, G)."""
-        out = np.tile(log, (tau.size, 1))
-        known, some = np.isfinite(log), tau > 0
-        x, log, spread = self.mu[known], log[known], tau[some, None]
+    def _greatest(self, log: np.ndarray) -> np.ndarray:
+        """Greatest log likelihood of one person's value and its distance from mu together, (T, G); ``log`` (G,)."""
+        known = np.isfinite(log)
+        x, log = self.mu[known], log[known]
+        out = np.empty((self.tau.size, self.mu.size))
+        out[0] = np.where(known, 0.0, -np.inf)
+        out[0, known] = log
         # Of two neighbours the upper one is better for means above ``between - tau^2 slope``, which rises with x.
-        between, slope = (x[1:] + x[:-1]) / 2, np.diff(log) / self._step
-        above = np.ceil((between - spread**2 * slope - self.mu[0]) / self._step)
+        between, slope, tau = (x[1:] + x[:-1]) / 2, np.diff(log) / self._step, self.tau[1:, None]
+        above = np.ceil((between - tau**2 * slope - self.mu[0]) / self._step)
         above = np.clip(above, 0, self.mu.size).astype(int)  # the first mean on the grid for which it is better
-        G, rows = self.mu.size, np.arange(spread.size)[:, None]
-        counts = np.bincount((above + (G + 1) * rows).ravel(), minlength=spread.size * (G + 1))
-        best = np.cumsum(counts.reshape(spread.size, G + 1)[:, :G], axis=1)
+        G, rows = self.mu.size, np.arange(tau.size)[:, None]
+        counts = np.bincount((above + (G + 1) * rows).ravel(), minlength=tau.size * (G + 1))
+        best = np.cumsum(counts.reshape(tau.size, G + 1)[:, :G], axis=1)
         away = x[best] - self.mu
-        out[some] = log[best] - (0.5 / spread**2) * (away * away)
+        out[1:] = log[best] - (0.5 / tau**2) * (away * away)
         return out
 
     @cached_property
@@ -189,17 +192,22 @@ class Population:
         return 0.0 if none else max(_argmax(self.tau, self.restricted), 0.0)
 
     @cached_property
-    def squares(self) -> np.ndarray:
-        """Squared distances of all people from every mean, each in units of what is expected of it, summed, (G,)."""
-        tau = np.array([self._best_tau])
-        possible = (self.mu >= self.limits[0]) & (self.mu <= self.limits[1])
-        return np.where(possible, -2 * np.sum([self._greatest(log, tau)[0] for log in self._log], axis=0), np.inf)
+    def scaled(self) -> np.ndarray:
+        """Log likelihood of (tau, mu), (T, G), at the best common scale of all variances, w^2 + tau^2."""
+        total = self._normaliser.sum(axis=0)[:, None]
+        squares = np.maximum(-2 * (self.joint - total), FLOOR * self.n)
+        return np.asarray(total - 0.5 * self.n * np.log(squares))
+
+    @cached_property
+    def deviance(self) -> np.ndarray:
+        """Of mu, (G,): twice the log likelihood ratio, at the best tau and scale for each."""
+        found = _peak(self.scaled)
+        return np.asarray(2 * (found.max() - found))
 
     @cached_property
     def t_squared(self) -> np.ndarray:
-        """Of mu, (G,): the square of a Student's t of n - 1 degrees of freedom."""
-        least = self.squares.min()
-        return np.asarray((self.n - 1) * (self.squares - least) / max(least, FLOOR * (self.n - 1)))
+        """`deviance` as the square of a Student's t of n - 1 degrees of freedom, (G,)."""
+        return np.asarray((self.n - 1) * np.expm1(np.minimum(self.deviance / self.n, 500.0)))
 
     def _t(self, level: float) -> float:
         """Student's t at the ends of an interval of the mean."""
@@ -219,8 +227,10 @@ class Population:
 
     @cached_property
     def _value(self) -> float:
-        """The mean that is nearest to all people."""
-        return _argmax(self.mu, -self.squares)
+        """The mean at the best standard deviation among people."""
+        k = int(np.argmax(self.restricted))
+        near = slice(max(k - 1, 0), k + 2)
+        return float(np.interp(self._best_tau, self.tau[near], [_argmax(self.mu, row) for row in self.joint[near]]))
 
     def mean(self, level: float | None = None) -> Interval:
         """The mean, with its interval of ``level``, by default `level`; an interval holds those of lower levels."""
@@ -300,6 +310,18 @@ class Population:
             low, high = low + flat * min(own[0] - low, 0.0), high + flat * max(own[1] - high, 0.0)
             out.append(Interval(float(weight @ self.mu), low, high))
         return out
+
+
+def _peak(log: np.ndarray) -> np.ndarray:
+    """Greatest value along the first axis (T, G), with a parabola through the three points around it."""
+    k = np.clip(np.argmax(log, axis=0), 2, len(log) - 2)  # the first interval, from tau = 0, is not of equal ratio
+    column = np.arange(log.shape[1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        a, b, c = (log[k + i, column] for i in (-1, 0, 1))
+        rise = np.where(a - 2 * b + c < 0, b - (c - a) ** 2 / (8 * (a - 2 * b + c)), b)
+    greatest = log.max(axis=0)
+    inner = (b >= a) & (b >= c) & np.isfinite(a) & np.isfinite(c)
+    return np.where(inner, np.maximum(rise, greatest), greatest)
 
 
 def _argmax(x: np.ndarray, log: np.ndarray) -> float:

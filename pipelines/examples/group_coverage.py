@@ -27,7 +27,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
 from multiprocessing import get_context
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -66,8 +65,8 @@ class Person(NamedTuple):
 
     truth: Mapping[str, float]
     likelihood: Mapping[str, Likelihood]
-    true_change: Mapping[str, float] = MappingProxyType({})
-    change: Mapping[str, Likelihood] = MappingProxyType({})
+    true_change: Mapping[str, float] | None = None
+    change: Mapping[str, Likelihood] | None = None
 
 
 @cache
@@ -175,10 +174,11 @@ class Changed(NamedTuple):
 def changes(people: Sequence[Person], name: str, groups: int, size: int) -> list[Changed]:
     """Of random groups of ``size`` people; the truth is the mean change of all ``people``."""
     rng, out = stream(0, "groups"), list[Changed]()
-    true = float(np.mean([p.true_change[name] for p in people]))
+    both = [(p.true_change[name], p.change[name]) for p in people if p.true_change and p.change]
+    true = float(np.mean([change for change, _ in both]))
     while len(out) < groups:
-        for picked in rng.permutation(len(people))[: len(people) // size * size].reshape(-1, size):
-            own = [people[k].change[name] for k in picked]
+        for picked in rng.permutation(len(both))[: len(both) // size * size].reshape(-1, size):
+            own = [both[k][1] for k in picked]
             (_, low, high, *_), p = paired(Population(own, LEVEL))
             t_test = ttest_1samp([x.estimate for x in own], 0.0).pvalue
             out.append(Changed(low <= true <= high, p <= 1 - LEVEL, bool(t_test <= 1 - LEVEL)))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from examples import module
-from scipy import integrate, stats
+from scipy import integrate, optimize, stats
 
 from mcstudy.identification.likelihood import Likelihood, difference, hull
 from mcstudy.identification.population import Population
@@ -51,15 +53,25 @@ def test_mean_and_spread_are_the_published_ones_of_the_bcg_trials(trials: Popula
     assert trials.between().value ** 2 == pytest.approx(0.3132, abs=0.0010)
 
 
-def test_the_interval_of_the_mean_is_that_of_knapp_and_hartung(trials: Population) -> None:
-    """Their formula (2003, Stat Med 22:2693) with the REML estimate of tau."""
+def test_the_interval_of_the_mean_is_that_of_the_profile_likelihood_with_a_free_scale(trials: Population) -> None:
+    """The Gaussian random-effects likelihood in closed form, maximised by another optimiser."""
     y = np.array([p.estimate for p in trials.people])
-    weight = 1 / (np.array([p.width**2 for p in trials.people]) + trials.between().value ** 2)
-    mean = (weight * y).sum() / weight.sum()
-    error = np.sqrt((weight * (y - mean) ** 2).sum() / ((y.size - 1) * weight.sum()))
-    away = stats.t.ppf(0.975, y.size - 1) * error
+    v = np.array([p.width**2 for p in trials.people])
+
+    def log(mu: float, tau2: float, scale: float) -> float:
+        return float(stats.norm.logpdf(y, mu, np.sqrt(scale * (v + tau2))).sum())
+
+    def best(mu: float) -> float:
+        starts = ((-1.0, 0.0), (-3.0, 1.0), (2.0, -3.0))
+        found = [optimize.minimize(lambda x: -log(mu, *np.exp(x)), x0, method="Nelder-Mead") for x0 in starts]
+        return -min(f.fun for f in found)
+
+    top = -optimize.minimize_scalar(lambda mu: -best(mu), bounds=(-2, 1), method="bounded").fun
+    t = stats.t.ppf(0.975, y.size - 1)
+    goal = y.size * np.log1p(t**2 / (y.size - 1))
+    ends = [optimize.brentq(lambda mu: 2 * (top - best(mu)) - goal, *side) for side in ((-2, -0.7), (-0.7, 1))]
     found = trials.mean()
-    np.testing.assert_allclose(found[:3], [mean, mean - away, mean + away], atol=0.002)
+    np.testing.assert_allclose([found.low, found.high], ends, atol=0.003)
 
 
 def test_stated_errors_that_are_too_large_make_no_difference_too_uncertain() -> None:
@@ -249,6 +261,22 @@ def test_the_spread_of_ten_normal_people_is_covered_nearly_as_theory_says() -> N
     assert found[0].chi_squared == pytest.approx(94.5, abs=2.2)  # three standard errors
     assert found[0].present == pytest.approx(96.1, abs=1.9)
     assert found[-1].present > found[-1].chi_squared
+
+
+def test_a_person_of_the_example_goes_from_process_to_process() -> None:
+    example = module("group_coverage")
+    once = example.Person({"x": 1.0}, {"x": Likelihood.gaussian(1.0, 0.1)})
+    assert pickle.loads(pickle.dumps(once)).truth == {"x": 1.0}
+
+
+def test_changes_of_people_measured_twice_are_judged_against_their_mean() -> None:
+    example, rng = module("group_coverage"), np.random.default_rng(2)
+    true = rng.normal(0.0, 0.3, 64)
+    people = [example.Person({}, {}, {"x": t}, {"x": Likelihood.gaussian(t + rng.normal(0.0, 0.5), 0.6)}) for t in true]
+    found = np.mean(example.changes(people, "x", 60, 8), axis=0)
+    assert found[0] >= 0.85
+    assert found[1] <= 0.17
+    assert found[2] <= 0.17
 
 
 def test_the_interval_of_the_spread_ends_at_the_threshold_of_the_mean() -> None:

@@ -1,4 +1,4 @@
-"""Every recording of the documentation goes through the fit, the diagnosis and both pages, not only through one of them.
+"""Every recording of the documentation goes through the fit, the diagnosis and both pages.
 
 Of a page run the blocks that make files; recordings of the same name but for a number are of one kind.
 """

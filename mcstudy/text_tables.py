@@ -110,18 +110,18 @@ LEAST_P = 1e-4
 
 
 def p_value(p: float, least: float = LEAST_P) -> str:
-    """A p-value to two digits: ``0.012``, ``< 0.0001``. ``least``: the smallest that its test can give."""
-    return f"< {least:.2g}" if p <= 1.01 * least else f"{p:.2g}"
+    """A p-value to two digits: ``0.012``, ``< 0.0001``, ``> 0.99``. ``least``: the smallest that its test can give."""
+    return f"< {least:.2g}" if p <= 1.01 * least else "> 0.99" if p > 0.99 else f"{p:.2g}"
 
 
-def p_words(p: float, least: float = LEAST_P) -> str:
+def p_words(p: float, least: float = LEAST_P, name: str = "p") -> str:
     """A p-value in a sentence: ``p = 0.012``, ``p < 0.0001``."""
-    return with_sign(p_value(p, least))
+    return with_sign(p_value(p, least), name)
 
 
-def with_sign(value: str) -> str:
+def with_sign(value: str, name: str = "p") -> str:
     """``p = 0.012`` for the p-value ``0.012``, ``p < 0.0001`` for ``< 0.0001``."""
-    return f"p {value}" if value.startswith(("<", ">")) else f"p = {value}"
+    return f"{name} {value}" if value.startswith(("<", ">")) else f"{name} = {value}"
 
 
 def starts_in_words(starts: int, until_certain: bool) -> str:

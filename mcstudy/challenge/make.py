@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from mcstudy import program
 from mcstudy.challenge import files
@@ -15,9 +15,9 @@ from mcstudy.challenge.design import ChallengeFile
 from mcstudy.challenge.truth import make_case
 from mcstudy.errors import StoreError, StudyChangedError
 from mcstudy.files import json_files, schema
-from mcstudy.files.durable import PARTIAL, partial_name, sync, sync_folder
-from mcstudy.files.unfinished import unfinished
-from mcstudy.recordings.netcdf_zarr import to_dataset
+from mcstudy.files.durable import PARTIAL, sync_folder
+from mcstudy.files.output import write_file
+from mcstudy.recordings.netcdf_zarr import netcdf_bytes, to_dataset
 from mcstudy.recordings.recording import Recording
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.fan_out import fan_out
@@ -34,21 +34,9 @@ def write_case(recording: Recording, path: Path) -> str:
     for name in ("stimulus", "theta"):
         dataset[name].values = np.round(dataset[name].values / RESOLUTION) * RESOLUTION
     packed: dict[str, Any] = {"zlib": True, "complevel": 1, "shuffle": True}
-    partial = partial_name(path)
-    try:
-        with unfinished(partial, partial.touch):
-            _write(dataset, partial, {"stimulus": packed, "theta": packed})
-            sha = json_files.digest(partial)
-            with partial.open("rb") as file:
-                sync(file.fileno())
-            partial.replace(path)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
-    return sha
-
-
-def _write(dataset: xr.Dataset, path: Path, encoding: dict[str, Any]) -> None:
-    dataset.to_netcdf(path, engine="h5netcdf", encoding=encoding)
+    content = netcdf_bytes(dataset, {"stimulus": packed, "theta": packed})
+    write_file(path, lambda: content)
+    return hashlib.sha256(content).hexdigest()
 
 
 def make(file: ChallengeFile, data: Path, key: Path, options: ClusterOptions | None = None) -> str:

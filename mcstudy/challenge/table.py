@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from mcstudy.challenge.rates import Estimate
-from mcstudy.text_tables import printable, table
+from mcstudy.text_tables import p_value, printable, table
 
 LONGEST_TEXT = 300
 """Largest number of characters shown of a name or an error."""
@@ -56,9 +56,10 @@ def _calibration(score: Mapping[str, Any]) -> Rows:
     for c in score["calibration"]:
         chance = "" if c["by_chance"] is None else f"{_percent(c['by_chance'])} ({_percent(c['chance_high'])})"
         z = "" if c["z"] is None else f"{c['z']:.2f}"
+        p, p_of_z = ("" if c[k] is None else p_value(c[k]) for k in ("p_value", "z_p_value"))
         rows.append(
             (c["statement"], str(c["right"]["n"]), _percent(c["stated"]), _value(c["right"]), _percent(c["error"]),
-             chance, _p(c["p_value"]), z, _p(c["z_p_value"]))
+             chance, p, z, p_of_z)
         )  # fmt: skip
     return rows
 
@@ -86,13 +87,6 @@ def _shares(score: Mapping[str, Any]) -> Rows:
 
 def _percent(share: float | None) -> str:
     return "" if share is None else f"{100 * share:.1f} %"
-
-
-def _p(p: float | None) -> str:
-    """A p-value; where it ends as a limit."""
-    if p is None:
-        return ""
-    return "< 0.001" if p < 0.001 else "> 0.99" if p > 0.99 else f"{p:.2g}"
 
 
 def _targets(score: Mapping[str, Any]) -> Rows:

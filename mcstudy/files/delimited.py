@@ -9,13 +9,17 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
+
+from mcstudy.errors import InputError, StoreError
+from mcstudy.files.untrusted import real_bytes
 
 NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan)", re.ASCII | re.IGNORECASE)
 """Pattern of a number in a text file. Python's ``float`` would also accept 1_000 and digits of other scripts."""
 
 MISSING = frozenset(
-    ("", "na", "n/a", "#n/a", "nan", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "-1.#ind", "null")
+    ("", "na", "n/a", "#n/a", "nan", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "-1.#ind", "null", "<na>")
 )
 """Cells without a number, in small letters."""
 
@@ -26,6 +30,8 @@ DELIMITERS = ("\t", ";", ",")
 """Delimiters that are looked for, in this order: a comma may also stand in a name or be a decimal sign."""
 
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
+
+_QUOTED = re.compile(r'"[^"]*"')
 
 _COMMA = re.compile(r"[+-]?\d*,\d+(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
@@ -59,7 +65,7 @@ def lines_of(text: str) -> list[str]:
 
 def stated_delimiter(line: str) -> str | None:
     """The delimiter that a first line ``sep=;`` states."""
-    found = _SEPARATOR.fullmatch(line.strip())
+    found = _SEPARATOR.fullmatch(line.strip(" "))
     return found[1] if found else None
 
 
@@ -84,7 +90,9 @@ def decimal_sign(found: Sequence[str]) -> str:
     if not with_comma or any("." in c and NUMBER.fullmatch(c) for c in found):
         return "."
     if all(map(_THOUSANDS.fullmatch, with_comma)):
-        raise ValueError(f"is the comma of {with_comma[0]!r} a decimal sign or between thousands? state decimal")
+        raise ValueError(
+            f"is the comma of {with_comma[0]!r} a decimal sign or between thousands? state decimal, or write points"
+        )
     return ","
 
 
@@ -108,31 +116,72 @@ class Labelled(NamedTuple):
 
     header: list[str]
     rows: list[tuple[int, list[str]]]
-    decimal: str
+
+    def column(self, name: str) -> int:
+        """Position of the column of a name; `ValueError`, one line, unless there is exactly one."""
+        if self.header.count(name) != 1:
+            near = next((h for h in self.header if h.casefold() == name.casefold() != h), "")
+            hint = f" (similar: {near})" if near and name not in self.header else ""
+            raise ValueError(
+                f"expected one column {name!r} in the first line, found {', '.join(self.header) or 'nothing'}{hint}"
+            )
+        return self.header.index(name)
 
 
-def labelled(raw: bytes) -> Labelled:
-    """The table in a CSV file; `ValueError`, one line that names a line, for rows of another length than the header."""
+def read_labelled(path: Path, largest: int, *, name_rows: bool = True) -> Labelled:
+    """The table in a CSV file of at most ``largest`` bytes, see `labelled`; `InputError` without the file's name."""
+    try:
+        return labelled(real_bytes(path, largest, follow=True), name_rows=name_rows)
+    except (OSError, StoreError) as error:
+        why = getattr(error, "strerror", None) or str(error).removeprefix(f"{path}: ")
+        raise InputError(f"cannot be read: {why}") from None
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
+def labelled(raw: bytes, *, name_rows: bool = True) -> Labelled:
+    """The table in a CSV file; `ValueError`, one line that names a line, for rows of another length than the header.
+
+    ``name_rows``: whether one more cell in front of every row may be the name of the row.
+    """
     lines = lines_of(decoded(raw))
     delimiter = stated_delimiter(lines[0])
     skipped = 1 if delimiter else 0
     first = next((line for line in lines[skipped:] if line.strip()), "")
-    delimiter = delimiter or max((",", *DELIMITERS), key=first.count)  # a comma where there is none of them
-    reader = csv.reader(lines[skipped:], delimiter=delimiter, skipinitialspace=True)
+    bare = _QUOTED.sub("", first)
+    delimiter = delimiter or max((",", *DELIMITERS), key=bare.count)  # a comma where there is none of them
+    whole = (f"{line}\n" for line in lines[skipped:])
+    reader = csv.reader(whole, delimiter=delimiter, skipinitialspace=True, strict=True)
+    found: list[tuple[int, list[str]]] = []
+    at = skipped + 1
     try:
-        found = [(reader.line_num + skipped, [c.strip() for c in row]) for row in reader if any(c.strip() for c in row)]
+        for row in reader:
+            if any(c.strip() for c in row):
+                found.append((at, [c.strip() for c in row]))
+            at = reader.line_num + skipped + 1
     except csv.Error as error:
-        raise ValueError(f"line {reader.line_num + skipped}: expected cells of text or numbers ({error})") from None
+        raise ValueError(f"line {at}: expected cells of text or numbers, with quotes in pairs ({error})") from None
     if not found:
-        return Labelled([], [], ".")
+        return Labelled([], [])
     header, rows = found[0][1], found[1:]
     while header and not header[-1]:
         header.pop()
-    named = all(len(c) == len(header) + 1 for _, c in rows) and any(c[-1] for _, c in rows)
+    named = name_rows and all(len(c) == len(header) + 1 for _, c in rows) and any(c[-1] for _, c in rows)
     if named and row_names([c[0] for _, c in rows]):
         header.insert(0, "")
     for k, row in rows:
         if len(row) < len(header) or any(row[len(header) :]):
-            raise ValueError(f"line {k}: expected {len(header)} columns, got {len(row)}")
+            raise ValueError(f"line {k}: {_miscounted(row, len(header), delimiter)}")
         del row[len(header) :]
-    return Labelled(header, rows, decimal_sign([c for _, row in rows for c in row]))
+    return Labelled(header, rows)
+
+
+def _miscounted(row: list[str], expected: int, delimiter: str) -> str:
+    words = f"expected {expected} columns, got {len(row)}"
+    if len(row) == expected + 1:
+        return f"{words}; row names need a column name too (in R: row.names = FALSE)"
+    if delimiter == "," and len(row) > expected:
+        return f"{words}; where numbers have decimal commas, separate columns by semicolons"
+    if len(row) == 1:
+        return f"{words}; remove lines that are no rows of the table"
+    return words

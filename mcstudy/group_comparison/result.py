@@ -12,7 +12,7 @@ from mcstudy.files.schema import identifier
 from mcstudy.group_comparison.changes import OTHER
 from mcstudy.group_comparison.detection import Detection, name
 from mcstudy.short_repr import Summary
-from mcstudy.text_tables import fill, number, table
+from mcstudy.text_tables import fill, number, p_value, p_words, table
 
 LEVEL = 0.05
 """Level of the test that decides, and of all others."""
@@ -94,7 +94,7 @@ class Comparison(Summary):
                 "groups",
                 f"{self.a} ({self.people[0]}), {self.b} ({self.people[1]}), {'' if self.paired else 'un'}paired",
             ),
-            ("difference", f"{self.kind} (p of equal means {self._p(self.detection.p_mean)})"),
+            ("difference", f"{self.kind} ({self._p(self.detection.p_mean, 'p of equal means')})"),
             ("cause", self.best.name if self.best else "none"),
         ]
 
@@ -104,7 +104,7 @@ class Comparison(Summary):
         who = (
             f"{self.people[0]} people, each in both" if self.paired else f"{self.people[0]} and {self.people[1]} people"
         )
-        means = f"p of equal means {self._p(d.p_mean)}, {d.relabellings} relabellings, {who}"
+        means = f"{self._p(d.p_mean, 'p of equal means')}, {d.relabellings} relabellings, {who}"
         if not self.differs:
             parts = [
                 f"No difference between the mean responses of {self.a} and {self.b} was found ({means}). Not found "
@@ -125,13 +125,15 @@ class Comparison(Summary):
             parts.append("Which band of which segment it is in is not told.")
         if self.kind == "alike":
             parts.append(
-                f"Upper body relative to lower body: no change found (p of equal ratios {self._p(d.p_ratio)}), as when "
-                "the ankle loop or the weight of the sensed stimulus changes."
+                "Upper body relative to lower body: no change found "
+                f"({self._p(d.p_ratio, 'p of equal ratios')}), as when the ankle loop or the weight "
+                "of the sensed stimulus changes."
             )
         else:
             parts.append(
-                f"The upper body moves differently relative to the lower body (p of equal ratios "
-                f"{self._p(d.p_ratio)}), as when the control of the upper body changes, for example with vision."
+                "The upper body moves differently relative to the lower body "
+                f"({self._p(d.p_ratio, 'p of equal ratios')}), as when the control of the upper body "
+                "changes, for example with vision."
             )
         return " ".join([*parts, *self._scatter(), self._cause()])
 
@@ -141,14 +143,13 @@ class Comparison(Summary):
         if d.p_scatter > LEVEL:
             return []
         return [
-            f"A question of its own: the variance between people is {d.scatter_ratio:.2f} times as large (p of equal "
-            f"scatter {self._p(d.p_scatter)}); noise of FRFs falls with the amplitude of the stimulus."
+            f"A question of its own: the variance between people is {d.scatter_ratio:.2f} times as large "
+            f"({self._p(d.p_scatter, 'p of equal scatter')}); noise of FRFs falls with the amplitude of the stimulus."
         ]
 
-    def _p(self, p: float) -> str:
-        """``= 0.03``, or a limit where no other relabelling that was drawn is as extreme."""
-        least = 1 / self.detection.relabellings
-        return f"<= {least:.2g}" if p <= least * (1 + 1e-9) else f"= {p:.2g}"
+    def _p(self, p: float, name: str) -> str:
+        """``name = 0.03``, or a limit where no other relabelling that was drawn is as extreme."""
+        return p_words(p, 1 / self.detection.relabellings, name)
 
     def _cause(self) -> str:
         best, other = self.best, next((c for c in self.causes if c.name == OTHER), None)
@@ -172,7 +173,7 @@ class Comparison(Summary):
                 f"{r.low:.3g} to {r.high:.3g}",
                 f"{r.gain:.2f}",
                 f"{r.phase_deg:.0f}",
-                f"{r.p:.3f}",
+                p_value(r.p, 1 / self.detection.relabellings),
             ]
             for r in self.detection.regions
         ]

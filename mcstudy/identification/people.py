@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from mcstudy.errors import InputError, StoreError
-from mcstudy.files.delimited import labelled
-from mcstudy.files.untrusted import real_bytes
+from mcstudy.errors import InputError
+from mcstudy.files.delimited import read_labelled
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording
 
@@ -109,23 +108,17 @@ def read_people(path: Path, column: str | None = None) -> list[Row]:
     Raises `InputError` with file, line and column.
     """
     try:
-        header, table, _ = labelled(real_bytes(path, LARGEST_TABLE, follow=True))
-    except (OSError, StoreError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    except ValueError as error:
+        table = read_labelled(path, LARGEST_TABLE)
+        compared = column or (CONDITION if CONDITION in table.header else None)
+        columns = {name: table.column(name) for name in ("file", "person", *([compared] if compared else []))}
+    except (InputError, ValueError) as error:
         raise InputError(f"{path}: {error}") from None
-    compared = column or (CONDITION if CONDITION in header else None)
-    wanted = ["file", "person", *([compared] if compared else [])]
-    for name in wanted:
-        if header.count(name) != 1:
-            found = ", ".join(header) or "nothing"
-            raise InputError(f"{path}: expected one column {name!r} in the first line, found {found}")
     rows = []
-    for number, cells in table:
-        row = dict(zip(header, cells, strict=True))
-        for name in wanted:
-            if not row[name]:
-                raise InputError(f"{path}: line {number}: {name}: expected a value")
+    for line, cells in table.rows:
+        row = {name: cells[k] for name, k in columns.items()}
+        for name, cell in row.items():
+            if not cell:
+                raise InputError(f"{path}: line {line}: {name}: expected a value")
         rows.append(Row(path.parent / row["file"], row["person"], row[compared] if compared else ALL))
     if not rows:
         raise InputError(f"{path}: expected at least one row")

@@ -13,6 +13,7 @@ import xarray as xr
 from mcstudy import program
 from mcstudy.errors import StoreError
 from mcstudy.files.durable import PARTIAL
+from mcstudy.files.unfinished import unfinished
 from mcstudy.lost_table import checks
 from mcstudy.lost_table.bank import Bank, simulated
 from mcstudy.lost_table.calibration import LEVELS, POWERS
@@ -77,8 +78,9 @@ def result(file: InferenceFile, out: Path, options: ClusterOptions) -> xr.Datase
     partial = out / f"{RESULT}{PARTIAL}"
     shutil.rmtree(partial, ignore_errors=True)
     try:
-        dataset.to_zarr(partial, mode="w", consolidated=False)
-        partial.replace(path)
+        with unfinished(partial, partial.mkdir):
+            dataset.to_zarr(partial, mode="w", consolidated=False)
+            partial.replace(path)
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
     return opened(out)

@@ -11,7 +11,7 @@ from mcstudy import program
 from mcstudy.lost_table.checks import LIMIT
 from mcstudy.lost_table.contradictions import REACHED
 from mcstudy.lost_table.unknowns import UNKNOWNS
-from mcstudy.text_tables import fill, number, table
+from mcstudy.text_tables import fill, number, p_value, table
 
 DETERMINED, UNDETERMINED = 0.5, 0.9
 """Width of the posterior over that of the prior: below the first an unknown is determined, above the second not."""
@@ -84,7 +84,7 @@ def _rows(result: xr.Dataset) -> str:
         low, high = np.quantile(one["predicted"].values, [0.05, 0.95])
         cells = [str(one["label"].values), "> 0" if kind == "above" else number(float(one["printed"]))]
         cells.append(f"{number(float(low))} to {number(float(high))}")
-        cells.append(_p(float(one["p"])) + ("" if kind != "told" else " (not used)"))
+        cells.append(p_value(float(one["p"])) + ("" if kind != "told" else " (not used)"))
         for name in ("best", "stand_in"):
             d = float(one[f"{name}_distance"])
             mean = float(one[f"{name}_rows"].mean())
@@ -102,10 +102,6 @@ def _rows(result: xr.Dataset) -> str:
     return "Printed numbers\n" + table(head, lines) + "\n" + fill(note)
 
 
-def _p(p: float) -> str:
-    return "< 0.001" if p < 1e-3 else f"{p:.3f}"
-
-
 def _contradictions(result: xr.Dataset) -> str:
     if not result.sizes["missed"]:
         return "Contradictions: the best configuration meets every printed number."
@@ -116,7 +112,7 @@ def _contradictions(result: xr.Dataset) -> str:
         both = one["trade_off"].max("of").min("point")  # the pair whose larger distance is smallest
         worst = both.where(both > REACHED, drop=True).dropna("row").sortby(both, ascending=False)
         names = "; ".join(f"{label[str(k)]} ({float(worst.sel(row=k)):.1f})" for k in worst["row"].values)
-        p, by_others = _p(float(one["p"].sel(row=key))), _p(float(one["p_given_others"]))
+        p, by_others = p_value(float(one["p"].sel(row=key))), p_value(float(one["p_given_others"]))
         parts.append(
             fill(
                 f"{label[str(key)]}: p {p}, given the others {by_others}. Nearest study "

@@ -23,7 +23,13 @@ GAIN = Range(0.0, 1e3, "rad per unit of the stimulus")
 SD = Range(1e-12, 1e3, "rad per unit of the stimulus")
 """Standard deviations of a published FRF."""
 
-COLUMNS = ("f", *(f"{n}{k}" for k in (1, 2) for n in ("re", "im", "gain", "phase", "sd")), "c12_re", "c12_im")
+PARTS = ("re", "im", "gain", "phase", "sd")
+"""Of the response of an angle."""
+
+ROUNDING = 0.1
+"""Share of a response by which its two forms, complex and polar, may differ."""
+
+COLUMNS = ("f", *(f"{part}{k}" for k in (1, 2) for part in PARTS), "c12_re", "c12_im")
 """Columns of a table of responses; see `frf_of_columns`."""
 
 
@@ -113,36 +119,49 @@ def frf_of_columns(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """f (N,), y (N, 2) and C (N, 2, 2) of a `FrfRecording` from named columns, and whether only one angle is there.
 
-    Columns: ``f``; per angle k = 1, 2 either ``re<k>`` and ``im<k>`` or ``gain<k>`` and ``phase<k>`` (deg); ``sd<k>``,
-    the root of E|error|^2 of the mean; optionally ``c12_re`` and ``c12_im``, the cross-covariance. ``scale`` turns
-    the FRFs' angle unit into rad. Raises `RecordingError` naming a missing column.
+    Columns: ``f``; per angle k = 1, 2 either ``re<k>`` and ``im<k>`` or ``gain<k>`` and ``phase<k>`` (deg), or both
+    where they say the same; ``sd<k>``, the root of E|error|^2 of the mean; optionally ``c12_re`` and ``c12_im``, the
+    cross-covariance. ``scale`` turns the FRFs' angle unit into rad. Raises `RecordingError` naming a missing column.
     """
 
-    def need(key: str) -> np.ndarray:
+    def need(key: str, why: str = "") -> np.ndarray:
         if key not in columns:
-            raise RecordingError(f"{name}: column {key!r} is missing; found {', '.join(columns)}")
+            raise RecordingError(f"{name}: column {key!r} is missing{why}; found {', '.join(columns)}")
         if not np.isfinite(columns[key]).all():
             raise RecordingError(f"{name}: {key}: a value is not finite")
         return columns[key]
 
-    single = not {"re2", "gain2"} & set(columns)
+    def response_of(k: int) -> np.ndarray:
+        polar = f"gain{k}", f"phase{k}"
+        why = (
+            ": a fit needs the first angle, of the legs or the centre of mass; the hip alone does not suffice"
+            if k == 1
+            else ": another column tells of the second angle; give its response, or leave the other out"
+        )
+        if not {f"re{k}", f"im{k}"} & set(columns):
+            return response(need(polar[0], why), need(polar[1]), name, polar)
+        y = need(f"re{k}") + 1j * need(f"im{k}")
+        if set(polar) & set(columns):
+            unlike = np.abs(response(need(polar[0]), need(polar[1]), name, polar) - y) > ROUNDING * np.abs(y)
+            if unlike.any():
+                raise RecordingError(
+                    f"{name}: re{k}, im{k} and gain{k}, phase{k} contradict each other at f = "
+                    f"{f[unlike][0]:g} Hz; leave the wrong ones out"
+                )
+        return y
+
+    single = not any(c.startswith("c12_") or c in {f"{part}2" for part in PARTS} for c in columns)
     f = need("f")
     y, C = np.zeros((f.size, 2), dtype=complex), np.zeros((f.size, 2, 2), dtype=complex)
     C[:, 1, 1] = 1.0
     for k in (1,) if single else (1, 2):
-        if f"re{k}" in columns:
-            y[:, k - 1] = scale * (need(f"re{k}") + 1j * need(f"im{k}"))
-        else:
-            names = f"gain{k}", f"phase{k}"
-            y[:, k - 1] = scale * response(need(names[0]), need(names[1]), name, names)
-        sd = need(f"sd{k}")
+        y[:, k - 1] = scale * response_of(k)
+        meaning = "the standard error of the complex response, in the unit of the gain"
+        sd = need(f"sd{k}", f": {meaning}")
         if not (sd > 0).all():
-            raise RecordingError(
-                f"{name}: sd{k}: expected positive numbers, got {sd[~(sd > 0)][0]:g}; it is the standard error of the "
-                "complex response, in the unit of the gain"
-            )
+            raise RecordingError(f"{name}: sd{k}: expected positive numbers, got {sd[~(sd > 0)][0]:g}; it is {meaning}")
         C[:, k - 1, k - 1] = (scale * sd) ** 2
-    if not single and "c12_re" in columns:
+    if {"c12_re", "c12_im"} & set(columns):
         C[:, 0, 1] = scale**2 * (need("c12_re") + 1j * need("c12_im"))
         C[:, 1, 0] = C[:, 0, 1].conj()
     return f, y, C, single

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.errors import RecordingError
-from mcstudy.files.delimited import NUMBER, labelled, number
+from mcstudy.files.delimited import NUMBER, decimal_sign, labelled, number
 from mcstudy.files.local_path import local_path
 from mcstudy.recordings.body_sheet import body_of
 from mcstudy.recordings.columns import LARGEST_FILE, content
@@ -145,14 +145,16 @@ def body_of_group(group: xr.Dataset) -> Body:
 def _rows(sheet: TableSheet, path: Path) -> tuple[list[str], list[tuple[str, ...]], np.ndarray]:
     """People and conditions in the order of the file, and the FRFs (person, condition, 2, N) as it states them."""
     try:
-        header, rows, decimal = labelled(content(path, LARGEST_FILE))
+        table = labelled(content(path, LARGEST_FILE))
+        header, rows = table
+        words = (sheet.person, *sheet.conditions, sheet.segment)
+        for name in words:
+            table.column(name)
+        columns = {name: _columns(sheet, name, header, path) for name in PATTERNS if getattr(sheet, name) is not None}
+        used = [header.index(name) for of in columns.values() for name in of]
+        decimal = decimal_sign([cells[k] for _, cells in rows for k in used])
     except ValueError as error:
         raise RecordingError(f"{path}: {error}") from None
-    words = (sheet.person, *sheet.conditions, sheet.segment)
-    for name in words:
-        if header.count(name) != 1:
-            raise RecordingError(f"{path}: expected one column {name!r} in the first line, found {', '.join(header)}")
-    columns = {name: _columns(sheet, name, header, path) for name in PATTERNS if getattr(sheet, name) is not None}
     found: dict[tuple[str, tuple[str, ...]], dict[str, np.ndarray]] = {}
     for line, cells in rows:
         row = dict(zip(header, cells, strict=True))

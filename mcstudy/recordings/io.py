@@ -119,7 +119,10 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         raise RecordingError(f"{path}: cannot be written: {path.parent} is not a folder")
     try:
         if path.suffix in NETCDF:
-            write_netcdf(recording, path)
+            try:
+                write_netcdf(recording, path)
+            except StoreError as error:
+                raise RecordingError(str(error)) from None
         elif path.suffix == ".zarr":
             _refuse_another(path)
             write_zarr(recording, path)

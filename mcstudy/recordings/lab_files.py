@@ -15,7 +15,8 @@ from mcstudy.recordings import c3d_file, matlab5
 from mcstudy.recordings.columns import content, text_source
 from mcstudy.recordings.guards import inside, regular
 from mcstudy.recordings.layout import Dialect
-from mcstudy.recordings.variables import Source, Variable, one_line
+from mcstudy.recordings.variables import Source, Variable
+from mcstudy.text_tables import printable
 
 MATLAB, C3D = ".mat", ".c3d"
 
@@ -86,7 +87,7 @@ def with_remedies(others: Mapping[str, str]) -> dict[str, str]:
     """What is said of variables that are no arrays of numbers, from their classes."""
     out = {}
     for name, kind in others.items():
-        shown = one_line(name)
+        shown = printable(name)
         numbers = REMEDIES.get(kind, "struct({0})").format(shown)
         what = f"of class {kind}" if kind.isidentifier() else "an object"
         out[name] = f"{shown} is {what}, not an array of numbers; in MATLAB: S = {numbers}; save('numbers.mat', 'S')"

@@ -27,6 +27,7 @@ from mcstudy.files import schema
 from mcstudy.files.delimited import NUMBER
 from mcstudy.files.durable import partial_name, replace_tree
 from mcstudy.files.json_files import write_text
+from mcstudy.files.output import write_file
 from mcstudy.files.reading_process import answer
 from mcstudy.files.unfinished import unfinished
 from mcstudy.recordings.clock import rate_of
@@ -104,12 +105,13 @@ def header(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def write_netcdf(recording: Recording, path: str | Path) -> None:
-    """Write a NetCDF-4 file; an existing one is replaced."""
-    path = Path(path)
-    partial = partial_name(path)
-    with unfinished(partial, partial.touch):
-        to_dataset(recording).to_netcdf(partial, engine="h5netcdf")
-        partial.replace(path)
+    """Write a NetCDF-4 file; an existing one is replaced. Raises `StoreError` where it cannot be written."""
+    write_file(path, lambda: netcdf_bytes(to_dataset(recording)))
+
+
+def netcdf_bytes(dataset: xr.Dataset, encoding: dict[str, Any] | None = None) -> bytes:
+    """A dataset as a NetCDF-4 file, made in memory: where a disk is full, HDF5 ends the process that writes to it."""
+    return bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
 
 
 def write_zarr(recording: Recording, path: str | Path) -> None:

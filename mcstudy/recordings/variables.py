@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import RecordingError
+from mcstudy.text_tables import printable
 
 MOST_VARIABLES = 10_000
 """Most variables of a file."""
@@ -172,13 +173,8 @@ class Source:
         hint = f" (similar: {near[0]})" if near else ""
         more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
         what = "column" if self.numbered else "variable"
-        found = one_line(", ".join(names[:SHOWN])) or "none"
+        found = printable(", ".join(names[:SHOWN])) or "none"
         return f"{self.path}: {what} {key!r} is missing{hint}; found {found}{more}"
-
-
-def one_line(text: str) -> str:
-    """Text of a file with a question mark for each character that moves the cursor."""
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def _parts(key: str) -> tuple[str, tuple[slice | int, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from pathlib import Path
 
@@ -172,29 +173,41 @@ def test_a_file_gives_the_same_numbers_in_python_and_on_the_command_line(
     ("content", "message"),
     [
         (None, "cannot be read: No such file or directory"),
-        (b"", "expected a CSV file with a header, found an empty first line"),
-        (b"\x89PNG", "expected UTF-8 text"),
-        (b"a,b\n1,2\n", "realization: expected a column of this name, got a, b"),
+        (b"", "expected one column 'realization' in the first line, found nothing"),
+        (b"\x89PNG", "expected one column 'realization' in the first line, found"),
+        (b"a,b\n1,2\n", "expected one column 'realization' in the first line, found a, b\n"),
         (b"parameter,realization,estimate,truth\nK,0,one,1\n", "line 2: estimate: expected a number, got 'one'"),
         (b"parameter,realization,estimate,truth\nK,0,2,1\nK,0,3,1\n", "data: expected one row per realization"),
-        (HEADER + b"K,0,2,1\nK,1,2,1,1\n", "line 3: expected 4 fields as in the header, got 5; row names"),
-        (HEADER + b"K,0,2,1,\n", "line 2: expected 4 fields as in the header, got 5; remove the separator at its end"),
-        (HEADER + b"K,0,2,1\n\nK,1,2\n", "line 4: expected 4 fields as in the header, got 3"),
-        (HEADER + b"K,0,2,5,1,0\n", "line 2: expected 4 fields as in the header, got 6; separate fields by semicolons"),
-        (HEADER + b'K,0,"2,5",1\n', "line 2: estimate: expected a number, got '2,5'"),
+        (HEADER + b"K,0,2,1\nK,1,2,1,1\n", "line 3: expected 4 columns, got 5; row names need a column name too"),
+        (HEADER + b"a,K,0,2,1\nb,K,1,2,1\n", "line 2: expected 4 columns, got 5; row names need a column name too"),
+        (HEADER + b"K,0,2,1\n\nK,1,2\n", "line 4: expected 4 columns, got 3"),
+        (HEADER + b"K,0,2,5,1,0\n", "line 2: expected 4 columns, got 6; where numbers have decimal commas"),
+        (
+            HEADER + b'K,0,"2,5",1\nK,1,2.5,1\n',
+            "line 2: estimate: expected a number, got '2,5'; write all numbers with",
+        ),
+        (HEADER + b'K,0,"2,500",1\n', "is the comma of '2,500' a decimal sign or between thousands?"),
+        (HEADER + b'"K,0,2,1\nK,1,2,1\n', "line 2: expected cells of text or numbers, with quotes in pairs"),
+        (HEADER + b"K,0,2,1\nTotal\n", "line 3: expected 4 columns, got 1; remove lines that are no rows"),
         (HEADER + b"K,0,0x10,1\n", "line 2: estimate: expected a number, got '0x10'"),
         (HEADER + b"K,0,1_0,1\n", "line 2: estimate: expected a number, got '1_0'"),
         (HEADER + b"K,0,1e999,1\n", "estimate: expected finite numbers or NaN, got infinity"),
         (
             HEADER.replace(b",", b";") + b"K;0;2,5;1\nK;1;2.5;1\n",
-            "line 3: estimate: expected decimal commas as",
+            "line 2: estimate: expected a number, got '2,5'; write all numbers with decimal points",
         ),
-        (b"estimate," + HEADER + b"1,K,0,2,1\n", "estimate: expected one column of this name, got 2"),
-        (b"method," + HEADER + b",K,0,2,1\n", "line 2: method: expected a name, got an empty field"),
-        (HEADER + b",0,2,1\n", "line 2: parameter: expected a name, got an empty field"),
-        (HEADER + b"K,,2,1\n", "line 2: realization: expected a name, got an empty field"),
+        (
+            b"estimate," + HEADER + b"1,K,0,2,1\n",
+            "expected one column 'estimate' in the first line, found estimate, ",
+        ),
+        (b"method," + HEADER + b",K,0,2,1\n", "line 2: method: expected a name, got an empty cell"),
+        (HEADER + b",0,2,1\n", "line 2: parameter: expected a name, got an empty cell"),
+        (HEADER + b"K,,2,1\n", "line 2: realization: expected a name, got an empty cell"),
         (HEADER, "data: expected at least one row"),
-        (b"Parameter,realization,estimate,truth\nK,0,2,1\n", "parameter: expected a column of this name"),
+        (
+            b"Parameter,realization,estimate,truth\nK,0,2,1\n",
+            "expected one column 'parameter' in the first line, found Para",
+        ),
         (HEADER + b"K,0,2,1\nK,1,\x1b[2J,1\n", "line 3: estimate: expected a number, got '\\x1b[2J'"),
     ],
 )
@@ -290,3 +303,20 @@ def test_a_dataset_may_call_its_methods_either_way() -> None:
     for given in (data, data.rename(method="estimator")):
         found = mc.performance(given, reference="ml")["value"]
         np.testing.assert_allclose(found.reindex_like(expected).transpose(*expected.dims), expected)
+
+
+def test_a_table_is_read_as_every_delimited_text_is(tmp_path: Path) -> None:
+    expected = mc.performance(estimates())
+    text = estimates().to_csv(index=False)
+    quoted = estimates().to_csv(index=False, quoting=csv.QUOTE_ALL)
+    named = estimates().assign(**{"a, note": "1,5"}).to_csv(sep=";", decimal=",", index=False)
+    for content in (
+        *(text.encode(encoding) for encoding in ("utf-8-sig", "utf-16", "utf-16-le")),
+        quoted.encode(),
+        text.replace("\n", ",,\n").encode(),
+        text.replace("\n", "\r").encode(),
+        estimates().to_csv().encode(),
+        named.encode(),
+    ):
+        (tmp_path / "table.csv").write_bytes(content)
+        xr.testing.assert_identical(mc.performance(tmp_path / "table.csv"), expected)

@@ -18,7 +18,6 @@ from mcstudy.stance.body import Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 
-README = Path(mc.__file__).parent / "recordings" / "README.md"
 ANGLE = "only one angle was published, so the hip is not tested"
 
 
@@ -71,24 +70,60 @@ def test_an_angle_that_was_not_measured_adds_no_noise() -> None:
     assert detect_fast(shifted).p_value < 0.05
 
 
-def documented(folder: Path) -> list[Path]:
-    """The published responses of the documentation as files, each with its table."""
-    text = README.read_text(encoding="utf-8")
-    tables = re.findall(r"cat > (\S+\.csv) <<END\n(.*?)END\n", text, re.DOTALL)
-    sheets = re.findall(r"```toml\n# (\S+\.toml)\n(.*?)```", text, re.DOTALL)
-    for name, content in (*tables, *sheets):
-        (folder / name).write_text(content)
-    return [folder / name for name, content in sheets if re.search(r"^frf = ", content, re.MULTILINE)]
+RESPONSES = {
+    "re1": ["0.1", "0.08", "0.05", "0.01"],
+    "im1": ["-0.01", "-0.03", "-0.04", "-0.03"],
+    "sd1": ["0.004"] * 4,
+    "re2": ["-0.05", "-0.04", "-0.03", "-0.02"],
+    "im2": ["0.01", "0.02", "0.02", "0.02"],
+    "sd2": ["0.003"] * 4,
+    "gain1": ["0.1005", "0.0854", "0.0640", "0.0316"],
+    "phase1": ["-5.7", "-20.6", "-38.7", "-71.6"],
+    "phase2": ["20"] * 4,
+    "c12_im": ["0"] * 4,
+}
 
 
-def test_every_documented_response_goes_through_fit_diagnosis_and_pages(tmp_path: Path) -> None:
-    found = documented(tmp_path)
-    assert [p.name for p in found] == ["published.toml"]
-    for path in found:
-        mc.fit(path).to_html(tmp_path / "fit.html")
-        for diagnosis in (mc.diagnose(path, fast=True), mc.diagnose(path, bootstrap=50)):
-            assert diagnosis.verdict()
-            diagnosis.to_html(tmp_path / "diagnosis.html")
+def table(folder: Path, columns: dict[str, list[str]]) -> Path:
+    """A description of published responses at four frequencies."""
+    rows = zip(["0.1", "0.3", "0.6", "1.2"], *columns.values(), strict=True)
+    text = "\n".join([",".join(["f", *columns]), *map(",".join, rows)])
+    (folder / "responses.csv").write_text(text)
+    (folder / "responses.toml").write_text(
+        'units = {angle = "deg"}\nbody = {reference = "goodworth2018"}\nfrf = {file = "responses.csv"}\n'
+    )
+    return folder / "responses.toml"
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ("re2 im2 sd2", "column 'gain1' is missing: a fit needs the first angle"),
+        ("re1 im1", "column 'sd1' is missing: the standard error of the complex response"),
+        ("re1 im1 re2 im2 sd1", "column 'sd2' is missing: the standard error"),
+        ("re1 im1 sd1 sd2", "column 'gain2' is missing: another column tells of the second angle"),
+        ("re1 im1 sd1 im2 sd2", "column 're2' is missing"),
+        ("gain1 phase1 sd1 phase2", "column 'gain2' is missing"),
+        ("re1 im1 sd1 re2 im2 sd2 c12_im", "column 'c12_re' is missing"),
+    ],
+)
+def test_part_of_an_angle_is_refused_in_one_line(tmp_path: Path, columns: str, message: str) -> None:
+    path = table(tmp_path, {name: RESPONSES[name] for name in columns.split()})
+    for read in (mc.fit, mc.diagnose):
+        with pytest.raises(RecordingError, match=re.escape(message)) as refusal:
+            read(path)
+        assert "\n" not in str(refusal.value)
+
+
+def test_both_forms_of_a_response_must_agree(tmp_path: Path) -> None:
+    both = {name: RESPONSES[name] for name in ("re1", "im1", "gain1", "phase1", "sd1")}
+    read = mc.read_recording(table(tmp_path, both))
+    assert isinstance(read, FrfRecording)
+    np.testing.assert_allclose(
+        read.y[:, 0], np.pi / 180 * np.array([0.1 - 0.01j, 0.08 - 0.03j, 0.05 - 0.04j, 0.01 - 0.03j])
+    )
+    with pytest.raises(RecordingError, match=r"re1, im1 and gain1, phase1 contradict each other at f = 0.6 Hz"):
+        mc.read_recording(table(tmp_path, both | {"gain1": ["0.1005", "0.0854", "3.7", "0.0316"]}))
 
 
 def test_all_points_of_a_published_response_are_used_unless_another_end_is_wanted() -> None:

@@ -42,7 +42,7 @@ def test_a_change_of_the_weight_is_named_with_its_size_and_closes_the_difference
 
 def test_the_verdict_says_who_where_and_what(changed: mc.Comparison) -> None:
     text = changed.verdict()
-    assert text.startswith("patients differs from controls in its mean responses (p of equal means <= 0.005, 200 ")
+    assert text.startswith("patients differs from controls in its mean responses (p of equal means < 0.005, 200 ")
     assert "12 and 12 people)." in text
     assert "Most probable change: Wprop" in text
     assert changed.differs

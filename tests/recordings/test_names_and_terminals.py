@@ -197,3 +197,15 @@ def test_units_in_a_table_of_responses_are_used_and_may_not_contradict(
         return
     with pytest.raises(RecordingError, match=message):
         read_recording(sheet)
+
+
+def test_a_quote_that_is_not_closed_takes_no_rows_away() -> None:
+    with pytest.raises(ValueError, match="line 3: expected cells of text or numbers, with quotes in pairs"):
+        labelled(b'a,b,note\n1,2,x\n3,4,"y\n5,6,z\n')
+    assert labelled(b'a,"b, c"\n1,"x\ny"\n') == (["a", "b, c"], [(2, ["1", "x\ny"])])
+    assert labelled(b'"a,b";"c,d"\n1;2\n').header == ["a,b", "c,d"]
+
+
+def test_a_cell_too_many_is_no_name_of_a_row_where_rows_have_none() -> None:
+    with pytest.raises(ValueError, match="line 2: expected 2 columns, got 3; row names need a column name too"):
+        labelled(b"a,b\n1,0,1\n2,1,2\n", name_rows=False)

@@ -23,6 +23,9 @@ GAIN = Range(0.0, 1e3, "rad per unit of the stimulus")
 SD = Range(1e-12, 1e3, "rad per unit of the stimulus")
 """Standard deviations of a published FRF."""
 
+SAME = 0.05
+"""Largest distance of one response stated in two forms, relative to the largest response; both are rounded."""
+
 COLUMNS = ("f", *(f"{n}{k}" for k in (1, 2) for n in ("re", "im", "gain", "phase", "sd")), "c12_re", "c12_im")
 """Columns of a table of responses; see `frf_of_columns`."""
 
@@ -79,8 +82,10 @@ class FrfRecording(Summary):
             for value in (float(of_lines.min()), float(of_lines.max())):
                 if fault := allowed.fault(value):
                     raise RecordingError(f"{name}: {label}: {fault}")
-        if (np.diff(f) <= 0).any():
-            raise RecordingError(f"{name}: f: frequencies must be positive and increasing")
+        if (late := np.flatnonzero(np.diff(f) <= 0)).size:
+            raise RecordingError(
+                f"{name}: f: expected increasing frequencies, got {f[late[0] + 1]:g} Hz after {f[late[0]]:g} Hz"
+            )
         if self.single and self.stimulus not in SINGLE:
             raise RecordingError(
                 f"{name}: stimulus: expected one of {', '.join(SINGLE)} where one angle was published, "
@@ -115,8 +120,12 @@ def frf_of_columns(
 
     Columns: ``f``; per angle k = 1, 2 either ``re<k>`` and ``im<k>`` or ``gain<k>`` and ``phase<k>`` (deg); ``sd<k>``,
     the root of E|error|^2 of the mean; optionally ``c12_re`` and ``c12_im``, the cross-covariance. ``scale`` turns
-    the FRFs' angle unit into rad. Raises `RecordingError` naming a missing column.
+    the FRFs' angle unit into rad. Rows may be in any order of ``f``. Raises `RecordingError` naming a missing column,
+    and for real and imaginary parts that are not those of the gain and phase beside them.
     """
+    if "f" in columns:
+        order = np.argsort(columns["f"], kind="stable")
+        columns = {key: values[order] for key, values in columns.items()}
 
     def need(key: str) -> np.ndarray:
         if key not in columns:
@@ -132,6 +141,13 @@ def frf_of_columns(
     for k in (1,) if single else (1, 2):
         if f"re{k}" in columns:
             y[:, k - 1] = scale * (need(f"re{k}") + 1j * need(f"im{k}"))
+            if {f"gain{k}", f"phase{k}"} <= set(columns):
+                other = scale * response(need(f"gain{k}"), need(f"phase{k}"), name, (f"gain{k}", f"phase{k}"))
+                if (apart := np.abs(other - y[:, k - 1]) > SAME * np.abs(other).max()).any():
+                    raise RecordingError(
+                        f"{name}: re{k}, im{k}: at {f[apart][0]:g} Hz they are another response than gain{k} and "
+                        f"phase{k}; leave the wrong ones out"
+                    )
         else:
             names = f"gain{k}", f"phase{k}"
             y[:, k - 1] = scale * response(need(names[0]), need(names[1]), name, names)

@@ -93,6 +93,8 @@ def _frf(sheet: Sheet, files: Files, where: str) -> FrfRecording:
     if target == "rad" and (sheet.units.angle is None) != (sheet.units.stimulus is None):
         raise RecordingError(f"{where}: units: expected both angle and stimulus for the FRF of a {sheet.stimulus}")
     picked = {name: file.pick(name) for name in COLUMNS if file.has(name)}
+    if "f" not in picked:
+        raise RecordingError(f"{file.path}: column 'f' (Hz) is missing; found {', '.join(file.variables)}")
     angle, stimulus = _frf_units(sheet, picked, str(file.path))
     scale = factor(angle or "rad", "rad", f"{where}: units.angle") / factor(
         stimulus or target, target, f"{where}: units.stimulus"

@@ -90,7 +90,7 @@ def angle_faults(x: np.ndarray, rate_hz: float) -> tuple[Fault, ...]:
     spread = float(high - low) or float(np.ptp(x))
     if n < 10 * LEAST_HELD or spread == 0:
         return ()
-    equal = max(EQUAL * spread, 4 * float(np.finfo(np.float32).eps) * float(np.abs(x).max()))
+    equal = max(EQUAL * spread, 4 * float(np.finfo(np.float32).eps) * float(np.quantile(np.abs(x), 0.95)))
     step = np.diff(x)
     size = np.abs(step)
     moves = size > equal
@@ -138,6 +138,8 @@ def _held(
             continue
         for k in own:
             a, b = int(starts[k]), int(starts[k] + lengths[k])
+            if np.ptp(x[a:b]) > 2 * equal:  # moves slowly, in steps too small to count
+                continue
             if least > STEPS * _resolution(x, float(x[a]), equal) and max(usual, _abrupt(x, a, b)) >= MATTERS * sd:
                 found.append((a, b))
     changes = np.abs(np.diff(x)) > max(NOTABLE * typical, equal)

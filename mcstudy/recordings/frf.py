@@ -85,8 +85,10 @@ class FrfRecording(Summary):
             for value in (float(of_lines.min()), float(of_lines.max())):
                 if fault := allowed.fault(value):
                     raise RecordingError(f"{name}: {label}: {fault}")
-        if (np.diff(f) <= 0).any():
-            raise RecordingError(f"{name}: f: frequencies must be positive and increasing")
+        if (late := np.flatnonzero(np.diff(f) <= 0)).size:
+            raise RecordingError(
+                f"{name}: f: expected increasing frequencies, got {f[late[0] + 1]:g} Hz after {f[late[0]]:g} Hz"
+            )
         if self.single and self.stimulus not in SINGLE:
             raise RecordingError(
                 f"{name}: stimulus: expected one of {', '.join(SINGLE)} where one angle was published, "
@@ -119,10 +121,14 @@ def frf_of_columns(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """f (N,), y (N, 2) and C (N, 2, 2) of a `FrfRecording` from named columns, and whether only one angle is there.
 
-    Columns: ``f``; per angle k = 1, 2 either ``re<k>`` and ``im<k>`` or ``gain<k>`` and ``phase<k>`` (deg), or both
-    where they say the same; ``sd<k>``, the root of E|error|^2 of the mean; optionally ``c12_re`` and ``c12_im``, the
-    cross-covariance. ``scale`` turns the FRFs' angle unit into rad. Raises `RecordingError` naming a missing column.
+    Columns: ``f``, in any order; per angle k = 1, 2 either ``re<k>`` and ``im<k>`` or ``gain<k>`` and ``phase<k>``
+    (deg), or both where they say the same; ``sd<k>``, the root of E|error|^2 of the mean; optionally ``c12_re`` and
+    ``c12_im``, the cross-covariance. ``scale`` turns the FRFs' angle unit into rad. Raises `RecordingError` naming a
+    missing column.
     """
+    if "f" in columns:
+        order = np.argsort(columns["f"], kind="stable")
+        columns = {key: values[order] for key, values in columns.items()}
 
     def need(key: str, why: str = "") -> np.ndarray:
         if key not in columns:

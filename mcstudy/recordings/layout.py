@@ -182,7 +182,10 @@ def _typical(body: list[tuple[int, str]], dialect: Dialect, delimiter: str | Non
         seen.decimal = decimal_sign([c for row in found for c in row])
     counts = [seen.numbers(row) for row in found]
     if max(counts) == 0:
-        raise ValueError("expected rows of numbers under the header, found none")
+        raise ValueError(
+            "expected rows of numbers under the header, found none; if another sign separates the columns, state it "
+            "(text.delimiter, --delimiter)"
+        )
     seen.typical = max(counts)
     rows = [row for row, n in zip(found, counts, strict=True) if 2 * n >= seen.typical]
     seen.first_is_number = 2 * sum(number(row[0], seen.decimal) is not None for row in rows) > len(rows)
@@ -209,8 +212,9 @@ def _first_row(body: list[tuple[int, str]], seen: _Rows, header_first: bool) -> 
         found = seen.split(line)
         if k == 0 and len(body) > 1 and (_counted(found) or (header_first and number(found[0], seen.decimal) is None)):
             continue
-        if not seen.is_data(found):
-            continue
+        after = body[k + 1][1] if k + 1 < len(body) else None
+        if not seen.is_data(found) or not (after is None or seen.is_data(seen.split(after))):
+            continue  # numbers above the names, as OptiTrack writes those of segments
         while k > 0 and _only_numbers(above := seen.split(body[k - 1][1]), seen) and len(above) == seen.width:
             k -= 1
             if k == 0 and _counted(above):
@@ -284,6 +288,8 @@ def _fitting(given: list[str], columns: int, seen: _Rows, rows: list[tuple[int, 
     """Cells as one per column, None for a line that does not fit; R names the columns but not its names of rows."""
     if len(given) == columns:
         return given
+    if len(given) == columns + 1 and given[-1].lower() == "comment":  # LabVIEW names them, and writes none
+        return given[:-1]
     if len(given) == columns - 1 and row_names([seen.split(row)[0] for _, row in rows]):
         return ["", *given]
     return None
@@ -302,8 +308,10 @@ def _check_widths(rows: list[tuple[int, str]], seen: _Rows, columns: int) -> Non
         n = (len(line.split()) if seen.delimiter == BLANKS else line.count(seen.delimiter) + 1) if quick else None
         if n != columns:
             found = seen.split(line)
-            if len(found) < columns or any(found[columns:]):
-                below = "; does another table begin here? cut the file" if len(found) == 1 and k > rows[0][0] else ""
+            beyond = [c for c in found[columns:] if c and not c.startswith(COMMENTS)]  # LabChart's comments
+            if len(found) < columns or beyond:
+                begins = k > rows[0][0] and number(found[0], seen.decimal) is None
+                below = "; does another table begin here? cut the file" if begins else ""
                 raise ValueError(f"line {k}: expected {columns} columns, got {len(found)}{below}")
 
 

@@ -244,9 +244,17 @@ class Recording(Summary):
         if abs(samples - round(samples)) > 0.01 or round(samples) < 2:
             raise RecordingError(
                 f"{self.name}: period_s: {self.period_s:g} s is {samples:.3f} samples at {self.rate_hz:g} Hz; "
-                "expected a whole number"
+                f"expected a whole number{self._rate_of_whole_samples(samples)}"
             )
         return round(samples)
+
+    def _rate_of_whole_samples(self, samples: float) -> str:
+        """The way on where a period is not a whole number of ``samples``: the next lower rate with whole ones."""
+        seconds = samples / self.rate_hz
+        for rate in range(int(self.rate_hz), int(max(self.rate_hz / 2, RATE_HZ.low)), -1):
+            if abs(seconds * rate - round(seconds * rate)) < 1e-6 and round(seconds * rate) >= 2:
+                return f"; resample the recording to {rate} Hz (resample_hz, --resample {rate})"
+        return "; resample the recording to a multiple of the frequency of the stimulus (resample_hz, --resample)"
 
     @property
     def cycles(self) -> tuple[int, ...]:

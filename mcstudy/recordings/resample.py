@@ -21,6 +21,9 @@ KAISER = 9.0
 MOST_PARTS = 10_000
 """Largest numerator and denominator of a ratio of rates."""
 
+LATE = 0.01
+"""Largest lag, in samples, at the end of values whose ratio of rates was rounded: time stamps give 59.9400003 Hz."""
+
 METHOD = f"zero-phase FIR filter (Kaiser {KAISER:g}, {2 * HALF_LENGTH} samples)"
 
 
@@ -30,7 +33,7 @@ def resampled(values: np.ndarray, rate_hz: float, to_hz: float, where: str) -> n
 
     ratio = Fraction(to_hz / rate_hz).limit_denominator(MOST_PARTS)
     up, down = ratio.numerator, ratio.denominator
-    if not (0 < up <= MOST_PARTS and abs(float(ratio) * rate_hz / to_hz - 1) < 1e-9):
+    if not (0 < up <= MOST_PARTS and abs(float(ratio) * rate_hz / to_hz - 1) * values.size < LATE):
         raise RecordingError(f"{where}: {rate_hz:g} and {to_hz:g} Hz have no simple ratio; resample before the import")
     if up == down:
         return values

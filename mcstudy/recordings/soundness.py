@@ -27,6 +27,10 @@ CODES = {
 FILLABLE = ("held", "spike")
 """Kinds of faults that are gaps: the values before and after them are right."""
 
+QUIET_START = 0.5
+"""Part of the first cycle, from its beginning, in which a stimulus may be at rest or rise: the cycle is left out as
+transient, and the next one has settled."""
+
 BEFORE = 3
 """Samples before a cycle that its analysis uses (`mcstudy.spectra.leakage`)."""
 
@@ -41,8 +45,8 @@ class _Told:
     faults: tuple[Fault, ...]
 
 
-def _faults(trial: Trial, recording: Recording) -> list[_Told]:
-    """Faults of a trial, those that both angles have at the same time once."""
+def _faults(trial: Trial, recording: Recording, discard: int = 1) -> list[_Told]:
+    """Faults of a trial, those that both angles have at the same time once; none of a quiet start that is discarded."""
     first, second = (angle_faults(x, recording.rate_hz) for x in trial.theta.T)
     by_kind: dict[tuple[str, tuple[str, ...]], list[Fault]] = {}
     for name, own, other in ((ANGLES[0], first, second), (ANGLES[1], second, first)):
@@ -53,7 +57,10 @@ def _faults(trial: Trial, recording: Recording) -> list[_Told]:
             by_kind.setdefault((f.kind, ANGLES if both else (name,)), []).append(f)
     period = recording.period
     if period is not None:
+        quiet = QUIET_START * period if discard else 0
         for f in stimulus_faults(trial.stimulus, period, recording.rate_hz):
+            if f.stop <= quiet:
+                continue
             by_kind.setdefault((f.kind, ("stimulus",)), []).append(f)
     return [_Told(CODES[kind], kind, channels, tuple(own)) for (kind, channels), own in by_kind.items()]
 
@@ -116,7 +123,7 @@ def with_left_out(recording: Recording, accept: Iterable[str] = (), discard: int
     trials, reasons, gaps = [], [], 0.0
     for k, trial in enumerate(recording.trials, start=1):
         where = f"{recording.name}: trial {k}"
-        told = [t for t in _faults(trial, recording) if t.code not in accepted]
+        told = [t for t in _faults(trial, recording, discard) if t.code not in accepted]
         bad = sorted(_touched(told, period, trial.samples)) if period else []
         trials.append(replace(trial, left_out=tuple(bad)) if bad else trial)
         reasons += [(t, _words(t, trial, recording, where)) for t in told if period is None or bad]

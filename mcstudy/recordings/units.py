@@ -12,7 +12,14 @@ import re
 from mcstudy.errors import RecordingError
 
 FACTORS: dict[str, dict[str, float]] = {
-    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
+    "rad": {
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "deg": math.pi / 180,
+        "°": math.pi / 180,
+        "arcmin": math.pi / 10_800,
+        "gon": math.pi / 200,
+    },
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
     "N m": {
         "N m": 1.0,
@@ -22,10 +29,12 @@ FACTORS: dict[str, dict[str, float]] = {
         "kN m": 1e3,
         "kgf m": 9.80665,
         "kgf cm": 9.80665e-2,
+        "lbf ft": 1.3558179483314004,
+        "lbf in": 0.1129848290276167,
     },
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
 }
-"""Units per target; a kilogram-force is 9.80665 N (CGPM 1901)."""
+"""Units per target; a kilogram-force is 9.80665 N (CGPM 1901), a pound 0.45359237 kg, a foot 0.3048 m (1959)."""
 
 KINDS = {"rad": "an angle", "s": "a time", "N m": "a torque", "m": "a length"}
 """What each target measures."""
@@ -40,6 +49,7 @@ OTHERS = {
     "a share": ("%", "percent"),
     "a level": ("dB",),
     "a power": ("W",),
+    "an energy": ("J",),
     "a pressure": ("Pa", "kPa", "hPa"),
     "a temperature": ("°C", "degC"),
     "a count": ("counts", "count", "samples", "frames", "frame", "px", "pixel", "pixels", "bit", "bits"),
@@ -53,6 +63,8 @@ _WORDS = {
     "ms": ("msec", "millisecond", "milliseconds"),
     "min": ("minute", "minutes"),
     "N m": ("newtonmeter", "newtonmeters", "newtonmetre", "newtonmetres"),
+    "lbf ft": ("lbft", "ftlb", "ftlbf", "ftlbs", "footpounds"),
+    "lbf in": ("lbin", "inlb", "inlbf", "inlbs", "inchpounds"),
     "m": ("meter", "meters", "metre", "metres"),
     "cm": ("centimeter", "centimeters", "centimetre", "centimetres"),
     "mm": ("millimeter", "millimeters", "millimetre", "millimetres"),
@@ -60,11 +72,20 @@ _WORDS = {
 """Other words for a unit."""
 
 _ENDING = re.compile(
-    r"(?:.+_(?P<unit>deg|degs|degree|degrees|rad|radian|radians|mrad|N_?mm?|mm|mV)(?P<rate>_(?:per_)?s(?:2|ec)?)?"
+    r"(?:.+_(?P<unit>°|deg|degs|degree|degrees|rad|radian|radians|mrad|N_?mm?|mm|mV)(?P<rate>_(?:per_)?s(?:2|ec)?)?"
     r"|(?:t|time)_(?P<time>s|ms|us|sec))",
     re.IGNORECASE,
 )
 """A unit at the end of a name. ``_m``, ``_s``, ``_cm`` are none: they also mean measured, smoothed, centre of mass."""
+
+_SEPARATOR = re.compile(r"\s*[/,]\s*|\s+in\s+|\s*:\s+|[\s.]+")
+"""What stands between a name and its unit, as in ``moment / N m``, ``"angle, deg"``, ``knee angle deg``."""
+
+_CLEAR = re.compile(r"/|,|in")
+"""Separators behind which any unit is one; behind a blank, a dot or a colon, single letters are parts of names."""
+
+_PER_TIME = re.compile(r"(?P<over>.+?)(?:\^?[-−](?P<power>[12])|⁻(?P<raised>[¹²]))")
+"""A unit with a negative power of a second at its end, ``deg s-1``."""
 
 
 def _bare(unit: str) -> str:
@@ -95,6 +116,9 @@ def kind_of(unit: str | None) -> str | None:
         return KINDS[_TARGET[spelled]]
     if (other := _OTHER.get(_bare(unit)) or _OTHER.get(_bare(unit).lower())) is not None:
         return other
+    if (power := _PER_TIME.fullmatch(unit.strip().strip("[](){}"))) is not None and power["over"].endswith("s"):
+        over = power["over"][:-1].rstrip(" ·⋅*.")
+        return f"{kind_of(over)} per s" if kind_of(over) else None
     over, slash, under = unit.strip().strip("[](){}").partition("/")
     if slash and kind_of(over) and kind_of(re.sub(r"\^?-?\d$|²$", "", under)):
         return f"{kind_of(over)} per {_bare(under)}"
@@ -132,7 +156,12 @@ def agreed(declared: str | None, stated: str | None, target: str, where: str, na
 
 
 def at_end(name: str) -> str | None:
-    """The unit at the end of a column's name, ``theta1_deg``; None where there is none."""
+    """The unit at the end of a column's name, ``theta1_deg``, ``theta1 / deg``; None where there is none."""
+    for separator in _SEPARATOR.finditer(name):
+        unit = name[separator.end() :]
+        clear = _CLEAR.fullmatch(separator[0].strip()) is not None
+        if separator.start() > 0 and (clear or len(unit) > 1 or unit in "°º") and kind_of(unit) is not None:
+            return unit
     found = _ENDING.fullmatch(name)
     if found is None:
         return None

@@ -131,7 +131,13 @@ def test_a_fast_stimulus_is_brought_to_the_rate_of_the_markers_and_that_is_told(
 
 def test_rates_without_a_simple_ratio_are_refused() -> None:
     with pytest.raises(RecordingError, match="no simple ratio"):
-        resampled(np.zeros(100), 100.0, 100.0 * np.pi, "x")
+        resampled(np.zeros(1_000_000), 100.0, 100.0 * np.pi, "x")
+
+
+def test_a_rate_that_rounded_time_stamps_give_is_resampled() -> None:
+    t = np.arange(6000) / 59.94
+    found = resampled(np.sin(t), 59.94 * (1 + 1e-8), 50.0, "x")
+    np.testing.assert_allclose(found[200:-200], np.sin(np.arange(found.size) / 50.0)[200:-200], atol=1e-4)
 
 
 def test_gaps_are_filled_up_to_the_stated_length_only() -> None:

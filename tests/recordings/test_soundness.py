@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import mcstudy as mc
 from mcstudy.errors import RecordingError
@@ -184,3 +185,35 @@ def test_the_fit_and_the_diagnosis_say_what_was_left_out() -> None:
     told = mc.diagnose(bad, fast=True, fmax=3.0).to_dict()["warnings"]
     assert any("is exactly 0 for 0.3 s" in w for w in told)
     assert any("cycle 2 of 4 of trial 1" in w for w in told)
+
+
+def test_a_quiet_start_is_no_fault_unless_the_first_cycle_is_analysed() -> None:
+    """With three cycles, of which the first is transient, two are left."""
+    period = SOUND.period
+    assert period is not None
+
+    def start(trial: Trial) -> None:
+        trial.stimulus[:300] = 0.0
+
+    quiet = changed(start)
+    assert messages(quiet) == []
+    assert with_left_out(quiet).trials[0].left_out == ()
+    assert with_left_out(quiet, discard=0).trials[0].left_out[0] == 0
+
+
+def test_a_lost_value_far_outside_does_not_hide_itself() -> None:
+    x = np.sin(np.arange(4000) / 40) + 0.01 * np.random.default_rng(1).standard_normal(4000)
+    x[2000:2030] = 1e6
+    assert [(f.kind, f.start, f.stop) for f in angle_faults(x, 100.0)] == [("held", 2000, 2030)]
+
+
+def test_a_slow_turn_sampled_fast_is_not_held() -> None:
+    """Near a turning point steps are smaller than single precision keeps, and yet the angle moves."""
+    t = np.arange(0, 40, 0.01)
+    slow = CubicSpline(t, 0.02 * np.sin(t) + 1e-5 * np.random.default_rng(2).standard_normal(t.size))
+    assert angle_faults(slow(np.arange(0, 39.9, 1 / 5000)), 5000.0) == ()
+
+
+def test_a_period_that_is_not_whole_names_a_rate() -> None:
+    with pytest.raises(RecordingError, match=r"--resample 50\)"):
+        _ = replace(SOUND, rate_hz=60.0, period_s=43.72).period

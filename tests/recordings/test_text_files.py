@@ -15,7 +15,7 @@ from mcstudy.errors import RecordingError
 from mcstudy.recordings.importing import Imported, import_files, listing
 from mcstudy.recordings.lab_files import open_source
 from mcstudy.recordings.layout import Dialect
-from mcstudy.recordings.units import kind_of
+from mcstudy.recordings.units import at_end, kind_of
 
 RATE, N = 100.0, 400
 
@@ -435,6 +435,12 @@ def test_a_calibrated_voltage_and_a_wrong_header_have_a_way_in(tmp_path: Path) -
         ("mV", "a voltage"),
         ("deg/s^2", "an angle per s^2"),
         ("m/s2", "a length per s2"),
+        ("deg s-1", "an angle per s"),
+        ("rad·s⁻¹", "an angle per s"),
+        ("ft-lb", "a torque"),
+        ("in-lbf", "a torque"),
+        ("J", "an energy"),
+        ("gon", "an angle"),
         ("left", None),
         ("", None),
         ("1", None),
@@ -442,3 +448,52 @@ def test_a_calibrated_voltage_and_a_wrong_header_have_a_way_in(tmp_path: Path) -
 )
 def test_what_a_unit_measures(unit: str, kind: str | None) -> None:
     assert kind_of(unit) == kind
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("moment / N m", "N m"),
+        ("angle/deg/s", "deg/s"),
+        ("time,s", "s"),
+        ("Weg in mm", "mm"),
+        ("hip angle deg", "deg"),
+        ("hip angle deg/s", "deg/s"),
+        ("motor: V", None),  # one letter behind a colon or a blank is a name
+        ("motor: mV", "mV"),
+        ("plate A", None),
+        ("S1:LeftAnkle", None),
+        ("LASI.x", None),
+        ("theta1_°", "°"),
+        ("left/right", None),
+        ("/ deg", None),
+    ],
+)
+def test_a_unit_at_the_end_of_a_name(name: str, unit: str | None) -> None:
+    assert at_end(name) == unit
+
+
+def test_units_behind_a_slash_or_a_comma_are_taken_and_may_not_be_contradicted(tmp_path: Path) -> None:
+    named = lines(names=False)
+    for header in ("time,stimulus / N m,theta1 / deg,theta2 / deg", 'time,"stimulus, N m","theta1, deg","theta2, deg"'):
+        channels = {"time": 0, "stimulus": 1, "theta1": 2, "theta2": 3}
+        found = imported(tmp_path, f"{header}\n{named}", {"units": {}, "channels": channels})
+        np.testing.assert_allclose(found.recording.trials[0].stimulus, TORQUE, rtol=1e-8, atol=1e-9)
+        with pytest.raises(RecordingError, match="declared rad, but the file states deg"):
+            imported(tmp_path, f"{header}\n{named}", {"units": {"angle": "rad"}, "channels": channels})
+
+
+def test_lines_that_programs_write_among_the_numbers_are_no_numbers(tmp_path: Path) -> None:
+    """OptiTrack's numbers above the names, LabVIEW's column of comments, LabChart's comments in rows."""
+    named = lines(names=False).splitlines()
+    optitrack = ["Format Version,1.23", ',"1","1","2"', ",Rotation,Rotation,Rotation", "Time,X,Y,X"]
+    labview = ["time,stimulus,theta1,theta2,Comment"]
+    labchart = ["time,stimulus,theta1,theta2"]
+    for head, rows in (
+        (optitrack, named),
+        (labview, named),
+        (labchart, [named[0], named[1] + ",#* start", *named[2:]]),
+    ):
+        channels = {"time": 0, "stimulus": 1, "theta1": 2, "theta2": 3}
+        found = imported(tmp_path, "\n".join([*head, *rows]), {"channels": channels})
+        np.testing.assert_allclose(found.recording.trials[0].stimulus, TORQUE, rtol=1e-8, atol=1e-9)

@@ -181,9 +181,10 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
             return Exit.DONE  # the reader (head, less) has seen enough
     except Exception as error:
         if stop is None or not stop.asked:
-            if not isinstance(error, OSError) or error.errno is None:
+            known = unusable(error, [verb, *words])
+            if known is None:
                 raise
-            message, code = unusable(error, [verb, *words])
+            message, code = known
             _tell(message)
             return code
         # Libraries raise this when they are stopped halfway, or when they print to a terminal that is gone.

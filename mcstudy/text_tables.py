@@ -94,7 +94,8 @@ ROUNDING = 1e-12
 
 
 def with_error(value: float | None, mcse: float | None) -> str:
-    """``value ± mcse``, both to the second digit of the error; an error that is rounding is none."""
+    """``value ± mcse``, both to the second digit of the error; NaN, and an error that is rounding, are none."""
+    value, mcse = (None if x is None or math.isnan(x) else x for x in (value, mcse))
     if value is None or mcse is None or mcse <= ROUNDING * abs(value):
         return number(value)
     if not 1e-3 <= max(abs(value), mcse) < 1e5:

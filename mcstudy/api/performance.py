@@ -21,6 +21,9 @@ PARAMETER = "parameter"
 KEYS = (REALIZATION, PARAMETER)
 VALUES = ("estimate", "truth")
 
+LARGEST = 1e100
+"""Size of an estimate, a truth or a standard error at most: their squares are numbers still."""
+
 METHOD = "method"
 """Column of the methods."""
 
@@ -79,6 +82,11 @@ def performance(
             raise InputError(f"{name}: expected a variable of this name, got {', '.join(map(str, cells.data_vars))}")
     if REALIZATION not in cells["estimate"].dims:
         raise InputError(f"estimate: expected a dim 'realization', got {', '.join(map(str, cells['estimate'].dims))}")
+    if 0 in cells["estimate"].shape:
+        raise InputError("estimate: expected at least one value, got none")
+    for name in (*VALUES, ERROR):
+        if name in cells:
+            _require_numbers(name, cells[name])
     standard = cells.get(ERROR)
     if standard is not None and bool((standard < 0).any()):
         raise InputError(f"{ERROR}: expected no negative value, got {float(standard.min()):g}")
@@ -136,9 +144,17 @@ def _table(data: pd.DataFrame | Mapping[str, Sequence[Any]]) -> pd.DataFrame:
             table[name] = pd.to_numeric(table[name]).astype(float)
         except (TypeError, ValueError):
             raise InputError(f"{name}: expected numbers") from None
-        if np.isinf(table[name]).any():
-            raise InputError(f"{name}: expected finite numbers or NaN, got infinity")
     return table
+
+
+def _require_numbers(name: str, values: xr.DataArray) -> None:
+    """Raise `InputError` for what is no number, or too large a one."""
+    if values.dtype.kind not in "iuf":
+        raise InputError(f"{name}: expected numbers, got values of type {values.dtype}")
+    if bool(np.isinf(values).any()):
+        raise InputError(f"{name}: expected finite numbers or NaN, got infinity")
+    if (largest := float(abs(values).max())) > LARGEST:
+        raise InputError(f"{name}: expected numbers up to {LARGEST:g}, whose squares are numbers, got {largest:.3g}")
 
 
 def _cells(table: pd.DataFrame) -> xr.Dataset:

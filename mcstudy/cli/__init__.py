@@ -157,7 +157,7 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     # differently on another machine would differ in the last digits.
     for variable in ONE_THREAD:
         os.environ.setdefault(variable, "1")
-    from mcstudy.cli.stop import stopped, unusable, with_command, without_memory
+    from mcstudy.cli.stop import stopped, unusable, with_command
     from mcstudy.cli.terminal import drop_output
     from mcstudy.errors import InputError, Interrupted, Stopped
     from mcstudy.exits import Exit
@@ -181,9 +181,10 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
             return Exit.DONE  # the reader (head, less) has seen enough
     except Exception as error:
         if stop is None or not stop.asked:
-            if not without_memory(error) and getattr(error, "errno", None) is None:
+            known = unusable(error, [verb, *words])
+            if known is None:
                 raise
-            message, code = unusable(error, [verb, *words])
+            message, code = known
             _tell(message)
             return code
         # Libraries raise this when they are stopped halfway, or when they print to a terminal that is gone.

@@ -19,12 +19,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> Exit:
-    """Print the path of the fit; returns `Exit.DIFFERS` unless it ends at the stored result."""
+    """Print the path of the fit; returns `Exit.DIFFERS` if it differs by more than rounding elsewhere explains."""
     import numpy as np
 
     from mcstudy.scheduler.activity import activity
     from mcstudy.study.replay import replay
-    from mcstudy.text_tables import fill, table
+    from mcstudy.text_tables import fill, folded, table
 
     with activity(f"{args.out}: repeating the fit"):
         r = replay(args.out, args.group, args.amplitude, args.fmax, args.realization, args.start)
@@ -37,8 +37,12 @@ def main(args: argparse.Namespace) -> Exit:
     print(table(header, rows))
     print(fill("step: largest change of a parameter, divided by the width of its bounds; 0: the step was rejected"))
     print(fill(f"ended: {r.status.text}"))
-    if r.differ:
-        print(f"{args.out}: differs from the stored fit ({', '.join(r.differ)}); stored: {r.stored_status.text}")
-        return Exit.DIFFERS
-    print(f"{args.out}: equal to the stored fit, bit for bit")
-    return Exit.DONE
+    if not r.differ:
+        print(f"{args.out}: equal to the stored fit, bit for bit")
+        return Exit.DONE
+    print(f"{args.out}: differs from the stored fit ({', '.join(r.differ)}); stored: {r.stored_status.text}")
+    if r.elsewhere is not None:
+        why = "as rounding explains" if r.elsewhere.within else "by more than rounding explains"
+        print(folded(f"computed in another environment, and differs {why}: {r.elsewhere.text()}"))
+        print(folded(f"environment: {'; '.join(r.environment)}"))
+    return Exit.DONE if r.reproduced else Exit.DIFFERS

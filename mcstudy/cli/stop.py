@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 RESUMES = "run the same command again to resume"
 """End of a message about work that can be resumed; the command itself is printed after it."""
 
+_UNMAPPED = "failed to map segment"
+"""What the loader of shared libraries says where there is no memory for one."""
+
 RESUMABLE = (
     ("run",),
     ("extend",),
@@ -149,24 +152,40 @@ def stopped(words: Sequence[str], how: str = "") -> tuple[str, Exit]:
     return f"stopped{how}", Exit.STOPPED
 
 
-def without_memory(error: BaseException) -> bool:
-    """Whether an exception says that there is too little memory: for numbers, the stack of a thread, or a library."""
-    said = ("can't start new thread", "failed to map segment")
-    return isinstance(error, MemoryError) or any(words in str(error) for words in said)
+def lacking(error: BaseException) -> str:
+    """What the machine lacked, in words: memory, or threads; empty for any other error."""
+    if isinstance(error, MemoryError) or (isinstance(error, ImportError | OSError) and _unmapped(error)):
+        return "expected more memory: a limit, or the machine, does not give what this needs"
+    if isinstance(error, RuntimeError) and "can't start new thread" in str(error):
+        return "expected to start another thread: a limit, or the machine, does not allow it"
+    return ""
 
 
-def unusable(error: Exception, words: Sequence[str]) -> tuple[str, Exit]:
-    """Message and exit code of a command that met a file or a disk that cannot be used, or too little memory."""
+def _unmapped(error: BaseException | None) -> bool:
+    """Whether there was no memory for a shared library; packages tell of it by an error of their own."""
+    return error is not None and (_UNMAPPED in str(error) or _unmapped(error.__cause__ or error.__context__))
+
+
+def unusable(error: Exception, words: Sequence[str]) -> tuple[str, Exit] | None:
+    """Message and exit code of a command that met a file, a disk or a machine that cannot be used.
+
+    None for any other error: a fault of this program.
+    """
     from mcstudy.exits import Exit
     from mcstudy.files.durable import FULL
 
-    what, line = getattr(error, "filename", None), getattr(error, "strerror", None) or str(error)
-    line = " ".join((f"{what}: {line}" if what else line).split())
-    if without_memory(error):
-        line = f"expected more memory{' (' * bool(line)}{line}{')' * bool(line)}"
-    if (without_memory(error) or getattr(error, "errno", None) in FULL) and any(
-        tuple(words[: len(verb)]) == verb for verb in RESUMABLE
-    ):
+    resumes = any(tuple(words[: len(verb)]) == verb for verb in RESUMABLE)
+    if what := lacking(error):
+        return (with_command(f"{what}; {RESUMES}", words), Exit.INTERRUPTED) if resumes else (what, Exit.BAD_INPUT)
+    if not isinstance(error, OSError) or error.errno is None:
+        return None
+    what = str(error.strerror or error)
+    if error.filename:
+        what = f"{error.filename}: {what}"
+    elif error.errno in FULL:  # writing to what is open already does not name it
+        what = f"output cannot be written: {what}"
+    line = " ".join(what.split())
+    if error.errno in FULL and resumes:
         return with_command(f"{line}; {RESUMES}", words), Exit.INTERRUPTED
     return line, Exit.BAD_INPUT
 

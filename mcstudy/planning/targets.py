@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.errors import InputError
+from mcstudy.identification.expressions import shortened
 from mcstudy.identification.quantities import Quantity, expression
 from mcstudy.planning.multilevel import MEASURES, Measure, of_one_realization
 from mcstudy.stance.feedback import Model
@@ -79,50 +80,50 @@ def parse_targets(model: Model, texts: Sequence[str]) -> tuple[Target, ...]:
     for target in targets:
         key = re.sub(r"\s", "", target.name)
         if key in seen:
-            raise InputError(
-                f"target {target.text!r}: contradicts or repeats {seen[key]!r}; expected each measure once"
-            )
+            first, second = shortened(seen[key]), shortened(target.text)
+            raise InputError(f"target {second!r}: contradicts or repeats {first!r}; expected each measure once")
         seen[key] = target.text
     return targets
 
 
 def _target(model: Model, text: str) -> Target:
+    if not isinstance(text, str):
+        raise InputError(f"target {text!r}: expected text, {EXAMPLE}")
     text = " ".join(text.split())
+    said = f"target {shortened(text)!r}"
     match = FORM.fullmatch(text)
     if match is None:
-        raise InputError(f"target {text!r}: expected MEASURE(QUANTITY) <= VALUE with a unit, {EXAMPLE}")
+        raise InputError(f"{said}: expected MEASURE(QUANTITY) <= VALUE with a unit, {EXAMPLE}")
     mcse, name, of = bool(match["mcse"]), match["measure"], match["of"]
     if mcse:
         of, closed, rest = of.rpartition(")")
         if not closed or rest.strip():
-            raise InputError(
-                f"target {text!r}: expected mcse(MEASURE(QUANTITY)) <= VALUE, such as 'mcse(cv(Td1)) <= 1%'"
-            )
+            raise InputError(f"{said}: expected mcse(MEASURE(QUANTITY)) <= VALUE, such as 'mcse(cv(Td1)) <= 1%'")
     if name not in MEASURES:
         known = ", ".join(MEASURES)
-        raise InputError(f"target {text!r}: expected one of {known}, or mcse of one of them, got {name!r}")
+        raise InputError(f"{said}: expected one of {known}, or mcse of one of them, got {name!r}")
     try:
         quantity = expression(model, of.strip())
     except InputError as error:
-        raise InputError(f"target {text!r}: {error}") from None
+        raise InputError(f"{said}: {error}") from None
     truth = quantity.value(model.truth)
     if not np.isfinite(truth):
-        raise InputError(f"target {text!r}: expected a quantity that is defined at the true values, got {truth}")
+        raise InputError(f"{said}: expected a quantity that is defined at the true values, got {truth}")
     measure = of_one_realization(MEASURES[name]) if mcse else MEASURES[name]
-    limit, percent = _limit(text, match["value"], match["unit"].strip(), measure, quantity)
+    limit, percent = _limit(said, match["value"], match["unit"].strip(), measure, quantity)
     if percent and not measure.relative and truth == 0:
-        raise InputError(f"target {text!r}: expected a value in {quantity.unit or 'the unit'}, because the truth is 0")
+        raise InputError(f"{said}: expected a value in {quantity.unit or 'the unit'}, because the truth is 0")
     return Target(text, measure, quantity, mcse, limit, percent, truth, model.truth)
 
 
-def _limit(text: str, value: str, unit: str, measure: Measure, quantity: Quantity) -> tuple[float, bool]:
+def _limit(said: str, value: str, unit: str, measure: Measure, quantity: Quantity) -> tuple[float, bool]:
     known = "%" if measure.relative or not quantity.unit else f"% or {quantity.unit}"
     try:
         limit = float(value)
     except ValueError:
-        raise InputError(f"target {text!r}: expected a number in {known}, got {value!r}") from None
+        raise InputError(f"{said}: expected a number in {known}, got {value!r}") from None
     if not 0 < limit < float("inf"):
-        raise InputError(f"target {text!r}: expected a value above 0 in {known}, got {value}")
+        raise InputError(f"{said}: expected a value above 0 in {known}, got {value}")
     if unit not in known.split(" or "):
-        raise InputError(f"target {text!r}: expected a value in {known}, got {unit or 'no unit'}")
+        raise InputError(f"{said}: expected a value in {known}, got {unit or 'no unit'}")
     return limit, unit == "%"

@@ -22,7 +22,7 @@ from mcstudy.stimulus_design.result import DOCUMENT, StimulusDesign
 from mcstudy.stimulus_design.spectrum import designed
 from mcstudy.stimulus_design.verify import verification_of
 from mcstudy.study.repair import refuse_part
-from mcstudy.study.run import run_study
+from mcstudy.study.run import held, run_study
 
 CUBE = "verification.zarr"
 
@@ -38,6 +38,7 @@ def design_stimulus(
     ------
     DesignError: the limits allow no stimulus.
     StoreError: the folder holds other files.
+    StudyChangedError: the folder holds the verification of another design.
     Interrupted: the verification was stopped; the same call resumes.
     """
     if out is not None:
@@ -47,12 +48,15 @@ def design_stimulus(
         found = designed(file)
     if out is None:
         return StimulusDesign.of(found)
-    if not verify or file.verify.realizations == 0:
+    study = verification_of(found) if file.verify.realizations else None
+    if study is not None:
+        held(out / CUBE, study)  # refused before anything is written
+    if not verify or study is None:
         design = StimulusDesign.of(found)
         design.write(out)
         return design
     StimulusDesign.of(found).write(out)  # there while the study runs, and if it is stopped
-    run_study(verification_of(found), out / CUBE, options)
+    run_study(study, out / CUBE, options)
     design = StimulusDesign.of(found, open_results(out / CUBE, lazy=None))
     design.write(out)
     return design

@@ -155,14 +155,16 @@ def spread(cells: list[xr.Dataset], cost: str) -> Spread:
 def compared(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Ratios (P,) of the standard deviations of two paired samples ``x`` (2, R, P), their errors, the geometric mean.
 
-    Standard errors are those of the jackknife over realizations, of the logarithms; both samples share the noise.
+    Standard errors are those of the jackknife over realizations, of the logarithms; both samples share the noise. They
+    are NaN where all but one estimate are equal (on a bound), ratios where all are.
     """
     n = x.shape[1]
     centred = x - x.mean(axis=1, keepdims=True)
     total = (centred**2).sum(axis=1, keepdims=True)
     without = total - centred**2 * n / (n - 1)  # sum of squares about the mean, one realization left out
-    left = 0.5 * np.log(without[0] / without[1])  # (R, P)
-    whole = 0.5 * np.log(total[0, 0] / total[1, 0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = 0.5 * np.log(without[0] / without[1])  # (R, P)
+        whole = 0.5 * np.log(total[0, 0] / total[1, 0])
 
     def error(values: np.ndarray) -> np.ndarray:
         return np.asarray(np.sqrt((n - 1) / n * ((values - values.mean(axis=0)) ** 2).sum(axis=0)))

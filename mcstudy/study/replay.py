@@ -1,5 +1,7 @@
 """Repeat one stored fit, iteration by iteration, and compare the result with the stored one bit for bit.
 
+Where the fit was computed in another environment, which rounds otherwise, it is compared within a tolerance.
+
 The path comes from the solver itself: the fit is run with an iteration limit of 1, 2, 3 ..., and each run ends at the
 next point of the path.
 """
@@ -17,6 +19,8 @@ from mcstudy.fitting.problem import Problem
 from mcstudy.fitting.solvers import fit
 from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import Model
+from mcstudy.study.elsewhere import TOLERANCE, Compared, apart, compared
+from mcstudy.study.environment import environment
 from mcstudy.study.layout import Chunk
 from mcstudy.study.settled import settled
 from mcstudy.study.store import Cube, GroupStore
@@ -43,6 +47,8 @@ class Replay:
     path: the start (iteration 0) and every iteration.
     status: status of the repeated fit; stored_status: status of the stored fit.
     differ: names of arrays whose recomputed values differ from the stored ones in any bit.
+    environment: in what the environment in which the stored fit was computed differs from this one.
+    elsewhere: how far apart the two are, where they differ and the environments do.
     """
 
     model: Model
@@ -50,6 +56,13 @@ class Replay:
     status: Status
     stored_status: Status
     differ: tuple[str, ...]
+    environment: tuple[str, ...] = ()
+    elsewhere: Compared | None = None
+
+    @property
+    def reproduced(self) -> bool:
+        """Whether both are equal, or differ by no more than rounding in another environment explains."""
+        return not self.differ or (self.elsewhere is not None and self.elsewhere.within)
 
 
 @dataclass(frozen=True)
@@ -81,7 +94,8 @@ def replay(
 def _replay(
     out: str | Path, group: str | None, amplitude: float | None, fmax: float | None, realization: int, start: int
 ) -> Replay:
-    at = _place(Cube.open(out), group, amplitude, fmax, realization, start)
+    cube = Cube.open(out)
+    at = _place(cube, group, amplitude, fmax, realization, start)
     store, chunk = at.store, at.chunk
     stored = {name: store.read(name, chunk) for name in store.layout.results}
     cell = (0, at.fmax, at.row, at.start)
@@ -94,13 +108,16 @@ def _replay(
     chosen[cell] = True
     repeated = again(store, chunk, stored, chosen)
     differ = tuple(n for n in store.layout.results if stored[n].tobytes() != repeated[n].tobytes())
+    others, elsewhere = tuple(apart(cube, store, chunk, environment())), None
+    if differ and others:
+        elsewhere = compared(store, chunk, at.row, (stored, repeated), chosen, TOLERANCE)
     experiment = store.experiment
     data = experiment.measure(experiment.group.amplitude[chunk.amplitude], realization)
     problem = experiment.problem(data, experiment.group.fmax[at.fmax])
     theta = experiment.starts([problem], [realization])[0, at.start]
     status = Status(int(repeated["status"][cell]))
     path = _path(problem, theta, int(repeated["iterations"][cell]), store) if status.usable else ()
-    return Replay(experiment.model, path, status, before, differ)
+    return Replay(experiment.model, path, status, before, differ, others, elsewhere)
 
 
 def _path(problem: Problem, theta: np.ndarray, iterations: int, store: GroupStore) -> tuple[Point, ...]:

@@ -99,13 +99,13 @@ def reported(path: Path, fingerprint: str, checksums: bool = False) -> set[tuple
             begun = event.get("fingerprint")  # older programs named the study here alone
         ours = event.get("fingerprint", begun) == fingerprint  # an extended study has other chunks
         if event.get("event") == "block" and ours and event.get("complete") is True:
-            with contextlib.suppress(KeyError, TypeError, ValueError):
+            with contextlib.suppress(KeyError, TypeError, ValueError, OverflowError):
                 if not checksums or event.get("checksums") is True:
                     chunks |= {(str(event["group"]), int(a), int(b)) for a, b in event["chunks"]}
         elif event.get("event") == "present" and ours:
-            with contextlib.suppress(KeyError, TypeError, ValueError):
+            with contextlib.suppress(KeyError, TypeError, ValueError, OverflowError):
                 chunks |= {(str(g), int(a), int(b)) for g, a, b in event["chunks"]}
         elif event.get("event") == "taken_back" and ours:
-            with contextlib.suppress(KeyError, TypeError, ValueError):
+            with contextlib.suppress(KeyError, TypeError, ValueError, OverflowError):
                 chunks -= {(str(g), int(a), int(b)) for g, a, b in event["chunks"]}
     return chunks

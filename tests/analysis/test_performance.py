@@ -192,6 +192,7 @@ def test_a_file_gives_the_same_numbers_in_python_and_on_the_command_line(
         (HEADER + b"K,0,0x10,1\n", "line 2: estimate: expected a number, got '0x10'"),
         (HEADER + b"K,0,1_0,1\n", "line 2: estimate: expected a number, got '1_0'"),
         (HEADER + b"K,0,1e999,1\n", "estimate: expected finite numbers or NaN, got infinity"),
+        (HEADER + b"K,0,-1e200,1\n", "estimate: expected numbers up to 1e+100, whose squares are numbers, got 1e+200"),
         (
             HEADER.replace(b",", b";") + b"K;0;2,5;1\nK;1;2.5;1\n",
             "line 2: estimate: expected a number, got '2,5'; write all numbers with decimal points",
@@ -320,3 +321,19 @@ def test_a_table_is_read_as_every_delimited_text_is(tmp_path: Path) -> None:
     ):
         (tmp_path / "table.csv").write_bytes(content)
         xr.testing.assert_identical(mc.performance(tmp_path / "table.csv"), expected)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.full((3, 1), np.inf), "estimate: expected finite numbers or NaN, got infinity"),
+        (np.full((3, 1), -1e200), "estimate: expected numbers up to 1e\\+100"),
+        (np.full((3, 1), "x"), "estimate: expected numbers, got values of type <U1"),
+        (np.full((3, 1), 1j), "estimate: expected numbers, got values of type complex128"),
+        (np.empty((0, 1)), "estimate: expected at least one value, got none"),
+    ],
+)
+def test_a_dataset_is_checked_as_a_table_is(values: np.ndarray, message: str) -> None:
+    data = xr.Dataset({"estimate": (("realization", "parameter"), values), "truth": ("parameter", [1.0])})
+    with pytest.raises(InputError, match=message):
+        mc.performance(data)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import ast
+import errno
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import mcstudy.cli
+import mcstudy.cli.run
+import mcstudy.cli.show
 from mcstudy.exits import Exit, exit_codes
 
 ROOT = Path(__file__).parents[2]
@@ -37,3 +42,38 @@ def test_the_documented_codes_keep_their_meaning() -> None:
     documented = {"DONE": 0, "BAD_INPUT": 2, "INTERRUPTED": 3, "FITS_FAILED": 4, "MISSED": 5, "UNREACHABLE": 8}
     assert {name: Exit[name].value for name in documented} == documented
     assert len(Exit) == len({code.sentence for code in Exit}) == 9
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError("Unable to allocate 3 GiB"), "expected more memory"),
+        (RuntimeError("can't start new thread"), "expected to start another thread"),
+        (OSError("cannot load liba.so"), "expected more memory"),
+        (OSError(errno.ENOSPC, "No space left on device"), "output cannot be written: No space left on device"),
+    ],
+)
+def test_a_limit_of_the_machine_is_one_line(
+    error: Exception, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if str(error).startswith("cannot load"):
+        error.__cause__ = ImportError("liba.so: failed to map segment from shared object")
+
+    def fails(*_: object) -> None:
+        raise error
+
+    for verb, code in (("show", Exit.BAD_INPUT), ("run", Exit.INTERRUPTED)):
+        monkeypatch.setattr(f"mcstudy.cli.{verb}.main", fails)
+        assert mcstudy.cli.main([verb, "x", "-o", "y"] if verb == "run" else [verb, "x"]) == code
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"mcstudy: {said}")
+        assert line.endswith("mcstudy run x -o y") == (verb == "run")
+
+
+def test_a_fault_of_the_program_is_not_taken_for_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise OSError("cannot load liba.so")
+
+    monkeypatch.setattr("mcstudy.cli.show.main", fails)
+    with pytest.raises(OSError, match="cannot load"):
+        mcstudy.cli.main(["show", "x"])

@@ -211,6 +211,25 @@ def test_odd_names_are_paths(given: str, path: str) -> None:
     assert local_path(given) == Path(path)
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        (" s3://bucket/q", "s3:// is not supported"),
+        (b"s3://bucket/q", "s3:// is not supported"),
+        (Path("s3a://bucket/q"), "s3a:// is not supported"),
+        (Path(" gs://bucket/q"), "gs:// is not supported"),
+        (Path("file:///tmp/q"), "file:// as text only"),
+        ("file:///tmp/%00", "without null characters"),
+        ("a\0b", "without null characters"),
+    ],
+)
+def test_what_no_file_can_be_called_is_refused(here: Path, given: str | bytes | Path, expected: str) -> None:
+    before = state(here)
+    with pytest.raises(InputError, match=expected):
+        mc.run("s.toml", given)  # type: ignore[arg-type]
+    assert state(here) == before
+
+
 def test_a_run_into_a_folder_with_a_colon_and_one_named_by_a_file_address(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -164,6 +164,8 @@ def test_an_easy_target_is_met_by_the_smallest_design() -> None:
         (["mad(K11) <= 1%"], "target 'mad(K11) <= 1%': expected one of cv, sd, bias, rmse"),
         (["cv(Td1) <= 10%", "cv(Td1) <= 5%"], "target 'cv(Td1) <= 5%': contradicts or repeats 'cv(Td1) <= 10%'"),
         (["mcse(cv(Td1) <= 1%"], "target 'mcse(cv(Td1) <= 1%': expected mcse(MEASURE(QUANTITY))"),
+        ([None], "target None: expected text, such as 'cv(Td1) <= 10%'"),
+        ([f"cv({'+'.join(['K11'] * 3000)}) <= 1%"], f"target 'cv({'+'.join(['K11'] * 14)}+…': quantity"),
     ],
 )
 def test_a_mistake_in_a_target_is_one_line(targets: list[str], words: str) -> None:
@@ -171,6 +173,7 @@ def test_a_mistake_in_a_target_is_one_line(targets: list[str], words: str) -> No
         parse_targets(two_segment(), targets)
     assert str(error.value).startswith(words)
     assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 250
 
 
 @pytest.mark.parametrize(

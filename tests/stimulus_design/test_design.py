@@ -28,6 +28,7 @@ from mcstudy.stimulus_design.spectrum import predicted, size_of
 from mcstudy.stimulus_design.verify import bodies_of, compared
 from mcstudy.streams import stream
 from mcstudy.study.study_file import read_study
+from mcstudy.text_tables import with_error
 
 SMALL: dict[str, Any] = {
     "design": {"name": "small", "seed": 3, "phase_starts": 2, "detection": 0.25, "waveform_rate_hz": 100.0},
@@ -164,12 +165,37 @@ def test_the_files_hold_one_design(written: tuple[Path, str]) -> None:
     assert figure.count("<rect") == 1 + 2 * len(result["parameters"])
 
 
+@pytest.mark.parametrize("verified", [True, False])
+def test_another_design_is_refused_before_it_replaces_a_verified_one(
+    written: tuple[Path, str], verified: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = written
+    other = folder.parent / "other.toml"
+    text = (folder.parent / "small.toml").read_text(encoding="utf-8")
+    other.write_text(text.replace("seed = 3", "seed = 4"), encoding="utf-8")
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert main(["design", str(other), "-o", str(folder), *([] if verified else ["--no-verify"])]) == Exit.BAD_INPUT
+    assert "was made with another study file" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
 def test_bounded_fits_find_the_design_better_and_near_its_prediction(written: tuple[Path, str]) -> None:
     result = json.loads((written[0] / "design.json").read_text(encoding="utf-8"))
     ml = result["verification"][0]
     assert ml["mean_ratio"] - 2 * ml["mean_ratio_error"] > 1.0
     promised, got = (np.array(v["design"]) for v in (result["predicted_cv_with_bounds"], ml["cv"]))
     assert 0.7 < np.exp(np.log(got / promised).mean()) < 1.4
+
+
+def test_a_parameter_whose_fits_but_one_lie_on_a_bound_has_a_ratio_without_an_error() -> None:
+    x = np.random.default_rng(1).standard_normal((2, 4, 2))
+    x[:, :, 1] = [0.0, 0.0, 0.0, 2.0]
+    ratio, error, mean, mean_error = compared(x)
+    assert ratio[1] == 1.0
+    assert np.isfinite(error[0])
+    assert np.isnan([error[1], mean_error]).all()
+    assert "±" not in with_error(mean, mean_error)
+    assert with_error(float("nan"), 1.0) == "-"
 
 
 def test_the_ratio_and_its_error_are_those_of_known_spreads() -> None:

@@ -185,3 +185,20 @@ def test_a_checksum_file_of_the_cube_s_own_environment_is_as_it_was() -> None:
         assert noted(content, "f" * 64, tuple(files)) == files
     with pytest.raises(ValueError, match=r"^$"):
         noted(named.replace(b"environments b", b"environments c"), "f" * 64, tuple(files))
+
+
+def test_a_fit_from_elsewhere_is_replayed_within_rounding(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cell = ["--group", "noisy", "--realization", "3", "--start", "2", "--fmax", "1.2", "--amplitude", "5"]
+    assert main(["replay", str(copy), *cell]) == Exit.DONE
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "differs from the stored fit (frf" in printed
+    assert "computed in another environment, and differs as rounding explains: data differ by at most 1" in printed
+    assert f"environment: libc: another 1.0 -> {environment.environment()['libc']}" in printed
+    cube = Cube.open(copy)
+    group = cube.groups["noisy"]
+    for chunk in group.layout.chunks:
+        data = {name: group.read(name, chunk) for name in group.layout.results}
+        group.write(chunk, data | {"cost": data["cost"] * (1 + 1e-3)})
+    assert main(["replay", str(copy), *cell]) == Exit.DIFFERS
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "and differs by more than rounding explains" in printed

@@ -79,6 +79,17 @@ def test_what_an_older_program_wrote_behind_half_a_line_is_read(tmp_path: Path) 
     assert runlog.unreadable(out) == 1
 
 
+@pytest.mark.parametrize("event", ["block", "present", "taken_back"])
+@pytest.mark.parametrize("chunk", [[1e999, 0], ["noisy", 1e999, 0], [float("nan"), 0], ["noisy", {}, 0], [], 5, None])
+def test_a_line_with_chunks_that_no_cube_has_reports_nothing(tmp_path: Path, event: str, chunk: object) -> None:
+    out = tmp_path / "out.zarr"
+    log = RunLog(out, "one", "f")
+    runlog.file(out).parent.mkdir()
+    log.add("block", complete=True, group="noisy", chunks=[[0, 1]])
+    log.add(event, complete=True, group="noisy", chunks=[chunk])
+    assert runlog.reported(out, "f") == {("noisy", 0, 1)}
+
+
 def test_every_line_is_on_disk_when_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log_folder(tmp_path / "out.zarr").mkdir()
     synced: list[bytes] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mcstudy.gap.planned.next_trial import NOTE, NextTrial, described
+from mcstudy.gap.planned.next_trial import NOTE, NextTrial, described, expected
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.document import document
 from mcstudy.report.figure import figure
@@ -34,7 +34,11 @@ def _introduction(found: NextTrial) -> str:
     entries = [
         ("Open before", f"{number(best.told.entropy, 2)} bits", "entropy over the causes."),
         ("Expected information", f"{number(best.told.bits, 2)} bits", "of the recommended trial."),
-        ("Expected P(true)", f"{best.told.probability:.2f}", "after the recommended trial."),
+        (
+            "Expected P(true)",
+            expected(best.told.probability_low, best.told.probability),
+            "after the recommended trial.",
+        ),
         ("Effects with a twin", f"{found.before.count} → {found.after.count}", "before and with it."),
     ]
     recommended = escape(with_units(described(best.plan)))

@@ -52,9 +52,9 @@ def case(k: int, cases: int, fmax: float) -> dict[str, Any]:
     try:
         theta, cause, ankle = drawn(given, k)
         rng = stream(k, "joint power")
-        out: dict[str, Any] = {"case": k, "cause": getattr(cause, "effect", None)}
+        out: dict[str, Any] = {"case": k, "cause": cause[0].effect if cause else None}
         for name, plan in plans(ankle).items():
-            out[name] = Answer.of(recorded(plan, theta, rng, cause), fmax).outcome(cause)
+            out[name] = Answer.of(recorded(plan, theta, rng, cause), fmax, True).outcome(cause)
     except (FallsError, RecordingError) as error:
         return {"case": k, "left_out": str(error)}
     return out

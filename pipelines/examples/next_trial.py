@@ -25,8 +25,9 @@ import argparse
 import json
 import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.detection import LEVEL
-from mcstudy.gap.questions.posterior import Explanation, explain
+from mcstudy.gap.questions.posterior import Explanation, explain, prior
 from mcstudy.gap.settling import OVER
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import JointRecording
@@ -60,10 +61,11 @@ from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.stability import rightmost_root
 from mcstudy.streams import stream
 
-Cause = Signature | OutOfLibraryEffect | None
-"""An effect of the library at one size, a cause outside it, or nothing."""
+Cause = tuple[Signature, ...] | OutOfLibraryEffect
+"""One or two effects of the library at one size each, nothing (none of them), or a cause outside the library."""
 
-KINDS = ("effect", "sound", "outsider")
+KINDS = {"effect": "cases", "sound": "sound", "outsider": "outsiders", "pair": "pairs"}
+"""Kinds of cases, and the name of their number in the file."""
 
 OUTSIDERS = ("split_delay", "washout", "leg_wobble", "lumbar_relaxation", "sensor_crosstalk", "wandering_clock")
 """Causes outside the library that do not need an iteration of the simulator, at their largest size."""
@@ -108,25 +110,48 @@ def drawn(given: dict[str, Any], k: int) -> tuple[np.ndarray, Cause, PlannedTria
         PlannedTrial("ankle_torque", given["amplitude"], "prts", given["trials"], given["cycles"], 1, given["fmax"]),
     )
     theta = model.truth * rng.uniform(1 - given["spread"], 1 + given["spread"], model.truth.size)
-    if (kind := kind_of(given, k)) != "effect":
-        return theta, None if kind == "sound" else outsider(k), first
+    if (kind := kind_of(given, k)) in ("sound", "outsider"):
+        return theta, () if kind == "sound" else outsider(given, k, rng), first
+    causes = tuple(_signature(given, k, theta, first, rng) for _ in range(2 if kind == "pair" else 1))
+    names = [s.effect for s in causes]
+    if len(names) == 2 and same_cause(names[0]) & same_cause(names[1]):
+        raise FallsError(f"case {k}: two forms of one cause")
+    root = rightmost_root(*body_with_effects(model, theta, names, _sizes(causes))).root
+    if root.imag and np.exp(root.real * PERIOD_S) > OVER:
+        raise FallsError(f"case {k}: with {', '.join(names)} the start of a recording rings for longer than a cycle")
+    return theta, causes, first
+
+
+def _signature(
+    given: dict[str, Any], k: int, theta: np.ndarray, first: PlannedTrial, rng: np.random.Generator
+) -> Signature:
+    """An effect of the library, as visible in the first trial as the file says: one delta, or uniform in a range."""
+    model = two_segment()
     seconds = first.duration_s * (first.cycles - 1) / first.cycles
     C = expected_line_covariance(model, theta, SensorNoise(), first.f, first.drive, seconds)
     e = applicable(opened(model))[int(rng.integers(len(applicable(opened(model)))))]
     found = signatures(*at_own_responses(opened(model), theta, first.f, C), [e])
-    own = [s for s in found if abs(s.delta / given["delta"] - 1) < 0.25]
-    if not own:
-        raise FallsError(f"case {k}: {e.name} cannot be so visible")
-    cause = own[int(rng.integers(len(own)))]
-    root = rightmost_root(*body_with_effects(model, theta, (cause.effect,), cause.sizes)).root
-    if root.imag and np.exp(root.real * PERIOD_S) > OVER:
-        raise FallsError(f"case {k}: with {e.name} the start of a recording rings for longer than a cycle")
-    return theta, cause, first
+    if not isinstance(given["delta"], list):
+        own = [s for s in found if abs(s.delta / given["delta"] - 1) < 0.25]
+        if not own:
+            raise FallsError(f"case {k}: {e.name} cannot be so visible")
+        return own[int(rng.integers(len(own)))]
+    delta = rng.uniform(*given["delta"])
+    s = found[int(np.argmin([abs(np.log(max(s.delta, 1e-9) / delta)) for s in found]))]
+    null = e.size.null or 0.0
+    size = float(np.clip(null + (s.sizes[e.size.name] - null) * delta / s.delta, e.size.lower, e.size.upper))
+    return replace(s, sizes=s.sizes | {e.size.name: size})
 
 
-def outsider(k: int) -> OutOfLibraryEffect:
-    """The cause outside the library of the ``k``-th case of that kind."""
-    return OUT_OF_LIBRARY[OUTSIDERS[k % len(OUTSIDERS)]]
+def _sizes(causes: Sequence[Signature]) -> dict[str, float]:
+    """The sizes of all effects together."""
+    return {name: size for s in causes for name, size in s.sizes.items()}
+
+
+def outsider(given: dict[str, Any], k: int, rng: np.random.Generator) -> OutOfLibraryEffect:
+    """The cause outside the library of the ``k``-th case: of its largest size, or uniform where delta is a range."""
+    cause = OUT_OF_LIBRARY[OUTSIDERS[k % len(OUTSIDERS)]]
+    return replace(cause, size=(cause.size[0], rng.uniform(*cause.size))) if isinstance(given["delta"], list) else cause
 
 
 def recorded(plan: Plan, theta: np.ndarray, rng: np.random.Generator, cause: Cause) -> list[Recording]:
@@ -139,8 +164,7 @@ def _recorded(trial: PlannedTrial, theta: np.ndarray, rng: np.random.Generator, 
     if isinstance(cause, OutOfLibraryEffect):
         protocol = Protocol(trial.kind, trial.waveform, (trial.amplitude,) * trial.trials, trial.cycles)
         return simulate_out_of_library(cause.name, cause.size[1], protocol, theta, rng)
-    effects, sizes = ((), {}) if cause is None else ((cause.effect,), cause.sizes)
-    return steady(trial, theta, rng, effects, sizes)
+    return steady(trial, theta, rng, [s.effect for s in cause], _sizes(cause))
 
 
 @dataclass(frozen=True)
@@ -164,23 +188,25 @@ class Answer:
     def situation(self, fmax: float) -> Situation:
         """What is known before the next trial."""
         e = self.explanation
-        return Situation.after(self.recording, self.lines, self.test.base, e.hypotheses, e.unknown, fmax)
+        return Situation.after(self.recording, self.lines, self.test.base, e.hypotheses, e.unknown, fmax, prior())
 
     def outcome(self, cause: Cause) -> dict[str, Any]:
         """What is scored."""
-        true = same_cause(cause.effect) if isinstance(cause, Signature) else set()
+        effects = [s.effect for s in cause] if isinstance(cause, tuple) else []
+        true = {frozenset(LIBRARY[n].cause for n in each) for each in product(*map(same_cause, effects)) if each}
+        some = set().union(*map(same_cause, effects))
         causes = {"unknown": self.explanation.unknown}
         for h, q in self.explanation.hypotheses:
-            mine = bool(h.effects) and set(h.effects) <= true
-            key = "true" if mine else " and ".join(sorted(LIBRARY[n].cause for n in h.effects)) or "nothing"
+            named = sorted(LIBRARY[n].cause for n in h.effects)
+            key = "true" if frozenset(named) in true else " and ".join(named) or "nothing"
             causes[key] = causes.get(key, 0.0) + float(q)
-        right = "true" if true else "nothing" if cause is None else "unknown"
+        right = "true" if true else "nothing" if cause == () else "unknown"
         ordered = sorted(causes, key=lambda c: -causes[c])
         size = 1 + int((np.cumsum([causes[c] for c in ordered]) < CREDIBLE).sum())
-        tested = {"detected": self.test.p_value < LEVEL} if cause is None else {}
-        return tested | {
+        return {
+            "detected": self.test.p_value < LEVEL,
             "p": causes.get(right, 0.0),
-            "pairs": sum(q for h, q in self.explanation.hypotheses if len(h.effects) == 2 and set(h.effects) & true),
+            "pairs": sum(q for h, q in self.explanation.hypotheses if len(h.effects) == 2 and set(h.effects) & some),
             "unknown": causes["unknown"],
             "set": size,
             "held": right in ordered[:size],
@@ -195,23 +221,25 @@ def case(given: dict[str, Any], k: int, compared: bool) -> dict[str, Any]:
         theta, cause, first = drawn(given, k)
         rng = stream(given["seed"] + k, "next trial noise")
         before = recorded((first,), theta, rng, cause)
-        now = Answer.of(before, fmax, cause is None)
+        now = Answer.of(before, fmax, cause == ())
         options = possible_trials(now.situation(fmax), trials=(given["trials"],), cycles=given["cycles"])
         order = ranked(now.situation(fmax), options)
         others = [p for p in options if len(p) == 1 and p != (first,)]
         random = others[int(rng.integers(len(others)))]
-        known = getattr(cause, "effect", getattr(cause, "name", None))
+        known = cause.name if isinstance(cause, OutOfLibraryEffect) else " and ".join(s.effect for s in cause) or None
         out: dict[str, Any] = {"case": k, "kind": kind_of(given, k), "cause": known, "first": now.outcome(cause)}
         out["plans"] = {n: [asdict(t) for t in plan] for n, plan in (("chosen", order[0].plan), ("other", random))}
         out["expected"] = {described(o.plan): round(o.told.bits, 3) for o in order}
         out["expected_p"] = order[0].told.probability
+        out["expected_if_missing"] = order[0].told.probability_if_missing
+        out["low_p"], out["low_if_missing"] = order[0].told.probability_low, order[0].told.probability_if_missing_low
         after = {"chosen": recorded(order[0].plan, theta, rng, cause)}
         if compared:
-            if isinstance(cause, Signature):
+            if kind_of(given, k) == "effect":
                 after["other"] = recorded(random, theta, rng, cause)
             after |= _again(first, theta, rng, cause)
         for n, further in after.items():
-            out[n] = Answer.of([*before, *further], fmax, cause is None).outcome(cause)
+            out[n] = Answer.of([*before, *further], fmax, cause == ()).outcome(cause)
     except (FallsError, InputError, RecordingError) as error:
         return {"case": k, "kind": kind_of(given, k), "left_out": str(error)}
     return out
@@ -221,20 +249,20 @@ def _again(
     first: PlannedTrial, theta: np.ndarray, rng: np.random.Generator, cause: Cause
 ) -> dict[str, list[Recording]]:
     """The first trials again: as many, and of a body with an effect also three times as many of them."""
-    times = AGAIN if isinstance(cause, Signature) else {"same": AGAIN["same"]}
+    times = AGAIN if isinstance(cause, tuple) and cause else {"same": AGAIN["same"]}
     most = _recorded(replace(first, trials=max(times.values()) * first.trials), theta, rng, cause)
     return {name: [most.select(tuple(range(n * first.trials)))] for name, n in times.items()}
 
 
 def kind_of(given: dict[str, Any], k: int) -> str:
-    """Whether case ``k`` has an effect of the library, nothing, or a cause outside the library."""
-    ends = np.cumsum([given["cases"], given["sound"], given["outsiders"]])
-    return KINDS[int(np.searchsorted(ends, k, side="right"))]
+    """Whether case ``k`` has an effect of the library, nothing, a cause outside the library, or two effects."""
+    ends = np.cumsum([given.get(number, 0) for number in KINDS.values()])
+    return list(KINDS)[int(np.searchsorted(ends, k, side="right"))]
 
 
 def in_turn(given: dict[str, Any]) -> list[int]:
     """Numbers of all cases, the kinds mixed, so that a stopped run has its share of each."""
-    number = [given["cases"], given["sound"], given["outsiders"]]
+    number = [given.get(number, 0) for number in KINDS.values()]
     place = [(k + 0.5) / n for n in number for k in range(n)]
     return sorted(range(len(place)), key=lambda k: (place[k], k))
 
@@ -294,7 +322,7 @@ def loss(outcome: dict[str, Any]) -> float:
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """The tables of all cases."""
     made = [r for r in rows if "first" in r]
-    effect, sound, outside = ([r for r in made if r["kind"] == kind] for kind in KINDS)
+    effect, sound, outside, _ = ([r for r in made if r["kind"] == kind] for kind in KINDS)
     lines = [
         f"{len(effect)} cases with an effect, {len(sound)} without, {len(outside)} with a cause outside the library, "
         f"{len(rows) - len(made)} left out; means with 95 % bootstrap intervals"
@@ -328,7 +356,45 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                 f"outside the library after {name}: P(unknown) {mean(of)}, "
                 f"above one half in {share(sum(p > 0.5 for p in of), len(of))}"
             )
-    return "\n".join(lines)
+    return "\n".join(lines + promises(made))
+
+
+def promises(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Expected and found probability of the true cause after the chosen trials, kinds with the shares of the prior.
+
+    Then the shortfall that `mcstudy.gap.planned.gain.SHORT` states, fitted to these cases (least squares).
+    """
+    rows, share = [r for r in rows if "low_p" in r], prior()
+    weight = {"effect": share["single"], "sound": share["none"], "pair": share["pair"]}
+    weight["outsider"] = share["unknown"] + share["beside"]
+    kinds = [r["kind"] for r in rows]
+    lines = []
+    every = [weight[k] / kinds.count(k) for k in kinds]
+    some = {
+        "all": ("expected_p", "low_p", lambda r: True),
+        "no gap detected": ("expected_p", "low_p", lambda r: not r["first"]["detected"]),
+        "something missing": ("expected_if_missing", "low_if_missing", lambda r: r["kind"] != "sound"),
+    }
+    for name, (high, low, belongs) in some.items():
+        these = [(r, w) for r, w in zip(rows, every, strict=True) if belongs(r)]
+        if len(these) < 2:
+            continue
+        w = np.array([x for _, x in these]) / sum(x for _, x in these)
+        upper, lower, p = (np.array([get(r) for r, _ in these]) for get in _numbers(high, low))
+        n = np.array([r["first"]["causes"].get("nothing", 0.0) for r, _ in these])
+        X = np.sqrt(w)[:, None] * np.stack([upper * (1 - n), upper * n], axis=1)
+        short = np.linalg.lstsq(X, np.sqrt(w) * (upper - p), rcond=None)[0]
+        off, se = w @ (p - lower), np.sqrt(w**2 @ (p - lower - w @ (p - lower)) ** 2)
+        lines.append(
+            f"{name}, {len(these)} cases: expected {w @ lower:.2f} to {w @ upper:.2f}, found {w @ p:.2f}, found minus "
+            f"lower end {off:+.2f} +- {se:.2f}; short by {short[0]:.2f} (something missing), {short[1]:.2f} (nothing)"
+        )
+    return lines
+
+
+def _numbers(high: str, low: str) -> tuple[Callable[[dict[str, Any]], float], ...]:
+    """What is compared of a case: both ends of what was expected, and what was found."""
+    return (lambda r: r[high]), (lambda r: r[low]), (lambda r: r["chosen"]["p"])
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -336,9 +402,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("file", type=Path)
     parser.add_argument("-o", "--out", type=Path, required=True)
+    parser.add_argument("--seed", type=int, help="instead of that of the file: other cases")
     parser.add_argument("--seconds", type=float, default=np.inf, help="start no further case after so much CPU time")
     args = parser.parse_args(arguments)
     given = tomllib.loads(args.file.read_text(encoding="utf-8"))
+    given |= {} if args.seed is None else {"seed": args.seed}
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
     rows = [json.loads(x) for x in kept.read_text(encoding="utf-8").splitlines()] if kept.exists() else []

@@ -235,8 +235,9 @@ def smooth(columns: np.ndarray, variance: float, y: np.ndarray) -> np.ndarray:
 
 def bounds(given: dict[str, Any], row: dict[str, Any]) -> dict[str, tuple[Ceiling, Fair]]:
     """Both ideal methods after each of the trials that a case was given."""
-    theta, cause, first = drawn(given, row["case"])
-    assert isinstance(cause, Signature)
+    theta, causes, first = drawn(given, row["case"])
+    assert isinstance(causes, tuple)
+    (cause,) = causes
     base = opened(two_segment())
     found = signatures(*at_own_responses(base, theta, first.f, covariance(first, theta)), applicable(base))
     found = [s for s in found if abs(s.delta / given["delta"] - 1) < 0.25]

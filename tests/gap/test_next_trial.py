@@ -6,6 +6,7 @@ import html
 import json
 import runpy
 import tomllib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,25 +19,39 @@ from scipy.stats import norm
 
 import mcstudy as mc
 from mcstudy.cli import main
+from mcstudy.effect_library.library import LIBRARY, apply
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
+from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap.diagnose import diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.planned.choice import Situation, possible_trials
-from mcstudy.gap.planned.gain import told
+from mcstudy.gap.planned.gain import SHORT, told
 from mcstudy.gap.planned.next_trial import NextTrial, described, next_trial
-from mcstudy.gap.planned.predictions import NOTHING, Belief, Predictions, predictions
+from mcstudy.gap.planned.predictions import (
+    IDLE,
+    NOTHING,
+    UNKNOWN,
+    Belief,
+    KnownSize,
+    Predictions,
+    moved,
+    predictions,
+)
 from mcstudy.gap.planned.record import simulated, steady
 from mcstudy.gap.planned.response import chances, least_amplitude
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
 from mcstudy.gap.questions.labels import EDGES_HZ, NO_RESPONSE, no_response
+from mcstudy.gap.questions.posterior import prior
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.figure import figure
 from mcstudy.report.with_page import NextTrialWithPage
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
+from mcstudy.stance.joint import under
 from mcstudy.stance.response import frf
 
 EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
@@ -87,13 +102,18 @@ def test_a_steady_recording_has_the_law_of_one_from_the_solver(kind: str, amplit
 
 def _belief(p: list[float]) -> Belief:
     names = tuple((f"cause {k}",) for k in range(len(p)))
-    return Belief(names, names, (), np.array(p), 1.0)
+    return Belief(names, names, (), np.array(p), 1.0, np.zeros(len(p)))
+
+
+def _predictions(mean: Sequence[Sequence[float]], *roots: np.ndarray) -> Predictions:
+    """Of hypotheses that estimate no size."""
+    return Predictions(np.array(mean), roots, ((),) * len(mean))
 
 
 def test_expected_information_is_that_of_a_numerical_integral() -> None:
     """Two normal distributions in one dimension, of different mean and width, against quadrature."""
     p, means, widths = (0.3, 0.7), (0.0, 1.5), (1.0, np.sqrt(1 + 0.8**2))
-    found = Predictions(np.array([[means[0]], [means[1]]]), (np.zeros((1, 1)), np.array([[0.8]])))
+    found = _predictions([[means[0]], [means[1]]], np.zeros((1, 1)), np.array([[0.8]]))
     out = told(found, _belief(list(p)), np.random.default_rng(0), draws=40_000)
 
     def density(x: float) -> list[float]:
@@ -112,7 +132,7 @@ def test_expected_information_is_that_of_a_numerical_integral() -> None:
 
 
 def test_causes_that_predict_the_same_are_not_told_apart() -> None:
-    found = Predictions(np.zeros((2, 3)), (np.zeros((3, 1)), np.zeros((3, 1))))
+    found = _predictions([[0.0] * 3] * 2, np.zeros((3, 1)), np.zeros((3, 1)))
     out = told(found, _belief([0.5, 0.5]), np.random.default_rng(0))
     assert out.bits == pytest.approx(0.0, abs=1e-9)
     assert out.entropy == pytest.approx(1.0)
@@ -132,6 +152,9 @@ def test_text_and_json_say_what_the_object_says(answer: NextTrial) -> None:
     plain = json.loads(json.dumps(answer.to_dict(), allow_nan=False))
     schema.validate("next_trial", plain, "next_trial")
     assert plain["options"][0]["stimulus"] == answer.best.plan[0].kind
+    best = answer.best.told
+    assert plain["options"][0]["probability_low"] == best.probability_low < best.probability
+    assert f"{best.probability_low:.2f}-{best.probability:.2f}" in answer.text()
     assert plain["options"][0]["beside"] is None  # one trial cannot be of two kinds
     assert plain["similarity_after"] == answer.after.cosine.tolist()
     assert answer.best.plan[0].kind in answer.text().split("Recommended:")[1].split(".")[0]
@@ -264,12 +287,62 @@ def test_what_is_expected_if_something_is_missing_stands_beside_the_hope_that_no
     """Nothing at 0.8, and two causes that no trial tells apart: the true one of these gets less than one half."""
     belief = _belief([0.8, 0.1, 0.1])
     belief = replace(belief, causes=(NOTHING, *belief.causes[1:]))
-    same = Predictions(np.array([[0.0], [8.0], [8.0]]), (np.zeros((1, 0)),) * 3)
+    same = _predictions([[0.0], [8.0], [8.0]], *(np.zeros((1, 0)),) * 3)
     found = told(same, belief, np.random.default_rng(1))
     assert found.probability == pytest.approx(0.9, abs=0.01)
     assert found.probability_if_missing == pytest.approx(0.5, abs=0.01)
     known = told(same, replace(belief, causes=(NOTHING,) * 3), np.random.default_rng(1))
     assert known.probability_if_missing == 1.0
+    assert found.probability_low == pytest.approx(found.probability * (1 - 0.2 * SHORT[0] - 0.8 * SHORT[1]))
+
+
+def test_more_data_make_nothing_missing_no_surer_than_a_diagnosis_ever_is() -> None:
+    """The prior of a size becomes as narrow as the data: of an effect that is not there a share of 1 / 7 or so stays."""
+    size = LIBRARY["passive_damping_ankle"].size
+    root = np.array([50.0])  # the standard error now, of which a usual size is no multiple
+    belief = replace(_belief([0.8, 0.2]), causes=(NOTHING, ("passive damping",)))
+    stated = []
+    for precise in (1e2, 1e3):  # how many times the recorded data the planned trial is worth, the root of it
+        now = _predictions([[0.0], [0.0]], np.zeros((1, 0)), np.array([[precise]]))
+        found = replace(now, sizes=((), (KnownSize(size, 0.0, root),)))
+        fixed, renewed = (told(x, belief, np.random.default_rng(0)) for x in (now, found))
+        assert fixed.bits == pytest.approx(renewed.bits)  # the order of trials is that of Bayes' rule
+        assert renewed.probability < fixed.probability
+        stated.append(renewed.probability)
+    assert stated[0] == pytest.approx(stated[1], abs=0.02)
+
+
+def test_a_cause_outside_the_library_never_gets_less_than_its_odds_beside_the_truth() -> None:
+    belief = replace(_belief([0.9, 0.1]), causes=(NOTHING, UNKNOWN), beside=np.array([0.25, 0.0]))
+    far = _predictions([[0.0], [50.0]], *(np.zeros((1, 0)),) * 2)
+    assert told(far, belief, np.random.default_rng(0)).probability == pytest.approx(0.9 * 0.8 + 0.1)
+    alone = replace(_belief([1.0]), causes=(NOTHING,), beside=np.array([0.25]))
+    one = _predictions([[0.0]], np.zeros((1, 0)))
+    assert told(one, alone, np.random.default_rng(0)).probability == pytest.approx(0.8)
+
+
+def test_the_odds_of_a_cause_outside_the_library_are_those_of_the_prior_that_was_given(delayed: Diagnosis) -> None:
+    belief = Situation.of(delayed).expected.belief
+    usual, healthy = prior(), prior(0.9)
+    assert belief.beside[belief.effects.index(("stimulus_delay",))] == pytest.approx(
+        IDLE * usual["beside"] / usual["single"]
+    )
+    given = Situation.of(replace(delayed, prior=healthy)).expected.belief
+    for b, p in ((belief, usual), (given, healthy)):
+        for k in np.flatnonzero([c == NOTHING for c in b.causes]):
+            assert b.beside[k] == pytest.approx(IDLE * p["unknown"] / p["none"])
+
+
+def test_a_fit_in_another_form_is_moved_with_its_constants() -> None:
+    base = opened(two_segment())
+    effect = next(e for e in LIBRARY.values() if e.kind == "linear" and e.forms)
+    model = apply(base, effect.name, opened=[effect.name])
+    theta = model.truth.copy()
+    theta[-1] *= 1.1
+    P = theta.size
+    fitted = Fitted(model, weak_prior(model, base), theta, 0.0, 0.0, np.eye(P) * 1e3)
+    own, _ = moved(fitted, under(base, "hip_torque", Body()))
+    assert own.theta[own.model.names.index(model.names[-1])] == theta[-1]
 
 
 def test_further_stimuli_leave_fewer_twins() -> None:
@@ -297,13 +370,15 @@ def test_the_command_ranks_trials(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_condition() -> None:
     example = runpy.run_path(str(EXAMPLES / "next_trial.py"))
     given = tomllib.loads((EXAMPLES / "next_trial.toml").read_text(encoding="utf-8")) | {"fmax": 3.0, "seed": 1}
-    _, signature, first = example["drawn"](given, 0)
+    _, (signature,), first = example["drawn"](given, 0)
     assert signature.delta == pytest.approx(given["delta"], rel=0.25)
     assert first.duration_s == pytest.approx(2 * 6 * 43.72)
-    assert example["drawn"](given, given["cases"])[1] is None
+    assert example["drawn"](given, given["cases"])[1] == ()
     small = given | {"cases": 5, "sound": 2, "outsiders": 1}
     assert [example["kind_of"](small, k) for k in range(8)] == ["effect"] * 5 + ["sound"] * 2 + ["outsider"]
     assert sorted(example["in_turn"](small)) == list(range(8))
+    _, two, _ = example["drawn"](small | {"pairs": 4, "delta": [4.0, 6.0], "cases": 0, "sound": 0, "outsiders": 0}, 1)
+    assert len({s.effect for s in two}) == 2
     scored: dict[str, Any] = {"detected": True, "p": 0.5, "set": 2, "held": True, "pairs": 0.0, "unknown": 0.1}
     scored["causes"] = {"true": 0.5, "integral_hip": 0.3, "unknown": 0.1, "a and b": 0.1}
     rows = [

@@ -84,7 +84,9 @@ class Situation:
         recording = d.recording
         if recording is None or isinstance(recording, FrfRecording):
             raise InputError(f"{d.name}: expected recordings of sway over time, whose noise a new trial would have")
-        return cls.after(recording, d.lines, d.base, d.hypotheses, d.unknown_probability, float(d.method["fmax"]))
+        return cls.after(
+            recording, d.lines, d.base, d.hypotheses, d.unknown_probability, float(d.method["fmax"]), d.prior
+        )
 
     @classmethod
     def after(
@@ -95,13 +97,17 @@ class Situation:
         hypotheses: Sequence[tuple[Hypothesis, float]],
         unknown: float,
         fmax: float,
+        prior: Mapping[str, float],
     ) -> Situation:
-        """From what a diagnosis finds out of the causes: ``lines``, base fit, ``hypotheses`` and ``unknown`` cause."""
+        """From what a diagnosis finds out of the causes: ``lines``, base fit, ``hypotheses`` and ``unknown`` cause.
+
+        ``prior``: the probabilities that it assumes before it sees the data.
+        """
         parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
         fits = [replace(base, model=m) for m in members(base.model)]
         return cls(
             Expected(
-                Belief.of(hypotheses, unknown, base, Data.of(lines)),
+                Belief.of(hypotheses, unknown, base, Data.of(lines), prior),
                 Recorded(base, lines, recording.body, tuple(p.stimulus for p in parts)),
             ),
             SwayNoise.of(lines, recording.name),

@@ -33,7 +33,9 @@ HEADER = ["trial", "minutes", "bits", "P(true)", "if a gap", "causes", "would te
 
 NOTE = (
     "bits: expected information about the cause. P(true): expected posterior probability of the true cause, with the "
-    "probabilities above, so that much of it may be that nothing is missing; if a gap: the same if something is. "
+    "probabilities above, so that much of it may be that nothing is missing; if a gap: the same if something is. The "
+    "upper end holds if the cause acts as a hypothesis of the diagnosis says; the lower end was reached on average by "
+    "simulated recordings in which it may also be outside the library and look like an effect, or like nothing. "
     "causes: expected number of causes in the 95 % set. Last column: the two causes for which the trial matters most, "
     "and the chance that it names the right one of them (50 % by guessing). Amplitudes are peaks; where none was "
     "recorded or given, the one that evokes no more sway than was recorded, but shows a response."
@@ -120,8 +122,8 @@ class NextTrial(Summary):
                 described(o.plan),
                 f"{o.duration_s / 60:.1f}",
                 f"{o.told.bits:.2f}",
-                f"{o.told.probability:.2f}",
-                f"{o.told.probability_if_missing:.2f}",
+                expected(o.told.probability_low, o.told.probability),
+                expected(o.told.probability_if_missing_low, o.told.probability_if_missing),
                 f"{o.told.set_size:.1f}",
                 self.decision(o),
             ]
@@ -176,6 +178,8 @@ class NextTrial(Summary):
                         "bits": o.told.bits,
                         "probability": o.told.probability,
                         "probability_if_missing": o.told.probability_if_missing,
+                        "probability_low": o.told.probability_low,
+                        "probability_if_missing_low": o.told.probability_if_missing_low,
                         "set_size": o.told.set_size,
                         "decides": None
                         if (d := self.decides(o)) is None
@@ -198,6 +202,12 @@ def described(plan: Plan) -> str:
     many = "1 trial" if plan[0].trials == 1 else f"{plan[0].trials} trials"
     kinds = " and ".join(f"{t.kind} {t.amplitude:g} {t.unit} {t.spectrum}" for t in plan)
     return f"{kinds}, {many}{' each' if len(plan) > 1 else ''}"
+
+
+def expected(low: float, high: float) -> str:
+    """``0.70-0.86``, or one number if both ends are the same."""
+    both = dict.fromkeys(f"{x:.2f}" for x in (low, high))
+    return "-".join(both)
 
 
 def _planned(trial: PlannedTrial) -> dict[str, Any]:

@@ -9,11 +9,12 @@ recorded they are known as far as the recording shows them; under another one th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from mcstudy.effect_library.declare import Size
 from mcstudy.effect_library.library import LIBRARY, apply
 from mcstudy.fitting.penalised import Data, Fitted, whiten
 from mcstudy.gap.candidates.unknown import free_torques
@@ -54,12 +55,17 @@ LEAST = 2e-3
 MOST = 24
 """Most hypotheses that are considered."""
 
+IDLE = 0.3
+"""Bayes factor of a cause outside the library where none is there: it never gets smaller, because the diagnosis expects
+one to be just visible in whatever was recorded. Median of simulated recordings (`pipelines/examples/next_trial.py`)."""
+
 
 @dataclass(frozen=True)
 class Belief:
     """Hypotheses that are still possible: their ``effects``, the ``causes`` that these mean, fits and probability (H,).
 
-    ``variance``: of the coefficients of the torques with which a cause outside the library acts.
+    ``variance``: of the coefficients of the torques with which a cause outside the library acts. ``beside``: (H,), odds
+    of such a cause beside each hypothesis that stay after any data, if the hypothesis is true.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -67,12 +73,20 @@ class Belief:
     fits: tuple[Fitted, ...]
     probability: np.ndarray
     variance: float
+    beside: np.ndarray
 
     @classmethod
-    def of(cls, hypotheses: Sequence[tuple[Hypothesis, float]], unknown: float, base: Fitted, data: Data) -> Belief:
+    def of(
+        cls,
+        hypotheses: Sequence[tuple[Hypothesis, float]],
+        unknown: float,
+        base: Fitted,
+        data: Data,
+        prior: Mapping[str, float],
+    ) -> Belief:
         """The most probable of all ``hypotheses``, and a cause outside the library, with their sum 1.
 
-        Mislabelled recordings are left out, because a new trial would be labelled correctly.
+        ``prior``: see `mcstudy.gap.questions.posterior.prior`. Mislabelled recordings are left out, because a new trial would be labelled correctly.
         """
         found = [(h.effects, cause_of(h.effects), h.fitted, p) for h, p in hypotheses if set(h.effects) <= set(LIBRARY)]
         gap = base.chi2 + base.penalty - min(fit.chi2 + fit.penalty for _, _, fit, _ in found)
@@ -80,7 +94,8 @@ class Belief:
         found = sorted((x for x in found if x[3] >= LEAST), key=lambda x: -x[3])[:MOST]
         effects, causes, fits, chance = zip(*found, strict=True)
         p = np.array(chance)
-        return cls(effects, causes, fits, p / p.sum(), _variance(base, data, max(gap, LEAST_GAP)))
+        odds = [_beside(c, prior) for c in causes]
+        return cls(effects, causes, fits, p / p.sum(), _variance(base, data, max(gap, LEAST_GAP)), np.array(odds))
 
     @property
     def named(self) -> list[tuple[str, ...]]:
@@ -108,6 +123,22 @@ def cause_of(effects: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(sorted(LIBRARY[n].cause for n in effects)) or NOTHING
 
 
+def _beside(cause: tuple[str, ...], prior: Mapping[str, float]) -> float:
+    """Odds of a cause outside the library beside this one, in data that hold none (see `IDLE`)."""
+    if cause == NOTHING:
+        return IDLE * prior["unknown"] / prior["none"]
+    return IDLE * prior["beside"] / prior["single"] if cause != UNKNOWN else 0.0
+
+
+@dataclass(frozen=True)
+class KnownSize:
+    """A size of an effect as it is known: ``value``, and (P,) ``root``, its row of the root of the covariance."""
+
+    size: Size
+    value: float
+    root: np.ndarray
+
+
 @dataclass(frozen=True)
 class Predictions:
     """Whitened responses of a planned trial under H hypotheses, in R dimensions that hold all their differences.
@@ -115,10 +146,12 @@ class Predictions:
     Attributes
     ----------
     mean: (H, R). root: H arrays (R, K): the covariance of a hypothesis, with noise, is 1 + root root^T.
+    sizes: the sizes that every hypothesis estimates, now.
     """
 
     mean: np.ndarray
     root: tuple[np.ndarray, ...]
+    sizes: tuple[tuple[KnownSize, ...], ...]
 
 
 def predictions(plan: Sequence[PlannedTrial], noise: SwayNoise, now: Expected) -> Predictions:
@@ -132,7 +165,7 @@ def predictions(plan: Sequence[PlannedTrial], noise: SwayNoise, now: Expected) -
     away = means - means[0]
     own_columns = np.cumsum([len(away), *(root.shape[1] for root in roots)])[:-1]
     mean, *placed = np.split(_coordinates(np.concatenate([away.T, *roots], axis=1)), own_columns, axis=1)
-    return Predictions(mean.T, tuple(placed))
+    return Predictions(mean.T, tuple(placed), tuple(several[0].sizes))
 
 
 def _apart(columns: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -158,6 +191,7 @@ class _Part:
     mean: list[np.ndarray]
     shared: list[np.ndarray]
     alone: list[np.ndarray]
+    sizes: list[tuple[KnownSize, ...]]
 
 
 class Expected:
@@ -181,21 +215,24 @@ class Expected:
 
     def _part(self, trial: PlannedTrial, noise: SwayNoise) -> _Part:
         weight = LineNoise(C := trial.covariance(noise), np.full(len(C), KNOWN_DOF)).whitener
-        mean, shared, alone = [], [], []
+        mean, shared, alone, sizes = [], [], [], []
         for h, (own, covariance, H, J) in enumerate(self._responses(trial)):
             m = whiten(weight, H)
             if self.belief.causes[h] == UNKNOWN:
                 seen = self.recorded.of(trial.kind)
                 further, free = _unknown(own, covariance, Data(trial.f, H, weight), seen, self.belief.variance)
                 m, common = m + further, free[:, :0]
+                sizes.append(())
             else:
-                root = whiten(weight, J) @ _root(covariance)
+                spread = _root(covariance)
+                root = whiten(weight, J) @ spread
                 fitted = np.isin(own.model.names, self.belief.fits[h].model.names)
                 common, free = root[:, fitted], root[:, ~fitted]
+                sizes.append(_sizes(own, spread[:, fitted]))
             mean.append(m)
             shared.append(common)
             alone.append(free)
-        return _Part(mean, shared, alone)
+        return _Part(mean, shared, alone, sizes)
 
     def responses(self, trial: PlannedTrial) -> list[np.ndarray]:
         """The mean responses (N, 2) of every hypothesis, rad per unit of the stimulus."""
@@ -209,6 +246,16 @@ class Expected:
             moves = [moved(fitted, base) for fitted in self.belief.fits]
             self._known[key] = [(own, C, *frf_jacobian(own.model, own.theta, trial.f)) for own, C in moves]
         return self._known[key]
+
+
+def _sizes(fitted: Fitted, root: np.ndarray) -> tuple[KnownSize, ...]:
+    """The sizes of its effects, without shape parameters; ``root`` (P, K) of the covariance."""
+    of = {s.name: s for e in LIBRARY.values() for s in e.sizes if not s.is_shape}
+    return tuple(
+        KnownSize(of[n], float(x), row)
+        for n, x, row in zip(fitted.model.names, fitted.theta, root, strict=True)
+        if n in of
+    )
 
 
 def _coordinates(columns: np.ndarray) -> np.ndarray:
@@ -274,9 +321,13 @@ def moved(fitted: Fitted, base: Model) -> tuple[Fitted, np.ndarray]:
 
     Parameters that the fit did not have (the sensory weight of a tilt) have their prior.
     """
-    owner = _owners()
-    sizes = [p.name for p in fitted.model.parameters if p.name in owner]
-    model = apply(base, *dict.fromkeys(owner[n] for n in sizes))
+    owner, shaped = _owners(), {f.name: e.name for e in LIBRARY.values() for f in e.forms}
+    names = fitted.model.names
+    model = apply(
+        base,
+        *dict.fromkeys(owner[n] for n in names if n in owner),
+        opened=dict.fromkeys(shaped[n] for n in names if n in shaped),
+    )
     prior = weak_prior(model, base)
     theta, covariance = prior.mean.copy(), np.diag(prior.scale**2)
     there = [k for k, n in enumerate(model.names) if n in fitted.model.names]

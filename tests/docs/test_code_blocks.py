@@ -5,7 +5,7 @@
   everything imported.
 - The study files they name are cut down to a few groups, realizations and starts, so that a page takes seconds.
 - A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
-- The build of the site (`test_site.py`) runs the blocks of `docs/`, too. Where it is among the tests,
+- The build of the site (`test_site.py`) runs the blocks of `pipelines/docs/`, too. Where it is among the tests,
   ``MCSTUDY_TEST_SITE=1`` says so, and they are not run here (.ci/run).
 - A block is left out only below a comment ``<!-- Not run by the tests: REASON. -->``: it is for us, not for readers.
 """
@@ -30,16 +30,15 @@ from mcstudy.cli import main
 ROOT = Path(__file__).parents[2]
 PLACES = (
     "README.md",
-    "docs/**/*.md",
     "results_schema/README.md",
     "pipelines/**/*.md",
     "mcstudy/**/*.md",
-    "benchmarks/**/*.md",
+    "CONTRIBUTING.md",
 )
 PAGES = sorted({page.relative_to(ROOT).as_posix() for place in PLACES for page in ROOT.glob(place)})
 FENCE = re.compile(r"^```(\w*|\{[\w-]+\})\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_RUN = re.compile(r"^<!-- Not run by the tests: \S.{5,}\. -->$")
-BUILT = "docs/" if "MCSTUDY_TEST_SITE" in os.environ else None
+BUILT = "pipelines/docs/" if "MCSTUDY_TEST_SITE" in os.environ else None
 """Folder of the pages whose blocks the build of the site runs."""
 PROSE = ("", "text")
 """Blocks that hold no code: what a program printed, a formula."""

@@ -27,7 +27,6 @@ from mcstudy.gap.planned.choice import Situation, possible_trials
 from mcstudy.gap.planned.gain import told
 from mcstudy.gap.planned.next_trial import NextTrial, described, next_trial
 from mcstudy.gap.planned.predictions import NOTHING, Belief, Predictions, predictions
-from mcstudy.gap.planned.record import simulated, steady
 from mcstudy.gap.planned.response import chances, least_amplitude
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
@@ -38,6 +37,7 @@ from mcstudy.report.with_page import NextTrialWithPage
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.response import frf
+from pipelines.validation.planned_record import simulated, steady
 
 EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
 

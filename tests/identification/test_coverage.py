@@ -15,9 +15,7 @@ from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.identification import coverage
-from mcstudy.identification.at_truth import judged, starts
 from mcstudy.identification.bounds import bounded
-from mcstudy.identification.coverage import JUDGED, Condition, Source, body, truths
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
 from mcstudy.spectra.measure import measure
@@ -25,6 +23,8 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
+from pipelines.validation.at_truth import judged, starts
+from pipelines.validation.coverage import JUDGED, Condition, Source, body, truths
 
 EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
 

@@ -13,7 +13,6 @@ import mcstudy as mc
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.gap.fits.base_fit import drawn_starts
 from mcstudy.identification.bounds import bounded
-from mcstudy.identification.coverage import Condition, Source
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.minimum import search, without_prior
 from mcstudy.identification.result import Estimate, FitResult
@@ -21,6 +20,7 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, frf_jacobian
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
+from pipelines.validation.coverage import Condition, Source
 
 STARTS = 2
 EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"

@@ -29,7 +29,9 @@ def main(arguments: list[str]) -> int:
     """Run the gates one after the other; the status of the first that fails."""
     missing = [gate[0] for gate in GATES if find_spec(gate[0]) is None]
     if missing:
-        print(f"tests: {', '.join(dict.fromkeys(missing))} not installed; pip install -c constraints.txt -e '.[dev]'")
+        print(
+            f"tests: {', '.join(dict.fromkeys(missing))} not installed; pip install -c .ci/constraints.txt -e '.[dev]'"
+        )
         return 2
     # The tests start hundreds of processes, which load bytecode; pip has compiled that of the packages.
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONDONTWRITEBYTECODE", "PYTHONPYCACHEPREFIX")}

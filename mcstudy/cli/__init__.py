@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> Exit:
     from mcstudy.cli.terminal import replace_what_cannot_be_shown
 
     # A look is mostly imports, which make 170,000 objects that stay. To search them for garbage after every 700 new
-    # ones takes a twelfth of the imports' time (benchmarks/README.md). Somebody else's process is left as it is.
+    # ones takes a twelfth of the imports' time (pipelines/benchmarks/README.md). Others' processes stay as they are.
     gc.set_threshold(300_000)
     stop, words = catch(), sys.argv[1:]
     replace_what_cannot_be_shown()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mcstudy.exits import Exit
 
-IN_WHEEL = ("pipelines", "results_schema", "docs")
+IN_WHEEL = ("pipelines", "results_schema")
 """Folders of pages that `mcstudy.files.packaged` finds."""
 
 TOPICS = {
@@ -21,8 +21,8 @@ TOPICS = {
     "parameters": ("the parameters of one person, with intervals", "identification/README.md"),
     "diagnosis": ("read a diagnosis, add an effect", "gap/README.md"),
     "challenge": ("the benchmark of the diagnosis", "pipelines/gap_challenge.md"),
-    "solve": ("the cheapest design that reaches a target", "docs/reference/solve.md"),
-    "design": ("every field of a design file, and what the design does", "docs/reference/design.md"),
+    "solve": ("the cheapest design that reaches a target", "pipelines/docs/reference/solve.md"),
+    "design": ("every field of a design file, and what the design does", "pipelines/docs/reference/design.md"),
     "infer": ("what the printed numbers tell about the lost Table I", "pipelines/table_one.md"),
     "cluster": ("run on a cluster", "study/CLUSTER.md"),
     "faults": ("what a study survives", "study/RELIABILITY.md"),

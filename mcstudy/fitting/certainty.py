@@ -5,7 +5,7 @@ A *pool* is the set of fits of one problem from different starts. A fit is a suc
 missed a lower minimum. Over many problems the estimate is right in the mean; for a single pool it is not, because a
 pool that missed the lowest minimum counts its hits in a higher one, which may be easy to reach. Who stops drawing where
 the estimate is small therefore stops too early. `certain` is cautious in two ways: it needs `FIRST_LOOK` starts, and it
-takes the success rate at the lower end of its 95 % interval (``pipelines/examples/until_certain.py`` measures both).
+takes the success rate at the lower end of its 95 % interval (``pipelines/validation/until_certain.py`` measures both).
 """
 
 from __future__ import annotations

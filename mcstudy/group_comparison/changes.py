@@ -55,7 +55,7 @@ PRIOR_NOTHING, PRIOR_OTHER = 0.5, 0.1
 
 POWER = 0.6
 """Of the evidence. Chosen on 220 simulated pairs of groups (1000 to 1059, 2000 to 2079 and 3000 to 3079 of
-`pipelines/examples/group_calibration.py`), so that the stated probability of the first cause is that with which it is
+`pipelines/validation/group_calibration.py`), so that the stated probability of the first cause is that with which it is
 right."""
 
 

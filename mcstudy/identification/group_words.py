@@ -16,7 +16,7 @@ COVERED = (
     "(means), 94.1 to 100 % (differences) and 92.5 to 100 % (standard deviations between people). Too narrow: the "
     "standard deviation of Td2 (92.5 %)."
 )
-"""What ``pipelines/examples/group_coverage.py`` found; told of recordings that are like the simulated ones."""
+"""What ``pipelines/validation/group_coverage.py`` found; told of recordings that are like the simulated ones."""
 
 SHOWN = 0.1
 """Spread that is told as a CV only if the mean is larger than this multiple of it."""

@@ -38,7 +38,7 @@ PATIENCE = 160
 
 SEARCHES = 300
 """Simulated recordings in which searches with ten times the random starts looked for a lower minimum, and found none
-(``pipelines/examples/missed_minima.py --recordings 100``)."""
+(``pipelines/validation/missed_minima.py --recordings 100``)."""
 
 REACH = 20.0
 """Rise of the deviance above the lowest minimum up to which minima count one by one, and all higher ones as one."""

@@ -1,6 +1,7 @@
 """How often intervals of simulated recordings hold the truth, for the kind of recording that was fitted.
 
-``interval_coverage.csv`` holds the answers of the coverage study (``pipelines/examples/interval_coverage.py --table``):
+``interval_coverage.csv`` holds the answers of the coverage study
+(``pipelines/validation/interval_coverage.py --table``):
 percent of 95 % intervals that hold the true value, over all bodies, and of the body with the fewest and the most.
 """
 

@@ -173,7 +173,7 @@ class Arm:
 
         A few realizations may hold none in which complete and cheap fit differ much. The error then counts one more:
         beside fits from the true values, and over cycles, where repeated searches scattered twice as much as stated
-        without it (``docs/reference/solve.md``); over the amplitude they did not.
+        without it (``pipelines/docs/reference/solve.md``); over the amplitude they did not.
         """
         others = (None if x is None else target.of(x) for x in (control, sample))
         found = estimated(Draws(target.of(full), target.truth, *others), target.measure)

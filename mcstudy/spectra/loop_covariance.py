@@ -9,7 +9,7 @@ an imperfect fit reduces precision but not validity.
 
 Found with the stand-in truth at 5 N m on raw odd lines up to 8 Hz, 2,000 realizations: the standard deviations of
 maximum likelihood weighted by this estimate are at most 1.011 +- 0.016 of the Cramer-Rao bound (0.990 with the true
-covariance); ``python pipelines/examples/efficiency_oracle.py 2000``.
+covariance); ``python pipelines/validation/efficiency_oracle.py 2000``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`pipelines/examples/equal_studies.py`: the verdicts on studies that are equal."""
+"""`pipelines/validation/equal_studies.py`: the verdicts on studies that are equal."""
 
 from __future__ import annotations
 

@@ -9,7 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import (
+from mcstudy.fitting.lm import normal_equations
+from mcstudy.fitting.status import Status
+from mcstudy.study.store import Cube
+from mcstudy.study.verify import verify
+from pipelines.benchmarks import (
     counting,
     instant,
     kernel_time,
@@ -21,14 +25,10 @@ from benchmarks import (
     speedup,
     starts_needed,
 )
-from benchmarks.cases import FMAX, cases
-from benchmarks.model import Compiled
-from benchmarks.report import QUICK
-from benchmarks.suite import BENCHMARKS
-from mcstudy.fitting.lm import normal_equations
-from mcstudy.fitting.status import Status
-from mcstudy.study.store import Cube
-from mcstudy.study.verify import verify
+from pipelines.benchmarks.cases import FMAX, cases
+from pipelines.benchmarks.model import Compiled
+from pipelines.benchmarks.report import QUICK
+from pipelines.benchmarks.suite import BENCHMARKS
 
 SLOW = {"scipy_trust_constr", "scipy_trust_constr_bfgs"}  # minutes of a thousand iterations; the loose one stands in
 

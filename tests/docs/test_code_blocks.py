@@ -5,7 +5,7 @@
   everything imported.
 - The study files they name are cut down to a few groups, realizations and starts, so that a page takes seconds.
 - A ``toml`` block whose first line is ``# NAME.toml`` is written to that file.
-- The build of the site (`test_site.py`) runs the blocks of `docs/`, too. Where it is among the tests,
+- The build of the site (`test_site.py`) runs the blocks of `pipelines/docs/`, too. Where it is among the tests,
   ``MCSTUDY_TEST_SITE=1`` says so, and they are not run here (.ci/run).
 - A block is left out only below a comment ``<!-- Not run by the tests: REASON. -->``: it is for us, not for readers.
 """
@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 from code_blocks import PAGES, ROOT, blocks, run_page
 
-BUILT = "docs/" if "MCSTUDY_TEST_SITE" in os.environ else None
+BUILT = "pipelines/docs/" if "MCSTUDY_TEST_SITE" in os.environ else None
 """Folder of the pages whose blocks the build of the site runs."""
 
 

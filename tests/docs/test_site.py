@@ -14,14 +14,14 @@ from pathlib import Path
 import pytest
 
 import mcstudy
-from docs.links import Page, broken, external, pages
 from mcstudy.analysis.accessor import MonteCarlo
 from mcstudy.cli import VERBS
 from mcstudy.report import figures
 from mcstudy.report.diagnosis.plots import Plots
+from pipelines.docs.links import Page, broken, external, pages
 
 ROOT = Path(__file__).parents[2]
-GALLERY = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+GALLERY = (ROOT / "pipelines" / "docs" / "gallery.md").read_text(encoding="utf-8")
 
 
 def public(kind: type) -> list[str]:
@@ -34,7 +34,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Page]:
     for needed in ("sphinx", "myst_parser", "furo"):
         pytest.importorskip(needed, reason="the site needs the extra docs: pip install -e '.[docs]'")
     out = tmp_path_factory.mktemp("docs")
-    command = [sys.executable, "-m", "docs", "-o", str(out)]
+    command = [sys.executable, "-m", "pipelines.docs", "-o", str(out)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     return {path.relative_to(out / "site").as_posix(): page for path, page in pages(out / "site").items()}
@@ -46,8 +46,6 @@ def test_the_site_has_every_page_of_the_repository(site: dict[str, Page]) -> Non
         "results_schema/*.md",
         "pipelines/**/*.md",
         "mcstudy/**/*.md",
-        "benchmarks/*.md",
-        "docs/**/*.md",
     )
     sources = {path.relative_to(ROOT).with_suffix(".html").as_posix() for place in places for path in ROOT.glob(place)}
     assert sources - set(site) == set()
@@ -56,14 +54,14 @@ def test_the_site_has_every_page_of_the_repository(site: dict[str, Page]) -> Non
 def test_the_reference_has_every_public_name_and_every_statistic_and_figure_of_a_diagnosis(
     site: dict[str, Page],
 ) -> None:
-    ids = {i for name, page in site.items() if name.startswith("docs/reference/") for i in page.ids}
+    ids = {i for name, page in site.items() if name.startswith("pipelines/docs/reference/") for i in page.ids}
     names = [f"mcstudy.{n}" for n in mcstudy.__all__ if not n.startswith("_")]
     names += [f"{kind.__module__}.{kind.__name__}.{n}" for kind in (MonteCarlo, Plots) for n in public(kind)]
     assert [n for n in names if n not in ids] == []
 
 
 def test_the_reference_has_every_command(site: dict[str, Page]) -> None:
-    ids = site["docs/command_line.html"].ids
+    ids = site["pipelines/docs/command_line.html"].ids
     assert [verb for verb in VERBS if f"mcstudy-{verb}" not in ids] == []
 
 
@@ -75,7 +73,7 @@ def test_the_gallery_draws_every_figure() -> None:
 
 def test_every_figure_of_the_gallery_is_on_its_page(site: dict[str, Page]) -> None:
     calls = re.findall(r"^(?:figures\.[a-z]\w*|diagnosis\.plot\.\w+)\(", GALLERY, re.MULTILINE)
-    text = site["docs/gallery.html"].path.read_text(encoding="utf-8")
+    text = site["pipelines/docs/gallery.html"].path.read_text(encoding="utf-8")
     assert text.count('<svg class="plot"') == len(calls)
 
 

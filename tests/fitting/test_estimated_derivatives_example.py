@@ -1,4 +1,4 @@
-"""`pipelines/examples/estimated_derivatives.py`: solvers of the same cost, few fits unless told otherwise."""
+"""`pipelines/validation/estimated_derivatives.py`: solvers of the same cost, few fits unless told otherwise."""
 
 from types import ModuleType
 

@@ -40,7 +40,6 @@ from mcstudy.gap.planned.predictions import (
     moved,
     predictions,
 )
-from mcstudy.gap.planned.record import simulated, steady
 from mcstudy.gap.planned.response import chances, least_amplitude
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
@@ -53,8 +52,9 @@ from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.joint import under
 from mcstudy.stance.response import frf
+from pipelines.validation.planned_record import simulated, steady
 
-EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
+VALIDATION = Path(__file__).parents[2] / "pipelines" / "validation"
 
 
 @pytest.fixture(scope="module")
@@ -368,8 +368,8 @@ def test_the_command_ranks_trials(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_condition() -> None:
-    example = runpy.run_path(str(EXAMPLES / "next_trial.py"))
-    given = tomllib.loads((EXAMPLES / "next_trial.toml").read_text(encoding="utf-8")) | {"fmax": 3.0, "seed": 1}
+    example = runpy.run_path(str(VALIDATION / "next_trial.py"))
+    given = tomllib.loads((VALIDATION / "next_trial.toml").read_text(encoding="utf-8")) | {"fmax": 3.0, "seed": 1}
     _, (signature,), first = example["drawn"](given, 0)
     assert signature.delta == pytest.approx(given["delta"], rel=0.25)
     assert first.duration_s == pytest.approx(2 * 6 * 43.72)
@@ -400,7 +400,7 @@ def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_con
 
 @pytest.fixture(scope="module")
 def bound() -> dict[str, Any]:
-    return runpy.run_path(str(EXAMPLES / "next_trial_bound.py"))
+    return runpy.run_path(str(VALIDATION / "next_trial_bound.py"))
 
 
 def test_the_fair_bound_integrates_over_sizes_and_shapes(bound: dict[str, Any]) -> None:
@@ -449,7 +449,7 @@ def test_a_bound_is_worked_out_once_for_every_case(
         return {"first": both, "chosen": both}
 
     monkeypatch.setitem(bound["main"].__globals__, "bounds", bounds)
-    arguments = [str(EXAMPLES / "next_trial.toml"), str(tmp_path)]
+    arguments = [str(VALIDATION / "next_trial.toml"), str(tmp_path)]
     bound["main"](arguments)
     first = capsys.readouterr().out
     bound["main"](arguments)

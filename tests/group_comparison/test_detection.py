@@ -152,7 +152,7 @@ def test_groups_that_cannot_be_compared_are_refused_in_one_line() -> None:
 
 @needs_comtest
 def test_published_people_are_named_as_the_experimenter_changed_them() -> None:
-    """Few draws of what `pipelines/examples/relabel_people.py` does a thousand times."""
+    """Few draws of what `pipelines/validation/relabel_people.py` does a thousand times."""
     script = module("relabel_people")
     found = script.answers(script.people_of(comtest(), "eyes", "tilt_pp_deg"), True, 100, 10, 7)
     assert sum(n for (truth, given), n in found.items() if truth == given) >= 85

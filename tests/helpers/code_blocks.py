@@ -21,11 +21,10 @@ from mcstudy.cli import main
 ROOT = Path(__file__).parents[2]
 PLACES = (
     "README.md",
-    "docs/**/*.md",
     "results_schema/README.md",
     "pipelines/**/*.md",
     "mcstudy/**/*.md",
-    "benchmarks/**/*.md",
+    "CONTRIBUTING.md",
 )
 PAGES = sorted({page.relative_to(ROOT).as_posix() for place in PLACES for page in ROOT.glob(place)})
 FENCE = re.compile(r"^```(\w*|\{[\w-]+\})\n(.*?)^```$", re.MULTILINE | re.DOTALL)

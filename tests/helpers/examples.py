@@ -1,4 +1,4 @@
-"""The shipped examples as modules."""
+"""The shipped examples and the validation experiments as modules."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from types import ModuleType
 
 import pytest
 
-EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
+PLACES = tuple(Path(__file__).parents[2] / "pipelines" / folder for folder in ("examples", "validation"))
 
 
 def module(name: str) -> ModuleType:
-    """``pipelines/examples/NAME.py``, imported anew."""
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    """``NAME.py`` of `PLACES`, imported anew."""
+    file = next(folder / f"{name}.py" for folder in PLACES if (folder / f"{name}.py").exists())
+    spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None
     assert spec.loader is not None
     loaded = importlib.util.module_from_spec(spec)

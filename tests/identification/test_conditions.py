@@ -10,14 +10,14 @@ from scipy.optimize import least_squares
 
 from mcstudy.effect_library import library
 from mcstudy.identification import condition_changes
-from mcstudy.identification.condition_changes import Account, Pair, model_of_group
-from mcstudy.identification.condition_fits import best_of, fit, leaders
-from mcstudy.identification.conditions import Change, Conditions, changes, whitening_of
-from mcstudy.identification.mean_gap import mean_gap
 from mcstudy.recordings.frf_group import group_dataset
 from mcstudy.spectra.frf_groups import as_real, model_points, points_of
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.response import frf
+from pipelines.validation.condition_changes import Account, Pair, model_of_group
+from pipelines.validation.condition_fits import best_of, fit, leaders
+from pipelines.validation.conditions import Change, Conditions, changes, whitening_of
+from pipelines.validation.mean_gap import mean_gap
 
 HARMONICS = np.arange(1, 51, 2)
 POINTS = [[1], [3], [5, 7], [7, 9], [9, 11, 13], [13, 15, 17], [17, 19, 21, 23], [23, 27, 31], [31, 37, 43, 49]]

@@ -15,9 +15,7 @@ from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.identification import coverage
-from mcstudy.identification.at_truth import judged, starts
 from mcstudy.identification.bounds import bounded
-from mcstudy.identification.coverage import JUDGED, Condition, Source, body, truths
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
 from mcstudy.spectra.measure import measure
@@ -25,13 +23,15 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
+from pipelines.validation.at_truth import judged, starts
+from pipelines.validation.coverage import JUDGED, Condition, Source, body, truths
 
-EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
+VALIDATION = Path(__file__).parents[2] / "pipelines" / "validation"
 
 
 @pytest.fixture(scope="module")
 def example() -> dict[str, Any]:
-    return runpy.run_path(str(EXAMPLES / "interval_coverage.py"))
+    return runpy.run_path(str(VALIDATION / "interval_coverage.py"))
 
 
 def test_drawn_lines_scatter_as_their_covariance_says() -> None:
@@ -104,8 +104,8 @@ def test_intervals_contain_the_truth_where_the_test_at_the_truth_says_so(
 
 def test_the_deviance_at_the_truth_is_that_of_another_optimiser() -> None:
     """The rise of the deviance with a quantity held, and the lowest minimum, by scipy's bounded least squares."""
-    oracle = runpy.run_path(str(EXAMPLES / "interval_oracle.py"))["Constrained"]
-    held = runpy.run_path(str(EXAMPLES / "interval_threshold.py"))["held"]
+    oracle = runpy.run_path(str(VALIDATION / "interval_oracle.py"))["Constrained"]
+    held = runpy.run_path(str(VALIDATION / "interval_threshold.py"))["held"]
     model, theta = bounded(two_segment(), two_segment(), {}), np.array(list(body(0).values()))
     source = Source(Condition(0, 6, 3.1))
     lines, wanted = source(stream(0, "a test")), quantities(model)

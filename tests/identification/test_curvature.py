@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.identification.at_truth import judged, starts
-from mcstudy.identification.coverage import Condition, Source, body
 from mcstudy.identification.curvature import MOST, _excess, curvature
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.profile import Linearised
@@ -17,6 +15,8 @@ from mcstudy.identification.quantities import Quantity, expression, quantities
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.streams import stream
+from pipelines.validation.at_truth import judged, starts
+from pipelines.validation.coverage import Condition, Source, body
 
 MODEL = two_segment()
 THETA = np.array(list(body(0).values()))

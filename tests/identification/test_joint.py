@@ -21,7 +21,7 @@ from mcstudy.recordings.joint import JointRecording
 from mcstudy.stance.body import Body
 from mcstudy.stance.joint import members
 
-EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
+VALIDATION = Path(__file__).parents[2] / "pipelines" / "validation"
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_the_command_takes_files_of_different_kinds(
 
 
 def test_the_example_prints_a_row_for_every_quantity(capsys: pytest.CaptureFixture[str]) -> None:
-    example = runpy.run_path(str(EXAMPLES / "joint_recordings.py"))
+    example = runpy.run_path(str(VALIDATION / "joint_recordings.py"))
     example["main"](["coverage", "--sets", "1", "--fmax", "1.2"])
     rows = capsys.readouterr().out.splitlines()
     assert rows[0].startswith("1 sets of one trial each")

@@ -13,7 +13,6 @@ import mcstudy as mc
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.gap.fits.base_fit import drawn_starts
 from mcstudy.identification.bounds import bounded
-from mcstudy.identification.coverage import Condition, Source
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.minimum import search, without_prior
 from mcstudy.identification.result import Estimate, FitResult
@@ -21,9 +20,10 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, frf_jacobian
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
+from pipelines.validation.coverage import Condition, Source
 
 STARTS = 2
-EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
+VALIDATION = Path(__file__).parents[2] / "pipelines" / "validation"
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def test_an_interval_ends_where_another_optimiser_says(fitted: FitResult, name: 
 @pytest.mark.parametrize("name", ["K12", "K11 + Kpas1"])
 def test_both_ends_are_those_of_an_independent_profile(fitted: FitResult, name: str) -> None:
     """Within a millionth of the width: the quantity held fixed, scipy's least squares, Brent's method."""
-    example = runpy.run_path(str(EXAMPLES / "interval_oracle.py"))
+    example = runpy.run_path(str(VALIDATION / "interval_oracle.py"))
     e, rng = fitted[name], np.random.default_rng(0)
     assert (e.low_from, e.high_from) == ("data", "data")
     for side in (-1, 1):
@@ -90,7 +90,7 @@ def test_both_ends_are_those_of_an_independent_profile(fitted: FitResult, name: 
 
 def test_an_end_behind_a_local_one_is_found() -> None:
     """From the minimum the search stops at a local end of this interval, 23 % of its width before the true one."""
-    example = runpy.run_path(str(EXAMPLES / "interval_oracle.py"))
+    example = runpy.run_path(str(VALIDATION / "interval_oracle.py"))
     fitted = fit_lines(Source(Condition(0, 6, 3.1))(stream(13, "oracle")), two_segment(), curve=())
     end = example["difference"](fitted, fitted["Td1"], -1, STARTS, stream(13, "oracle starts"))
     assert end.verdict == "same"
@@ -130,7 +130,7 @@ def test_bounds_end_an_interval_that_the_data_leave_open(fitted: FitResult) -> N
 
 
 def test_the_lowest_minimum_of_a_recording_is_not_missed() -> None:
-    example = runpy.run_path(str(EXAMPLES / "missed_minima.py"))
+    example = runpy.run_path(str(VALIDATION / "missed_minima.py"))
     found = example["missed"](3.1, recordings=1, more=3)
     assert (found.lower, found.other) == (0, 0)
     assert 0 < found.stated < 0.01

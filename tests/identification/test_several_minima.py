@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from mcstudy.identification.coverage import Condition, Source
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.several_minima import apart, factor, missed
 from mcstudy.stance.body import two_segment
 from mcstudy.streams import stream
+from pipelines.validation.coverage import Condition, Source
 
 PLAIN = float(chi2.ppf(0.95, 1))
 

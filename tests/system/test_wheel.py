@@ -124,7 +124,7 @@ def test_what_pip_installs_holds_kernels_that_need_no_compiling_and_give_the_sam
         assert "compiling" not in done.stderr
         return done.stdout
 
-    pip = (str(programs / "pip"), "install", "--quiet", "--constraint", str(ROOT / "constraints.txt"))
+    pip = (str(programs / "pip"), "install", "--quiet", "--constraint", str(ROOT / ".ci" / "constraints.txt"))
     installed(*pip, str(archive))
     (site,) = (tmp_path / "venv" / "lib").glob("python3.*/site-packages/mcstudy")
     held = _files(site)

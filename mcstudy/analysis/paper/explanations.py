@@ -24,7 +24,7 @@ _STARTS = (
     "the number of starts depends on how the curve is read more than on the solver. An emulation of the paper's solver "
     "with its stated resolution reaches the published accuracy without noise (mean error 0.0077 %, paper 0.008 %) and "
     "needs 4 starts at 5 N m at a tolerance of 1 %, 14 at 0.001 % and 37 at 0.0001 %; lm needs 5, 15 and 19 (mcstudy "
-    "run pipelines/paper_solver.toml; python pipelines/examples/paper_solver.py)."
+    "run pipelines/paper_solver.toml; python pipelines/validation/paper_solver.py)."
 )
 _MORE_TORQUE = (
     "fifty times the torque, 150 instead of 3 N m, lowers the spread at 0.41 Hz by only 44 % (48.5 ± 1.6 to 27.2 ± "

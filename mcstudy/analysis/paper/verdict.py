@@ -21,7 +21,7 @@ from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL, DIFFERS, L
 
 LIMIT_FEW = 3.75
 """The same for fewer than `MANY` blocks, whose error is itself an estimate, too small where a mean |bias| is small by
-chance: with it no row of two equal studies differs in more than 1 % (pipelines/examples/equal_studies.py)."""
+chance: with it no row of two equal studies differs in more than 1 % (pipelines/validation/equal_studies.py)."""
 
 EQUIVALENT = 1.645
 """Half the width of the 90 % interval of a difference, in standard errors."""

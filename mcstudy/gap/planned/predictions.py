@@ -57,7 +57,7 @@ MOST = 24
 
 IDLE = 0.3
 """Bayes factor of a cause outside the library where none is there: it never gets smaller, because the diagnosis expects
-one to be just visible in whatever was recorded. Median of simulated recordings (`pipelines/examples/next_trial.py`)."""
+one to be just visible in whatever was recorded. Median of simulated recordings (`pipelines/validation/next_trial.py`)."""
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,0 @@
-"""Speed and quality of the fits compared with other packages, and the cost of a study: ``python -m benchmarks``."""

@@ -1,1 +1,0 @@
-"""The documentation site: ``python -m docs`` builds it into build/site."""

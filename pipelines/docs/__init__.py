@@ -1,0 +1,1 @@
+"""The documentation site: ``python -m pipelines.docs`` builds it into build/site."""

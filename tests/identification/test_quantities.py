@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
+import mcstudy as mc
 from mcstudy.errors import InputError
+from mcstudy.fitting.penalised import Data, whiten
 from mcstudy.identification.expressions import expression as formula
 from mcstudy.identification.quantities import expression, function, quantities, require_finite
+from mcstudy.identification.trades import bodies
 from mcstudy.stance.body import two_segment
+from mcstudy.stance.response import frf
 
 MODEL = two_segment()
 THETA = MODEL.truth * np.linspace(0.8, 1.2, MODEL.truth.size)
@@ -129,3 +134,25 @@ def test_a_python_function_that_is_none_of_the_parameters_is_refused(of) -> None
 def test_a_name_is_taken_once() -> None:
     with pytest.raises(InputError, match="taken"):
         quantities(MODEL, {"K11": "K11 * 2"})
+
+
+def test_intervals_of_quantities_with_a_pole_or_an_inner_maximum_hold_every_body_that_fits() -> None:
+    """Bodies whose deviance is below the threshold of chi-squared are in every interval whose ends the data set."""
+    texts = ("K11*Kpas1", "1/(Kpas1-100)")
+    r = mc.fit(mc.simulate(cycles=3, rate_hz=50.0, seed=1), fmax=3.0, quantities={t: t for t in texts})
+    by_name = {e.name: e for e in r.estimates}
+    data, everybody = Data.of(r.lines), bodies(r.estimates)
+    residuals = [whiten(data.weight, data.y - frf(r.model, body, data.f)) for body in everybody]
+    fitting = everybody[[residual @ residual - r.chi2 <= chi2.ppf(0.95, 1) for residual in residuals]]
+    assert len(fitting) > 100
+    product, inverse = (expression(r.model, text) for text in texts)
+    values = np.array([product.value(body) for body in fitting])
+    e = by_name[texts[0]]
+    assert e.low <= values.min() < values.max() <= e.high
+    at = r.model.names.index("Kpas1")
+    assert values.max() > max(product.value(fitting[k]) for k in (fitting[:, at].argmin(), fitting[:, at].argmax()))
+    passive, e = by_name["Kpas1"], by_name[texts[1]]
+    assert passive.low < 100 < passive.high
+    assert (e.low_from, e.high_from) == ("steps", "steps")  # no end is claimed: the quantity has none
+    assert e.low <= inverse.value(everybody[everybody[:, at].argmin()]) + 1e-12
+    assert e.high > 100

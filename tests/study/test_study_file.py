@@ -47,6 +47,18 @@ BAD = [
         "inside its bounds [10.0, 20.0], got 5.0",
     ),
     ("seed = 7", "seed = 7\n[model.bounds]\nlower = 2.0", "group.noisy.model.bounds", "lower < upper"),
+    (
+        "seed = 7",
+        "seed = 7\n[model.bounds]\nlower = 2.0\nupper = 0.0",
+        "group.noisy.model.bounds",
+        "lower 2.0, upper 0.0",
+    ),
+    (
+        "seed = 7",
+        "seed = 7\n[model.bounds.absolute]\nK11 = [2.0, 0.0]",
+        "group.noisy.model.bounds.absolute.K11",
+        "expected lower < upper, got [2.0, 0.0]",
+    ),
     ("seed = 7", "seed = 7\n[model.bounds]\ndelay_margin_s = 0.09", "group.noisy.model.bounds.delay_margin_s", "Td1"),
     ("seed = 7", "seed = 7\n[stimulus]\nstages = 5", "group.noisy.spectra.points", "'odd_lines'"),
     ("seed = 7", "seed = 7\n[stimulus]\nstate_s = 0.021", "group.noisy.stimulus.state_s", "whole number of samples"),

@@ -475,7 +475,7 @@ def test_a_unit_at_the_end_of_a_name(name: str, unit: str | None) -> None:
 
 def test_units_behind_a_slash_or_a_comma_are_taken_and_may_not_be_contradicted(tmp_path: Path) -> None:
     named = lines(names=False)
-    for header in ('time,stimulus / N m,theta1 / deg,theta2 / deg', 'time,"stimulus, N m","theta1, deg","theta2, deg"'):
+    for header in ("time,stimulus / N m,theta1 / deg,theta2 / deg", 'time,"stimulus, N m","theta1, deg","theta2, deg"'):
         channels = {"time": 0, "stimulus": 1, "theta1": 2, "theta2": 3}
         found = imported(tmp_path, f"{header}\n{named}", {"units": {}, "channels": channels})
         np.testing.assert_allclose(found.recording.trials[0].stimulus, TORQUE, rtol=1e-8, atol=1e-9)
@@ -486,10 +486,14 @@ def test_units_behind_a_slash_or_a_comma_are_taken_and_may_not_be_contradicted(t
 def test_lines_that_programs_write_among_the_numbers_are_no_numbers(tmp_path: Path) -> None:
     """OptiTrack's numbers of segments above the names, LabVIEW's column of comments, LabChart's comments in rows."""
     named = lines(names=False).splitlines()
-    optitrack = ['Format Version,1.23', ',"1","1","2"', ",Rotation,Rotation,Rotation", "Time,X,Y,X"]
+    optitrack = ["Format Version,1.23", ',"1","1","2"', ",Rotation,Rotation,Rotation", "Time,X,Y,X"]
     labview = ["time,stimulus,theta1,theta2,Comment"]
     labchart = ["time,stimulus,theta1,theta2"]
-    for head, rows in ((optitrack, named), (labview, named), (labchart, [named[0], named[1] + ",#* start", *named[2:]])):
+    for head, rows in (
+        (optitrack, named),
+        (labview, named),
+        (labchart, [named[0], named[1] + ",#* start", *named[2:]]),
+    ):
         channels = {"time": 0, "stimulus": 1, "theta1": 2, "theta2": 3}
         found = imported(tmp_path, "\n".join([*head, *rows]), {"channels": channels})
         np.testing.assert_allclose(found.recording.trials[0].stimulus, TORQUE, rtol=1e-8, atol=1e-9)

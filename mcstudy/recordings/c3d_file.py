@@ -123,8 +123,8 @@ def _frame_count(told: Parameters, data: memoryview, size: int) -> int:
     """How many frames of ``size`` bytes the data hold.
 
     Whole frames may be followed by what fills up the last block, in some programs by a whole one. A count that is
-    stated holds when that is all it leaves over; among several, the one behind which all bytes are zero. A count of 16 bits that cannot
-    hold is passed over when the number of frames there would not fit in it.
+    stated holds when that is all it leaves over; among several, the one behind which all bytes are zero. A count of
+    16 bits that cannot hold is passed over when the number of frames there would not fit in it.
     """
     there = len(data) // size
     used = len(bytes(data).rstrip(b"\0"))  # the data without what fills up the last block

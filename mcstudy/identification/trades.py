@@ -142,7 +142,8 @@ def elongations(theta: np.ndarray, width: np.ndarray, poor: Sequence[bool]) -> l
     """
     found = []
     for i, j in combinations(range(width.size), 2):
-        if (poor[i] or poor[j]) and width[i] > 0 and width[j] > 0:
+        both_move = np.ptp(theta[:, [i, j]], axis=0).all()  # else one of them is the same in all bodies, on its bound
+        if (poor[i] or poor[j]) and width[i] > 0 and width[j] > 0 and both_move:
             along, across = _principal(theta[:, [i, j]] / width[[i, j]])
             elongation = float(np.ptp(along) / max(np.ptp(across), 1e-12))
             if elongation >= ELONGATED:

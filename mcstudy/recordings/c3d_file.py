@@ -19,7 +19,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.c3d_parameters import BLOCK, Damaged, Parameters, parameters_of
 from mcstudy.recordings.columns import content
-from mcstudy.recordings.variables import MOST_VARIABLES, Variable
+from mcstudy.recordings.variables import MOST_VARIABLES, Variable, one_line
 
 LARGEST = 1 << 30
 """Bytes of a file."""
@@ -39,7 +39,7 @@ def variables_of(path: Path) -> dict[str, Variable]:
     try:
         return _variables(raw, parameters_of(raw))
     except Damaged as error:
-        raise RecordingError(f"{path}: expected C3D: {error}") from None
+        raise RecordingError(f"{path}: expected C3D: {one_line(str(error))}") from None
 
 
 def _variables(raw: bytes, told: Parameters) -> dict[str, Variable]:
@@ -122,19 +122,19 @@ def _frames(raw: bytes, told: Parameters, width: int, kind: str) -> np.ndarray:
 def _frame_count(told: Parameters, data: memoryview, size: int) -> int:
     """How many frames of ``size`` bytes the data hold.
 
-    Whole frames may be followed by less than a block that fills up the last one. A count that is stated holds when
-    that is all it leaves over; among several, the one behind which all bytes are zero. A count of 16 bits that cannot
-    hold is passed over when the number of frames there would not fit in it.
+    Whole frames may be followed by what fills up the last block, in some programs by a whole one. A count that is
+    stated holds when that is all it leaves over; among several, the one behind which all bytes are zero. A count of
+    16 bits that cannot hold is passed over when the number of frames there would not fit in it.
     """
     there = len(data) // size
     used = len(bytes(data).rstrip(b"\0"))  # the data without what fills up the last block
     counts, long = _stated_counts(told)
-    fitting = sorted(n for n in (*counts, *long) if 0 < n <= there and len(data) - n * size < BLOCK)
+    fitting = sorted(n for n in (*counts, *long) if 0 < n <= there and len(data) - n * size <= BLOCK)
     fitting += sorted(n for n in (*counts, *long) if 0 < n <= there and used <= n * size and n not in fitting)
     for n in fitting:
         if used <= n * size:
             return n
-    least = max(1, -(-max(used, len(data) - BLOCK + 1) // size))  # frames with data, in all but the last block
+    least = max(1, -(-max(used, len(data) - BLOCK) // size))  # frames with data, in all but the last block
     if not long and there >= FULL - 1 and any(n >= FULL - 2 or (there - n) % FULL <= there - least for n in counts):
         return least
     if fitting:

@@ -81,6 +81,13 @@ def _power(x: np.ndarray) -> float:
     return float(np.var(x, axis=0).sum())
 
 
+def _apart(x: np.ndarray) -> float:
+    """Power of a difference (m, 2) without its linear trend, which programs take out."""
+    line = np.linspace(-1.0, 1.0, len(x))
+    slopes = line @ x / (line @ line)
+    return _power(x - line[:, None] * slopes)
+
+
 def refuse_copies(
     named: Iterable[tuple[str, Recording | FrfRecording]], accept: Iterable[str] = (), where: str = "recordings"
 ) -> None:
@@ -165,9 +172,9 @@ def _copy(a: _Signature, b: _Signature, lag: int) -> bool:
     power = _power(own)
     known = [c for c in (a.cycles, b.cycles) if c is not None]
     limit = max(ROUNDING * power, COPY * min(known) if known else COPY_APERIODIC * power)
-    if _power(own - b.x[other]) > 2 * limit + BETWEEN * power:
+    if _apart(own - b.x[other]) > 2 * limit + BETWEEN * power:
         return False
-    return any(_power(own - _between(b.x, other, part)) <= limit for part in np.arange(LAGS) / LAGS)
+    return any(_apart(own - _between(b.x, other, part)) <= limit for part in np.arange(LAGS) / LAGS)
 
 
 def _between(x: np.ndarray, at: slice, part: float) -> np.ndarray:

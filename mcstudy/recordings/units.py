@@ -157,10 +157,10 @@ def agreed(declared: str | None, stated: str | None, target: str, where: str, na
 
 def at_end(name: str) -> str | None:
     """The unit at the end of a column's name, ``theta1_deg``, ``theta1 / deg``; None where there is none."""
-    for separator in _SEPARATOR.finditer(name):
-        unit = name[separator.end() :]
-        clear = _CLEAR.fullmatch(separator[0].strip()) is not None
-        if separator.start() > 0 and (clear or len(unit) > 1 or unit in "°º") and kind_of(unit) is not None:
+    for sign in _SEPARATOR.finditer(name):
+        unit = name[sign.end() :]
+        clear = _CLEAR.fullmatch(sign[0].strip()) is not None
+        if sign.start() > 0 and (clear or len(unit) > 1 or unit in "°º") and kind_of(unit) is not None:
             return unit
     found = _ENDING.fullmatch(name)
     if found is None:

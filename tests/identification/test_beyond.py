@@ -17,7 +17,7 @@ from mcstudy.identification.paper_cost import averaged, paper_estimate
 from mcstudy.identification.quantities import expression
 from mcstudy.identification.result import FitResult
 from mcstudy.identification.sway import predicted_sway
-from mcstudy.identification.trades import bodies
+from mcstudy.identification.trades import bodies, elongations
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate, roots_chebyshev
@@ -127,3 +127,8 @@ def test_twice_the_amplitude_narrows_intervals_as_forecast(fits: Fits) -> None:
     log_ratio = [np.log((twice[f.name].high - twice[f.name].low) / 2 / f.amplitude) for f in r.forecasts if not f.rough]
     assert len(log_ratio) >= 4
     assert np.exp(np.mean(log_ratio)) == pytest.approx(1, abs=0.3)
+
+
+def test_a_parameter_that_is_the_same_in_all_bodies_trades_for_none() -> None:
+    theta = np.column_stack([np.linspace(1, 2, 9), np.full(9, 3.0), 5 - np.linspace(1, 2, 9)])
+    assert [pair for pair, _ in elongations(theta, np.ones(3), [True] * 3)] == [(0, 2)]

@@ -102,6 +102,16 @@ def test_more_frames_than_16_bits_count_are_read(tmp_path: Path, n: int, stated:
     expect(tmp_path / "a.c3d", marks, analog)
 
 
+@pytest.mark.parametrize("n", [512, 65_536])
+def test_a_whole_block_behind_the_last_frame_is_no_frame(tmp_path: Path, n: int) -> None:
+    """Some programs fill up the last block also where it is full."""
+    marks, analog = points(n, 1), channels(n, 1)
+    write_c3d(tmp_path / "a.c3d", marks, analog, RATE)
+    raw = (tmp_path / "a.c3d").read_bytes()
+    (tmp_path / "a.c3d").write_bytes(raw + b"\0" * ((-len(raw)) % 512 or 512))
+    expect(tmp_path / "a.c3d", marks, analog)
+
+
 @pytest.mark.parametrize("stated", [{}, {"POINT:LONG_FRAMES": np.float32([70_000])}], ids=str)
 @pytest.mark.parametrize("n", [400, 70_000])
 def test_a_file_that_is_cut_off_is_refused(tmp_path: Path, n: int, stated: dict[str, Any]) -> None:

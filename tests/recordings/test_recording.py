@@ -482,6 +482,38 @@ def test_a_published_frf_is_a_recording_too(tmp_path: Path) -> None:
         read_recording(path)
 
 
+def test_rows_of_a_published_frf_may_be_in_any_order_but_not_there_twice(tmp_path: Path) -> None:
+    path = tmp_path / "frf.toml"
+    path.write_text('units = {angle = "deg"}\nbody = {reference = "goodworth2018"}\nfrf = {file = "frf.csv"}\n')
+    rows = [f"{f},{0.1 / f},{-30 * f},{0.01 * f}" for f in (0.1, 0.2, 0.5, 1.0)]
+    found = []
+    for order in ((0, 1, 2, 3), (3, 2, 1, 0), (2, 0, 3, 1)):
+        (tmp_path / "frf.csv").write_text("\n".join(["f,gain1,phase1,sd1", *(rows[k] for k in order)]))
+        found.append(read_recording(path))
+    assert all((r.y == found[0].y).all() and (r.C == found[0].C).all() for r in found)
+    (tmp_path / "frf.csv").write_text("\n".join(["f,gain1,phase1,sd1", *rows, rows[1]]))
+    with pytest.raises(RecordingError, match=r"expected increasing frequencies, got 0.2 Hz after 0.2 Hz"):
+        read_recording(path)
+
+
+def test_a_published_response_in_two_forms_must_be_one(tmp_path: Path) -> None:
+    path = tmp_path / "frf.toml"
+    path.write_text('units = {angle = "deg"}\nbody = {reference = "goodworth2018"}\nfrf = {file = "frf.csv"}\n')
+    f = np.array([0.1, 0.2, 0.5, 1.0])
+    y = 0.1 / f * np.exp(-1j * f)
+    for sign in (1, -1):
+        rows = np.column_stack([f, np.abs(y), np.rad2deg(np.angle(y)), y.real, sign * y.imag, 0.01 + 0 * f]).round(4)
+        np.savetxt(tmp_path / "frf.csv", rows, delimiter=",", header="f,gain1,phase1,re1,im1,sd1", comments="")
+        if sign == 1:
+            np.testing.assert_allclose(read_recording(path).y[:, 0], y * np.pi / 180, atol=1e-5)
+        else:
+            with pytest.raises(RecordingError, match=r"re1, im1: at 0\.1 Hz they are another response than gain1"):
+                read_recording(path)
+    (tmp_path / "frf.csv").write_text("Frequency,Gain1\n0.1,1\n0.2,1\n")
+    with pytest.raises(RecordingError, match=r"column 'f' \(Hz\) is missing; found Frequency, Gain1"):
+        read_recording(path)
+
+
 def test_the_frf_of_a_tilt_is_read_in_the_units_of_both_angles(tmp_path: Path) -> None:
     lines = "\n".join(f"{f},1.5,-10,0.1" for f in (0.1, 0.2, 0.5, 1.0))
     (tmp_path / "frf.csv").write_text(f"f,gain1,phase1,sd1\n{lines}\n")

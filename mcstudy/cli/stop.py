@@ -183,7 +183,7 @@ def unusable(error: Exception, words: Sequence[str]) -> tuple[str, Exit] | None:
     if error.filename:
         what = f"{error.filename}: {what}"
     elif error.errno in FULL:  # writing to what is open already does not name it
-        what = f"output cannot be written: {what}"
+        what = f"output: cannot be written: {what}"
     line = " ".join(what.split())
     if error.errno in FULL and resumes:
         return with_command(f"{line}; {RESUMES}", words), Exit.INTERRUPTED

@@ -19,7 +19,8 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.c3d_parameters import BLOCK, Damaged, Parameters, parameters_of
 from mcstudy.recordings.columns import content
-from mcstudy.recordings.variables import MOST_VARIABLES, Variable, one_line
+from mcstudy.recordings.variables import MOST_VARIABLES, Variable
+from mcstudy.text_tables import printable
 
 LARGEST = 1 << 30
 """Bytes of a file."""
@@ -39,7 +40,7 @@ def variables_of(path: Path) -> dict[str, Variable]:
     try:
         return _variables(raw, parameters_of(raw))
     except Damaged as error:
-        raise RecordingError(f"{path}: expected C3D: {one_line(str(error))}") from None
+        raise RecordingError(f"{path}: expected C3D: {printable(str(error))}") from None
 
 
 def _variables(raw: bytes, told: Parameters) -> dict[str, Variable]:

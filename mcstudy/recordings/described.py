@@ -17,7 +17,8 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.recordings.sheet import Sheet, TrialSheet, document
 from mcstudy.recordings.trials import Read, trials_of
 from mcstudy.recordings.units import FACTORS, KINDS, agreed, factor, kind_of
-from mcstudy.recordings.variables import SHOWN, Picked, one_line
+from mcstudy.recordings.variables import SHOWN, Picked
+from mcstudy.text_tables import printable
 from mcstudy.stance.body import STIMULI
 
 DEGREE = FACTORS["rad"]["deg"]
@@ -95,7 +96,7 @@ def _frf(sheet: Sheet, files: Files, where: str) -> FrfRecording:
     picked = {name: file.pick(name) for name in COLUMNS if file.has(name)}
     if "f" not in picked:
         raise RecordingError(
-            f"{file.path}: column 'f' (Hz) is missing; found {one_line(', '.join(list(file.variables)[:SHOWN]))}"
+            f"{file.path}: column 'f' (Hz) is missing; found {printable(', '.join(list(file.variables)[:SHOWN]))}"
         )
     angle, stimulus = _frf_units(sheet, picked, str(file.path))
     scale = factor(angle or "rad", "rad", f"{where}: units.angle") / factor(

@@ -50,7 +50,7 @@ def test_the_documented_codes_keep_their_meaning() -> None:
         (MemoryError("Unable to allocate 3 GiB"), "expected more memory"),
         (RuntimeError("can't start new thread"), "expected to start another thread"),
         (OSError("cannot load liba.so"), "expected more memory"),
-        (OSError(errno.ENOSPC, "No space left on device"), "output cannot be written: No space left on device"),
+        (OSError(errno.ENOSPC, "No space left on device"), "output: cannot be written: No space left on device"),
     ],
 )
 def test_a_limit_of_the_machine_is_one_line(

@@ -19,14 +19,12 @@ from scipy.stats import norm
 
 import mcstudy as mc
 from mcstudy.cli import main
-from mcstudy.effect_library.library import LIBRARY, apply
+from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
-from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap.diagnose import diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.planned.choice import Situation, possible_trials
 from mcstudy.gap.planned.gain import SHORT, told
 from mcstudy.gap.planned.next_trial import NextTrial, described, next_trial
@@ -37,7 +35,6 @@ from mcstudy.gap.planned.predictions import (
     Belief,
     KnownSize,
     Predictions,
-    moved,
     predictions,
 )
 from mcstudy.gap.planned.record import simulated, steady
@@ -51,7 +48,6 @@ from mcstudy.report.figure import figure
 from mcstudy.report.with_page import NextTrialWithPage
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
-from mcstudy.stance.joint import under
 from mcstudy.stance.response import frf
 
 EXAMPLES = Path(__file__).parents[2] / "pipelines" / "examples"
@@ -331,18 +327,6 @@ def test_the_odds_of_a_cause_outside_the_library_are_those_of_the_prior_that_was
     for b, p in ((belief, usual), (given, healthy)):
         for k in np.flatnonzero([c == NOTHING for c in b.causes]):
             assert b.beside[k] == pytest.approx(IDLE * p["unknown"] / p["none"])
-
-
-def test_a_fit_in_another_form_is_moved_with_its_constants() -> None:
-    base = opened(two_segment())
-    effect = next(e for e in LIBRARY.values() if e.kind == "linear" and e.forms)
-    model = apply(base, effect.name, opened=[effect.name])
-    theta = model.truth.copy()
-    theta[-1] *= 1.1
-    P = theta.size
-    fitted = Fitted(model, weak_prior(model, base), theta, 0.0, 0.0, np.eye(P) * 1e3)
-    own, _ = moved(fitted, under(base, "hip_torque", Body()))
-    assert own.theta[own.model.names.index(model.names[-1])] == theta[-1]
 
 
 def test_further_stimuli_leave_fewer_twins() -> None:

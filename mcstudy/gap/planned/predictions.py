@@ -86,7 +86,8 @@ class Belief:
     ) -> Belief:
         """The most probable of all ``hypotheses``, and a cause outside the library, with their sum 1.
 
-        ``prior``: see `mcstudy.gap.questions.posterior.prior`. Mislabelled recordings are left out, because a new trial would be labelled correctly.
+        ``prior``: see `mcstudy.gap.questions.posterior.prior`. Mislabelled recordings are left out, because a new trial
+        would be labelled correctly.
         """
         found = [(h.effects, cause_of(h.effects), h.fitted, p) for h, p in hypotheses if set(h.effects) <= set(LIBRARY)]
         gap = base.chi2 + base.penalty - min(fit.chi2 + fit.penalty for _, _, fit, _ in found)
@@ -321,13 +322,9 @@ def moved(fitted: Fitted, base: Model) -> tuple[Fitted, np.ndarray]:
 
     Parameters that the fit did not have (the sensory weight of a tilt) have their prior.
     """
-    owner, shaped = _owners(), {f.name: e.name for e in LIBRARY.values() for f in e.forms}
-    names = fitted.model.names
-    model = apply(
-        base,
-        *dict.fromkeys(owner[n] for n in names if n in owner),
-        opened=dict.fromkeys(shaped[n] for n in names if n in shaped),
-    )
+    owner = _owners()
+    sizes = [p.name for p in fitted.model.parameters if p.name in owner]
+    model = apply(base, *dict.fromkeys(owner[n] for n in sizes))
     prior = weak_prior(model, base)
     theta, covariance = prior.mean.copy(), np.diag(prior.scale**2)
     there = [k for k, n in enumerate(model.names) if n in fitted.model.names]

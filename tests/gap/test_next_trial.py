@@ -293,7 +293,7 @@ def test_what_is_expected_if_something_is_missing_stands_beside_the_hope_that_no
 
 
 def test_more_data_make_nothing_missing_no_surer_than_a_diagnosis_ever_is() -> None:
-    """The prior of a size becomes as narrow as the data: of an effect that is not there a share of 1 / 7 or so stays."""
+    """The prior of a size becomes as narrow as the data, so a share of an effect that is not there stays."""
     size = LIBRARY["passive_damping_ankle"].size
     root = np.array([50.0])  # the standard error now, of which a usual size is no multiple
     belief = replace(_belief([0.8, 0.2]), causes=(NOTHING, ("passive damping",)))

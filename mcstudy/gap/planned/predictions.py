@@ -216,7 +216,8 @@ class Expected:
 
     def _part(self, trial: PlannedTrial, noise: SwayNoise) -> _Part:
         weight = LineNoise(C := trial.covariance(noise), np.full(len(C), KNOWN_DOF)).whitener
-        mean, shared, alone, sizes = [], [], [], []
+        mean, shared, alone = [], [], []
+        sizes: list[tuple[KnownSize, ...]] = []
         for h, (own, covariance, H, J) in enumerate(self._responses(trial)):
             m = whiten(weight, H)
             if self.belief.causes[h] == UNKNOWN:

@@ -9,7 +9,8 @@ also one drawn from all other single kinds that it considers, and the same again
 long. Printed for each: probability of the true cause, logarithmic loss, number of causes in the 95 % set, how often it
 holds the truth, and false alarms among sound bodies, with 95 % intervals; then what has the rest of the probability
 after the recommended trials, and how that of the truth compares with what was expected, all kinds of cases weighted
-with the shares of the prior. ``next_trial_shares.toml`` has cases of all kinds and sizes for this, ``--seed`` makes others.
+with the shares of the prior. ``next_trial_shares.toml`` has cases of all kinds and sizes for this, ``--seed`` makes
+others.
 
 Bodies with an effect and sound ones are linear. Their recordings are drawn from the law of the steady state
 (`mcstudy.gap.planned.record.steady`), which the tests compare with the time-domain simulator. That simulator makes the

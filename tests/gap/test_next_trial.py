@@ -361,7 +361,7 @@ def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_con
     small = given | {"cases": 5, "sound": 2, "outsiders": 1}
     assert [example["kind_of"](small, k) for k in range(8)] == ["effect"] * 5 + ["sound"] * 2 + ["outsider"]
     assert sorted(example["in_turn"](small)) == list(range(8))
-    _, two, _ = example["drawn"](small | {"pairs": 4, "delta": [4.0, 6.0], "cases": 0, "sound": 0, "outsiders": 0}, 1)
+    _, two, _ = example["drawn"](small | {"pairs": 4, "delta": [4.0, 6.0], "cases": 0, "sound": 0, "outsiders": 0}, 0)
     assert len({s.effect for s in two}) == 2
     scored: dict[str, Any] = {"detected": True, "p": 0.5, "set": 2, "held": True, "pairs": 0.0, "unknown": 0.1}
     scored["causes"] = {"true": 0.5, "integral_hip": 0.3, "unknown": 0.1, "a and b": 0.1}
@@ -380,6 +380,21 @@ def test_the_blind_test_draws_effects_as_visible_as_it_says_and_scores_every_con
     rest = dict(example["shares"]([rows[0] | {"chosen": scored}]))
     assert rest["another effect"] == [pytest.approx(0.3)]
     assert rest["two other ones"] == [pytest.approx(0.1)]
+
+
+def test_the_blind_test_states_what_was_expected_beside_what_was_found() -> None:
+    """The true cause has 8 / 9 of what was expected in every case: that is the shortfall, whatever is detected."""
+    kinds = ("effect", "sound", "outsider", "pair")
+    high, low = {"expected_p": 0.9, "expected_if_missing": 0.9}, {"low_p": 0.8, "low_if_missing": 0.7}
+    rows = [
+        {"kind": k, "first": {"detected": n > 1, "causes": {"nothing": 0.1 * n}}, "chosen": {"p": 0.8}} | high | low
+        for n, k in enumerate(kinds)
+    ]
+    every, quiet, missing = runpy.run_path(str(EXAMPLES / "next_trial.py"))["promises"](rows)
+    assert every.startswith("all, 4 cases: expected 0.80 to 0.90, found 0.80, found minus lower end +0.00 +- 0.00")
+    assert every.endswith("short by 0.11 (something missing), 0.11 (nothing)")
+    assert quiet.startswith("no gap detected, 2 cases")
+    assert "3 cases: expected 0.70 to 0.90, found 0.80, found minus lower end +0.10" in missing
 
 
 @pytest.fixture(scope="module")

@@ -57,7 +57,8 @@ MOST = 24
 
 IDLE = 0.3
 """Bayes factor of a cause outside the library where none is there: it never gets smaller, because the diagnosis expects
-one to be just visible in whatever was recorded. Median of simulated recordings (`pipelines/examples/next_trial.py`)."""
+one to be just visible in whatever was recorded. In simulated recordings (next_trial_shares.toml, both seeds) the median
+was 0.24 where nothing is missing and 0.44 beside an effect."""
 
 
 @dataclass(frozen=True)

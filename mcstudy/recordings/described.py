@@ -18,8 +18,8 @@ from mcstudy.recordings.sheet import Sheet, TrialSheet, document
 from mcstudy.recordings.trials import Read, trials_of
 from mcstudy.recordings.units import FACTORS, KINDS, agreed, factor, kind_of
 from mcstudy.recordings.variables import SHOWN, Picked
-from mcstudy.text_tables import printable
 from mcstudy.stance.body import STIMULI
+from mcstudy.text_tables import printable
 
 DEGREE = FACTORS["rad"]["deg"]
 

@@ -8,7 +8,9 @@ one follows, and both are diagnosed together: what `mcstudy gap next` ranks firs
 also one drawn from all other single kinds that it considers, and the same again, for as long and for three times as
 long. Printed for each: probability of the true cause, logarithmic loss, number of causes in the 95 % set, how often it
 holds the truth, and false alarms among sound bodies, with 95 % intervals; then what has the rest of the probability
-after the recommended trials.
+after the recommended trials, and how that of the truth compares with what was expected, all kinds of cases weighted
+with the shares of the prior. ``next_trial_shares.toml`` has cases of all kinds and sizes for this, ``--seed`` makes
+others.
 
 Bodies with an effect and sound ones are linear. Their recordings are drawn from the law of the steady state
 (`pipelines.validation.planned_record.steady`), which the tests compare with the time-domain simulator. That simulator
@@ -371,7 +373,7 @@ def promises(rows: Sequence[dict[str, Any]]) -> list[str]:
     lines = []
     every = [weight[k] / kinds.count(k) for k in kinds]
     some = {
-        "all": ("expected_p", "low_p", lambda r: True),
+        "all": ("expected_p", "low_p", lambda _: True),
         "no gap detected": ("expected_p", "low_p", lambda r: not r["first"]["detected"]),
         "something missing": ("expected_if_missing", "low_if_missing", lambda r: r["kind"] != "sound"),
     }

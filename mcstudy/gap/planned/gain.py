@@ -30,10 +30,10 @@ DRAWS = 40
 
 CREDIBLE = 0.95
 
-SHORT, SHORT_IF_MISSING = (0.05, 0.31), (0.05, 0.7)
-"""Share by which the true cause had less probability than expected in simulated recordings of all kinds: where something
-is certainly missing now, and where nothing is. Causes outside the library, which often look like an effect or like
-nothing, make most of it. Fitted by `pipelines/validation/next_trial.py` to next_trial_shares.toml."""
+SHORT, SHORT_IF_MISSING = (0.16, 0.14), (0.16, 0.40)
+"""Share by which the true cause had less probability than expected in simulated recordings of all kinds: where
+something is certainly missing now, and where nothing is. Causes outside the library, which often look like an effect or
+like nothing, make most of it. Fitted by `pipelines/validation/next_trial.py` to next_trial_shares.toml."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from mcstudy.recordings.copies import equal_rows, refuse_copies
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
-from mcstudy.recordings.soundness import with_left_out
+from mcstudy.recordings.soundness import faults_in_words, with_left_out
 from mcstudy.report.comparison import ComparisonWithFigure
 from mcstudy.spectra.frf_points import group_of
 from mcstudy.stance.ranges import Range
@@ -76,7 +77,22 @@ def compare(
     )
     groups = [_group(given, name, fmax, discard) for given, name in zip(read, ("a", "b"), strict=True)]
     _refuse_equal(groups, names)
-    return ComparisonWithFigure.of(compare_groups(groups[0], groups[1], paired, permutations, seed, names))
+    found = compare_groups(groups[0], groups[1], paired, permutations, seed, names)
+    notes = [note for given, name in zip(read, names, strict=True) for note in _left_out(given, name, discard)]
+    return ComparisonWithFigure.of(replace(found, notes=tuple(notes)))
+
+
+def _left_out(given: xr.Dataset | Sequence[Recording | FrfRecording], group: str, discard: int) -> list[str]:
+    """What was left out of the recordings of a group, and why."""
+    if isinstance(given, xr.Dataset):
+        return []
+    return [
+        f"{group}: {fault.message}; these cycles are left out"
+        for r in given
+        if isinstance(r, Recording) and with_left_out(r, discard=discard) is not r
+        for k, trial in enumerate(r.trials, start=1)
+        for fault in faults_in_words(r, trial, f"{r.name}: trial {k}")
+    ]
 
 
 def _recordings(given: xr.Dataset | Sequence[AnyRecording], where: str) -> xr.Dataset | list[Recording | FrfRecording]:

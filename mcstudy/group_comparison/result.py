@@ -53,7 +53,7 @@ class Comparison(Summary):
     f: (N,), Hz. mean_a, mean_b: (2, N) mean responses, lower and upper body in space. error_a, error_b: (2, N) their
     standard errors (root of E|error|^2). detection: tests. causes: by probability; only of a difference that was found.
     predicted: (2, N), difference that the best named change predicts. inflation: factor of the error of the difference
-    in the evidence. Both are None where no difference was found.
+    in the evidence. Both are None where no difference was found. notes: what was left out of the recordings, and why.
     """
 
     a: str
@@ -71,6 +71,7 @@ class Comparison(Summary):
     permutations: int
     detection: Detection
     causes: tuple[Cause, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def differs(self) -> bool:
@@ -195,6 +196,7 @@ class Comparison(Summary):
         ]
         blocks = [
             fill(self.verdict()),
+            *(fill(note) for note in self.notes),
             f"Tests: {d.relabellings} relabellings, smallest p possible {d.least_p:.2g}\n\n"
             + table(["what is tested", "p"], tests),
             f"Where: {self.b} relative to {self.a}, p of equal means in a region, corrected for all regions\n\n"
@@ -223,6 +225,7 @@ class Comparison(Summary):
             "permutations": self.permutations,
             "inflation": self.inflation,
             "verdict": self.verdict(),
+            "notes": list(self.notes),
             "kind": self.kind,
             "frequency": self.f.tolist(),
             "mean_a": parts(self.mean_a),

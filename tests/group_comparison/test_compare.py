@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +137,21 @@ def test_recordings_become_a_group_whose_points_are_those_of_the_model() -> None
     assert group.sizes["point"] <= 12
     found = group["frf"].values[:, 0].mean(axis=0)
     assert np.median(np.abs(found / expected - 1)) < 0.03
+
+
+def test_cycles_that_are_left_out_of_a_recording_are_told() -> None:
+    settings = {"stimulus": "surface_tilt", "amplitude": 0.01, "cycles": 4, "rate_hz": 50.0, "noise": 0.1}
+    groups = [[mc.simulate(seed=10 * g + k, name=f"p{g}{k}", **settings) for k in range(4)] for g in range(2)]
+    (trial,) = groups[1][2].trials
+    theta = trial.theta.copy()
+    theta[6000:6030] = 0.0  # 0.6 s of the third cycle
+    groups[1][2] = replace(groups[1][2], trials=(replace(trial, theta=theta),))
+    found = mc.compare(*groups, paired=False, names=("open", "closed"), fmax=2.0)
+    (note,) = found.notes
+    assert note.startswith("closed: p12: trial 1: theta1, theta2: is exactly 0 for 0.6 s at t = 120 s")
+    assert note.endswith("; these cycles are left out")
+    assert " ".join(note.split()) in " ".join(found.text().split())
+    schema.validate("comparison", found.to_dict(), "a comparison")
 
 
 def test_the_command_compares_two_conditions_of_a_table(

@@ -507,7 +507,9 @@ def test_a_published_response_in_two_forms_must_be_one(tmp_path: Path) -> None:
         if sign == 1:
             np.testing.assert_allclose(read_recording(path).y[:, 0], y * np.pi / 180, atol=1e-5)
         else:
-            with pytest.raises(RecordingError, match=r"re1, im1 and gain1, phase1 contradict each other at f = 0\.1 Hz"):
+            with pytest.raises(
+                RecordingError, match=r"re1, im1 and gain1, phase1 contradict each other at f = 0\.1 Hz"
+            ):
                 read_recording(path)
     (tmp_path / "frf.csv").write_text("Frequency,Gain1\n0.1,1\n0.2,1\n")
     with pytest.raises(RecordingError, match=r"column 'f' \(Hz\) is missing; found Frequency, Gain1"):

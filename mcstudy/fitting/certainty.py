@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from mcstudy.fitting.precision import WANTED
 from mcstudy.fitting.proportions import score_interval
 
 MISSED = "chance that as many new starts miss the lowest minimum"
@@ -25,9 +26,6 @@ HIT_TOLERANCE = 1e-3
 COST_FLOOR = 1e-12
 """Excess of cost that counts as none: without noise the minimum is rounding, and no ratio to it means anything.
 The paper's cost is 1 for a model that predicts no sway at all, so the floor is on a scale of 1."""
-
-WANTED = 0.01
-"""Chance of a missed minimum below which no more starts are drawn."""
 
 FIRST_LOOK = 100
 """Starts before the first decision; the number doubles from one decision to the next."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcstudy.fitting.certainty import WANTED
+from mcstudy.fitting.precision import WANTED
 from mcstudy.gap import verdict
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.part_fits import told

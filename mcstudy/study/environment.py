@@ -103,7 +103,7 @@ def _chosen() -> str:
     """What the libraries of this process are and chose, as JSON; cached, because every block reports it."""
     import numpy as np
     import scipy.linalg  # its linear algebra is another library than NumPy's
-    from numba.core import config
+    from numba import config
     from threadpoolctl import threadpool_info
 
     loaded = [

@@ -15,7 +15,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mcstudy.fitting.certainty import COST_FLOOR, HIT_TOLERANCE, WANTED, certain, looks, missed
+from mcstudy.fitting.certainty import COST_FLOOR, HIT_TOLERANCE, certain, looks, missed
+from mcstudy.fitting.precision import WANTED
 from mcstudy.fitting.solvers import fit_many
 from mcstudy.streams import stream
 from mcstudy.study.design import Group

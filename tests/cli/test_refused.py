@@ -63,7 +63,7 @@ REFUSED = (
     "show c.zarr --compare c.zip",
     "replay c.zarr --realization 99 --start 0 --amplitude 5 --fmax 1.2",
     "report none.zarr -o p.html",
-    *(f"report c.zarr -o {out}" for out in ("foreign", "file.txt/p.html", "none/p.html", "s3://bucket/p.html")),
+    *(f"report c.zarr -o {out}" for out in ("foreign", "file.txt/p.html", "s3://bucket/p.html")),
     *(
         f"simulate -o {out}"
         for out in ("foreign", "c.zarr", "foreign/x.txt", "file.txt/x.nc", "loop/x.nc", f"{LONG}.nc")

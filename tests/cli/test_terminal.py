@@ -48,9 +48,9 @@ def test_json_loses_nothing_in_any_encoding(two_chunks: Path) -> None:
         ).stdout
         for e in ("ascii", "utf-8")
     ]
-    assert found[0].stdout.isascii()
-    assert not found[1].stdout.isascii()
-    assert json.loads(found[0].stdout) == json.loads(found[1].stdout)
+    assert found[0].isascii()
+    assert not found[1].isascii()
+    assert json.loads(found[0]) == json.loads(found[1])
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")

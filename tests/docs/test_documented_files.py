@@ -23,8 +23,8 @@ RECORDINGS = {
         *("example/recording.toml", "subject1.nc", "spreadsheet.nc", "matlab.nc", "motion.nc"),
         *("subject1.toml", "published.toml"),
     ),
-    "docs/tutorials/diagnose.md": ("subject1/recording.toml",),
-    "docs/tutorials/tilt.md": ("young0.nc", "old0.nc"),
+    "pipelines/docs/tutorials/diagnose.md": ("subject1/recording.toml",),
+    "pipelines/docs/tutorials/tilt.md": ("young0.nc", "old0.nc"),
 }
 """Recordings by the page that makes them."""
 

@@ -48,7 +48,9 @@ def test_a_diagnosis_of_version_1_0_can_still_be_read() -> None:
     """The newer schema demands nothing that the older one did not have; both refuse what neither knows."""
     old, new = (json.loads((FOLDER / v / "diagnosis.json").read_text()) for v in ("1.0.0", "1.1.0"))
     assert new["required"] == old["required"]
-    assert {"likeness", "nearest"} == (set(new["properties"]) - set(old["properties"])) | (
+    assert {"likeness", "nearest", "none_log_bayes_factor", "prior"} == (
+        set(new["properties"]) - set(old["properties"])
+    ) | (
         set(new["properties"]["causes"]["items"]["properties"])
         - set(old["properties"]["causes"]["items"]["properties"])
     )

@@ -4,7 +4,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from examples import EXAMPLES, module
+from examples import PLACES, module
 
 
 @pytest.fixture(scope="module", name="example")
@@ -15,7 +15,7 @@ def _example() -> ModuleType:
 def test_the_default_is_few_fits_and_the_page_names_the_command_that_makes_its_figures(example: ModuleType) -> None:
     small = example.arguments().parse_args([])
     assert small.realizations * small.starts <= 2
-    assert "`--realizations 6 --starts 10`" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    assert "`--realizations 6 --starts 10`" in (PLACES[1] / "README.md").read_text(encoding="utf-8")
 
 
 def test_with_estimated_derivatives_the_same_minimum_is_reached_in_units_of_the_bounds(example: ModuleType) -> None:

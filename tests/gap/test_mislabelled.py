@@ -160,9 +160,9 @@ def test_a_mislabelled_recording_says_what_to_check_and_its_json_conforms(person
     assert d.added is None
     assert d.place["recording"] > 0.99
     said = d.verdict()
-    assert "a mislabelled recording, half_trial_2 (100 %)" in said
+    assert "a mislabelled recording, half_trial_2 (> 99 %)" in said
     assert "Trial 2: theta1, theta2: seems to be 2 times too small. Check the gain of the stimulus" in said
-    assert "Location: recording (100 %)." in said
+    assert "Location: recording (> 99 %)." in said
     assert "The active gains change" not in said
     plain = json.loads(json.dumps(d.to_dict(), allow_nan=False))
     schema.validate("diagnosis", plain, "diagnosis")

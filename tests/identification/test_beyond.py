@@ -121,7 +121,7 @@ def test_the_papers_cost_without_noise_fits_its_points(fits: Fits) -> None:
 
 def test_twice_the_amplitude_narrows_intervals_as_forecast(fits: Fits) -> None:
     """The example that compares all forecasts with refits, at its smallest."""
-    example = runpy.run_path(str(Path(__file__).parents[2] / "pipelines" / "examples" / "interval_forecasts.py"))
+    example = runpy.run_path(str(Path(__file__).parents[2] / "pipelines" / "validation" / "interval_forecasts.py"))
     r = fits["good"]
     twice = example["refit"](example["record"](11, amplitude=10.0, cycles=6), 3.0)
     log_ratio = [np.log((twice[f.name].high - twice[f.name].low) / 2 / f.amplitude) for f in r.forecasts if not f.rough]

@@ -9,11 +9,11 @@ from many_people import comtest, needs_comtest
 from scipy.optimize import least_squares
 
 from mcstudy.effect_library import library
-from mcstudy.identification import condition_changes
 from mcstudy.recordings.frf_group import group_dataset
 from mcstudy.spectra.frf_groups import as_real, model_points, points_of
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.response import frf
+from pipelines.validation import condition_changes
 from pipelines.validation.condition_changes import Account, Pair, model_of_group
 from pipelines.validation.condition_fits import best_of, fit, leaders
 from pipelines.validation.conditions import Change, Conditions, changes, whitening_of

@@ -14,7 +14,6 @@ import pytest
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
-from mcstudy.identification import coverage
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
@@ -23,6 +22,7 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
+from pipelines.validation import coverage
 from pipelines.validation.at_truth import judged, starts
 from pipelines.validation.coverage import JUDGED, Condition, Source, body, truths
 

@@ -115,7 +115,7 @@ def test_the_command_prints_and_writes_what_python_returns(
         (["--bounds", "X=0:1"], "got 'X'"),
         (["--bounds", "K11=0:5", "--bounds", "K11=1:6"], "expected one pair of bounds for K11"),
         (["--quantity", "K11 + Kpas1"], "expected a name that is not taken"),
-        (["--quantity", "K11 @ Kpas1"], "expected parameters and numbers with"),
+        (["--quantity", "K11 @ Kpas1"], "expected names and numbers with"),
         (["--level", "2"], "level: expected a number"),
         (["--quantity", "3"], "at least one parameter"),
         (["--fmax", "0.1"], "0.1 Hz"),

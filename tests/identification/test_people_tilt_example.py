@@ -8,9 +8,9 @@ import xarray as xr
 from examples import module as example
 from many_people import COMTEST, ROOT, needs_comtest
 
-from mcstudy.identification import condition_changes
 from mcstudy.recordings.frf_group import group_dataset
 from mcstudy.stance.body import Body
+from pipelines.validation import condition_changes
 
 
 def four_conditions() -> xr.Dataset:

@@ -124,7 +124,7 @@ def test_an_experiment_that_a_study_cannot_express_is_refused(fitted: mc.FitResu
 def test_the_example_prints_how_far_noise_is_explained(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "pipelines" / "examples")
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "pipelines" / "validation")
     import study_noise
 
     monkeypatch.setattr(study_noise, "AMPLITUDES", {"surface_tilt": 0.02})

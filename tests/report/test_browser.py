@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -336,4 +337,8 @@ def test_escape_closes_an_enlarged_figure_and_values_are_read_in_it(browser: Bro
     for kind in ("rawKeyDown", "keyUp"):
         browser.send("Input.dispatchKeyEvent", type=kind, key="Escape", code="Escape", windowsVirtualKeyCode=27)
     assert not browser.evaluate("document.querySelector('dialog').open")
+    for _ in range(100):  # the browser tells of the closing later
+        if browser.evaluate("document.querySelectorAll('dialog svg.plot').length") == 0:
+            break
+        time.sleep(0.05)
     assert browser.evaluate("document.querySelectorAll('dialog svg.plot').length") == 0

@@ -14,7 +14,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from test_wheel import newest_python
+from pythons import newest_python
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,7 +23,7 @@ ASKED = "MCSTUDY_TEST_BOUNDS"
 
 pytestmark = pytest.mark.skipif(ASKED not in os.environ, reason=f"tried where {ASKED}=1 asks for it (.ci/run)")
 
-EXTRAS = ("report", "completion", "c3d", "slurm")
+EXTRAS = ("report", "completion", "slurm")
 
 TOOLS = ("pytest", "hypothesis", "mpmath")
 """What the tests below need besides."""

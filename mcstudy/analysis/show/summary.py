@@ -20,7 +20,7 @@ from mcstudy.analysis.performance import WITH_ERRORS, performance
 from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
-from mcstudy.fitting.certainty import WANTED
+from mcstudy.fitting.precision import WANTED
 
 _BESIDE = ("floor", "lower", "upper", "box", "box_mcse", "used")
 """Further numbers of a result that the tables hold."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from cubes import numbers
 from dask_processes import cluster
 
 from mcstudy.errors import Interrupted
@@ -53,11 +54,6 @@ def inexact(*args):
 tasks.fit_queue = trust.fit_queue = inexact
 """
 )
-
-
-def numbers(out: Path) -> dict[str, bytes]:
-    """Every file with numbers of a cube."""
-    return {str(file.relative_to(out)): file.read_bytes() for file in out.rglob("c.*") if file.suffix != ".checksums"}
 
 
 @pytest.fixture(scope="module")

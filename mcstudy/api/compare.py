@@ -75,24 +75,14 @@ def compare(
         if not isinstance(given, xr.Dataset)
         for r in given
     )
-    groups = [_group(given, name, fmax, discard) for given, name in zip(read, ("a", "b"), strict=True)]
+    groups, notes = [], []
+    for given, where, name in zip(read, ("a", "b"), names, strict=True):
+        group, left_out = _group(given, where, fmax, discard)
+        groups.append(group)
+        notes += [f"{name}: {note}" for note in left_out]
     _refuse_equal(groups, names)
     found = compare_groups(groups[0], groups[1], paired, permutations, seed, names)
-    notes = [note for given, name in zip(read, names, strict=True) for note in _left_out(given, name, discard)]
     return ComparisonWithFigure.of(replace(found, notes=tuple(notes)))
-
-
-def _left_out(given: xr.Dataset | Sequence[Recording | FrfRecording], group: str, discard: int) -> list[str]:
-    """What was left out of the recordings of a group, and why."""
-    if isinstance(given, xr.Dataset):
-        return []
-    return [
-        f"{group}: {fault.message}; these cycles are left out"
-        for r in given
-        if isinstance(r, Recording) and with_left_out(r, discard=discard) is not r
-        for k, trial in enumerate(r.trials, start=1)
-        for fault in faults_in_words(r, trial, f"{r.name}: trial {k}")
-    ]
 
 
 def _recordings(given: xr.Dataset | Sequence[AnyRecording], where: str) -> xr.Dataset | list[Recording | FrfRecording]:
@@ -119,11 +109,19 @@ def _refuse_equal(groups: Sequence[xr.Dataset], names: Sequence[str]) -> None:
 
 def _group(
     read: xr.Dataset | Sequence[Recording | FrfRecording], where: str, fmax: float | None, discard: int
-) -> xr.Dataset:
+) -> tuple[xr.Dataset, list[str]]:
+    """The responses of a group, and what was left out of its recordings, with the reason."""
     if isinstance(read, xr.Dataset):
-        return read
+        return read, []
     people = [str(getattr(r, "person", "") or r.name) for r in read]
     if twice := next((p for p in people if people.count(p) > 1), None):
         raise InputError(f"{where}: expected one recording of every person, got several of {twice!r}")
     sound = [with_left_out(r, discard=discard) if isinstance(r, Recording) else r for r in read]
-    return group_of(sound, people, fmax, discard)
+    notes = [
+        f"{fault.message}; these cycles are left out"
+        for r, kept in zip(read, sound, strict=True)
+        if isinstance(r, Recording) and kept is not r
+        for k, trial in enumerate(r.trials, start=1)
+        for fault in faults_in_words(r, trial, f"{r.name}: trial {k}")
+    ]
+    return group_of(sound, people, fmax, discard), notes

@@ -30,6 +30,7 @@ from typing import IO, Any
 import numpy as np
 
 from mcstudy.errors import InputError, RecordingError
+from mcstudy.files.python_process import start
 
 LEAST_S = 5.0
 """CPU seconds that reading a file may take, whatever its size; a recording of a megabyte takes 0.03."""
@@ -125,20 +126,8 @@ def _started(path: str) -> subprocess.Popen[bytes]:
     if _process is not None and _process.poll() is None:
         return _process
     end()
-    variables = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-        "OPENBLAS_NUM_THREADS": "1",  # threads it does not need take memory
-    }
     try:
-        _process = subprocess.Popen(
-            [sys.executable, "-P", "-m", __name__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=variables,
-            start_new_session=True,
-        )
+        _process = start(__name__, OPENBLAS_NUM_THREADS="1")  # threads it does not need take memory
     except (OSError, ValueError) as error:
         raise RecordingError(f"{path}: no process can be started that reads it: {error}") from None
     return _process

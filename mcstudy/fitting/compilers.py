@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from mcstudy.compiling.decorators import folder_of
+from mcstudy.files.python_process import start
 from mcstudy.fitting.kernel import evaluate
 from mcstudy.fitting.warm import PARTS, compile_here, compile_part, missing, with_called
 
@@ -170,16 +171,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _compiler() -> Iterator[subprocess.Popen[bytes]]:
-    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", __name__],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=variables,
-        start_new_session=True,
-    )
-    with process:  # closes its input at the end, which ends it
+    with start(__name__) as process:  # closes its input at the end, which ends it
         yield process
 
 

@@ -1,1 +1,1 @@
-"""The study of Goodworth & Peterka (2018): its published numbers, its solver and its lost table, attached to mcstudy."""
+"""The study of Goodworth & Peterka (2018): its published numbers, solver and lost table, attached to mcstudy."""

@@ -84,6 +84,8 @@ class CompiledKernels(BuildHookInterface):  # type: ignore[type-arg]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and add what came of it to the wheel."""
+        if version == "editable":  # the wings are imported from where they are; a copy of them would go stale
+            build_data["force_include_editable"] = {"LICENSE": "mcstudy-LICENSE"}
         if version != "standard" or not (wanted := targets()):
             return
         self._folder = tempfile.mkdtemp(prefix="mcstudy-compiled-")

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(ASKED not in os.environ, reason=f"tried where {A
 
 EXTRAS = ("report", "completion", "slurm")
 
-TOOLS = ("pytest", "hypothesis", "mpmath")
+TOOLS = ("pytest", "pytest-xdist", "hypothesis", "mpmath")
 """What the tests below need besides."""
 
 DAY = (

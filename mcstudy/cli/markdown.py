@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 
 from mcstudy.text_tables import fill, table, terminal_width
 
+_COMMENT = re.compile(r"<!--.*?-->")
 _LINK = re.compile(r"!?\[([^\]]*)\]\(([^)\s]*)\)")
 _ITEM = re.compile(r"(\s*)([-*]|\d+\.)\s+")
 _RULE = re.compile(r"\|[-:|\s]*\|")
@@ -51,8 +52,8 @@ def _lines(lines: Sequence[str], width: int) -> Iterator[str]:
 
 
 def _plain(text: str) -> str:
-    """Text with its links replaced by their words, and by their address where it is on the web."""
-    return _LINK.sub(lambda m: f"{m[1]} ({m[2]})" if m[2].startswith("http") else m[1], text)
+    """Text without comments, its links replaced by their words, and by their address where it is on the web."""
+    return _LINK.sub(lambda m: f"{m[1]} ({m[2]})" if m[2].startswith("http") else m[1], _COMMENT.sub("", text))
 
 
 def _cells(row: str) -> list[str]:

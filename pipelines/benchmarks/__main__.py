@@ -21,6 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the benchmarks asked for; returns the exit code."""
     for name in ONE_THREAD:  # before anything imports NumPy; children inherit it
         os.environ[name] = "1"
+    from pipelines import measured
     from pipelines.benchmarks.measure import machine
     from pipelines.benchmarks.report import QUICK, Sizes
     from pipelines.benchmarks.suite import BENCHMARKS
@@ -41,6 +42,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument(
         "--json", nargs="?", const="-", metavar="FILE", help="write JSON to FILE, or print it instead of the tables"
+    )
+    parser.add_argument(
+        "--measured", type=Path, metavar="DIR", help="write benchmarks_NAME.json to DIR, as the pages use them"
     )
     parser.add_argument(
         "--largest",
@@ -71,6 +75,11 @@ def main(arguments: list[str] | None = None) -> int:
             args.figures.mkdir(parents=True, exist_ok=True)
             result.figure(args.figures / f"{name}.svg")
         document["details"] = details
+        if args.measured:
+            columns = list(dict.fromkeys(key for row in result.table for key in row))
+            rows = [[_plain(row.get(key, "")) for key in columns] for row in result.table]
+            values = {key.replace(".", "_"): {"value": _plain(value)} for key, value in result.keys.items()}
+            measured.write(args.measured / f"benchmarks_{name}.json", values, {"table": (columns, rows)})
         if args.json not in (None, "-"):  # after each, since all of them take long
             Path(args.json).write_text(_json(document) + "\n")
     if args.json == "-":

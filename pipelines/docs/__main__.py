@@ -1,6 +1,7 @@
 """Build the documentation site: ``python -m pipelines.docs`` (needs the extra ``docs``).
 
-Warnings and broken links are errors.
+Warnings, broken links and numbers that no command has measured (`pipelines.measured`) are errors;
+``--numbers`` writes the measured numbers into the pages and builds nothing.
 
 Nothing is fetched: the site has no external fonts or scripts, and links to other sites are listed in
 ``external_links.txt`` beside it, not followed.
@@ -13,6 +14,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from pipelines import measured
 from pipelines.docs.links import broken, external, pages
 
 ROOT = Path(__file__).parents[2]
@@ -23,7 +25,14 @@ def main(arguments: list[str] | None = None) -> int:
     """Build from scratch and check the links; returns 0 when nothing is wrong."""
     parser = argparse.ArgumentParser(prog="python -m pipelines.docs", description="Build the documentation site.")
     parser.add_argument("-o", "--out", type=Path, default=BUILD, help="folder to write; default build/docs")
-    out = parser.parse_args(arguments).out.resolve()
+    parser.add_argument("--numbers", action="store_true", help="write the measured numbers into the pages, and end")
+    args = parser.parse_args(arguments)
+    out = args.out.resolve()
+    if args.numbers:
+        return _write_numbers()
+    if faults := [fault for page in measured.pages() for fault in measured.stale(page)]:
+        print("\n".join(faults), file=sys.stderr)
+        return 1
     try:
         from sphinx.cmd.build import build_main
     except ModuleNotFoundError:
@@ -39,6 +48,21 @@ def main(arguments: list[str] | None = None) -> int:
     (out / "external_links.txt").write_text("\n".join([*external(found), ""]), encoding="utf-8")
     print("\n".join([*faults, f"{site / 'index.html'}: {len(found)} pages"]))
     return 1 if faults else 0
+
+
+def _write_numbers() -> int:
+    """Write the measured numbers into the pages; returns 0 when every number that a page names is there."""
+    for page in measured.pages():
+        text = page.read_text(encoding="utf-8")
+        try:
+            right = measured.shown(text)
+        except measured.UnknownNumberError as error:
+            print(f"{page.relative_to(ROOT)}: {error}", file=sys.stderr)
+            return 1
+        if right != text:
+            page.write_text(right, encoding="utf-8")
+            print(f"{page.relative_to(ROOT)}: written")
+    return 0
 
 
 if __name__ == "__main__":

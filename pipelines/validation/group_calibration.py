@@ -28,6 +28,7 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
 from mcstudy.text_tables import table
+from pipelines import measured
 
 EFFECTS = {"sensor_lag_theta2": (0.03, 0.1), "stimulus_lag": (0.05, 0.2), "passive_damping_hip": (5.0, 20.0)}
 """What is no hypothesis, and its sizes."""
@@ -86,6 +87,7 @@ def main() -> None:
     parser.add_argument("--named", type=float, default=0.7)
     parser.add_argument("--none", type=float, default=0.2)
     parser.add_argument("--common", action="store_true", help="one factor for all parameters of a set")
+    measured.add_option(parser)
     args = parser.parse_args()
     stated, right, sets, of_truth, kinds = [], [], [], [], []
     for k in range(args.first, args.first + args.pairs):
@@ -104,10 +106,16 @@ def main() -> None:
     for b in found.bins:
         hits = f"{b.right.value:.2f} [{b.right.low:.2f}, {b.right.high:.2f}]"
         rows.append([f"{b.low:g} to {b.high:g}", f"{b.right.n}", f"{b.stated:.2f}", hits])
-    print(table(["probability of the first cause", "pairs", "stated", "right [95 %]"], rows))
+    columns = ["probability of the first cause", "pairs", "stated", "right [95 %]"]
+    print(table(columns, rows))
     print(f"calibration error {found.error:.3f}, by chance {found.by_chance:.3f} (p = {found.p_value:.2g})")
     inside = binomtest(sum(sets), len(sets)).proportion_ci(method="wilson")
     print(f"95 % sets hold the cause in {100 * np.mean(sets):.1f} % [{100 * inside.low:.1f}, {100 * inside.high:.1f}]")
+    held = dict(zip(("value", "low", "high"), 100 * np.array([np.mean(sets), inside.low, inside.high]), strict=True))
+    numbers = {"error": {"value": found.error}, "chance": {"value": found.by_chance}, "sets": held | {"unit": "%"}}
+    measured.write(
+        args.json, numbers, {"classes": (["probability of the first cause", "pairs", "stated", "right"], rows)}
+    )
     for kind in sorted(set(kinds)):
         own = [r for r, of in zip(right, kinds, strict=True) if of == kind]
         print(f"{kind}: first in {sum(own)} of {len(own)}")

@@ -47,6 +47,7 @@ from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
+from pipelines.measured import add_option, write
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """The matrices are small: threads of the linear algebra would cost more than they save."""
@@ -246,6 +247,7 @@ def main() -> None:
     parser.add_argument("--shift", nargs="*", default=[], metavar="NAME=X", help="and with these changes of everybody")
     parser.add_argument("--cause", metavar="NAME", help="why the spread of a quantity is covered too rarely")
     parser.add_argument("--workers", type=int, default=cores(), help="processes (default one per core)")
+    add_option(parser)
     args = parser.parse_args()
     if args.people < 2 * args.size:
         parser.error(f"--people: expected at least twice --size = {args.size}, got {args.people}")
@@ -272,23 +274,33 @@ def main() -> None:
         if args.within:
             print(f"{args.groups} groups of {args.size} from {args.people} people, measured twice")
             print(f"{'quantity':14}  held (%)  change found (%)  by a t-test (%)", flush=True)
+            every = []
             for name in names:
                 held, found, by_t = 100 * np.mean(changes(people, name, args.groups, args.size), axis=0)
+                every.append([name, f"{held:.1f}", f"{found:.1f}", f"{by_t:.1f}"])
                 print(f"{name:14}{held:10.1f}{found:18.1f}{by_t:17.1f}", flush=True)
+            lowest = {"value": min(float(row[1]) for row in every), "unit": "%"}
+            columns = ["quantity", "held", "change found", "by a t-test"]
+            write(args.json, {"lowest": lowest}, {"held": (columns, every)})
             return
         judge = [pool.submit(judged, _of(people, name), name, args.groups, args.size) for name in names]
         print(
             f"{args.groups} groups of {args.size} from {args.people} people, up to {args.fmax:g} Hz: "
             "% of 95 % intervals that hold the truth"
         )
-        columns = zip(("mean", "(ended by data)", "SD between", "difference", "individuals"), WIDTHS, strict=True)
+        columns = zip(COLUMNS, WIDTHS, strict=True)
         print(f"{'quantity':14}" + "".join(name.rjust(width) for name, width in columns), flush=True)
         found = []
         for name, one in zip(names, judge, strict=True):
             found.append(100 * np.mean(one.result(), axis=0))
             print(_row(name, found[-1]), flush=True)
     print(_row("mean", np.mean(found, axis=0)))
+    rows = [[name, *(f"{x:.{k != 1:d}f}" for k, x in enumerate(held))] for name, held in zip(names, found, strict=True)]
+    write(args.json, tables={"held": (["quantity", *COLUMNS], rows)})
 
+
+COLUMNS = ("mean", "(ended by data)", "SD between", "difference", "individuals")
+"""What is judged, in the order of `Held`."""
 
 WIDTHS = (8, 18, 12, 12, 13)
 """Of the columns that are printed."""

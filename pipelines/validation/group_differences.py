@@ -33,6 +33,7 @@ from mcstudy.spectra.frf_groups import in_space
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.response import frf
 from mcstudy.text_tables import table
+from pipelines import measured
 
 POINTS = ((1,), (2,), (3, 4), (4, 5), (5, 6, 7), (6, 7, 8, 9), (8, 9, 10, 11), (10, 11, 12, 13), (12, 13, 14, 15, 16))
 
@@ -132,6 +133,7 @@ def main() -> None:
     parser.add_argument("--groups", type=int, default=60)
     parser.add_argument("--compared", type=int, default=0)
     parser.add_argument("--nulls", type=int, default=0)
+    measured.add_option(parser)
     args = parser.parse_args()
     if args.nulls:
         print(false_rates(args.nulls))
@@ -150,6 +152,7 @@ def main() -> None:
             rows.append([f"{'' if paired else 'un'}paired, {words}", *(f"{100 * c / args.groups:.0f}" for c in counts)])
     header = ["groups", "means", "ratio", "scatter", "any region", "same", "alike", "upper body"]
     print(table(header, rows), flush=True)
+    measured.write(args.json, tables={"power": (header, rows)})
     for words, change in CHANGES.items() if args.compared else ():
         for k in range(args.compared):
             result = compare_groups(people(10, 2 * k), people(10, 2 * k + 1, change), permutations=199)

@@ -23,6 +23,7 @@ from mcstudy.identification.result import FitResult
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stimulus import Prts
+from pipelines import measured
 
 FMAX, HIGHER = 3.0, 8.0
 KNOWN = 1e-4
@@ -70,17 +71,23 @@ def ratios(seed: int) -> tuple[Ratios, Ratios]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recordings", type=int, default=20)
+    measured.add_option(parser)
     args = parser.parse_args()
     every = [ratios(seed) for seed in range(args.recordings)]
     print(f"{args.recordings} recordings: half-width / forecast, geometric mean [10 %, 90 %] (number)")
     print(f"{'change':20} {'firm forecasts':>28} {'rough forecasts':>28}")
-    for change in ("twice the cycles", "twice the amplitude", f"up to {HIGHER:g} Hz", "one known"):
+    changes = ("twice the cycles", "twice the amplitude", f"up to {HIGHER:g} Hz", "one known")
+    firm: dict[str, measured.Value] = {}
+    for key, change in zip(("cycles", "amplitude", "fmax", "known"), changes, strict=True):
         cells = []
         for kind in (0, 1):
             x = np.log([v for pair in every for v in pair[kind].get(change, [])])
             low, high = np.exp(np.quantile(x, (0.1, 0.9))) if x.size else (np.nan, np.nan)
+            if x.size and not kind:
+                firm[key] = {"value": float(np.exp(x.mean()))}
             cells.append(f"{np.exp(x.mean()):.2f} [{low:.2f}, {high:.2f}] ({x.size})" if x.size else "-")
         print(f"{change:20} {cells[0]:>28} {cells[1]:>28}")
+    measured.write(args.json, firm)
 
 
 if __name__ == "__main__":

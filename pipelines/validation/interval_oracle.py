@@ -26,6 +26,7 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 from mcstudy.streams import stream
+from pipelines import measured
 from pipelines.validation.coverage import Condition, Source
 
 BRACKET = 1e-4
@@ -193,6 +194,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first recording (default 0)")
     parser.add_argument("--fmax", type=float, default=3.1)
     parser.add_argument("--starts", type=int, default=20)
+    measured.add_option(parser)
     args = parser.parse_args()
     source, model = Source(Condition(0, 6, args.fmax)), two_segment()
     found: list[End] = []
@@ -213,6 +215,8 @@ def main() -> None:
     print(f"{len(found)} ends set by the data, of {args.recordings} recordings up to {args.fmax:g} Hz")
     print(f"difference in widths: median {np.median(apart):.1e}, 95 % {np.quantile(apart, 0.95):.1e}")
     print(f"within {SAME:g}: {100 * np.mean(apart < SAME):.2f} %")
+    share = {"value": 100 * float(np.mean(apart < SAME)), "unit": "%"}
+    measured.write(args.json, {"ends": {"value": len(found)}, "same": share})
 
 
 if __name__ == "__main__":

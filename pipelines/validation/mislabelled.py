@@ -23,6 +23,7 @@ from mcstudy.challenge.mislabelled import KINDS, MISLABELLINGS, sound
 from mcstudy.challenge.mislabelled_answers import CLASSES, answered
 from mcstudy.challenge.rates import rate
 from mcstudy.text_tables import table
+from pipelines import measured
 
 
 def rows(only: str, recordings: Sequence[int], verbose: bool) -> dict[str, list[str]]:
@@ -46,6 +47,7 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, nargs="+", default=range(KINDS), help="which sound recordings")
     parser.add_argument("--sound", type=int, help="diagnose this many sound recordings instead")
     parser.add_argument("--verbose", action="store_true", help="print every answer")
+    measured.add_option(parser)
     args = parser.parse_args()
     began = time.process_time()
     if args.sound:
@@ -64,6 +66,8 @@ def main() -> None:
     print()
     for k in CLASSES:
         print(f"{k}: {rate(x == k for x in every).text()} of {len(every)}")
+    shares = [[k, rate(x == k for x in every).text()] for k in CLASSES]
+    measured.write(args.json, tables={"answers": (["answer", "share [95 %]"], shares)})
     print(f"CPU time: {time.process_time() - began:.0f} s")
 
 

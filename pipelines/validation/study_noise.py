@@ -20,6 +20,7 @@ import mcstudy as mc
 from mcstudy.gap.checked_lines import checked_lines, given_model
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.noise_of import LIKE, fitted_noise
+from pipelines import measured
 from pipelines.validation.coverage import DISCARD, body, truths
 
 FMAX = 3.1
@@ -42,6 +43,7 @@ def one(stimulus: str, number: int, seed: int) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(201, 207)), help="default: 201 to 206")
+    measured.add_option(parser)
     args = parser.parse_args()
     found = []
     for seed in args.seeds:
@@ -60,6 +62,8 @@ def main() -> None:
         if which.any():
             f, e = factor[which], error[which]
             print(f"{name}: factor {f.min():.2f} to {f.max():.2f}, largest error {np.median(e):.2f} (median)")
+    others = float(factor[~refused].max(initial=1.0))
+    measured.write(args.json, {"refused": {"value": int(refused.sum())}, "others": {"value": others}})
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import numpy as np
 
 import mcstudy as mc
 from mcstudy.errors import InputError
+from pipelines import measured
 
 AMPLITUDES = {
     "ankle_torque": 5.0,
@@ -57,7 +58,9 @@ def main() -> None:
     parser.add_argument("--realizations", type=int, default=20, help="realizations of every study (default 20)")
     parser.add_argument("--starts", type=int, default=8, help="starts of every fit of the study (default 8)")
     parser.add_argument("--stimulus", nargs="+", choices=AMPLITUDES, help="kinds of stimulus (default: all)")
+    measured.add_option(parser)
     args = parser.parse_args()
+    means: dict[str, measured.Value] = {}
     for stimulus in args.stimulus or AMPLITUDES:
         try:
             pairs = ratios(stimulus, args.fmax, args.realizations, args.starts)
@@ -65,8 +68,11 @@ def main() -> None:
             print(f"{stimulus}: no study: {error}")
             continue
         found = {name: a / b for name, (a, b) in pairs.items()}
-        print(f"{stimulus}: geometric mean {np.exp(np.mean(np.log(list(found.values())))):.2f}")
+        mean = float(np.exp(np.mean(np.log(list(found.values())))))
+        means[stimulus.split("_")[0]] = {"value": mean}
+        print(f"{stimulus}: geometric mean {mean:.2f}")
         print("  " + ", ".join(f"{name} {ratio:.2f}" for name, ratio in found.items()), flush=True)
+    measured.write(args.json, means)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from mcstudy.fitting.solvers import fit_many
 from mcstudy.streams import stream
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import Experiment
+from pipelines import measured
 
 Rule = Callable[[np.ndarray], np.ndarray]
 
@@ -72,8 +74,8 @@ def row(name: str, drawn: np.ndarray, miss: np.ndarray) -> str:
     return f"{name:<58}{each.mean():>6.2f} [{low:.2f}, {high:.2f}]{drawn.mean():>10.0f}{np.quantile(drawn, 0.95):>8.0f}"
 
 
-def main(realizations: int, starts: int) -> None:
-    """Print the table."""
+def main(realizations: int, starts: int, file: Path | None = None) -> None:
+    """Print the table, and write it to ``file``."""
     cost, rng = pools(realizations, starts), stream(SEED, "until certain, orders")
     orders = np.stack([np.stack([rng.permutation(one) for _ in range(ORDERS)]) for one in cost])
     share = share_of_hits(cost)
@@ -86,10 +88,17 @@ def main(realizations: int, starts: int) -> None:
     early = sorted({min(n, starts) for n in (10, 20, 40, 80, 160, 320, 640, starts)})
     first = orders[..., : min(FIXED, starts)]
     miss = first.min(axis=-1) > cost.min(axis=-1)[:, None] * (1 + HIT_TOLERANCE) + COST_FLOOR
-    print(row(f"{first.shape[-1]} starts", np.full(miss.shape, first.shape[-1]), miss))
-    print(row("estimate below 1 %, from 10 starts on", *stopped(orders, lambda c: chance(c) < WANTED, early)))
-    print(row(f"estimate below 1 %, from {at[0]} starts on", *stopped(orders, lambda c: chance(c) < WANTED, at)))
-    print(row('"until certain": upper end of the estimate below 1 %', *stopped(orders, certain, at)))
+    rules = {
+        f"{first.shape[-1]} starts": (np.full(miss.shape, first.shape[-1]), miss),
+        "estimate below 1 %, from 10 starts on": stopped(orders, lambda c: chance(c) < WANTED, early),
+        f"estimate below 1 %, from {at[0]} starts on": stopped(orders, lambda c: chance(c) < WANTED, at),
+        '"until certain": upper end of the estimate below 1 %': stopped(orders, certain, at),
+    }
+    for rule, outcome in rules.items():
+        print(row(rule, *outcome))
+    if file:
+        rows = [[rule, f"{100 * miss.mean():.2f}", f"{used.mean():.0f}"] for rule, (used, miss) in rules.items()]
+        measured.write(file, tables={"rules": (["rule", "missed, %", "starts, mean"], rows)})
     stated = chance(first)
     print(f"\nPools of {first.shape[-1]} by what they state as the chance that they missed the lowest minimum:")
     for low, high in ((0.0, 1e-4), (1e-4, 0.01), (0.01, 0.1), (0.1, 1.0)):
@@ -106,5 +115,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="How often do starts until certain miss the lowest minimum?")
     parser.add_argument("--realizations", type=int, default=200)
     parser.add_argument("--starts", type=int, default=1000)
+    measured.add_option(parser)
     given = parser.parse_args()
-    main(given.realizations, given.starts)
+    main(given.realizations, given.starts, given.json)

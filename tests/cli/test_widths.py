@@ -101,10 +101,11 @@ def test_a_page_of_the_documentation_fits_the_terminal_except_for_its_code(
 
 
 def test_a_page_keeps_every_word_of_its_tables_and_paragraphs(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "One [link](a.md) and\nmore.\n\n| field | meaning |\n|---|---:|\n| `a` | b \\| c |\n\n1. first\n   item\n"
+    text = "One [link](a.md) and\nno <!--=a.b-->more<!--/-->.\n\n"
+    text += "| field | meaning |\n|---|---:|\n| `a` | b \\| c |\n\n1. first\n   item\n"
     monkeypatch.setenv("COLUMNS", "80")
     assert as_text(text).split("\n") == [
-        "One link and more.",
+        "One link and no more.",
         "",
         "field  meaning",
         "--------------",

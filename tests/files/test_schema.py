@@ -21,8 +21,10 @@ from mcstudy.files import json_files, schema
 from mcstudy.files.untrusted import json_document
 from mcstudy.study import store
 from mcstudy.study.study_file import parse_study
+from pipelines.schemas import generated
 
 FOLDER = Path(__file__).parents[2] / "results_schema"
+GENERATED = generated()
 NAMES = sorted({p.stem for p in FOLDER.glob("*/*.json")})
 
 
@@ -39,6 +41,16 @@ def test_a_schema_is_one_and_is_called_what_its_file_is(name: str) -> None:
     assert schema.identifier(name) == f"mcstudy:{name}:{schema.versions()[name]}"
 
 
+@pytest.mark.parametrize("path", GENERATED)
+def test_a_schema_is_what_the_records_and_the_layout_give(path: str) -> None:
+    assert (FOLDER / path).read_text(encoding="utf-8") == GENERATED[path], "python -m pipelines.schemas writes it"
+
+
+def test_only_superseded_versions_are_not_generated() -> None:
+    files = {file.relative_to(FOLDER).as_posix() for file in FOLDER.glob("*/*.json")}
+    assert files - set(GENERATED) == {"1.0.0/diagnosis.json", "1.0.0/show.json"}
+
+
 def test_the_newest_version_of_a_schema_is_used() -> None:
     assert schema.versions()["show"] == "2.0.0"
     assert schema.versions()["recording"] == "1.0.0"
@@ -47,19 +59,28 @@ def test_the_newest_version_of_a_schema_is_used() -> None:
 def test_a_diagnosis_of_version_1_0_can_still_be_read() -> None:
     """The newer schema demands nothing that the older one did not have; both refuse what neither knows."""
     old, new = (json.loads((FOLDER / v / "diagnosis.json").read_text()) for v in ("1.0.0", "1.1.0"))
-    assert new["required"] == old["required"]
+    assert sorted(new["required"]) == sorted(old["required"])
     assert {"likeness", "nearest", "none_log_bayes_factor", "prior"} == (
         set(new["properties"]) - set(old["properties"])
-    ) | (
-        set(new["properties"]["causes"]["items"]["properties"])
-        - set(old["properties"]["causes"]["items"]["properties"])
-    )
+    ) | (set(new["$defs"]["Cause"]["properties"]) - set(old["properties"]["causes"]["items"]["properties"]))
     document = json.loads((Path(__file__).parent / "diagnosis_1_0_0.json").read_text())
     for one in (old, new):
         Draft202012Validator(one).validate(document)
     schema.validate("diagnosis", document, "an old file")
     with pytest.raises(StoreError, match="nearest"):
         schema.validate("diagnosis", {**document, "nearest": {"effects": []}}, "an unsound file")
+
+
+COMPLETE = {
+    "detected": True,
+    "p_value": 0.01,
+    "none_probability": 0.1,
+    "unknown_probability": 0.1,
+    "causes": [],
+    "credible_set": [],
+    "closed": None,
+}
+"""What an answer without an error has."""
 
 
 class Unsound:
@@ -145,7 +166,7 @@ def test_a_part_that_does_not_conform_is_neither_written_nor_read(tmp_path: Path
         ),
         ({"answers": [{"name": "case1", "seconds": 0, "error": 5}]}, "answers.0.error: expected text, found 5"),
         (
-            {"answers": [{"name": "case1", "seconds": 0, "detected": 5}]},
+            {"answers": [{"name": "case1", "seconds": 0, **COMPLETE, "detected": 5}]},
             "answers.0.detected: expected true or false, found 5",
         ),
     ],

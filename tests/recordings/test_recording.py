@@ -17,8 +17,8 @@ from fuzzing import MANY
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
 from mcstudy.files.reading_process import Answer, answer
-from mcstudy.gap.candidates.readings import READINGS
-from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.lines.checked_recording import checked_lines
+from mcstudy.lines.readings import READINGS
 from mcstudy.recordings import netcdf_zarr
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.columns import text_source

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mcstudy.effect_library.library import LIBRARY as effects
     from mcstudy.effect_library.simulated import simulate
     from mcstudy.errors import InputError, Interrupted
-    from mcstudy.identification.group_result import GroupResult
+    from mcstudy.identification.people.group_result import GroupResult
     from mcstudy.own_model import run_model
     from mcstudy.recordings.frf import FrfRecording
     from mcstudy.recordings.frf_group import read_frf_group
@@ -49,7 +49,7 @@ _FROM = {
     "Effect": "effect_library.declare",
     "FitResult": "report.person.plots:FitWithFigures",
     "FrfRecording": "recordings.frf",
-    "GroupResult": "identification.group_result",
+    "GroupResult": "identification.people.group_result",
     "InputError": "errors",
     "Interrupted": "errors",
     "Recording": "recordings.recording",

@@ -7,11 +7,11 @@ from typing import Any
 
 from mcstudy.api.recordings import AnyRecording
 from mcstudy.files.local_path import local_path
-from mcstudy.identification.group_fit import Known, fit_members
-from mcstudy.identification.group_result import GroupResult
-from mcstudy.identification.people import members
+from mcstudy.identification.people.fits import Known, fit_members
+from mcstudy.identification.people.group_result import GroupResult
+from mcstudy.identification.people.members import members
 from mcstudy.identification.result import FitResult
-from mcstudy.identification.study_of import study_of
+from mcstudy.identification.study_design import study_of
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import Study

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import InputError
-from mcstudy.gap.asked import CAUSE_ONLY
 from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
 from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
 from mcstudy.gap.planned.choice import require_possible
 from mcstudy.gap.planned.next_trial import next_trial as planned_next
 from mcstudy.gap.questions.posterior import NONE
+from mcstudy.gap.settings import CAUSE_ONLY
 from mcstudy.identification.fit import fit as fit_recording
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.importing import import_files

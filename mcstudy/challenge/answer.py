@@ -34,16 +34,16 @@ NEGLIGIBLE = 1e-5
 
 def fast(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its asymptotic statistics."""
-    from mcstudy.gap.asked import Asked
     from mcstudy.gap.diagnose import diagnose_fast
+    from mcstudy.gap.settings import Asked
 
     return diagnose_fast(recording, asked=Asked(nearest=False)).to_dict()
 
 
 def bootstrap(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its bootstrap."""
-    from mcstudy.gap.asked import Asked
     from mcstudy.gap.diagnose import diagnose
+    from mcstudy.gap.settings import Asked
 
     return diagnose(recording, asked=Asked(nearest=False)).to_dict()
 

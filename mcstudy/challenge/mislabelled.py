@@ -1,7 +1,7 @@
 """Recordings with mislabelled channels, trials, clocks or bodies, and the sound recordings from which they are made.
 
 A sound recording comes from the time-domain simulator; a mislabelling changes its channels as a laboratory might. Every
-`Mislabelling` states which codes of `mcstudy.gap.questions.labels` describe it, so a refusal or a named cause can be
+`Mislabelling` states which codes of `mcstudy.lines.labels` describe it, so a refusal or a named cause can be
 judged right or wrong.
 """
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import InputError
-from mcstudy.gap.asked import CAUSE_ONLY
 from mcstudy.gap.diagnose import diagnose_fast
+from mcstudy.gap.settings import CAUSE_ONLY
 from mcstudy.recordings.recording import Recording
 
 CLASSES = (

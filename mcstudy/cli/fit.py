@@ -112,8 +112,8 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
 
 def _group(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
-    from mcstudy.identification.group_fit import fit_members
-    from mcstudy.identification.people import Member, members, named, read_people, rows_of
+    from mcstudy.identification.people.fits import fit_members
+    from mcstudy.identification.people.members import Member, members, named, read_people, rows_of
     from mcstudy.recordings.io import read_recording
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import folded

@@ -218,8 +218,8 @@ def _fast(args: argparse.Namespace, cause_only: bool = False) -> Diagnosis:
     options, read = _options(args), read_recordings(args)
 
     def compute() -> Diagnosis:
-        from mcstudy.gap.asked import CAUSE_ONLY, EVERYTHING
         from mcstudy.gap.diagnose import diagnose_fast
+        from mcstudy.gap.settings import CAUSE_ONLY, EVERYTHING
 
         with _ready(args):
             return diagnose_fast(read, **options, asked=CAUSE_ONLY if cause_only else EVERYTHING)

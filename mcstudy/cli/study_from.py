@@ -24,7 +24,7 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.files.json_files import write_text
     from mcstudy.identification.fit import fit
-    from mcstudy.identification.study_of import study_of
+    from mcstudy.identification.study_design import study_of
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import fill

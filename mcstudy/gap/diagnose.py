@@ -13,22 +13,22 @@ import numpy as np
 
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted
-from mcstudy.gap.asked import EVERYTHING, Asked
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unknown import LENGTHS
-from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.closure import Belief, Closure, close, floor_rms_deg, sway_rms_deg
 from mcstudy.gap.questions.detection import LEVEL
-from mcstudy.gap.questions.labels import label_odds
 from mcstudy.gap.questions.location import locations, missing_torque
-from mcstudy.gap.questions.mislabelled import Labels, mislabelled
+from mcstudy.gap.questions.mislabelling import Labels, mislabelled
 from mcstudy.gap.questions.nearest import nearest, with_likeness
 from mcstudy.gap.questions.parameters import shifts
 from mcstudy.gap.questions.posterior import NONE, Cause, Explanation, explain, prior
 from mcstudy.gap.questions.power import undetectable
-from mcstudy.gap.settling import cycles_to_discard, longer, unsettled
+from mcstudy.gap.settings import EVERYTHING, Asked
+from mcstudy.lines.checked_recording import Discard, checked_lines, given_model
+from mcstudy.lines.labels import label_odds
+from mcstudy.lines.settling import cycles_to_discard, longer, unsettled
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
@@ -69,7 +69,7 @@ def diagnose(
     model: base model; by default the two-segment model of the recording's body. None under several stimuli.
     fmax: highest frequency, Hz; None for 8, or the last of a published response. discard: transient cycles left out at
         the start of every trial; None for one, or as many as the slowest oscillation of the fitted body needs
-        (`mcstudy.gap.settling`).
+        (`mcstudy.lines.settling`).
     accept: codes of suspicions about mislabelled channels. For these the labels are kept.
     asked: the questions that are answered; the results of the others are None.
     prior_none: prior probability of no missing effect.

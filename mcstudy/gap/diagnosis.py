@@ -13,17 +13,17 @@ from mcstudy.files import schema
 from mcstudy.files.json_files import plain
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap import nearest_words, tables, verdict
-from mcstudy.gap.asked import EVERYTHING, Asked
-from mcstudy.gap.fits.relabelled import of_part
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.detection import Detection
 from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.gap.questions.nearest import SHOWN, Nearest
 from mcstudy.gap.questions.parameters import Shift
-from mcstudy.gap.questions.part_fits import parts_dict
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import Undetectable
+from mcstudy.gap.settings import EVERYTHING, Asked
+from mcstudy.lines.part_fits import parts_dict
+from mcstudy.lines.reading_fits import of_part
 from mcstudy.recordings.joint import AnyRecording, JointRecording, part_labels
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines

@@ -13,9 +13,9 @@ from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap import nearest_words
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.parameters import sources
-from mcstudy.gap.questions.part_fits import told
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import Undetectable
+from mcstudy.lines.part_fits import told
 from mcstudy.recordings.joint import part_labels
 from mcstudy.text_tables import fill, number, with_error
 

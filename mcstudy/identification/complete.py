@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from mcstudy.errors import RecordingError
-from mcstudy.gap.checked_lines import Discard, discarded
 from mcstudy.identification.belief import gap_found, with_effects
 from mcstudy.identification.forecast import forecasts
 from mcstudy.identification.loop_stability import stability
@@ -17,6 +16,7 @@ from mcstudy.identification.result import FitResult
 from mcstudy.identification.simulated_coverage import nearest
 from mcstudy.identification.sway import predicted_sway
 from mcstudy.identification.trades import bodies, valleys
+from mcstudy.lines.checked_recording import Discard, discarded
 from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.spectra.joint_lines import joined
 from mcstudy.spectra.lines import Lines

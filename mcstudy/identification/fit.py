@@ -12,9 +12,6 @@ from scipy.special import ndtri
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
-from mcstudy.gap.checked_lines import Discard, checked_lines, given_model
-from mcstudy.gap.questions.part_fits import PartFit, part_fits
-from mcstudy.gap.settling import cycles_to_discard, longer, unsettled
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.complete import complete
 from mcstudy.identification.correction import DRAWS, Draws, simulated
@@ -25,6 +22,9 @@ from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.several_minima import factor
 from mcstudy.identification.tables import BANDS_HZ
 from mcstudy.identification.threshold import Threshold, threshold
+from mcstudy.lines.checked_recording import Discard, checked_lines, given_model
+from mcstudy.lines.part_fits import PartFit, part_fits
+from mcstudy.lines.settling import cycles_to_discard, longer, unsettled
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import AnyRecording
 from mcstudy.recordings.recording import Recording

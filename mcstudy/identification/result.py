@@ -9,7 +9,6 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
-from mcstudy.gap.questions.part_fits import PartFit, parts_dict
 from mcstudy.identification import tables, words
 from mcstudy.identification.belief import GapFound, WithEffects
 from mcstudy.identification.forecast import Forecast
@@ -19,6 +18,7 @@ from mcstudy.identification.profile import Profile
 from mcstudy.identification.simulated_coverage import Coverage, Covered
 from mcstudy.identification.sway import PredictedSway
 from mcstudy.identification.trades import Valley, moving
+from mcstudy.lines.part_fits import PartFit, parts_dict
 from mcstudy.recordings.joint import AnyRecording, JointRecording, part_labels
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines

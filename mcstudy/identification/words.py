@@ -11,9 +11,9 @@ import numpy as np
 from mcstudy.fitting.precision import WANTED
 from mcstudy.gap import verdict
 from mcstudy.gap.questions.detection import LEVEL
-from mcstudy.gap.questions.part_fits import told
 from mcstudy.identification.minimum import SEARCHES
 from mcstudy.identification.tables import as_text, estimates, help_needed, interval, relative
+from mcstudy.lines.part_fits import told
 from mcstudy.text_tables import number, p_words, with_error
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Checks of a recording: complete, uniform in time, in the stated units, periodic as stated.
 
-Every check raises `RecordingError` naming the trial and the field. `mcstudy.gap.questions.labels` in
+Every check raises `RecordingError` naming the trial and the field. `mcstudy.lines.labels` in
 addition compares the responses with those that a standing body can have.
 """
 

@@ -24,7 +24,7 @@ from mcstudy.effect_library import library
 from mcstudy.errors import InputError, ModelError
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.candidates.signatures import Signature, signatures
-from mcstudy.gap.fits.priors import opened, weak_prior
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 

@@ -19,12 +19,12 @@ from scipy.special import ndtri
 
 from mcstudy.fitting.arguments import Restraint
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.fits.base_fit import drawn_starts
 from mcstudy.identification.correction import Draws
 from mcstudy.identification.minimum import ITERATIONS, TOLERANCE, Minima, distinct, standing
 from mcstudy.identification.profile import Linearised
 from mcstudy.identification.quantities import Quantity
 from mcstudy.identification.threshold import threshold
+from mcstudy.lines.base_fit import drawn_starts
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.stability import growth_rate
 

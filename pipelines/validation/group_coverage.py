@@ -36,9 +36,9 @@ from scipy.stats import kurtosis, ttest_1samp
 import mcstudy as mc
 from mcstudy.fitting.compilers import cores
 from mcstudy.identification.fit import fit_lines
-from mcstudy.identification.likelihood import Likelihood, difference, of_fit
-from mcstudy.identification.population import Population
-from mcstudy.identification.two_means import paired, unpaired
+from mcstudy.identification.people.likelihood import Likelihood, difference, of_fit
+from mcstudy.identification.people.population import Population
+from mcstudy.identification.people.two_means import paired, unpaired
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment

@@ -34,12 +34,12 @@ from mcstudy.effect_library.library import LIBRARY
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import FallsError
 from mcstudy.fitting.penalised import whiten
-from mcstudy.gap.checked_lines import checked_lines, given_model
 from mcstudy.gap.diagnose import detect_fast
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import Twins, twins_of_design
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.quantities import quantities
+from mcstudy.lines.checked_recording import checked_lines, given_model
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment

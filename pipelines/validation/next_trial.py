@@ -41,8 +41,6 @@ from mcstudy.effect_library.library import LIBRARY
 from mcstudy.effect_library.simulate import Protocol, body_with_effects
 from mcstudy.errors import FallsError, InputError, RecordingError
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
-from mcstudy.gap.checked_lines import checked_lines, given_model
-from mcstudy.gap.fits.priors import opened
 from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
 from mcstudy.gap.planned.next_trial import described
 from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
@@ -51,7 +49,9 @@ from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.posterior import Explanation, explain, prior
-from mcstudy.gap.settling import OVER
+from mcstudy.lines.checked_recording import checked_lines, given_model
+from mcstudy.lines.priors import opened
+from mcstudy.lines.settling import OVER
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import JointRecording
 from mcstudy.recordings.recording import Recording

@@ -40,10 +40,10 @@ from mcstudy.effect_library.library import LIBRARY, apply
 from mcstudy.fitting.penalised import Fitter, whiten
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
 from mcstudy.gap.candidates.unknown import free_torques
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.planned.trials import PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.questions.other_forms import OTHER
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.information import expected_line_covariance
 from mcstudy.stance.joint import joined, under

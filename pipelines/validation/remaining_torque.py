@@ -24,10 +24,10 @@ from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.rational_torque import MOST_POLES, Loop, extended, paths
 from mcstudy.gap.candidates.rational_torque import Path as TorquePath
-from mcstudy.gap.fits.base_fit import base_fit
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.interval import Interval
 from mcstudy.gap.questions.remaining_torque import remaining_torque
+from mcstudy.lines.base_fit import base_fit
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model

@@ -17,9 +17,9 @@ import numpy as np
 from study_round_trip import AMPLITUDES, CYCLES, RATE_HZ, TRIALS
 
 import mcstudy as mc
-from mcstudy.gap.checked_lines import checked_lines, given_model
 from mcstudy.identification.fit import fit_lines
-from mcstudy.identification.noise_of import LIKE, fitted_noise
+from mcstudy.identification.study_noise import LIKE, fitted_noise
+from mcstudy.lines.checked_recording import checked_lines, given_model
 from pipelines import measured
 from pipelines.validation.coverage import DISCARD, body, truths
 

@@ -15,9 +15,9 @@ from mcstudy.effect_library.published import active_gain, terms
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.diagnose import diagnose_lines
-from mcstudy.gap.fits.base_fit import drawn_starts
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.contrasts import contrast
+from mcstudy.lines.base_fit import drawn_starts
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Term

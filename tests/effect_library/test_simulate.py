@@ -14,7 +14,7 @@ from mcstudy.effect_library import library
 from mcstudy.effect_library.simulate import Protocol, body_with_effects, draw_case, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
-from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.lines.checked_recording import checked_lines
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure

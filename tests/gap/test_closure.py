@@ -12,8 +12,6 @@ from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.fitting.small_linear import gaussian_factor, orthonormal
 from mcstudy.gap.candidates.signatures import applicable, signatures
 from mcstudy.gap.candidates.unknown import free_torques
-from mcstudy.gap.fits.base_fit import drawn_starts
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.closure import (
     Belief,
     close,
@@ -24,6 +22,8 @@ from mcstudy.gap.questions.closure import (
     sway_rms_deg,
 )
 from mcstudy.gap.questions.evidence import Hypothesis
+from mcstudy.lines.base_fit import drawn_starts
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 

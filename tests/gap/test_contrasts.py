@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
-from mcstudy.gap.fits.base_fit import drawn_starts
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.contrasts import FIRST_HARMONIC, contrast
+from mcstudy.lines.base_fit import drawn_starts
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 

@@ -12,10 +12,10 @@ from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.remainder import Remainder
 from mcstudy.gap.candidates.scores import Projection
 from mcstudy.gap.candidates.unknown import free_torques
-from mcstudy.gap.fits.base_fit import drawn_starts
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.departure import departed, left_energies, remainder, with_departures
 from mcstudy.gap.questions.evidence import Hypothesis, single
+from mcstudy.lines.base_fit import drawn_starts
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf

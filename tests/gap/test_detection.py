@@ -12,10 +12,10 @@ from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.gap.candidates.scores import Scores, log_factor
 from mcstudy.gap.candidates.signatures import applicable, signatures
-from mcstudy.gap.fits.base_fit import drawn_starts
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions import detection
 from mcstudy.gap.questions.detection import Detection, detect, linear_null, refitted_null
+from mcstudy.lines.base_fit import drawn_starts
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf

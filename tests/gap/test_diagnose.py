@@ -12,11 +12,8 @@ import pytest
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.files import schema
-from mcstudy.gap.asked import CAUSE_ONLY
-from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose, diagnose_fast
 from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.questions.labels import refuse
 from mcstudy.gap.questions.parameters import (
     MOSTLY_PRIOR,
     PRIOR_EXPLAINED,
@@ -25,7 +22,10 @@ from mcstudy.gap.questions.parameters import (
     prior_share,
     sources,
 )
+from mcstudy.gap.settings import CAUSE_ONLY
 from mcstudy.gap.tables import text
+from mcstudy.lines.checked_recording import checked_lines
+from mcstudy.lines.labels import refuse
 from mcstudy.recordings.recording import Recording, Suspicion, Trial
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment

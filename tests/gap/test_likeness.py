@@ -10,9 +10,9 @@ import pytest
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.unknown import free_torques
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.closure import smooth_directions
 from mcstudy.gap.questions.likeness import _held_out, _likeness, likeness
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 

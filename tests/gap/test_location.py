@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.gap.questions.location import locations, missing_torque
 from mcstudy.gap.questions.posterior import Explanation
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf

@@ -19,17 +19,17 @@ from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.candidates.readings import READINGS, butterworth
-from mcstudy.gap.checked_lines import checked_lines
 from mcstudy.gap.diagnose import detect_fast, diagnose_fast
-from mcstudy.gap.fits.base_fit import base_fit
-from mcstudy.gap.fits.priors import opened, weak_prior
-from mcstudy.gap.fits.relabelled import Search
 from mcstudy.gap.questions.any_gap import GapTest
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
-from mcstudy.gap.questions.mislabelled import Labels, Mislabelled, mislabelled
+from mcstudy.gap.questions.mislabelling import Labels, Mislabelled, mislabelled
 from mcstudy.gap.questions.possible import possible
 from mcstudy.gap.tables import text
+from mcstudy.lines.base_fit import base_fit
+from mcstudy.lines.checked_recording import checked_lines
+from mcstudy.lines.priors import opened, weak_prior
+from mcstudy.lines.reading_fits import Search
+from mcstudy.lines.readings import READINGS, butterworth
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure

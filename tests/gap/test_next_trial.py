@@ -40,8 +40,8 @@ from mcstudy.gap.planned.predictions import (
 from mcstudy.gap.planned.response import chances, least_amplitude
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
-from mcstudy.gap.questions.labels import EDGES_HZ, NO_RESPONSE, no_response
 from mcstudy.gap.questions.posterior import prior
+from mcstudy.lines.labels import EDGES_HZ, NO_RESPONSE, no_response
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.figure import figure
 from mcstudy.report.with_page import NextTrialWithPage

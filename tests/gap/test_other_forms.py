@@ -11,10 +11,10 @@ from mcstudy.challenge.forms import FORMS
 from mcstudy.challenge.misshapen import shaped
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.fits.base_fit import drawn_starts
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.evidence import Hypothesis, single
 from mcstudy.gap.questions.other_forms import in_other_forms, mixed
+from mcstudy.lines.base_fit import drawn_starts
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf

@@ -10,13 +10,13 @@ import pytest
 from mcstudy.effect_library import library
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
-from mcstudy.gap.asked import Asked
 from mcstudy.gap.candidates.scores import WRONG_SIGN
 from mcstudy.gap.candidates.signatures import WANTED, alike_groups, applicable, signatures, similarity
 from mcstudy.gap.diagnose import diagnose_fast, diagnose_lines
-from mcstudy.gap.fits.base_fit import drawn_starts
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.evidence import log_prior, single
+from mcstudy.gap.settings import Asked
+from mcstudy.lines.base_fit import drawn_starts
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stimulus import Prts

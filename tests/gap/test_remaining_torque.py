@@ -10,8 +10,8 @@ from scipy.signal import freqs
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.rational_torque import Loop, Path, extended, paths
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.remaining_torque import _candidates, remaining_torque
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, system

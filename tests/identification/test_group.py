@@ -14,8 +14,8 @@ from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
-from mcstudy.identification.group_words import spread
-from mcstudy.identification.people import members, read_people
+from mcstudy.identification.people.group_words import spread
+from mcstudy.identification.people.members import members, read_people
 from mcstudy.text_tables import number
 
 FMAX = 1.2

@@ -9,9 +9,9 @@ import pytest
 from examples import module
 from scipy import integrate, optimize, stats
 
-from mcstudy.identification.likelihood import Likelihood, difference, hull
-from mcstudy.identification.population import Population
-from mcstudy.identification.two_means import paired, unpaired
+from mcstudy.identification.people.likelihood import Likelihood, difference, hull
+from mcstudy.identification.people.population import Population
+from mcstudy.identification.people.two_means import paired, unpaired
 
 VACCINATED = np.array(
     [

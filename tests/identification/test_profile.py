@@ -11,11 +11,11 @@ from scipy.optimize import minimize
 
 import mcstudy as mc
 from mcstudy.fitting.penalised import Data, Fitter, whiten
-from mcstudy.gap.fits.base_fit import drawn_starts
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.minimum import search, without_prior
 from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.lines.base_fit import drawn_starts
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, frf_jacobian
 from mcstudy.stance.stability import growth_rate

@@ -12,7 +12,7 @@ import mcstudy as mc
 from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
-from mcstudy.identification.noise_of import noise_of
+from mcstudy.identification.study_noise import noise_of
 from mcstudy.recordings.joint import JointRecording
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import sway_psd

@@ -23,6 +23,7 @@ LAYERS = (
     ("fitting",),
     ("effect_library",),
     ("scheduler",),
+    ("lines",),
     ("study", "gap"),
     ("identification",),
     ("analysis",),

@@ -11,7 +11,7 @@ import pytest
 
 import mcstudy as mc
 from mcstudy.errors import RecordingError
-from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.lines.checked_recording import checked_lines
 from mcstudy.recordings.copies import numbered, refuse_copies
 from mcstudy.recordings.recording import Recording, Trial
 

@@ -15,7 +15,7 @@ from mcstudy.cli import main
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.exits import Exit
 from mcstudy.files.delimited import labelled
-from mcstudy.identification.people import read_people
+from mcstudy.identification.people.members import read_people
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.importing import import_files
 from mcstudy.recordings.io import read_recording, write_recording

@@ -16,9 +16,9 @@ import zarr
 
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError
-from mcstudy.gap.candidates.readings import READINGS
 from mcstudy.gap.diagnose import detect_fast
-from mcstudy.gap.questions.labels import NOTED
+from mcstudy.lines.labels import NOTED
+from mcstudy.lines.readings import READINGS
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.netcdf_zarr import BODY

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 import mcstudy as mc
 from mcstudy.errors import RecordingError
-from mcstudy.gap.checked_lines import checked_lines
+from mcstudy.lines.checked_recording import checked_lines
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.faults import Fault, angle_faults, stimulus_faults
 from mcstudy.recordings.recording import Recording, Trial

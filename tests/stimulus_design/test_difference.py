@@ -12,7 +12,7 @@ from mcstudy.effect_library import library
 from mcstudy.errors import DesignError
 from mcstudy.files import schema
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.fits.priors import weak_prior
+from mcstudy.lines.priors import weak_prior
 from mcstudy.report.design_page import design_page
 from mcstudy.spectra.periods import ramp_removed
 from mcstudy.stance.simulate_time import simulate, with_derivatives

@@ -18,9 +18,9 @@ from mcstudy.effect_library.declare import Size
 from mcstudy.effect_library.library import LIBRARY, apply
 from mcstudy.fitting.penalised import Data, Fitted, whiten
 from mcstudy.gap.candidates.unknown import free_torques
-from mcstudy.gap.fits.priors import weak_prior
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.questions.evidence import Hypothesis
+from mcstudy.lines.priors import weak_prior
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import Body

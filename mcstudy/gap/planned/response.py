@@ -1,6 +1,6 @@
 """Whether a planned trial will show a response: a diagnosis refuses a recording whose angles hold noise alone.
 
-The test is that of `mcstudy.gap.questions.labels`: the clearest band of an angle, against noise, corrected for their
+The test is that of `mcstudy.lines.labels`: the clearest band of an angle, against noise, corrected for their
 number. Under a body that responds, the statistic of a band is noncentral F; the chance that the clearest band alone
 passes is a lower limit. A fit near instability overestimates responses at some frequencies, so the nominal body has to
 pass as well, and so has the fit of every cause, on average over their probabilities.
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import fdtri, ncfdtr
 
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
-from mcstudy.gap.questions.labels import EDGES_HZ, NO_RESPONSE
+from mcstudy.lines.labels import EDGES_HZ, NO_RESPONSE
 
 SURE = 0.95
 """Chance of a response beyond noise that a trial must have to be planned."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.signatures import alike_groups, applicable, signatures, similarity
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.planned.predictions import moved
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import Body

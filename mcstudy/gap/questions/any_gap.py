@@ -11,11 +11,11 @@ from mcstudy.effect_library.declare import Effect
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.signatures import Signature, ambiguity_groups, applicable, signatures
-from mcstudy.gap.fits.base_fit import base_fit
-from mcstudy.gap.fits.priors import opened, weak_prior
 from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.contrasts import Contrast, contrasts
 from mcstudy.gap.questions.detection import Detection, detect
+from mcstudy.lines.base_fit import base_fit
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.short_repr import Summary
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model

@@ -18,7 +18,7 @@ from mcstudy.fitting.arguments import PenalisedFits
 from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unstructured import Unstructured
-from mcstudy.gap.questions.part_fits import PartFit, part_fits
+from mcstudy.lines.part_fits import PartFit, part_fits
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.response import frf
 

@@ -24,7 +24,7 @@ from mcstudy.effect_library.declare import Effect, Size
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.scores import TYPICAL_DELTA, WRONG_SIGN
 from mcstudy.gap.candidates.signatures import Signature
-from mcstudy.gap.fits.priors import weak_prior
+from mcstudy.lines.priors import weak_prior
 
 SPAN = 6.0
 """Half-width of the grid of sizes in standard errors."""

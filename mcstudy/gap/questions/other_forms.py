@@ -19,8 +19,8 @@ import numpy as np
 
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
-from mcstudy.gap.fits.priors import weak_prior
 from mcstudy.gap.questions.evidence import Hypothesis, profiled
+from mcstudy.lines.priors import weak_prior
 
 OTHER = 0.5
 """Prior probability that an effect has another form than the declared one."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.fitting.penalised import Fitted
-from mcstudy.gap.fits.priors import DELAY_SPREAD_S, GAIN_SPREAD, WEIGHT_SPREAD
+from mcstudy.lines.priors import DELAY_SPREAD_S, GAIN_SPREAD, WEIGHT_SPREAD
 
 MOSTLY_PRIOR = 0.5
 """Share of the precision of an estimate that the priors add, its own and those of parameters that trade for it, from
@@ -23,7 +23,7 @@ PRIOR_EXPLAINED = (
     f"and {WEIGHT_SPREAD} of the sensory weight of a tilt. "
     "The command mcstudy fit estimates without a prior."
 )
-"""What the prior of the diagnosis is (`mcstudy.gap.fits.priors`)."""
+"""What the prior of the diagnosis is (`mcstudy.lines.priors`)."""
 
 SOURCES_EXPLAINED = {
     "prior": "mostly prior: without the priors its variance would be at least twice as large, so they determine the "

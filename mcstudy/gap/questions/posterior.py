@@ -4,7 +4,7 @@ Prior probabilities: `NONE` for no missing effect; `SINGLE`, divided among the c
 among their pairs; `UNKNOWN` for a cause outside the library; `BESIDE` for such a cause together with a named effect.
 Probabilities are right in a population with these shares, so the first can be set, and the Bayes factor of no missing
 effect against all others is stated: with it anyone can apply a prior of his own. A mislabelled recording has a prior of
-its own beside them (`mcstudy.gap.questions.mislabelled`).
+its own beside them (`mcstudy.gap.questions.mislabelling`).
 Effects that this recording cannot distinguish (`mcstudy.gap.candidates.signatures`) form one group with one
 probability.
 """
@@ -27,7 +27,7 @@ from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.departure import with_departures
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, single, together
 from mcstudy.gap.questions.interval import Interval
-from mcstudy.gap.questions.mislabelled import Mislabelled
+from mcstudy.gap.questions.mislabelling import Mislabelled
 from mcstudy.gap.questions.other_forms import in_other_forms
 from mcstudy.gap.questions.possible import possible
 from mcstudy.short_repr import Summary
@@ -75,7 +75,7 @@ class Cause:
         The refitted model.
     advice
         What seems to be mislabelled and what to check, if the cause is a mislabelled recording
-        (`mcstudy.gap.questions.mislabelled`); ``effects`` then holds the code of the reading. Else empty.
+        (`mcstudy.gap.questions.mislabelling`); ``effects`` then holds the code of the reading. Else empty.
     likeness
         Share of the gap that it predicts at lines that were left out of its fit (`mcstudy.gap.questions.likeness`,
         `Interval`). None without a gap in the mean response, and for a cause that leaves the mean response unchanged.

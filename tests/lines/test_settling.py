@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcstudy.gap import settling
-from mcstudy.gap.settling import cycles_to_discard, unsettled
+from mcstudy.lines import settling
+from mcstudy.lines.settling import cycles_to_discard, unsettled
 from mcstudy.recordings.recording import Recording, Trial
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stability import Proof, Rightmost

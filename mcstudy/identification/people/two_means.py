@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from mcstudy.identification.population import Interval, Population, crossings
+from mcstudy.identification.people.population import Interval, Population, crossings
 
 FAR, COARSE, FINER = 40.0, 81, 12
 """Standard errors up to which a difference of two means is sought, points of the first grid (denser in the middle), and

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.identification.noise_of import noise_of
 from mcstudy.identification.result import FitResult
+from mcstudy.identification.study_noise import noise_of
 from mcstudy.recordings.joint import JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd, polarity

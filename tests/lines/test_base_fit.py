@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.fits.base_fit import APART, base_fit, drawn_starts
-from mcstudy.gap.fits.priors import opened, weak_prior
+from mcstudy.lines.base_fit import APART, base_fit, drawn_starts
+from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
-from mcstudy.identification import group_words as words
+from mcstudy.identification.people import group_words as words
 from mcstudy.identification.result import FitResult
 from mcstudy.short_repr import Summary, shortened
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from mcstudy.gap.checked_lines import Discard, discarded
+from mcstudy.lines.checked_recording import Discard, discarded
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording

@@ -1,6 +1,6 @@
 """Is the recording mislabelled? Every reading of the labels is fitted and competes with the effects of the library.
 
-Under a reading the responses of trial k are T_k(f) times those of the body (`mcstudy.gap.candidates.readings`). The
+Under a reading the responses of trial k are T_k(f) times those of the body (`mcstudy.lines.readings`). The
 responses are corrected with T_k, weighted with the noise of the recorded ones, and the base model is fitted to them.
 Because the quadratic form is that of the recorded responses, the evidence of a reading is comparable with the evidence
 of every effect. A reading of one trial also changes how well the trials agree with each other, which enters the
@@ -16,7 +16,7 @@ of the responses.
 
 Prior: `MISLABELLED`, divided equally among the readings. A share `BESIDE` of each goes to the reading together with an
 effect or an unknown cause. Readings far from the nominal model (`FAR`) are not fitted, because `labels` has told them
-apart already; those far from any body are fitted loosely only (`mcstudy.gap.fits.relabelled`). Derived.
+apart already; those far from any body are fitted loosely only (`mcstudy.lines.reading_fits`). Derived.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ import numpy as np
 from mcstudy.effect_library.edits import exchanged_segments, gyrations
 from mcstudy.errors import ModelError
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
-from mcstudy.gap.candidates.readings import ANGLES, READINGS, butterworth
 from mcstudy.gap.candidates.scores import Scores
-from mcstudy.gap.fits.priors import weak_prior
-from mcstudy.gap.fits.relabelled import Along, Relabelled, Search
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
+from mcstudy.lines.priors import weak_prior
+from mcstudy.lines.reading_fits import Along, Relabelled, Search
+from mcstudy.lines.readings import ANGLES, READINGS, butterworth
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.joint import changed
 

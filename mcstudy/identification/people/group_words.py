@@ -9,7 +9,7 @@ from mcstudy import text_tables
 from mcstudy.text_tables import number, table
 
 if TYPE_CHECKING:
-    from mcstudy.identification.group_result import GroupDifference, GroupMean, GroupResult
+    from mcstudy.identification.people.group_result import GroupDifference, GroupMean, GroupResult
 
 COVERED = (
     "In simulated groups of 10 people (ankle torque, up to 3.1 Hz) 95 % intervals hold the truth in 92.2 to 99.4 % "

@@ -39,7 +39,7 @@ from scipy import fft
 from scipy.interpolate import CubicSpline
 from scipy.special import logsumexp, ndtr, ndtri, stdtrit
 
-from mcstudy.identification.likelihood import Likelihood
+from mcstudy.identification.people.likelihood import Likelihood
 
 FINE = 8.0
 """Points of the grid per standard error of the best known value."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from mcstudy.errors import InputError, RecordingError
-from mcstudy.gap.questions.labels import merged, plausibility, refuse
+from mcstudy.lines.labels import merged, plausibility, refuse
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.copies import numbered, refuse_copies
 from mcstudy.recordings.frf import FrfRecording

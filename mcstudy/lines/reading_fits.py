@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mcstudy.fitting.penalised import ITERATIONS, TOLERANCE, Data, Fitted, Fitter
-from mcstudy.gap.fits.base_fit import base_fit, drawn_starts, linearised_starts
+from mcstudy.lines.base_fit import base_fit, drawn_starts, linearised_starts
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from mcstudy.errors import InputError, McstudyError, RecordingError
 from mcstudy.identification.fit import fit
-from mcstudy.identification.group import combine
-from mcstudy.identification.group_result import GroupResult
-from mcstudy.identification.people import Member
+from mcstudy.identification.people.combination import combine
+from mcstudy.identification.people.group_result import GroupResult
+from mcstudy.identification.people.members import Member
 from mcstudy.identification.result import FitResult
 from mcstudy.recordings.copies import refuse_copies
 from mcstudy.recordings.frf import FrfRecording

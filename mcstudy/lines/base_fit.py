@@ -18,7 +18,7 @@ from mcstudy.errors import ModelError
 from mcstudy.fitting.linearised import linearised
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.fitting.problem import Problem
-from mcstudy.gap.fits.priors import DELAY_SPREAD_S, weak_prior
+from mcstudy.lines.priors import DELAY_SPREAD_S, weak_prior
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 

@@ -2,8 +2,8 @@
 
 A *reading* states that the recorded angles are not what their labels say. At frequency f the recorded responses are
 T(f) times the true ones, with a known 2 x 2 matrix T. A factor on the stimulus is one on both angles, so it has the
-same reading. `mcstudy.gap.questions.labels` compares readings with the nominal model and refuses a recording;
-`mcstudy.gap.questions.mislabelled` fits the model under every reading and lets it compete with the effects.
+same reading. `mcstudy.lines.labels` compares readings with the nominal model and refuses a recording;
+`mcstudy.gap.questions.mislabelling` fits the model under every reading and lets it compete with the effects.
 """
 
 from __future__ import annotations

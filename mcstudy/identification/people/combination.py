@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.identification.group_result import GroupDifference, GroupMean, GroupResult, Individual
-from mcstudy.identification.likelihood import difference, of_fit, possible
-from mcstudy.identification.people import Member
-from mcstudy.identification.population import Interval, Population
+from mcstudy.identification.people.group_result import GroupDifference, GroupMean, GroupResult, Individual
+from mcstudy.identification.people.likelihood import difference, of_fit, possible
+from mcstudy.identification.people.members import Member
+from mcstudy.identification.people.population import Interval, Population
+from mcstudy.identification.people.two_means import Difference, paired, unpaired
 from mcstudy.identification.result import FitResult
-from mcstudy.identification.two_means import Difference, paired, unpaired
 from mcstudy.stance.body import Body
 
 

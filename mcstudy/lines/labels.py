@@ -24,10 +24,10 @@ from scipy.special import fdtrc
 
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.candidates.readings import READINGS, butterworth
-from mcstudy.gap.fits.base_fit import base_fit
-from mcstudy.gap.fits.priors import opened, weak_prior
-from mcstudy.gap.fits.relabelled import Search
+from mcstudy.lines.base_fit import base_fit
+from mcstudy.lines.priors import opened, weak_prior
+from mcstudy.lines.reading_fits import Search
+from mcstudy.lines.readings import READINGS, butterworth
 from mcstudy.recordings.copies import CODE as COPY
 from mcstudy.recordings.recording import Recording, Suspicion
 from mcstudy.recordings.soundness import CODES

@@ -1,1 +1,0 @@
-"""Fits of the model, with and without effects, to the lines of a recording."""

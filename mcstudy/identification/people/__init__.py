@@ -1,0 +1,1 @@
+"""Parameters of several people: means, differences and their intervals."""

@@ -26,6 +26,10 @@ from mcstudy.text_tables import table
 from pipelines import measured
 
 
+RIGHT = ("refused, right words", "right recording cause")
+"""Of the classes of answers."""
+
+
 def rows(only: str, recordings: Sequence[int], verbose: bool) -> dict[str, list[str]]:
     """The class of every answer, by mislabelling."""
     found: dict[str, list[str]] = {m.name: [] for m in MISLABELLINGS if only in m.name}
@@ -66,8 +70,10 @@ def main() -> None:
     print()
     for k in CLASSES:
         print(f"{k}: {rate(x == k for x in every).text()} of {len(every)}")
+    right = rate(x in RIGHT for x in every)
     shares = [[k, rate(x == k for x in every).text()] for k in CLASSES]
-    measured.write(args.json, tables={"answers": (["answer", "share [95 %]"], shares)})
+    share = {"value": 100 * right.value, "low": 100 * right.low, "high": 100 * right.high, "unit": "%"}
+    measured.write(args.json, {"right": share}, {"answers": (["answer", "share [95 %]"], shares)})
     print(f"CPU time: {time.process_time() - began:.0f} s")
 
 

@@ -25,7 +25,6 @@ from mcstudy.challenge.rates import rate
 from mcstudy.text_tables import table
 from pipelines import measured
 
-
 RIGHT = ("refused, right words", "right recording cause")
 """Of the classes of answers."""
 

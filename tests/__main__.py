@@ -1,7 +1,8 @@
 """Every quality gate, in the order in which they fail fastest: ``python -m tests``.
 
 Lint, format and type checks, and beside them the kernels are compiled; then the tests (which also run the shipped
-examples). Extra arguments go to pytest.
+examples). ``--quick``, for the inner loop, leaves out tests that take long (`tests/durations.txt`), and checks types
+beside the tests. Other arguments go to pytest.
 """
 
 from __future__ import annotations
@@ -17,17 +18,14 @@ ROOT = Path(__file__).parents[1]
 PYTHON = (sys.executable, "-m")
 WORKERS = (os.cpu_count() or 1) + 1
 """One more than there are cores: some tests wait for other processes, or for time to pass."""
-GATES: tuple[tuple[str, ...], ...] = (
-    ("ruff", "check", "."),
-    ("ruff", "format", "--check", "."),
-    ("mypy",),
-    ("pytest", "-n", str(WORKERS), "-q"),
-)
+LINT: tuple[tuple[str, ...], ...] = (("ruff", "check", "."), ("ruff", "format", "--check", "."))
+TYPES = ("mypy",)
+TESTS = ("pytest", "-n", str(WORKERS), "-q")
 
 
 def main(arguments: list[str]) -> int:
     """Run the gates one after the other; the status of the first that fails."""
-    missing = [gate[0] for gate in GATES if find_spec(gate[0]) is None]
+    missing = [gate[0] for gate in (*LINT, TYPES, TESTS) if find_spec(gate[0]) is None]
     if missing:
         print(
             f"tests: {', '.join(dict.fromkeys(missing))} not installed; pip install -c .ci/constraints.txt -e '.[dev]'"
@@ -36,17 +34,23 @@ def main(arguments: list[str]) -> int:
     # The tests start hundreds of processes, which load bytecode; pip has compiled that of the packages.
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONDONTWRITEBYTECODE", "PYTHONPYCACHEPREFIX")}
     run = partial(subprocess.Popen, cwd=ROOT, env=environment)
+
+    def begun(gate: tuple[str, ...]) -> subprocess.Popen[bytes]:
+        print(f"== {' '.join(gate)}", flush=True)
+        return run([*PYTHON, *gate])
+
     with run([*PYTHON, "mcstudy", "warm"], stdout=subprocess.DEVNULL) as compiling:
-        for gate in GATES:
-            tests = gate[0] == "pytest"
-            if tests:
-                compiling.wait()  # else every worker would compile the same functions
-            command = [*PYTHON, *gate, *(arguments if tests else ())]
-            print(f"== {' '.join(gate)}", flush=True)
-            if status := run(command).wait():
+        for gate in LINT:
+            if status := begun(gate).wait():
                 compiling.terminate()
                 return status
-    return 0
+        types = begun(TYPES)
+        if "--quick" not in arguments and (status := types.wait()):
+            compiling.terminate()
+            return status
+        compiling.wait()  # else every worker would compile the same functions
+        status = begun((*TESTS, *arguments)).wait()
+        return status or types.wait()
 
 
 if __name__ == "__main__":

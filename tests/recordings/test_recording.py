@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -455,15 +456,11 @@ def test_a_recording_shows_itself_in_a_few_lines() -> None:
 
 
 def test_a_header_that_claims_terabytes_is_refused_before_reading(tmp_path: Path) -> None:
-    import zarr
-
     store = tmp_path / "a.zarr"
     write_recording(SWAY, store)
-    group = zarr.open_group(store, mode="r+")
     for name, shape in (("stimulus", (1, 10**12)), ("theta", (1, 10**12, 2)), ("time", (10**12,))):
-        array = group[name]
-        assert isinstance(array, zarr.Array)
-        array.resize(shape)
+        header = store / name / "zarr.json"
+        header.write_text(json.dumps(json.loads(header.read_text()) | {"shape": shape}))
     with pytest.raises(RecordingError, match="stimulus: declares 8000000000000 bytes"):
         read_recording(store)
 

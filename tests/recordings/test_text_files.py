@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from mcstudy.errors import RecordingError
 from mcstudy.recordings.importing import Imported, import_files, listing
 from mcstudy.recordings.lab_files import open_source
 from mcstudy.recordings.layout import Dialect
-from mcstudy.recordings.units import at_end, kind_of
+from mcstudy.recordings.units import at_end, factor, kind_of
 
 RATE, N = 100.0, 400
 
@@ -448,6 +449,24 @@ def test_a_calibrated_voltage_and_a_wrong_header_have_a_way_in(tmp_path: Path) -
 )
 def test_what_a_unit_measures(unit: str, kind: str | None) -> None:
     assert kind_of(unit) == kind
+
+
+@pytest.mark.parametrize(
+    ("amount", "unit", "same", "target"),
+    [
+        (360, "deg", 2 * math.pi, "rad"),
+        (400, "gon", 2 * math.pi, "rad"),
+        (21_600, "arcmin", 2 * math.pi, "rad"),
+        (1000, "mrad", 1, "rad"),
+        (1, "kgf m", 9.80665, "N m"),
+        (12, "lbf in", 0.45359237 * 9.80665 * 0.3048, "N m"),
+        (1, "lbf ft", 0.45359237 * 9.80665 * 0.3048, "N m"),
+        (1, "min", 60, "s"),
+        (10, "mm", 0.01, "m"),
+    ],
+)
+def test_a_unit_is_as_large_as_its_definition_says(amount: float, unit: str, same: float, target: str) -> None:
+    assert amount * factor(unit, target, "") == pytest.approx(same, rel=1e-12)
 
 
 @pytest.mark.parametrize(

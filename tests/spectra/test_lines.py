@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import f as f_distribution
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.recording import Recording, Trial
-from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.lines import EvenLines, Lines
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
@@ -152,6 +153,14 @@ def test_even_lines_show_an_even_nonlinearity_and_nothing_else() -> None:
     even = measure(bent).even
     assert even is not None
     assert (even.excess(0.02, 2.0)[1] < 1e-3).any()
+
+
+def test_the_p_value_of_even_lines_is_that_of_a_ratio_of_independent_powers() -> None:
+    """Of 3 lines and 4 repeats: an F of 6 and 18 degrees of freedom, two for each independent complex number."""
+    even = EvenLines(np.arange(3.0), np.full((3, 2), 1.5 + 0j), np.ones((3, 2)), np.ones((3, 2)), 4)
+    ratio, p = even.excess()
+    np.testing.assert_allclose(ratio, 2.25)
+    np.testing.assert_allclose(p, f_distribution.sf(2.25, 6, 18))
 
 
 def test_halves_and_amplitudes_are_parts_of_the_same_repeats() -> None:

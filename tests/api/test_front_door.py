@@ -24,7 +24,7 @@ from mcstudy.study.study_file import parse_study
 LINES = """
 import mcstudy as mc
 study = mc.Study("pilot", seed=1).group("accuracy", realizations=50, starts=10, fmax=[1.2, 8], amplitude=[3, 5])
-study.plan()                                     # fits, bytes, seconds, expected Monte Carlo error
+mc.plan(study)                                   # fits, bytes, seconds, expected Monte Carlo error
 results = mc.run(study, "pilot.zarr")            # progress; the same call resumes; scheduler=/workers= as on the command line
 results["accuracy"].mc.cv()["value"].plot()      # right label, right unit
 mc.summary(results)                              # what `mcstudy show` prints
@@ -77,7 +77,7 @@ def test_a_plan_and_a_study_file_are_those_of_the_command_line(after: dict[str, 
     file.write_text(after["study"].to_toml())
     assert parse_study(after["study"].to_toml()) == mc.read_study(str(file)) == after["study"]
     assert mc.read_study(file).fingerprint == after["study"].fingerprint
-    shown = repr(after["study"].plan(workers=2))
+    shown = repr(mc.plan(after["study"], workers=2))
     assert shown.startswith("study pilot, seed 1\n")
     assert "total: 2000 fits" in shown
     assert "on 2 threads" in shown

@@ -117,7 +117,7 @@ def test_a_study_grows_by_new_studies_and_every_mistake_is_one_line() -> None:
         (lambda: empty.group("a", fmax=100), "group.a.realizations: missing"),
         (lambda: empty.group("a", fmax=100, **least), "group.a.fmax: expected a list, got 100"),
         (lambda: empty.group("a", fmax=[100], **least), "group.a.fmax: expected at most 8.005 Hz"),
-        (empty.plan, "group: expected at least one, as Study.group(name, realizations=..."),
+        (lambda: mc.plan(empty), "group: expected at least one, as Study.group(name, realizations=..."),
         (lambda: mc.run(empty, "nowhere.zarr"), "group: expected at least one"),
     ):
         with pytest.raises(DesignError) as refused:

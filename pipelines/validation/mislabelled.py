@@ -25,6 +25,9 @@ from mcstudy.challenge.rates import rate
 from mcstudy.text_tables import table
 from pipelines import measured
 
+RIGHT = ("refused, right words", "right recording cause")
+"""Of the classes of answers."""
+
 
 def rows(only: str, recordings: Sequence[int], verbose: bool) -> dict[str, list[str]]:
     """The class of every answer, by mislabelling."""
@@ -66,8 +69,10 @@ def main() -> None:
     print()
     for k in CLASSES:
         print(f"{k}: {rate(x == k for x in every).text()} of {len(every)}")
+    right = rate(x in RIGHT for x in every)
     shares = [[k, rate(x == k for x in every).text()] for k in CLASSES]
-    measured.write(args.json, tables={"answers": (["answer", "share [95 %]"], shares)})
+    share = {"value": 100 * right.value, "low": 100 * right.low, "high": 100 * right.high, "unit": "%"}
+    measured.write(args.json, {"right": share}, {"answers": (["answer", "share [95 %]"], shares)})
     print(f"CPU time: {time.process_time() - began:.0f} s")
 
 

@@ -66,12 +66,22 @@ def stopped(orders: np.ndarray, rule: Rule, at: list[int]) -> tuple[np.ndarray, 
     return drawn, lowest > orders.min(axis=-1) * (1 + HIT_TOLERANCE) + COST_FLOOR
 
 
-def row(name: str, drawn: np.ndarray, miss: np.ndarray) -> str:
-    """One line of the table: missed cells with their interval, in percent, and starts drawn."""
+KEYS = ("fifty", "from_10", "from_100", "certain")
+"""Of the rules, in the file that a page reads."""
+
+
+def missed_cells(miss: np.ndarray) -> dict[str, float]:
+    """Percent of cells that are missed, with its 95 % interval."""
     each = 100 * miss.mean(axis=1)
     pick = stream(SEED, "until certain, bootstrap").integers(each.size, size=(RESAMPLES, each.size))
     low, high = np.quantile(each[pick].mean(axis=1), [0.025, 0.975])
-    return f"{name:<58}{each.mean():>6.2f} [{low:.2f}, {high:.2f}]{drawn.mean():>10.0f}{np.quantile(drawn, 0.95):>8.0f}"
+    return {"value": float(each.mean()), "low": float(low), "high": float(high)}
+
+
+def row(name: str, drawn: np.ndarray, miss: np.ndarray) -> str:
+    """One line of the table: missed cells with their interval, in percent, and starts drawn."""
+    share = "{value:>6.2f} [{low:.2f}, {high:.2f}]".format_map(missed_cells(miss))
+    return f"{name:<58}{share}{drawn.mean():>10.0f}{np.quantile(drawn, 0.95):>8.0f}"
 
 
 def main(realizations: int, starts: int, file: Path | None = None) -> None:
@@ -96,9 +106,8 @@ def main(realizations: int, starts: int, file: Path | None = None) -> None:
     }
     for rule, outcome in rules.items():
         print(row(rule, *outcome))
-    if file:
-        rows = [[rule, f"{100 * miss.mean():.2f}", f"{used.mean():.0f}"] for rule, (used, miss) in rules.items()]
-        measured.write(file, tables={"rules": (["rule", "missed, %", "starts, mean"], rows)})
+    shares = {key: missed_cells(miss) | {"unit": "%"} for key, (_, miss) in zip(KEYS, rules.values(), strict=True)}
+    measured.write(file, shares)
     stated = chance(first)
     print(f"\nPools of {first.shape[-1]} by what they state as the chance that they missed the lowest minimum:")
     for low, high in ((0.0, 1e-4), (1e-4, 0.01), (0.01, 0.1), (0.1, 1.0)):

@@ -50,5 +50,18 @@ def test_a_result_says_what_was_run_and_is_shown_somewhere(name: str) -> None:
     document = measured.load(name)
     assert re.match(r"(python|mcstudy) ", document["command"])
     assert document["version"]
-    assert document["date"] or document["transcribed"], "neither measured by the command nor said to be transcribed"
+    measured_here, copied = document["date"] is not None, "transcribed" in document
+    assert measured_here != copied, "either the command wrote it, or it says that it was transcribed"
     assert any(re.search(rf"<!--=(table )?{name}\.", (measured.ROOT / p).read_text(encoding="utf-8")) for p in PAGES)
+
+
+def test_a_program_writes_every_number_of_its_page(tmp_path: Path) -> None:
+    from pipelines.validation import until_certain
+
+    until_certain.main(1, 20, tmp_path / "until_certain.json")
+    written = json.loads((tmp_path / "until_certain.json").read_text(encoding="utf-8"))["values"]
+    text = "".join((measured.ROOT / page).read_text(encoding="utf-8") for page in PAGES)
+    named = {key for name, key, *_ in measured.VALUE.findall(text) if name == "until_certain"}
+    assert named
+    assert named <= set(written)
+    assert all(0 <= share["low"] <= share["value"] <= share["high"] <= 100 for share in written.values())

@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcstudy_challenge import files
+from mcstudy_challenge.answer import answer, from_diagnosis
+from mcstudy_challenge.answer import answered as answered_already
+from mcstudy_challenge.cases import list_cases
+from mcstudy_challenge.challenge_file import read_challenge, resolve
+from mcstudy_challenge.design import ChallengeFile
+from mcstudy_challenge.make import make
+from mcstudy_challenge.scores.score import exit_code, score_files
+from mcstudy_challenge.scores.table import score_text
 
 from mcstudy import program
-from mcstudy.challenge import files
-from mcstudy.challenge.answer import answer, from_diagnosis
-from mcstudy.challenge.answer import answered as answered_already
-from mcstudy.challenge.cases import list_cases
-from mcstudy.challenge.challenge_file import read_challenge, resolve
-from mcstudy.challenge.design import ChallengeFile
-from mcstudy.challenge.make import make
-from mcstudy.challenge.score import exit_code, score_files
-from mcstudy.challenge.table import score_text
 from mcstudy.cli import main
 from mcstudy.errors import DesignError, InputError, StoreError, StudyChangedError
 from mcstudy.exits import Exit
@@ -257,7 +257,7 @@ def test_the_key_may_not_lie_with_the_data(tiny: ChallengeFile, made: tuple[Path
 
 def test_answering_loads_nothing_that_makes_cases() -> None:
     script = (
-        "import sys, mcstudy.challenge.answer\n"
+        "import sys, mcstudy_challenge.answer\n"
         "made = {m for m in sys.modules if m.startswith('mcstudy.challenge') and m.split('.')[-1] in "
         "('out_of_library', 'forms', 'form_steps', 'misshapen', 'foreign', 'foreign_body', 'foreign_effects', "
         "'near_unstable', 'geometry', 'truth', 'cases', "
@@ -348,7 +348,7 @@ def test_whole_answers_of_another_method_or_program_are_not_taken_for_these(
 def test_a_command_whose_file_now_asks_for_another_method_prints_no_score_of_the_first(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mcstudy.challenge.answer.METHODS", {"fast": nothing_found, "detect": nothing_found})
+    monkeypatch.setattr("mcstudy_challenge.answer.METHODS", {"fast": nothing_found, "detect": nothing_found})
     file = tmp_path / "c.toml"
     for method, code in (("fast", Exit.DONE), ("fast", Exit.DONE), ("detect", Exit.BAD_INPUT)):
         text = f'[challenge]\nname = "c"\nseed = 3\ncases = 1\n[answer]\nmethod = "{method}"\n'

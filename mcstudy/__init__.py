@@ -1,6 +1,6 @@
 """Monte Carlo studies of identifiability, and diagnosis of the gap between model and body.
 
-Studies: `Study` (or `read_study`), `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
+Studies: `Study` (or `read_study`), `plan`, `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
 Recordings: `read_recording`, `import_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with
 intervals, `fit_group` those of many people; `diagnose` says what a model lacks; `effects` are what it may lack.
 `compare` says what differs between two groups of recordings or of frequency responses (`read_frf_group`).
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mcstudy.api.performance import performance
     from mcstudy.api.recordings import diagnose, fit, import_recording, next_trial
     from mcstudy.api.solve import solve
-    from mcstudy.api.studies import run, summary
+    from mcstudy.api.studies import plan, run, summary
     from mcstudy.effect_library.declare import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
     from mcstudy.effect_library.simulated import simulate
@@ -66,6 +66,7 @@ _FROM = {
     "next_trial": "api.recordings",
     "open_results": "analysis.results",
     "performance": "api.performance",
+    "plan": "api.studies",
     "read_frf_group": "recordings.frf_group",
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
@@ -104,6 +105,7 @@ __all__ = [
     "next_trial",
     "open_results",
     "performance",
+    "plan",
     "read_frf_group",
     "read_recording",
     "read_study",

@@ -12,8 +12,34 @@ from mcstudy.report.summary import StudySummary
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.slurm import read_slurm_options
 from mcstudy.study.design import Study
+from mcstudy.study.plan import StudyPlan, plan_study
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import read_study
+
+
+def plan(study: Study | str | Path, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
+    """Predict run time, size and Monte Carlo error of a study from a small pilot.
+
+    Parameters
+    ----------
+    study
+        A `Study`, the path of a study file, or the name of a shipped study.
+    workers
+        Threads assumed; one per core when None.
+    allow_unstable
+        Accept true parameters whose closed loop is unstable.
+
+    Returns
+    -------
+    StudyPlan
+        Printed, what ``mcstudy plan`` prints.
+
+    Raises
+    ------
+    DesignError
+        The study has a mistake, or the closed loop of its true parameters is unstable.
+    """
+    return plan_study(_study(study), workers=workers, allow_unstable=allow_unstable)
 
 
 def run(
@@ -70,8 +96,6 @@ def run(
     Interrupted
         The run was stopped; the same call resumes it.
     """
-    if not isinstance(study, Study):
-        study = read_study(study)
     ca, cert, key = (None if pem is None else Path(pem) for pem in (tls_ca, tls_cert, tls_key))
     options = ClusterOptions(
         workers=workers,
@@ -82,7 +106,7 @@ def run(
         tls_key=key,
         slurm=None if slurm is None else read_slurm_options(Path(slurm)),
     )
-    run_study(study, out, options, quarantine=quarantine, allow_unstable=allow_unstable)
+    run_study(_study(study), out, options, quarantine=quarantine, allow_unstable=allow_unstable)
     return open_results(out, lazy=None)
 
 
@@ -114,3 +138,7 @@ def summary(results: xr.DataTree | str | Path, reference: xr.DataTree | str | Pa
 
 def _tree(results: xr.DataTree | str | Path) -> xr.DataTree:
     return results if isinstance(results, xr.DataTree) else open_results(results, lazy=None)
+
+
+def _study(study: Study | str | Path) -> Study:
+    return study if isinstance(study, Study) else read_study(study)

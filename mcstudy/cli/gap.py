@@ -148,50 +148,33 @@ def _effects(_: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-def _diagnosed(args: argparse.Namespace) -> Diagnosis:
-    """The diagnosis that was asked for; one that is kept is not computed again."""
-    from mcstudy.cli.kept_diagnosis import kept_diagnosis
-    from mcstudy.errors import InputError
+def _diagnosed(
+    args: argparse.Namespace, *, fast: bool, bootstrap: int | None = None, cause_only: bool = False
+) -> Diagnosis:
+    """The diagnosis that was asked for; one that is kept is not computed again.
 
-    if args.fast and args.bootstrap is not None:
-        raise InputError("--bootstrap: not used with --fast; give one of the two")
-    if args.fast:
-        return _fast(args)
-    bootstrap = {} if args.bootstrap is None else {"bootstrap": args.bootstrap}
-    options = _options(args) | bootstrap
+    ``cause_only``: with nothing else, unless all is kept.
+    """
+    from mcstudy.cli.kept_diagnosis import kept_diagnosis
+    from mcstudy.gap.settings import CAUSE_ONLY, EVERYTHING, DiagnosisSettings
+
+    options = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept, "fast": fast}
+    if bootstrap is not None:
+        options["bootstrap"] = bootstrap
+    if args.prior_none is not None:
+        options["prior_none"] = args.prior_none
+    settings = DiagnosisSettings(**options, asked=CAUSE_ONLY if cause_only else EVERYTHING)
     read = read_recordings(args)
 
     def compute() -> Diagnosis:
         from mcstudy.gap.diagnose import diagnose
 
         with _ready(args):
-            return diagnose(read, **options)
+            return diagnose(read, settings)
 
-    return kept_diagnosis(read, {"method": "bootstrap", **options}, compute)
-
-
-def _fast(args: argparse.Namespace, cause_only: bool = False) -> Diagnosis:
-    """The fast diagnosis. ``cause_only``: with nothing else, unless all is kept."""
-    from mcstudy.cli.kept_diagnosis import kept_diagnosis
-
-    options, read = _options(args), read_recordings(args)
-
-    def compute() -> Diagnosis:
-        from mcstudy.gap.diagnose import diagnose_fast
-        from mcstudy.gap.settings import CAUSE_ONLY, EVERYTHING
-
-        with _ready(args):
-            return diagnose_fast(read, **options, asked=CAUSE_ONLY if cause_only else EVERYTHING)
-
-    whole = {"method": "fast", **options}
     if cause_only:
-        return kept_diagnosis(read, {**whole, "asked": "cause"}, compute, also=[whole])
-    return kept_diagnosis(read, whole, compute)
-
-
-def _options(args: argparse.Namespace) -> dict[str, Any]:
-    options = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
-    return options if args.prior_none is None else {**options, "prior_none": args.prior_none}
+        return kept_diagnosis(read, {**options, "asked": "cause"}, compute, also=[options])
+    return kept_diagnosis(read, options, compute)
 
 
 @contextmanager
@@ -210,7 +193,7 @@ def _diagnose(args: argparse.Namespace) -> Exit:
     from mcstudy.scheduler.activity import activity
 
     with activity(f"{args.recordings[0]}: diagnosing"):
-        diagnosis = _diagnosed(args)
+        diagnosis = _diagnosed(args, fast=args.fast, bootstrap=args.bootstrap)
     tell(args, "diagnosis", diagnosis.to_dict, lambda: f"{wrapped(diagnosis)}\n\n{text(diagnosis)}")
     return Exit.DONE
 
@@ -237,7 +220,7 @@ def _next(args: argparse.Namespace) -> Exit:
 
         require_matplotlib()
     with activity(f"{args.recordings[0]}: diagnosing"):
-        d = _fast(args, cause_only=True)
+        d = _diagnosed(args, fast=True, cause_only=True)
         doing(f"{args.recordings[0]}: simulating possible next trials")
         with with_names(args):
             found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
@@ -283,7 +266,7 @@ def _report(args: argparse.Namespace) -> Exit:
         from mcstudy.gap.planned.next_trial import next_trial
         from mcstudy.report.diagnosis.page import gap_page
 
-        diagnosis = _diagnosed(args)
+        diagnosis = _diagnosed(args, fast=args.fast, bootstrap=args.bootstrap)
         planned = next_trial(diagnosis, seed=args.seed) if args.next else None
         options = [f"--{name}" for name in ("fast", "next") if getattr(args, name)]
         options += _given(args, ("bootstrap", None))

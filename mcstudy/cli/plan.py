@@ -24,11 +24,11 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import compile_kernels
     from mcstudy.study.kernels import parts_of
-    from mcstudy.study.plan import plan
+    from mcstudy.study.plan import plan_study
     from mcstudy.text_tables import folded
 
     compile_kernels(parts_of(study.groups.values()))
     with activity("loading the solvers"):
-        found = plan(study, imports=time.process_time(), workers=args.workers, allow_unstable=args.allow_unstable)
+        found = plan_study(study, imports=time.process_time(), workers=args.workers, allow_unstable=args.allow_unstable)
     print(folded(str(found)))
     return Exit.DONE

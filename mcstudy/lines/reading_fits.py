@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mcstudy.fitting.penalised import ITERATIONS, TOLERANCE, Data, Fitted, Fitter
-from mcstudy.lines.base_fit import base_fit, drawn_starts, linearised_starts
+from mcstudy.lines.base_fit import drawn_starts, linearised_starts, lowest_minima
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 
@@ -214,7 +214,7 @@ class Search:
         """The same from all starts of the base fit."""
         made = self._trials.corrected(T)
         data = Data(self.f, made.y, made.weight)
-        return self._as_read(base_fit(fitter or self._fitter, data, self._seed)[0], data, made.apart, made.mix)
+        return self._as_read(lowest_minima(fitter or self._fitter, data, self._seed)[0], data, made.apart, made.mix)
 
     def _as_read(
         self, best: Fitted, data: Data, apart: float | np.ndarray, mix: np.ndarray

@@ -10,7 +10,7 @@ import hashlib
 import html
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import Field, model_validator
 
@@ -33,9 +33,6 @@ from mcstudy.study.group import (
 )
 from mcstudy.study.models import with_model_values
 from mcstudy.text_tables import counted
-
-if TYPE_CHECKING:
-    from mcstudy.study.plan import StudyPlan
 
 __all__ = [
     "FITTED",
@@ -162,25 +159,6 @@ class Study(Section):
         """SHA-256 of all settings but ``description`` and ``regenerates``; equal studies have equal cubes."""
         canonical = json.dumps(self.numbers(), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(canonical.encode()).hexdigest()
-
-    def plan(self, workers: int | None = None, *, allow_unstable: bool = False) -> StudyPlan:
-        """Predict run time, size and Monte Carlo error from a small pilot; printed, what ``mcstudy plan`` prints.
-
-        Parameters
-        ----------
-        workers
-            Threads assumed; one per core when None.
-        allow_unstable
-            Accept true parameters whose closed loop is unstable.
-
-        Raises
-        ------
-        DesignError
-            The closed loop of the true parameters is unstable.
-        """
-        from mcstudy.study.plan import plan  # which runs a pilot of this study
-
-        return plan(self, workers=workers, allow_unstable=allow_unstable)
 
     def to_toml(self) -> str:
         """The canonical study file: defaults filled in, comments gone. Reading it gives the same study."""

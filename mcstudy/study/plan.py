@@ -164,7 +164,9 @@ class StudyPlan:
         return self.start_up * self.slowdown + shared / threads
 
 
-def plan(study: Study, imports: float = 0.0, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
+def plan_study(
+    study: Study, imports: float = 0.0, *, workers: int | None = None, allow_unstable: bool = False
+) -> StudyPlan:
     """Plan every group of a study.
 
     Parameters

@@ -227,10 +227,10 @@ def planner(sizes: Sizes) -> Result:
 PLAN = """
 import json, sys, time
 import mcstudy.study.run
-from mcstudy.study.plan import plan
+from mcstudy.study.plan import plan_study
 from mcstudy.study.study_file import read_study
 from pathlib import Path
-p = plan(read_study(Path(sys.argv[1])), time.process_time())
+p = plan_study(read_study(Path(sys.argv[1])), time.process_time())
 each = [(g.name, q.amplitude, q.fmax, q.mean) for g in p.groups for q in g.precision]
 print(json.dumps({"cpu": p.cpu, "wall": p.wall(2), "bytes": p.bytes, "precision": each}))
 """

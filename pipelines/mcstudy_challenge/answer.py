@@ -34,26 +34,27 @@ NEGLIGIBLE = 1e-5
 
 def fast(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its asymptotic statistics."""
-    from mcstudy.gap.diagnose import diagnose_fast
-    from mcstudy.gap.settings import Asked
+    from mcstudy.gap.diagnose import diagnose
+    from mcstudy.gap.settings import Asked, DiagnosisSettings
 
-    return diagnose_fast(recording, asked=Asked(nearest=False)).to_dict()
+    return diagnose(recording, DiagnosisSettings(fast=True, asked=Asked(nearest=False))).to_dict()
 
 
 def bootstrap(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its bootstrap."""
     from mcstudy.gap.diagnose import diagnose
-    from mcstudy.gap.settings import Asked
+    from mcstudy.gap.settings import Asked, DiagnosisSettings
 
-    return diagnose(recording, asked=Asked(nearest=False)).to_dict()
+    return diagnose(recording, DiagnosisSettings(asked=Asked(nearest=False))).to_dict()
 
 
 def detect_only(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """Only the test for a gap, as in `fast`; no cause is named."""
-    from mcstudy.gap.diagnose import detect_fast
+    from mcstudy.gap.diagnose import detect
     from mcstudy.gap.questions.detection import LEVEL
+    from mcstudy.gap.settings import FAST
 
-    p_value = detect_fast(recording).p_value
+    p_value = detect(recording, FAST).p_value
     return {
         "detected": p_value < LEVEL,
         "p_value": p_value,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import InputError
-from mcstudy.gap.diagnose import diagnose_fast
-from mcstudy.gap.settings import CAUSE_ONLY
+from mcstudy.gap.diagnose import diagnose
+from mcstudy.gap.settings import CAUSE_ONLY, DiagnosisSettings
 from mcstudy.recordings.recording import Recording
 
 CLASSES = (
@@ -40,7 +40,7 @@ class Answer:
 def answered(recording: Recording, codes: Sequence[str]) -> Answer:
     """Diagnose a recording. ``codes``: readings, or parts of a message, that describe the mistake."""
     try:
-        d = diagnose_fast(recording, asked=CAUSE_ONLY)
+        d = diagnose(recording, DiagnosisSettings(fast=True, asked=CAUSE_ONLY))
     except InputError as error:
         message = str(error)
         named = re.findall(r"'(\w+)'", message.partition("accept ")[2])[:1] or [message]

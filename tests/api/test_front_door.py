@@ -24,7 +24,7 @@ from mcstudy.study.study_file import parse_study
 LINES = """
 import mcstudy as mc
 study = mc.Study("pilot", seed=1).group("accuracy", realizations=50, starts=10, fmax=[1.2, 8], amplitude=[3, 5])
-study.plan()                                     # fits, bytes, seconds, expected Monte Carlo error
+mc.plan(study)                                   # fits, bytes, seconds, expected Monte Carlo error
 results = mc.run(study, "pilot.zarr")            # progress; the same call resumes; scheduler=/workers= as on the command line
 results["accuracy"].mc.cv()["value"].plot()      # right label, right unit
 mc.summary(results)                              # what `mcstudy show` prints
@@ -77,7 +77,7 @@ def test_a_plan_and_a_study_file_are_those_of_the_command_line(after: dict[str, 
     file.write_text(after["study"].to_toml())
     assert parse_study(after["study"].to_toml()) == mc.read_study(str(file)) == after["study"]
     assert mc.read_study(file).fingerprint == after["study"].fingerprint
-    shown = repr(after["study"].plan(workers=2))
+    shown = repr(mc.plan(after["study"], workers=2))
     assert shown.startswith("study pilot, seed 1\n")
     assert "total: 2000 fits" in shown
     assert "on 2 threads" in shown
@@ -117,7 +117,7 @@ def test_a_study_grows_by_new_studies_and_every_mistake_is_one_line() -> None:
         (lambda: empty.group("a", fmax=100), "group.a.realizations: missing"),
         (lambda: empty.group("a", fmax=100, **least), "group.a.fmax: expected a list, got 100"),
         (lambda: empty.group("a", fmax=[100], **least), "group.a.fmax: expected at most 8.005 Hz"),
-        (empty.plan, "group: expected at least one, as Study.group(name, realizations=..."),
+        (lambda: mc.plan(empty), "group: expected at least one, as Study.group(name, realizations=..."),
         (lambda: mc.run(empty, "nowhere.zarr"), "group: expected at least one"),
     ):
         with pytest.raises(DesignError) as refused:

@@ -14,7 +14,7 @@ from mcstudy.effect_library import library
 from mcstudy.effect_library.simulate import Protocol, body_with_effects, draw_case, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
-from mcstudy.lines.checked_recording import checked_lines
+from mcstudy.lines.checked_recording import checked_recording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure
@@ -75,7 +75,7 @@ def test_a_made_recording_passes_every_check() -> None:
             protocol = Protocol(kind, SHORT, (amplitude, amplitude), 6, periodic)
             recording = simulate_recording(protocol, two_segment(stimulus=kind).truth, np.random.default_rng(2))
             assert (recording.period_s is not None) == periodic
-            assert checked_lines(recording)[0].suspicions == ()
+            assert checked_recording(recording).recording.suspicions == ()
 
 
 STIMULI_OF_A_STUDY = """

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.settings import FitSettings
 from mcstudy.identification.several_minima import apart, factor, missed
 from mcstudy.stance.body import two_segment
 from mcstudy.streams import stream
@@ -42,7 +43,9 @@ def test_only_quantities_that_differ_between_minima_that_compete_are_raised() ->
 
 def test_a_fit_with_two_minima_raises_its_thresholds_and_says_so() -> None:
     """A recording of which both 6 and 34 N m s/rad of B22 are a minimum; the truth is 31."""
-    fitted = fit_lines(Source(Condition(1, 6, 3.1))(stream(5, "coverage 1 6")), two_segment(), curve=(), seed=5)
+    fitted = fit_lines(
+        Source(Condition(1, 6, 3.1))(stream(5, "coverage 1 6")), two_segment(), FitSettings(seed=5), curve=()
+    )
     (said,) = [w for w in fitted.warnings if w.startswith("another minimum fits almost as well")]
     named = said.split("intervals of ")[1].split(" are")[0].split(", ")
     assert "B22" in named

@@ -11,7 +11,7 @@ import mcstudy
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study import runlog
 from mcstudy.study.extent import Extent, extent
-from mcstudy.study.plan import plan
+from mcstudy.study.plan import plan_study
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
@@ -30,7 +30,7 @@ amplitude = [5.0]
 
 def test_bytes_and_monte_carlo_errors_are_within_30_percent_of_what_a_run_gives(tmp_path: Path) -> None:
     study = parse_study(STUDY)
-    planned = plan(study)
+    planned = plan_study(study)
     run_study(study, tmp_path / "out.zarr", ClusterOptions(workers=1))
     written = sum(file.stat().st_size for file in (tmp_path / "out.zarr").rglob("*") if file.is_file())
     assert planned.bytes == pytest.approx(written, rel=0.3)
@@ -69,7 +69,7 @@ def test_tasks_grow_with_the_fits_until_a_chunk_holds_50000_and_the_memory_of_a_
 
 
 def test_time_by_the_clock_is_shared_by_the_threads_except_for_the_start(tiny: str) -> None:
-    planned = plan(parse_study(tiny), imports=5.0)
+    planned = plan_study(parse_study(tiny), imports=5.0)
     assert planned.start_up > 5.0
     one, four = planned.wall(1), planned.wall(4)
     assert one >= planned.cpu
@@ -77,7 +77,7 @@ def test_time_by_the_clock_is_shared_by_the_threads_except_for_the_start(tiny: s
 
 
 def test_fits_are_exact_and_precision_is_for_noisy_groups_only(tiny: str) -> None:
-    noisy, ideal = plan(parse_study(tiny)).groups
+    noisy, ideal = plan_study(parse_study(tiny)).groups
     assert (noisy.fits, ideal.fits) == (120, 8)
     # estimate and initial alone: 12 parameters of 8 bytes, twice, a fit
     assert noisy.bytes > 120 * 2 * 12 * 8
@@ -87,12 +87,12 @@ def test_fits_are_exact_and_precision_is_for_noisy_groups_only(tiny: str) -> Non
 
 
 def test_four_times_the_realizations_halve_the_monte_carlo_error(tiny: str) -> None:
-    few, _ = plan(parse_study(tiny)).groups
-    many, _ = plan(parse_study(tiny.replace("realizations = 5", "realizations = 20"))).groups
+    few, _ = plan_study(parse_study(tiny)).groups
+    many, _ = plan_study(parse_study(tiny.replace("realizations = 5", "realizations = 20"))).groups
     np.testing.assert_allclose([p.mean for p in many.precision], [p.mean / 2 for p in few.precision], rtol=1e-12)
 
 
 def test_a_larger_stimulus_promises_smaller_errors(tiny: str) -> None:
-    noisy, _ = plan(parse_study(tiny.replace("[3.0, 5.0]", "[1.0, 20.0]"))).groups
+    noisy, _ = plan_study(parse_study(tiny.replace("[3.0, 5.0]", "[1.0, 20.0]"))).groups
     mean = {(p.amplitude, p.fmax): p.mean for p in noisy.precision}
     assert mean[20.0, 1.2] < mean[1.0, 1.2]

@@ -19,7 +19,7 @@ from mcstudy.errors import InputError
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.ranges import Range
 from mcstudy.study.design import Group, Study, StudySection
-from mcstudy.study.plan import plan
+from mcstudy.study.plan import plan_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.tasks import fill
@@ -162,7 +162,7 @@ def test_a_study_at_the_ends_of_what_is_accepted_plans_runs_and_shows(
         study = study_of(place, value)
         if study is None or study.fits > 1000:
             continue
-        plan(study, allow_unstable=True)
+        plan_study(study, allow_unstable=True)
         cube = Cube.create(tmp_path / f"{i}.zarr", study)
         for store in cube.groups.values():
             for chunk in store.layout.chunks:

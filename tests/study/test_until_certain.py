@@ -17,7 +17,7 @@ from mcstudy.files.durable import tree_digest
 from mcstudy.fitting.status import Status
 from mcstudy.study.design import Study
 from mcstudy.study.extend import Growth, extend
-from mcstudy.study.plan import plan
+from mcstudy.study.plan import plan_study
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
@@ -122,7 +122,7 @@ def test_a_start_that_was_not_needed_cannot_be_replayed(cube: Path) -> None:
 
 
 def test_the_plan_counts_the_starts_that_are_needed() -> None:
-    planned = plan(study(), workers=1)
+    planned = plan_study(study(), workers=1)
     assert 3 * 100 <= planned.fits <= 3 * MOST
     assert "starts of at most 250" in str(planned)
 

@@ -186,7 +186,11 @@ def answered(data: Path, out: Path, method: str) -> bool:
     if not out.exists():
         return False
     _, sha = files.read_manifest(data)
-    _same(out, files.read_answers(out), {"manifest_sha256": sha, "method": method, "program": program.maker("mcstudy_challenge")})
+    _same(
+        out,
+        files.read_answers(out),
+        {"manifest_sha256": sha, "method": method, "program": program.maker("mcstudy_challenge")},
+    )
     return True
 
 

@@ -129,9 +129,15 @@ def _files(parts: tuple[str, ...] | None) -> Iterator[str]:
             yield name
 
 
-def computing(*attached: str) -> tuple[str, ...]:
-    """Folders and modules of the package, and names of the attached packages given, that compute numbers."""
-    return tuple(sorted({name.partition("/")[0] for name in STARTED} - {*WORDS, SCHEMAS, *_attached} | {*attached}))
+def attached(work: Any) -> tuple[str, ...]:
+    """Name of the attached package that a function, or the function of a partial, comes from; none for others."""
+    package = getattr(getattr(work, "func", work), "__module__", "").partition(".")[0]
+    return (package,) if package in _attached else ()
+
+
+def computing(*packages: str) -> tuple[str, ...]:
+    """Folders and modules of the package, and the attached packages named, that compute numbers."""
+    return tuple(sorted({name.partition("/")[0] for name in STARTED} - {*WORDS, SCHEMAS, *_attached} | {*packages}))
 
 
 MIXED = os.urandom(32).hex()
@@ -156,15 +162,15 @@ def _installed(package: str) -> str:
         return ""
 
 
-def maker(*attached: str) -> dict[str, Any]:
+def maker(*packages: str) -> dict[str, Any]:
     """What makes numbers in this process, as a JSON value: source and versions. Equal for work that may be joined.
 
-    ``attached`` names the packages beside this one (`attach`) whose source also counts.
+    ``packages`` names the packages beside this one (`attach`) whose source also counts.
     """
     import platform
 
     return {
-        "source": source(computing(*attached)) or MIXED,
+        "source": source(computing(*packages)) or MIXED,
         "versions": {"python": platform.python_version(), **versions(LIBRARIES)},
     }
 

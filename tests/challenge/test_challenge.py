@@ -367,8 +367,10 @@ def test_a_command_whose_file_now_asks_for_another_method_prints_no_score_of_the
 
 
 def test_a_worker_of_another_program_gives_no_result() -> None:
-    own = program.maker("mcstudy_challenge")
+    own = program.maker()
     assert one_item("another process", own, "fan", str, 1) == "1"
+    with pytest.raises(InputError, match="made by another program: source"):  # the source of the wing counts as well
+        one_item("another process", own, "fan", files.partial_folder, 1)
     other = own | {"versions": {**own["versions"], "numpy": "0.1"}}
     with pytest.raises(InputError, match=f"made by another program: numpy {np.__version__}, here 0.1"):
         one_item("another process", other, "fan", str, 1)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mcstudy.cli import VERBS
+from mcstudy.cli.verbs import verbs
 from mcstudy.exits import Exit
 
 FULL = Path("/dev/full")
@@ -33,7 +33,7 @@ def test_characters_that_cannot_be_shown_are_replaced(encoding: str, words: tupl
     assert (ran.stdout or ran.stderr).decode(encoding)
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", verbs())
 def test_every_help_is_shown_where_only_ascii_is(verb: str) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     ran = command(verb, "--help", capture_output=True, env=environment)

@@ -1,16 +1,18 @@
-"""Studies: run one and open its results, and their tables."""
+"""Studies: plan one, run it and open its results, and their tables."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Unpack
 
 import xarray as xr
 
+from mcstudy import adaptive
 from mcstudy.analysis.results import open_results
 from mcstudy.analysis.show.tables import report_of, show
+from mcstudy.api.where import Where, cluster_options
 from mcstudy.report.summary import StudySummary
-from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.scheduler.slurm import read_slurm_options
 from mcstudy.study.design import Study
 from mcstudy.study.plan import StudyPlan, plan_study
 from mcstudy.study.run import run_study
@@ -46,15 +48,9 @@ def run(
     study: Study | str | Path,
     out: str | Path,
     *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    tls_ca: str | Path | None = None,
-    tls_cert: str | Path | None = None,
-    tls_key: str | Path | None = None,
-    insecure: bool = False,
-    slurm: str | Path | None = None,
     quarantine: bool = False,
     allow_unstable: bool = False,
+    **where: Unpack[Where],
 ) -> xr.DataTree:
     """Run a study into a results cube, or finish what is pending in it, and open it.
 
@@ -64,26 +60,22 @@ def run(
         A `Study`, the path of a study file, or the name of a shipped study (``goodworth2018``).
     out
         Path of the cube, a ``.zarr`` folder.
-    workers
-        Threads of the local scheduler; one per core when None.
-    scheduler
-        Address of a running Dask scheduler, ``tls://HOST:PORT`` or ``tcp://HOST:PORT``.
-    tls_ca, tls_cert, tls_key
-        PEM files of a ``tls://`` scheduler: certificate authority, client certificate, its key.
-    insecure
-        Accept an unencrypted ``tcp://`` scheduler on another machine.
-    slurm
-        File of options (TOML) of the jobs that compute the study on a Slurm cluster.
     quarantine
         Move files in the cube's folder that do not belong to it to ``OUT.aside``; nothing is deleted.
     allow_unstable
         Accept true parameters whose closed loop is unstable.
+    where
+        Where to run. ``workers``: threads of this process, one per core by default. ``scheduler``: address of a
+        running Dask scheduler, ``tls://HOST:PORT`` with ``tls_ca``, ``tls_cert`` and ``tls_key`` (PEM files), or
+        ``tcp://HOST:PORT``, on another machine with ``insecure=True``. ``slurm``: file of options (TOML) of the jobs
+        that compute the study on a Slurm cluster. ``dashboard``: serve Dask's dashboard on 127.0.0.1:8787. ``block``
+        and ``block_timeout``: chunks of a task, and the seconds after which it is given up.
 
     Returns
     -------
     xarray.DataTree
         The cube as `open_results` opens it: one node per group, with its statistics as ``.mc``. Fits that failed are
-        marked in ``status``; ``mcstudy status OUT`` lists them.
+        marked in ``status``; `status` lists them.
 
     Raises
     ------
@@ -96,18 +88,65 @@ def run(
     Interrupted
         The run was stopped; the same call resumes it.
     """
-    ca, cert, key = (None if pem is None else Path(pem) for pem in (tls_ca, tls_cert, tls_key))
-    options = ClusterOptions(
-        workers=workers,
-        scheduler=scheduler,
-        insecure=insecure,
-        tls_ca=ca,
-        tls_cert=cert,
-        tls_key=key,
-        slurm=None if slurm is None else read_slurm_options(Path(slurm)),
-    )
-    run_study(_study(study), out, options, quarantine=quarantine, allow_unstable=allow_unstable)
+    options = cluster_options(where)
+    run_study(_study(study), out, options, where.get("block"), quarantine, allow_unstable=allow_unstable)
     return open_results(out, lazy=None)
+
+
+def run_until(
+    study: Study | str | Path,
+    out: str | Path,
+    until: str,
+    budget_fits: int,
+    *,
+    quarantine: bool = False,
+    allow_unstable: bool = False,
+    say: Callable[[str], object] = str,
+    **where: Unpack[Where],
+) -> adaptive.Until:
+    """Run a study, and add realizations or starts until its Monte Carlo error is small enough.
+
+    Parameters
+    ----------
+    study, out
+        As for `run`.
+    until
+        ``"bias=1%"`` or ``"mean_bias=1%"``: the largest Monte Carlo standard error of the bias of a parameter, or of
+        the mean of all biases, in percent of the truth.
+    budget_fits
+        Upper limit on the total number of fits in the cube.
+    quarantine, allow_unstable
+        As for `run`.
+    say
+        Called with one line for every extension.
+    where
+        Where to run, as for `run`.
+
+    Returns
+    -------
+    Until
+        ``reached``, ``statement`` (one line about the final state), ``steps`` (one line per extension), ``outcome``
+        (the fits of all rounds). Open the cube with `open_results`.
+
+    Raises
+    ------
+    InputError
+        No group has noise, the target is none, or the study alone exceeds the budget.
+    DesignError, StudyChangedError, StoreError, Interrupted
+        As for `run`.
+    """
+    target, block = adaptive.parse_target(until), where.get("block")
+    return adaptive.run_until(
+        _study(study),
+        out,
+        target,
+        budget_fits,
+        cluster_options(where),
+        block,
+        say,
+        quarantine,
+        allow_unstable=allow_unstable,
+    )
 
 
 def summary(results: xr.DataTree | str | Path, reference: xr.DataTree | str | Path | None = None) -> StudySummary:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from mcstudy.cli.first_look import prepare
-from mcstudy.cli.options import add_cluster_arguments, cluster_options, tell
+from mcstudy.cli.options import add_cluster_arguments, named_as_options, tell, where
 from mcstudy.exits import Exit
 
 
@@ -27,10 +27,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Extend the study and run the new cells; returns the exit code."""
-    from mcstudy.study.extend import Growth, extend
+    from mcstudy.api.extend import extend
 
-    growth = Growth(args.realizations, args.starts, tuple(args.fmax), tuple(args.amplitude), tuple(args.group))
-    outcome = extend(args.out, growth, cluster_options(args), args.block)
+    with named_as_options(group="group"):
+        outcome = extend(
+            args.out,
+            realizations=args.realizations,
+            starts=args.starts,
+            fmax=args.fmax,
+            amplitude=args.amplitude,
+            groups=args.group,
+            **where(args),
+        )
     code = tell(outcome, args.out)
     prepare(outcome, args.out)
     return code

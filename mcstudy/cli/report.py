@@ -8,9 +8,6 @@ from pathlib import Path
 
 from mcstudy.exits import Exit
 
-DATA = (".zarr", ".nc", ".toml", ".csv")
-"""Endings that a page has .html instead of."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
@@ -30,22 +27,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Write the page; returns the exit code."""
-    from mcstudy.report.page import page  # imports what it needs to draw
+    from mcstudy.report.page import default_page, write_report  # imports what it needs to draw
 
-    return write_and_tell(args.output or beside(args.out), lambda: page(args.out, args.beside))
-
-
-def beside(file: Path) -> Path:
-    """The page of a cube or a recording when no other is asked for: ``results/a.zarr`` has ``results/a.html``."""
-    return file.with_name(f"{file.stem if file.suffix in DATA else file.name}.html")
+    page = args.output or default_page(args.out)
+    return write_and_tell(page, lambda: write_report(args.out, page, beside=args.beside))
 
 
-def write_and_tell(file: Path, text: Callable[[], str]) -> Exit:
+def write_and_tell(page: Path, write: Callable[[], Path]) -> Exit:
     """Write a page, and print how large it is."""
-    from mcstudy.report.document import write_page
     from mcstudy.scheduler.activity import activity
 
-    with activity(f"{file}: computing statistics and drawing figures"):
-        written = write_page(file, text)
-    print(f"{file}: {written.stat().st_size / 1e6:.2f} MB")
+    with activity(f"{page}: computing statistics and drawing figures"):
+        written = write()
+    print(f"{page}: {written.stat().st_size / 1e6:.2f} MB")
     return Exit.DONE

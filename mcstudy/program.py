@@ -36,6 +36,9 @@ LIBRARIES = ("numpy", "scipy", "numba", "llvmlite")
 
 State = dict[str, tuple[int, int, int]]
 
+_attached: dict[str, str] = {}
+"""Folder or file of each module that was attached, by its name."""
+
 
 def _state() -> State:
     """Inode, time of the last change and size of every file, by name relative to the package; empty if unreadable."""
@@ -43,13 +46,18 @@ def _state() -> State:
     try:
         _look(PACKAGE, "", found, APART)
         _look(_place(SCHEMAS), f"{SCHEMAS}/", found)
+        for name in _attached:
+            _look_at(name, found)
     except OSError:
         return {}
     return found
 
 
 def _place(name: str) -> str:
-    """Where a file or folder is: in the package, or beside it in the source tree."""
+    """Where a file or folder is: in the package, beside it in the source tree, or of what was attached."""
+    module, _, rest = name.partition("/")
+    if module in _attached:
+        return os.path.join(_attached[module], rest) if rest else _attached[module]
     inside = os.path.join(PACKAGE, name)
     return inside if os.path.exists(inside) else os.path.join(os.path.dirname(PACKAGE), name)
 
@@ -67,6 +75,15 @@ def _look(folder: str, prefix: str, found: State, apart: Sequence[str] = ()) -> 
                 _look(entry.path, f"{prefix}{name}/", found)
 
 
+def _look_at(module: str, found: State) -> None:
+    place = _attached[module]
+    if os.path.isdir(place):
+        _look(place, f"{module}/", found)
+    else:
+        about = os.stat(place)
+        found[module] = about.st_ino, about.st_ctime_ns, about.st_size
+
+
 STARTED = _state()
 """State of the files when the package was imported."""
 
@@ -78,8 +95,19 @@ def unchanged() -> bool:
     return bool(STARTED) and _state() == STARTED
 
 
+def attach(module: str, file: str) -> None:
+    """Have the source of a module of another package, or the folder of a package, belong to the program from here on.
+
+    ``file``: the module's own. `source` knows it by the module's name.
+    """
+    if module not in _attached:
+        _attached[module] = os.path.dirname(file) if os.path.basename(file) == "__init__.py" else file
+        if STARTED:
+            _look_at(module, STARTED)
+
+
 def source(parts: Sequence[str] | None = None) -> str | None:
-    """SHA-256 of the files of some folders and modules of the package, by default of all; None if files have changed.
+    """SHA-256 of the files of some folders and modules of the program, by default of the package; None if any changed.
 
     Unlike a version number, it detects an edited copy.
     """
@@ -107,13 +135,14 @@ def _digest(parts: tuple[str, ...] | None) -> str:
 
 def _files(parts: tuple[str, ...] | None) -> Iterator[str]:
     for name in sorted(STARTED):
-        if parts is None or name.partition("/")[0] in parts:
+        top = name.partition("/")[0]
+        if top in parts if parts is not None else top not in _attached:
             yield name
 
 
 def computing() -> tuple[str, ...]:
     """Folders and modules of the package that compute numbers."""
-    return tuple(sorted({name.partition("/")[0] for name in STARTED} - {*WORDS, SCHEMAS}))
+    return tuple(sorted({name.partition("/")[0] for name in STARTED} - {*WORDS, SCHEMAS, *_attached}))
 
 
 MIXED = os.urandom(32).hex()

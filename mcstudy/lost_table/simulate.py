@@ -14,9 +14,8 @@ import numpy as np
 
 from mcstudy.analysis.paper.published import AMPLITUDES_NM, FMAX_HZ
 from mcstudy.analysis.sensitivity import influence
-from mcstudy.fitting.arguments import Options
 from mcstudy.fitting.linearised import linearised_many
-from mcstudy.fitting.solvers import fit_many
+from mcstudy.fitting.solvers import Options, fit_many
 from mcstudy.fitting.starts import uniform
 from mcstudy.lost_table.unknowns import CONVENTIONS, DELAYS, GAINS, SLOWEST, SOLVERS, WIDTHS
 from mcstudy.stance.body import two_segment

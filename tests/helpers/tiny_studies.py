@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import quick_solver
 
 TINY = """
 [study]
@@ -55,4 +56,4 @@ def tiny_file(tmp_path: Path) -> Path:
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Chunks of about 24 fits, so that a tiny study has many."""
-    monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (24, 24))
+    monkeypatch.setitem(*quick_solver.lm(fits_a_chunk=(24, 24)))

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import quick_solver
 
 from mcstudy.cli import main
 from mcstudy.errors import Interrupted, StoreError
@@ -50,7 +51,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> str:
     """Digest of an undisturbed run."""
     out = tmp_path_factory.mktemp("whole") / "out.zarr"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (24, 24))  # as in the tests
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(24, 24)))  # as in the tests
         run_study(parse_study(tiny), out, ONE)
     return tree_digest(out)
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import quick_solver
 from json_edits import edit
 from skeletons import made_once
 
@@ -32,7 +33,7 @@ def fresh_worker() -> None:
 def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Iterator[Path]:
     out = tmp_path_factory.mktemp("repair") / "out.zarr"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (24, 24))  # not what the design would give later
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(24, 24)))  # not what the design would give later
         run_study(parse_study(tiny), out, ONE)
     with made_once():
         yield out

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+import quick_solver
 
 from mcstudy.errors import InputError, Interrupted, StoreError, StudyChangedError
 from mcstudy.files.durable import locked, tree_digest
@@ -280,7 +281,7 @@ def test_a_cube_keeps_its_chunks_when_the_program_would_choose_others_now(
     before = tree_digest(out)
     store = Cube.open(out).groups["noisy"]
     store.chunk_file("status", store.layout.chunks[0]).unlink()
-    monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (500, 5000))
+    monkeypatch.setitem(*quick_solver.lm(fits_a_chunk=(500, 5000)))
     run_study(study, out, ONE)
     assert tree_digest(out) == before
 

@@ -17,8 +17,7 @@ from mcstudy.identification.sway import predicted_sway
 from mcstudy.identification.trades import bodies, valleys
 from mcstudy.lines.checked_recording import CheckedRecording, discarded
 from mcstudy.recordings.joint import JointRecording
-from mcstudy.spectra.joint_lines import joined
-from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.lines import Lines, joined
 from mcstudy.spectra.measure import measure, require_noise
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import growth_rate

@@ -19,9 +19,8 @@ from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities, require_finite
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.settings import FitMethod, FitSettings
-from mcstudy.identification.several_minima import factor
 from mcstudy.identification.tables import BANDS_HZ
-from mcstudy.identification.threshold import Threshold, threshold
+from mcstudy.identification.threshold import Threshold, factor, threshold
 from mcstudy.lines.checked_recording import CheckedRecording
 from mcstudy.lines.part_fits import PartFit, part_fits
 from mcstudy.lines.settling import settled

@@ -14,8 +14,7 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refuse_other_body
 from mcstudy.recordings.recording import Recording
 from mcstudy.recordings.soundness import with_left_out
-from mcstudy.spectra.joint_lines import joined
-from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.lines import Lines, joined
 from mcstudy.spectra.measure import highest, measure, require_noise, up_to, wide_lines
 from mcstudy.stance.feedback import Model
 

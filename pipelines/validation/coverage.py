@@ -26,12 +26,13 @@ from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
 from mcstudy.identification.result import FitResult
 from mcstudy.identification.settings import FitSettings
+from mcstudy.spectra.cycle_noise import understatement
 from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import NOISE_HZ, measure
 from mcstudy.spectra.null_draws import Pooling
-from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, understatement
+from mcstudy.spectra.periodic import cycle_coefficients, excited_lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, noise_response

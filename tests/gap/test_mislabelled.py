@@ -21,9 +21,8 @@ from mcstudy.files import schema
 from mcstudy.fitting.penalised import Data
 from mcstudy.gap.diagnose import detect, diagnose
 from mcstudy.gap.questions.any_gap import GapTest
-from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
+from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, possible
 from mcstudy.gap.questions.mislabelling import Labels, Mislabelled, mislabelled
-from mcstudy.gap.questions.possible import possible
 from mcstudy.gap.settings import FAST, DiagnosisSettings
 from mcstudy.gap.tables import text
 from mcstudy.lines.base_fit import base_fit

@@ -36,6 +36,9 @@ LIBRARIES = ("numpy", "scipy", "numba", "llvmlite")
 
 State = dict[str, tuple[int, int, int]]
 
+_attached: dict[str, str] = {}
+"""Folders of other packages whose source numbers depend on, by the name of the package."""
+
 
 def _state() -> State:
     """Inode, time of the last change and size of every file, by name relative to the package; empty if unreadable."""
@@ -43,6 +46,8 @@ def _state() -> State:
     try:
         _look(PACKAGE, "", found, APART)
         _look(_place(SCHEMAS), f"{SCHEMAS}/", found)
+        for package, folder in _attached.items():
+            _look(folder, f"{package}/", found)
     except OSError:
         return {}
     return found
@@ -50,6 +55,9 @@ def _state() -> State:
 
 def _place(name: str) -> str:
     """Where a file or folder is: in the package, or beside it in the source tree."""
+    package, _, rest = name.partition("/")
+    if package in _attached:
+        return os.path.join(_attached[package], rest)
     inside = os.path.join(PACKAGE, name)
     return inside if os.path.exists(inside) else os.path.join(os.path.dirname(PACKAGE), name)
 
@@ -71,6 +79,15 @@ STARTED = _state()
 """State of the files when the package was imported."""
 
 _digests: dict[tuple[str, ...], str] = {}
+
+
+def attach(package: str, folder: str) -> None:
+    """Note the files of another package that computes numbers, when it is imported."""
+    if package not in _attached:
+        _attached[package] = folder
+        found: State = {}
+        _look(folder, f"{package}/", found)
+        STARTED.update(found)
 
 
 def unchanged() -> bool:
@@ -107,13 +124,20 @@ def _digest(parts: tuple[str, ...] | None) -> str:
 
 def _files(parts: tuple[str, ...] | None) -> Iterator[str]:
     for name in sorted(STARTED):
-        if parts is None or name.partition("/")[0] in parts:
+        room = name.partition("/")[0]
+        if room in parts if parts is not None else room not in _attached:
             yield name
 
 
-def computing() -> tuple[str, ...]:
-    """Folders and modules of the package that compute numbers."""
-    return tuple(sorted({name.partition("/")[0] for name in STARTED} - {*WORDS, SCHEMAS}))
+def attached(work: Any) -> tuple[str, ...]:
+    """Name of the attached package that a function, or the function of a partial, comes from; none for others."""
+    package = getattr(getattr(work, "func", work), "__module__", "").partition(".")[0]
+    return (package,) if package in _attached else ()
+
+
+def computing(*packages: str) -> tuple[str, ...]:
+    """Folders and modules of the package, and the attached packages named, that compute numbers."""
+    return tuple(sorted({name.partition("/")[0] for name in STARTED} - {*WORDS, SCHEMAS, *_attached} | {*packages}))
 
 
 MIXED = os.urandom(32).hex()
@@ -138,12 +162,15 @@ def _installed(package: str) -> str:
         return ""
 
 
-def maker() -> dict[str, Any]:
-    """What makes numbers in this process, as a JSON value: source and versions. Equal for work that may be joined."""
+def maker(*packages: str) -> dict[str, Any]:
+    """What makes numbers in this process, as a JSON value: source and versions. Equal for work that may be joined.
+
+    ``packages`` names the packages beside this one (`attach`) whose source also counts.
+    """
     import platform
 
     return {
-        "source": source(computing()) or MIXED,
+        "source": source(computing(*packages)) or MIXED,
         "versions": {"python": platform.python_version(), **versions(LIBRARIES)},
     }
 

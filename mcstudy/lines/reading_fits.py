@@ -2,9 +2,9 @@
 
 Most readings are far from any body, so each is first fitted loosely from a few starts, and fitted again only when
 another start could still make it compete. On 61 recordings that were mislabelled in known ways (`sound(1)` and
-`sound(4)` of `mcstudy.challenge.mislabelled`), the loose fit of the right reading ended at most 15 below the lowest
-minimum known, in log evidence; where an angle was given as its integral, at most 438. There the labels themselves ended
-more than 10^5 below.
+`sound(4)` of `pipelines.validation.mislabelled_recordings`), the loose fit of the right reading ended at most 15 below
+the lowest minimum known, in log evidence; where an angle was given as its integral, at most 438. There the labels
+themselves ended more than 10^5 below.
 """
 
 from __future__ import annotations

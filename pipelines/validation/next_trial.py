@@ -34,9 +34,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY, OutOfLibraryEffect, simulate_out_of_library
 from scipy.special import betaincinv
 
-from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY, OutOfLibraryEffect, simulate_out_of_library
 from mcstudy.effect_library.library import LIBRARY
 from mcstudy.effect_library.simulate import Protocol, body_with_effects
 from mcstudy.errors import FallsError, InputError, RecordingError

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcstudy_challenge.bodies.geometry import stands
+from mcstudy_challenge.scores.rates import rate
 
-from mcstudy.challenge.geometry import stands
-from mcstudy.challenge.rates import rate
 from mcstudy.effect_library import library
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.fitting.penalised import Fitted, Fitter

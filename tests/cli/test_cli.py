@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import command, refused, told
+from mcstudy_challenge.challenge_file import read_challenge
 from tiny_studies import EIGHT_FITS as STUDY
 
-from mcstudy.challenge.challenge_file import read_challenge
-from mcstudy.cli import VERBS, main
+from mcstudy.cli import main
 from mcstudy.cli.completion import SHELLS
 from mcstudy.cli.help import OF_VERB, TOPICS, page
+from mcstudy.cli.verbs import verbs
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
@@ -58,11 +59,11 @@ assert not heavy, heavy
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=True)
     assert f"mcstudy {version('mcstudy')}" in done.stdout
-    for verb in VERBS:
+    for verb in verbs():
         assert verb in done.stdout
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", verbs())
 def test_every_verb_has_help(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as done:
         main([verb, "--help"])
@@ -108,7 +109,7 @@ def test_help_prints_the_page_of_every_topic_and_of_verbs() -> None:
     for topic in TOPICS:
         assert f"\n{topic} " in listed
         assert told("help", topic).strip().endswith(f"This page: {page(topic)}")
-    assert set(OF_VERB) < set(VERBS)
+    assert set(OF_VERB) < set(verbs())
     assert set(OF_VERB.values()) <= set(TOPICS)
     assert "usage: mcstudy gap" in (text := told("help", "gap"))
     assert text.strip().endswith(f"This page: {page('diagnosis')}")
@@ -135,13 +136,13 @@ def test_help_prints_the_options_of_a_verb_of_a_verb() -> None:
 
 
 def test_every_verb_that_works_on_data_has_a_page() -> None:
-    assert {*VERBS} - {*OF_VERB} - {*TOPICS} == {"warm", "help", "completion"}
+    assert {*verbs()} - {*OF_VERB} - {*TOPICS} == {"warm", "help", "completion"}
 
 
 @pytest.mark.parametrize("shell", SHELLS)
 def test_completion_knows_every_verb_and_is_a_valid_script(shell: str) -> None:
     script = told("completion", shell)
-    assert all(verb in script for verb in VERBS)
+    assert all(verb in script for verb in verbs())
     assert "until-mcse" in script
     if program := shutil.which(shell):
         subprocess.run([program, "-n"], input=script, text=True, check=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mcstudy.cli import VERBS
+from mcstudy.cli.verbs import verbs
 from mcstudy.exits import Exit
 
 FULL = Path("/dev/full")
@@ -45,10 +45,10 @@ def test_every_help_is_shown_where_only_ascii_is() -> None:
     code = "import contextlib, sys; from mcstudy.cli import main\nfor sys.argv[1:] in map(str.split, sys.argv[1:]):\n"
     code += "    with contextlib.suppress(SystemExit): main()"
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    words = [sys.executable, "-c", code, *(f"{verb} --help" for verb in VERBS)]
+    words = [sys.executable, "-c", code, *(f"{verb} --help" for verb in verbs())]
     ran = subprocess.run(words, check=False, timeout=120, capture_output=True, env=environment)
     assert (ran.returncode, ran.stderr) == (0, b"")
-    assert ran.stdout.count(b"usage: mcstudy ") == len(VERBS)
+    assert ran.stdout.count(b"usage: mcstudy ") == len(verbs())
 
 
 def test_json_loses_nothing_in_any_encoding(two_chunks: Path) -> None:

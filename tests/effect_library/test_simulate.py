@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refused
+from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY, simulate_out_of_library
 
-from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY, simulate_out_of_library
 from mcstudy.cli import main, simulate
 from mcstudy.effect_library import library
 from mcstudy.effect_library.simulate import Protocol, body_with_effects, draw_case, simulate_recording

@@ -9,11 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from examples import module
+from mcstudy_challenge.answer import from_diagnosis
+from mcstudy_challenge.answer_checks import check_answer
 from scipy.signal import butter, freqz
 
-from mcstudy.challenge.answer import from_diagnosis
-from mcstudy.challenge.answer_checks import check_answer
-from mcstudy.challenge.mislabelled import MISLABELLINGS, RATE_HZ, Sound, sound
 from mcstudy.effect_library.edits import body_of, exchanged_segments, gyrations
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
@@ -34,6 +33,7 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.anthropometry import segments
 from mcstudy.stance.body import Body, two_segment
+from pipelines.validation.mislabelled_recordings import MISLABELLINGS, RATE_HZ, Sound, sound
 
 BY_NAME = {m.name: m for m in MISLABELLINGS}
 

@@ -37,7 +37,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "llvmlite")
 State = dict[str, tuple[int, int, int]]
 
 _attached: dict[str, str] = {}
-"""Folder or file of each module that was attached, by its name."""
+"""Folders of other packages whose source numbers depend on, by the name of the package."""
 
 
 def _state() -> State:
@@ -46,18 +46,18 @@ def _state() -> State:
     try:
         _look(PACKAGE, "", found, APART)
         _look(_place(SCHEMAS), f"{SCHEMAS}/", found)
-        for name in _attached:
-            _look_at(name, found)
+        for package, folder in _attached.items():
+            _look(folder, f"{package}/", found)
     except OSError:
         return {}
     return found
 
 
 def _place(name: str) -> str:
-    """Where a file or folder is: in the package, beside it in the source tree, or of what was attached."""
-    module, _, rest = name.partition("/")
-    if module in _attached:
-        return os.path.join(_attached[module], rest) if rest else _attached[module]
+    """Where a file or folder is: in the package, or beside it in the source tree."""
+    package, _, rest = name.partition("/")
+    if package in _attached:
+        return os.path.join(_attached[package], rest)
     inside = os.path.join(PACKAGE, name)
     return inside if os.path.exists(inside) else os.path.join(os.path.dirname(PACKAGE), name)
 
@@ -75,19 +75,19 @@ def _look(folder: str, prefix: str, found: State, apart: Sequence[str] = ()) -> 
                 _look(entry.path, f"{prefix}{name}/", found)
 
 
-def _look_at(module: str, found: State) -> None:
-    place = _attached[module]
-    if os.path.isdir(place):
-        _look(place, f"{module}/", found)
-    else:
-        about = os.stat(place)
-        found[module] = about.st_ino, about.st_ctime_ns, about.st_size
-
-
 STARTED = _state()
 """State of the files when the package was imported."""
 
 _digests: dict[tuple[str, ...], str] = {}
+
+
+def attach(package: str, folder: str) -> None:
+    """Note the files of another package that computes numbers, when it is imported."""
+    if package not in _attached:
+        _attached[package] = folder
+        found: State = {}
+        _look(folder, f"{package}/", found)
+        STARTED.update(found)
 
 
 def unchanged() -> bool:
@@ -95,19 +95,8 @@ def unchanged() -> bool:
     return bool(STARTED) and _state() == STARTED
 
 
-def attach(module: str, file: str) -> None:
-    """Have the source of a module of another package, or the folder of a package, belong to the program from here on.
-
-    ``file``: the module's own. `source` knows it by the module's name.
-    """
-    if module not in _attached:
-        _attached[module] = os.path.dirname(file) if os.path.basename(file) == "__init__.py" else file
-        if STARTED:
-            _look_at(module, STARTED)
-
-
 def source(parts: Sequence[str] | None = None) -> str | None:
-    """SHA-256 of the files of some folders and modules of the program, by default of the package; None if any changed.
+    """SHA-256 of the files of some folders and modules of the package, by default of all; None if files have changed.
 
     Unlike a version number, it detects an edited copy.
     """
@@ -135,14 +124,22 @@ def _digest(parts: tuple[str, ...] | None) -> str:
 
 def _files(parts: tuple[str, ...] | None) -> Iterator[str]:
     for name in sorted(STARTED):
-        top = name.partition("/")[0]
-        if top in parts if parts is not None else top not in _attached:
+        if parts is None:
+            if name.partition("/")[0] not in _attached:
+                yield name
+        elif any(name.startswith(f"{part}/") or name in (part, f"{part}.py") for part in parts):
             yield name
 
 
-def computing() -> tuple[str, ...]:
-    """Folders and modules of the package that compute numbers."""
-    return tuple(sorted({name.partition("/")[0] for name in STARTED} - {*WORDS, SCHEMAS, *_attached}))
+def attached(work: Any) -> tuple[str, ...]:
+    """Name of the attached package that a function, or the function of a partial, comes from; none for others."""
+    package = getattr(getattr(work, "func", work), "__module__", "").partition(".")[0]
+    return (package,) if package in _attached else ()
+
+
+def computing(*packages: str) -> tuple[str, ...]:
+    """Folders and modules of the package, and the attached packages named, that compute numbers."""
+    return tuple(sorted({name.partition("/")[0] for name in STARTED} - {*WORDS, SCHEMAS, *_attached} | {*packages}))
 
 
 MIXED = os.urandom(32).hex()
@@ -167,12 +164,15 @@ def _installed(package: str) -> str:
         return ""
 
 
-def maker() -> dict[str, Any]:
-    """What makes numbers in this process, as a JSON value: source and versions. Equal for work that may be joined."""
+def maker(*packages: str) -> dict[str, Any]:
+    """What makes numbers in this process, as a JSON value: source and versions. Equal for work that may be joined.
+
+    ``packages`` names the packages beside this one (`attach`) whose source also counts.
+    """
     import platform
 
     return {
-        "source": source(computing()) or MIXED,
+        "source": source(computing(*packages)) or MIXED,
         "versions": {"python": platform.python_version(), **versions(LIBRARIES)},
     }
 

@@ -69,7 +69,7 @@ def survives(folder: Path, fault: Fault) -> bool:
         )
     finally:
         file.write_text(text, encoding="utf-8")
-    if done.returncode not in (0, ONE_FAILED):
+    if done.returncode not in (0, ONE_FAILED) or "error during collection" in done.stdout:
         raise RuntimeError(f"{fault.what}: {fault.tests} cannot run\n{done.stdout}{done.stderr}")
     print(done.stdout.splitlines()[-1], end=" ", flush=True)
     return done.returncode == 0

@@ -11,6 +11,7 @@ from mcstudy.identification.people.fits import Known, fit_members
 from mcstudy.identification.people.group_result import GroupResult
 from mcstudy.identification.people.members import members
 from mcstudy.identification.result import FitResult
+from mcstudy.identification.settings import FitSettings
 from mcstudy.identification.study_design import study_of
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.feedback import Model
@@ -70,19 +71,19 @@ def fit_group(
         It was stopped.
     """
     known: list[Known] = [local_path(r) if isinstance(r, str) else r for r in recordings]
-    settings: dict[str, Any] = {
-        "effects": effects,
-        "wanted": quantities,
-        "bounds": bounds,
-        "level": level,
-        "model": model,
-        "fmax": fmax,
-        "discard": discard,
-        "accept": tuple(accept),
-        "seed": seed,
-    }
+    settings = FitSettings(
+        effects=effects,
+        quantities=quantities,
+        bounds=bounds,
+        level=level,
+        model=model,
+        fmax=fmax,
+        discard=discard,
+        accept=accept,
+        seed=seed,
+    )
     options = ClusterOptions(workers=workers, scheduler=scheduler)
-    return fit_members(members(known, person, condition), options, pair=paired, **settings)
+    return fit_members(members(known, person, condition), settings, options, pair=paired)
 
 
 def study_from(

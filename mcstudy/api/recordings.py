@@ -6,14 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mcstudy.errors import InputError
-from mcstudy.gap.diagnose import BOOTSTRAP, diagnose_fast
-from mcstudy.gap.diagnose import diagnose as diagnose_with_bootstrap
+from mcstudy.gap.diagnose import diagnose as diagnose_recordings
 from mcstudy.gap.planned.choice import require_possible
 from mcstudy.gap.planned.next_trial import next_trial as planned_next
 from mcstudy.gap.questions.posterior import NONE
-from mcstudy.gap.settings import CAUSE_ONLY
-from mcstudy.identification.fit import fit as fit_recording
+from mcstudy.gap.settings import CAUSE_ONLY, DiagnosisSettings
+from mcstudy.identification.fit import fit as fit_recordings
+from mcstudy.identification.settings import FitSettings
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.importing import import_files
 from mcstudy.recordings.io import read_recording
@@ -76,26 +75,19 @@ def diagnose(
     InputError
         ``bootstrap`` was given together with ``fast``, or ``prior_none`` is no probability between 0 and 1.
     """
-    if fast and bootstrap is not None:
-        raise InputError("bootstrap: expected without fast, which does not use it")
+    settings = DiagnosisSettings(
+        fast=fast,
+        bootstrap=bootstrap,
+        seed=seed,
+        model=model,
+        fmax=fmax,
+        discard=discard,
+        accept=accept,
+        prior_none=prior_none,
+    )
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
-    if fast:
-        found = diagnose_fast(
-            read, seed=seed, model=model, fmax=fmax, discard=discard, accept=accept, prior_none=prior_none
-        )
-    else:
-        found = diagnose_with_bootstrap(
-            read,
-            bootstrap=BOOTSTRAP if bootstrap is None else bootstrap,
-            seed=seed,
-            model=model,
-            fmax=fmax,
-            discard=discard,
-            accept=accept,
-            prior_none=prior_none,
-        )
-    return DiagnosisWithFigures.of(found)
+    return DiagnosisWithFigures.of(diagnose_recordings(read, settings))
 
 
 def next_trial(
@@ -140,11 +132,12 @@ def next_trial(
         A kind, an amplitude or a number of trials is not possible.
     """
     require_possible(kinds, amplitudes or {}, trials=trials, cycles=cycles)
+    settings = DiagnosisSettings(
+        fast=True, seed=seed, fmax=fmax, discard=discard, accept=accept, prior_none=prior_none, asked=CAUSE_ONLY
+    )
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
-    found = diagnose_fast(
-        read, seed=seed, fmax=fmax, discard=discard, accept=accept, asked=CAUSE_ONLY, prior_none=prior_none
-    )
+    found = diagnose_recordings(read, settings)
     planned = planned_next(found, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
     return NextTrialWithPage.from_next(planned)
 
@@ -204,12 +197,9 @@ def fit(
     InputError
         An argument is wrong.
     """
-    read = _read(recording)
-    compile_kernels(PERSON)
-    found = fit_recording(
-        read,
+    settings = FitSettings(
         effects=effects,
-        wanted=quantities,
+        quantities=quantities,
         bounds=bounds,
         level=level,
         model=model,
@@ -218,7 +208,9 @@ def fit(
         accept=accept,
         seed=seed,
     )
-    return FitWithFigures.of(found)
+    read = _read(recording)
+    compile_kernels(PERSON)
+    return FitWithFigures.of(fit_recordings(read, settings))
 
 
 def import_recording(

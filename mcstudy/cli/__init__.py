@@ -10,35 +10,9 @@ TYPE_CHECKING = False  # as in `mcstudy`: nothing is imported before signals are
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
-    from typing import Any
 
     from mcstudy.cli.stop import Stop
     from mcstudy.exits import Exit
-
-VERBS = {
-    "studies": "list the studies that come with mcstudy, each with what it answers",
-    "run": "run a study file into a results cube, or resume it",
-    "plan": "predict run time, size and precision of a study before running it",
-    "status": "show the progress of a results cube",
-    "extend": "add realizations, starts, Fmax values or amplitudes to a results cube; only new cells are run",
-    "replay": "repeat one stored fit, print every iteration, and compare the result with the stored one",
-    "verify": "check every chunk of a results cube and recompute a sample of fits",
-    "show": "print the tables of a results cube",
-    "performance": "print bias, errors and coverage of estimates that any program made",
-    "report": "write one HTML page with tables and figures of a results cube",
-    "simulate": "simulate a recording of a standing body, optionally with effects that the model lacks",
-    "import": "read a recording from a laboratory's files (MATLAB, C3D, text), check it and write it for fit and gap",
-    "fit": "estimate the parameters of the person in a recording, with confidence intervals",
-    "study-from": "write a study of the experiment in which a person was recorded",
-    "design": "design the stimulus that identifies the parameters best, and verify it by Monte Carlo",
-    "solve": "find the cheapest design (cycles, amplitude, Fmax, realizations) that reaches a target",
-    "infer": "infer the paper's lost true values from its printed numbers",
-    "gap": "diagnose the mismatch between model and recording: where it is, and which missing effect explains it",
-    "warm": "compile the kernels ahead of the first run",
-    "help": "print a page of the documentation: mcstudy help gap",
-    "completion": "print a script for completion in bash, zsh or fish",
-}
-"""Verbs and their one-line help; ``x-y`` lives in ``mcstudy.cli.x_y`` (``add_arguments(parser)``, ``main(args)``)."""
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """Variables that are set to 1 unless the user has set them."""
@@ -94,9 +68,10 @@ def _main(words: list[str], stop: Stop | None) -> Exit:
 
 
 def _done(words: list[str], stop: Stop | None) -> Exit:
+    from mcstudy.cli.verbs import is_verb
     from mcstudy.exits import Exit
 
-    if words[:1] and words[0] in VERBS:
+    if words[:1] and is_verb(words[0]):
         return _run(words[0], words[1:], stop)
     parser = _parser()
     args = parser.parse_args(words)
@@ -112,17 +87,19 @@ def _done(words: list[str], stop: Stop | None) -> Exit:
 def _parser(whole: bool = False) -> argparse.ArgumentParser:
     import argparse
 
+    from mcstudy.cli.verbs import module, verbs
+
     parser = argparse.ArgumentParser(
         prog="mcstudy",
         description="Monte Carlo studies of parameter identification in human balance.",
         epilog=_epilog(),
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB")
-    for verb, text in VERBS.items():
-        sub = verbs.add_parser(verb, help=text, description=text, add_help=whole)
+    below = parser.add_subparsers(dest="verb", metavar="VERB")
+    for verb, text in verbs().items():
+        sub = below.add_parser(verb, help=text, description=text, add_help=whole)
         if whole:
-            _module(verb).add_arguments(sub)
+            module(verb).add_arguments(sub)
     return parser
 
 
@@ -135,15 +112,12 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
     """The parser of one verb with all its arguments; the reference of the command line is made from it."""
     import argparse
 
-    parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=VERBS[verb], epilog=_epilog())
-    _module(verb).add_arguments(parser)
+    from mcstudy.cli.verbs import VERBS, module, verbs
+
+    text = VERBS.get(verb) or verbs()[verb]
+    parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=text, epilog=_epilog())
+    module(verb).add_arguments(parser)
     return parser
-
-
-def _module(verb: str) -> Any:
-    import importlib
-
-    return importlib.import_module(f"mcstudy.cli.{verb.replace('-', '_')}")
 
 
 def _epilog() -> str:
@@ -159,11 +133,12 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
         os.environ.setdefault(variable, "1")
     from mcstudy.cli.stop import stopped, unusable, with_command
     from mcstudy.cli.terminal import drop_output
+    from mcstudy.cli.verbs import module
     from mcstudy.errors import InputError, Interrupted, Stopped
     from mcstudy.exits import Exit
 
     try:
-        code: Exit = _module(verb).main(parser_of(verb).parse_args(_local(words)))
+        code: Exit = module(verb).main(parser_of(verb).parse_args(_local(words)))
         return code
     except InputError as error:
         _tell(_one_line(error))

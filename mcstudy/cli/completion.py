@@ -16,9 +16,6 @@ SHIPPED = {
     "mcstudy plan study": "study",
     "mcstudy solve study": "study",
     "mcstudy design file": "design",
-    "mcstudy infer file": "inference",
-    "mcstudy gap challenge make file": "challenge",
-    "mcstudy gap challenge run file": "challenge",
 }
 """Verb and argument that takes a file or the name of a shipped one, and the kind of the latter."""
 
@@ -31,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> Exit:
     """Print the script; returns the exit code."""
     from mcstudy.cli import whole_parser
+    from mcstudy.cli.verbs import added
     from mcstudy.errors import InputError
 
     try:
@@ -39,9 +37,14 @@ def main(args: argparse.Namespace) -> Exit:
         raise InputError("completion: shtab is not installed; pip install shtab") from None
     parser = whole_parser()
     words = _words()
+    files = SHIPPED | {
+        f"mcstudy {name} {argument}": kind
+        for name, command in added().items()
+        for argument, kind in getattr(command, "SHIPPED", {}).items()
+    }
     for name, action in _actions(parser):
-        if name in SHIPPED:
-            action.complete = _names_or_files(SHIPPED[name])  # type: ignore[attr-defined]
+        if name in files:
+            action.complete = _names_or_files(files[name])  # type: ignore[attr-defined]
         elif action.type is Path:
             action.complete = shtab.FILE  # type: ignore[attr-defined]
         elif name in words:
@@ -52,14 +55,14 @@ def main(args: argparse.Namespace) -> Exit:
 
 def _words() -> dict[str, list[str]]:
     """Verb and argument that takes one of some words, which its parser leaves to the verb."""
-    from mcstudy.cli import VERBS
     from mcstudy.cli.help import TOPICS
+    from mcstudy.cli.verbs import verbs
     from mcstudy.effect_library.library import LIBRARY
     from mcstudy.study.catalogue import shipped
 
     return {
         "mcstudy studies name": sorted(shipped()),
-        "mcstudy help topic": sorted({*TOPICS, *VERBS}),
+        "mcstudy help topic": sorted({*TOPICS, *verbs()}),
         "mcstudy simulate effect": sorted(LIBRARY),
     }
 

@@ -20,6 +20,7 @@ from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.identification.result import FitResult
+    from mcstudy.identification.settings import FitSettings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,17 +98,19 @@ def main(args: argparse.Namespace) -> Exit:
     return _one_person(args)
 
 
-def _settings(args: argparse.Namespace) -> dict[str, Any]:
-    return {
-        "effects": args.effects,
-        "wanted": args.quantity,
-        "bounds": _all_bounds(args.bounds),
-        "level": args.level,
-        "fmax": args.fmax,
-        "discard": args.discard,
-        "accept": args.accept,
-        "seed": args.seed,
-    }
+def _settings(args: argparse.Namespace) -> FitSettings:
+    from mcstudy.identification.settings import FitSettings
+
+    return FitSettings(
+        effects=args.effects,
+        quantities=args.quantity,
+        bounds=_all_bounds(args.bounds),
+        level=args.level,
+        fmax=args.fmax,
+        discard=args.discard,
+        accept=args.accept,
+        seed=args.seed,
+    )
 
 
 def _group(args: argparse.Namespace) -> Exit:
@@ -131,7 +134,7 @@ def _group(args: argparse.Namespace) -> Exit:
     options = cluster_options(args)
     if options.here:
         compile_kernels(PERSON)
-    result = fit_members(known, options, pair=args.paired, data=args.data, **settings)
+    result = fit_members(known, settings, options, pair=args.paired, data=args.data)
     tell(args, "group", result.to_dict, lambda: folded(result.text()))
     return Exit.FITS_FAILED if result.failed else Exit.DONE
 
@@ -160,7 +163,7 @@ def _one_person(args: argparse.Namespace) -> Exit:
     read = read_recordings(args)
     compile_kernels(PERSON)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
-        result = fit(read, **settings)
+        result = fit(read, settings)
     if args.html:
         _write_page(args, result)
     tell(args, "fit", result.to_dict, lambda: folded(result.text()))

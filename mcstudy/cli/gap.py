@@ -1,4 +1,4 @@
-"""``mcstudy gap``: diagnose the mismatch between model and recording, and run the benchmark of the diagnosis."""
+"""``mcstudy gap``: diagnose the mismatch between model and recording."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.cli.options import NestedParser, add_scheduler_arguments, cluster_options
+from mcstudy.cli.options import NestedParser
 from mcstudy.cli.recording_options import (
     add_output_arguments,
     add_recording_arguments,
@@ -17,11 +17,10 @@ from mcstudy.cli.recording_options import (
     tell,
     with_names,
 )
-from mcstudy.cli.terminal import print_json
+from mcstudy.cli.verbs import below
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
-    from mcstudy.challenge.design import ChallengeFile
     from mcstudy.gap.diagnosis import Diagnosis
 
 
@@ -55,8 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _compare_arguments(compare)
     _next_arguments(verbs.add_parser("next", help="rank possible next trials by what they would tell of the cause"))
 
-    challenge = verbs.add_parser("challenge", help="benchmark the diagnosis on recordings with hidden causes")
-    _challenge_arguments(challenge)
+    for name, command in below("gap").items():
+        command.add_arguments(verbs.add_parser(name, help=command.HELP))
 
 
 def _add_prior(verb: argparse.ArgumentParser) -> None:
@@ -136,46 +135,6 @@ def _next_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_next)
 
 
-def _challenge_arguments(challenge: argparse.ArgumentParser) -> None:
-    verbs = challenge.add_subparsers(dest="challenge", metavar="VERB", required=True)
-    make = verbs.add_parser("make", help="simulate recordings and write the answer key to a separate file")
-    make.add_argument("file", type=Path, help="challenge file (.toml), or the name of a shipped one (gap_challenge)")
-    make.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder for the recordings")
-    make.add_argument("--key", type=Path, required=True, metavar="FILE", help="answer key to write, outside DIR")
-    make.set_defaults(run=_make)
-
-    answer = verbs.add_parser("answer", help="diagnose every recording in a folder")
-    answer.add_argument("data", type=Path, help="folder of the recordings; must not contain the key")
-    answer.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="answers to write (JSON)")
-    answer.add_argument(
-        "--method",
-        choices=("fast", "bootstrap", "detect"),
-        default="fast",
-        help="statistics of the diagnosis (default fast); detect tests for a mismatch without naming causes",
-    )
-    answer.set_defaults(run=_answer)
-
-    score = verbs.add_parser("score", help="score answers against the key")
-    score.add_argument("data", type=Path, help="folder of the recordings")
-    score.add_argument("--key", type=Path, required=True, metavar="FILE", help="answer key (JSON)")
-    score.add_argument("--answers", type=Path, required=True, metavar="FILE", help="answers (JSON)")
-    score.add_argument("-o", "--out", type=Path, metavar="FILE", help="also write the score (JSON)")
-    score.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
-    score.add_argument("--figure", type=Path, metavar="SVG", help="also draw the reliability of stated probabilities")
-    score.set_defaults(run=_score)
-
-    run = verbs.add_parser("run", help="make, answer and score in one command; resumes where it was stopped")
-    run.add_argument("file", type=Path, help="challenge file (.toml), or the name of a shipped one (gap_challenge)")
-    run.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder for all results")
-    run.set_defaults(run=_run)
-    for verb in (make, answer, run):
-        add_scheduler_arguments(verb)
-    for verb in (score, run):
-        verb.add_argument(
-            "--check", action="store_true", help="exit with code 5 when a target is missed at the 99.9 %% level"
-        )
-
-
 def main(args: argparse.Namespace) -> Exit:
     """Run the sub-verb; returns the exit code."""
     code: Exit = args.run(args)
@@ -189,50 +148,33 @@ def _effects(_: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-def _diagnosed(args: argparse.Namespace) -> Diagnosis:
-    """The diagnosis that was asked for; one that is kept is not computed again."""
-    from mcstudy.cli.kept_diagnosis import kept_diagnosis
-    from mcstudy.errors import InputError
+def _diagnosed(
+    args: argparse.Namespace, *, fast: bool, bootstrap: int | None = None, cause_only: bool = False
+) -> Diagnosis:
+    """The diagnosis that was asked for; one that is kept is not computed again.
 
-    if args.fast and args.bootstrap is not None:
-        raise InputError("--bootstrap: not used with --fast; give one of the two")
-    if args.fast:
-        return _fast(args)
-    bootstrap = {} if args.bootstrap is None else {"bootstrap": args.bootstrap}
-    options = _options(args) | bootstrap
+    ``cause_only``: with nothing else, unless all is kept.
+    """
+    from mcstudy.cli.kept_diagnosis import kept_diagnosis
+    from mcstudy.gap.settings import CAUSE_ONLY, EVERYTHING, DiagnosisSettings
+
+    options = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept, "fast": fast}
+    if bootstrap is not None:
+        options["bootstrap"] = bootstrap
+    if args.prior_none is not None:
+        options["prior_none"] = args.prior_none
+    settings = DiagnosisSettings(**options, asked=CAUSE_ONLY if cause_only else EVERYTHING)
     read = read_recordings(args)
 
     def compute() -> Diagnosis:
         from mcstudy.gap.diagnose import diagnose
 
         with _ready(args):
-            return diagnose(read, **options)
+            return diagnose(read, settings)
 
-    return kept_diagnosis(read, {"method": "bootstrap", **options}, compute)
-
-
-def _fast(args: argparse.Namespace, cause_only: bool = False) -> Diagnosis:
-    """The fast diagnosis. ``cause_only``: with nothing else, unless all is kept."""
-    from mcstudy.cli.kept_diagnosis import kept_diagnosis
-
-    options, read = _options(args), read_recordings(args)
-
-    def compute() -> Diagnosis:
-        from mcstudy.gap.diagnose import diagnose_fast
-        from mcstudy.gap.settings import CAUSE_ONLY, EVERYTHING
-
-        with _ready(args):
-            return diagnose_fast(read, **options, asked=CAUSE_ONLY if cause_only else EVERYTHING)
-
-    whole = {"method": "fast", **options}
     if cause_only:
-        return kept_diagnosis(read, {**whole, "asked": "cause"}, compute, also=[whole])
-    return kept_diagnosis(read, whole, compute)
-
-
-def _options(args: argparse.Namespace) -> dict[str, Any]:
-    options = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept}
-    return options if args.prior_none is None else {**options, "prior_none": args.prior_none}
+        return kept_diagnosis(read, {**options, "asked": "cause"}, compute, also=[options])
+    return kept_diagnosis(read, options, compute)
 
 
 @contextmanager
@@ -251,7 +193,7 @@ def _diagnose(args: argparse.Namespace) -> Exit:
     from mcstudy.scheduler.activity import activity
 
     with activity(f"{args.recordings[0]}: diagnosing"):
-        diagnosis = _diagnosed(args)
+        diagnosis = _diagnosed(args, fast=args.fast, bootstrap=args.bootstrap)
     tell(args, "diagnosis", diagnosis.to_dict, lambda: f"{wrapped(diagnosis)}\n\n{text(diagnosis)}")
     return Exit.DONE
 
@@ -278,7 +220,7 @@ def _next(args: argparse.Namespace) -> Exit:
 
         require_matplotlib()
     with activity(f"{args.recordings[0]}: diagnosing"):
-        d = _fast(args, cause_only=True)
+        d = _diagnosed(args, fast=True, cause_only=True)
         doing(f"{args.recordings[0]}: simulating possible next trials")
         with with_names(args):
             found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
@@ -324,7 +266,7 @@ def _report(args: argparse.Namespace) -> Exit:
         from mcstudy.gap.planned.next_trial import next_trial
         from mcstudy.report.diagnosis.page import gap_page
 
-        diagnosis = _diagnosed(args)
+        diagnosis = _diagnosed(args, fast=args.fast, bootstrap=args.bootstrap)
         planned = next_trial(diagnosis, seed=args.seed) if args.next else None
         options = [f"--{name}" for name in ("fast", "next") if getattr(args, name)]
         options += _given(args, ("bootstrap", None))
@@ -356,88 +298,3 @@ def _compare(args: argparse.Namespace) -> Exit:
     if args.figure:
         write_figure(found.plot(), args.figure)
     return Exit.DONE
-
-
-def _made(args: argparse.Namespace, data: Path, key: Path) -> tuple[ChallengeFile, str]:
-    """Make the challenge of a file; returns its design and the SHA-256 of its key."""
-    from mcstudy.challenge.challenge_file import read_challenge
-    from mcstudy.challenge.make import make
-    from mcstudy.errors import DesignError
-    from mcstudy.scheduler.compiling import RECORDING
-
-    file = read_challenge(args.file)
-    _compile(args, RECORDING)
-    try:
-        return file, make(file, data, key, cluster_options(args))
-    except DesignError as error:
-        raise DesignError(f"{args.file}: {error}") from None
-
-
-def _compile(args: argparse.Namespace, parts: tuple[str, ...]) -> None:
-    """Compile what the cases need before they are counted; other workers do so when they need it."""
-    from mcstudy.scheduler.compiling import compile_kernels
-
-    if args.scheduler is None and args.slurm is None:
-        compile_kernels(parts)
-
-
-def _make(args: argparse.Namespace) -> Exit:
-    file, sha = _made(args, args.data, args.key)
-    print(f"{args.data}: {file.total} recordings; key {args.key}, sha256 {sha}")
-    return Exit.DONE
-
-
-def _answer(args: argparse.Namespace) -> Exit:
-    from mcstudy.challenge.answer import METHODS, answer
-    from mcstudy.scheduler.compiling import DIAGNOSIS
-
-    _compile(args, DIAGNOSIS)
-    sha = answer(args.data, args.out, METHODS[args.method], args.method, cluster_options(args))
-    print(f"{args.out}: sha256 {sha}")
-    return Exit.DONE
-
-
-def _score(args: argparse.Namespace) -> Exit:
-    from mcstudy.challenge.score import exit_code, score_files
-    from mcstudy.challenge.table import score_text
-    from mcstudy.cli.figure_file import check_figure, write_figure
-    from mcstudy.files.json_files import json_text, write_json
-    from mcstudy.report.reliability import reliability_svg
-    from mcstudy.text_tables import folded
-
-    check_figure(args.figure)
-    score = score_files(args.data, args.key, args.answers)
-    if args.out:
-        write_json(args.out, score, "challenge_score")
-    if args.figure:
-        write_figure(reliability_svg(score), args.figure)
-    if args.json:
-        print_json(json_text(score, "challenge_score", "score"))
-    else:
-        print(folded(score_text(score)))
-    return exit_code(score) if args.check else Exit.DONE
-
-
-def _run(args: argparse.Namespace) -> Exit:
-    from mcstudy.challenge.answer import METHODS, answer, answered
-    from mcstudy.challenge.score import exit_code, score_files
-    from mcstudy.challenge.table import score_text
-    from mcstudy.files.json_files import own_folder, write_json, write_text
-    from mcstudy.report.reliability import reliability_svg
-    from mcstudy.scheduler.compiling import DIAGNOSIS
-    from mcstudy.text_tables import folded, unfolded
-
-    own_folder(args.out, "data", "a challenge")
-    data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
-    file, _ = _made(args, data, key)
-    if not answered(data, answers, file.answer.method):
-        _compile(args, DIAGNOSIS)
-        answer(data, answers, METHODS[file.answer.method], file.answer.method, cluster_options(args))
-    score = score_files(data, key, answers)
-    write_json(args.out / "score.json", score, "challenge_score")
-    with unfolded():
-        page = score_text(score)
-    write_text(args.out / "score.txt", page)
-    write_text(args.out / "reliability.svg", reliability_svg(score))
-    print(folded(score_text(score)))
-    return exit_code(score) if args.check else Exit.DONE

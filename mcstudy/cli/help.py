@@ -62,23 +62,24 @@ def main(args: argparse.Namespace) -> Exit:
     """Print a page, or the list of topics; returns the exit code."""
     import difflib
 
-    from mcstudy.cli import VERBS, parser_of
+    from mcstudy.cli import parser_of
     from mcstudy.cli.markdown import as_text
+    from mcstudy.cli.verbs import verbs
     from mcstudy.errors import InputError
     from mcstudy.text_tables import fill, table
 
     if not args.topic:
         print(table(["topic", "about"], [(topic, about) for topic, (about, _) in TOPICS.items()], of_text=True))
         print(fill("\nmcstudy help TOPIC prints a page, mcstudy help VERB the options of a verb and its page."))
-        print(fill(f"Verbs: {', '.join(VERBS)}"))
+        print(fill(f"Verbs: {', '.join(verbs())}"))
         return Exit.DONE
     word, *below = args.topic
     topic = OF_VERB.get(word, word)
-    if word not in VERBS and (below or topic not in TOPICS):
-        near = ", ".join(difflib.get_close_matches(word, [*TOPICS, *VERBS], n=3))
+    if word not in verbs() and (below or topic not in TOPICS):
+        near = ", ".join(difflib.get_close_matches(word, [*TOPICS, *verbs()], n=3))
         hint = f"similar: {near}" if near else "mcstudy help lists them"
         raise InputError(f"{' '.join(args.topic)}: expected a topic or a verb ({hint})")
-    if word in VERBS:
+    if word in verbs():
         parser = parser_of(word)
         for verb in below:
             parser = _below(parser, verb)

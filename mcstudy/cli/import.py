@@ -147,10 +147,10 @@ def _given(**fields: Any) -> dict[str, Any]:
 def _print_doubts(recording: Recording) -> None:
     """What the responses say against the labels; `fit` and `gap` refuse such a recording, the import only says so."""
     from mcstudy.errors import RecordingError
-    from mcstudy.lines.checked_recording import checked_lines
+    from mcstudy.lines.checked_recording import checked_recording
 
     try:
-        checked, _ = checked_lines(recording)
+        checked = checked_recording(recording).recording
     except RecordingError as error:
         print(f"doubtful: {error}")
         return

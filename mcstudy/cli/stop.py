@@ -31,15 +31,6 @@ RESUMES = "run the same command again to resume"
 _UNMAPPED = "failed to map segment"
 """What the loader of shared libraries says where there is no memory for one."""
 
-RESUMABLE = (
-    ("run",),
-    ("extend",),
-    ("infer",),
-    ("design",),
-    *(("gap", "challenge", verb) for verb in ("make", "answer", "run")),
-)
-"""Verbs that continue from where they were stopped."""
-
 INTERRUPTED = 3
 """`mcstudy.exits.Exit.INTERRUPTED`, whose module may not be loaded any more."""
 
@@ -145,9 +136,10 @@ def with_command(message: str, words: Sequence[str]) -> str:
 
 def stopped(words: Sequence[str], how: str = "") -> tuple[str, Exit]:
     """Message and exit code of a command that was stopped."""
+    from mcstudy.cli.verbs import resumable
     from mcstudy.exits import Exit
 
-    if any(tuple(words[: len(verb)]) == verb for verb in RESUMABLE):
+    if resumable(tuple(words)):
         return with_command(f"stopped{how}; {RESUMES}", words), Exit.INTERRUPTED
     return f"stopped{how}", Exit.STOPPED
 
@@ -171,10 +163,11 @@ def unusable(error: Exception, words: Sequence[str]) -> tuple[str, Exit] | None:
 
     None for any other error: a fault of this program.
     """
+    from mcstudy.cli.verbs import resumable
     from mcstudy.exits import Exit
     from mcstudy.files.durable import FULL
 
-    resumes = any(tuple(words[: len(verb)]) == verb for verb in RESUMABLE)
+    resumes = resumable(tuple(words))
     if what := lacking(error):
         return (with_command(f"{what}; {RESUMES}", words), Exit.INTERRUPTED) if resumes else (what, Exit.BAD_INPUT)
     if not isinstance(error, OSError) or error.errno is None:

@@ -24,6 +24,7 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.files.json_files import write_text
     from mcstudy.identification.fit import fit
+    from mcstudy.identification.settings import FitSettings
     from mcstudy.identification.study_design import study_of
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
@@ -34,8 +35,9 @@ def main(args: argparse.Namespace) -> Exit:
         raise InputError(f"{args.out}: expected a name that begins with a letter and ends in .toml")
     read = read_recordings(args)
     compile_kernels(PERSON)
+    settings = FitSettings(fmax=args.fmax, discard=args.discard, accept=args.accept, seed=args.seed)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
-        fitted = fit(read, fmax=args.fmax, discard=args.discard, accept=args.accept, seed=args.seed)
+        fitted = fit(read, settings)
         study = study_of(fitted, name, realizations=args.realizations, starts=args.starts)
     write_text(args.out, study.to_toml().rstrip("\n"))
     print(study)

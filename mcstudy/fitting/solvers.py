@@ -119,16 +119,17 @@ def solvers() -> dict[str, Solver]:
     return {solver.name: solver for solver in (*OWN, *attached)}
 
 
-def attached_modules() -> tuple[str, ...]:
-    """Modules and packages that solvers come from and their numbers depend on, besides this package."""
-    return tuple(dict.fromkeys(entry.module for entry in _entries()))
+def attached_sources() -> tuple[str, ...]:
+    """Folders or modules of other packages that solvers come from, by their path, as `program.source` knows them."""
+    return tuple(dict.fromkeys(entry.module.replace(".", "/") for entry in _entries()))
 
 
 @cache
 def _entries() -> list[EntryPoint]:
     entries = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
     for entry in entries:
-        program.attach(entry.module, str(importlib.import_module(entry.module).__file__))
+        name = entry.module.partition(".")[0]
+        program.attach(name, importlib.import_module(name).__path__[0])
     return entries
 
 

@@ -1,17 +1,17 @@
 """Diagnosis of a recording: where the model fails, which effect is missing, and how much of the gap it closes.
 
-`diagnose` refits the model to every null sample; `diagnose_fast` uses the linearised fit instead.
+A recording is checked, its labels are settled and its cycles chosen; its lines are measured, the base model is fitted
+to them and tested, and the questions are answered from this test.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unknown import LENGTHS
@@ -23,199 +23,88 @@ from mcstudy.gap.questions.location import locations, missing_torque
 from mcstudy.gap.questions.mislabelling import Labels, mislabelled
 from mcstudy.gap.questions.nearest import nearest, with_likeness
 from mcstudy.gap.questions.parameters import shifts
-from mcstudy.gap.questions.posterior import NONE, Cause, Explanation, explain, prior
+from mcstudy.gap.questions.posterior import Cause, Explanation, explain, prior
 from mcstudy.gap.questions.power import undetectable
-from mcstudy.gap.settings import EVERYTHING, Asked
-from mcstudy.lines.checked_recording import Discard, checked_lines, given_model
+from mcstudy.gap.settings import DiagnosisMethod, DiagnosisSettings
+from mcstudy.lines.base_fit import BaseFit, base_fit
+from mcstudy.lines.checked_recording import CheckedRecording
 from mcstudy.lines.labels import label_odds
-from mcstudy.lines.settling import cycles_to_discard, longer, unsettled
+from mcstudy.lines.settling import settled
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
-from mcstudy.spectra.measure import highest
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 from mcstudy.text_tables import p_words
 
-FAST_DRAWS = 1000
-BOOTSTRAP = 1000
-
-LEAST_DRAWS = 50
-"""Fewest bootstrap samples: with fewer than 31 no p-value could be below `LEVEL`."""
-
 CREDIBLE = 0.95
 
 
-def diagnose(
-    recording: AnyRecording | Sequence[Recording | FrfRecording],
-    *,
-    bootstrap: int = BOOTSTRAP,
-    seed: int = 0,
-    model: Model | None = None,
-    fmax: float | None = None,
-    discard: int | None = None,
-    accept: Iterable[str] = (),
-    asked: Asked = EVERYTHING,
-    prior_none: float = NONE,
-) -> Diagnosis:
-    """Diagnosis with a parametric bootstrap: the base model is refitted to each of ``bootstrap`` null samples.
+def diagnose(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: DiagnosisSettings) -> Diagnosis:
+    """Diagnosis of one recording, or of several of the same person.
 
-    Parameters
-    ----------
-    recording: one recording, or several of the same person. Those with the same stimulus, period and sampling rate are
-        pooled, others diagnosed together, each with the noise that was measured in it.
-    bootstrap: number of null samples. seed: seed of all random numbers.
-    model: base model; by default the two-segment model of the recording's body. None under several stimuli.
-    fmax: highest frequency, Hz; None for 8, or the last of a published response. discard: transient cycles left out at
-        the start of every trial; None for one, or as many as the slowest oscillation of the fitted body needs
-        (`mcstudy.lines.settling`).
-    accept: codes of suspicions about mislabelled channels. For these the labels are kept.
-    asked: the questions that are answered; the results of the others are None.
-    prior_none: prior probability of no missing effect.
+    Those with the same stimulus, period and sampling rate are pooled, others diagnosed together, each with the noise
+    that was measured in it.
 
-    Raises `RecordingError` for a recording that cannot be analysed or whose channels are mislabelled, `InputError` for
-    too small a ``bootstrap`` and an impossible ``prior_none``.
+    Raises `RecordingError` for a recording that cannot be analysed or whose channels are mislabelled.
     """
-    if bootstrap < LEAST_DRAWS:
-        raise InputError(f"bootstrap: expected at least {LEAST_DRAWS} null samples, got {bootstrap}")
-    return _diagnose(recording, _Settings(bootstrap, True, seed, model, fmax, discard, accept, asked, prior_none))
-
-
-def diagnose_fast(
-    recording: AnyRecording | Sequence[Recording | FrfRecording],
-    *,
-    seed: int = 0,
-    model: Model | None = None,
-    fmax: float | None = None,
-    discard: int | None = None,
-    accept: Iterable[str] = (),
-    asked: Asked = EVERYTHING,
-    prior_none: float = NONE,
-) -> Diagnosis:
-    """Diagnosis with asymptotic null distributions: simulated noise through the linearised fit. See `diagnose`."""
-    return _diagnose(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept, asked, prior_none))
-
-
-def detect_fast(
-    recording: AnyRecording | Sequence[Recording | FrfRecording],
-    *,
-    seed: int = 0,
-    model: Model | None = None,
-    fmax: float | None = None,
-    discard: int | None = None,
-    accept: Iterable[str] = (),
-) -> GapTest:
-    """Only the test for a gap, identical to that of `diagnose_fast`, in half the time. See `diagnose`."""
-    return _tested(recording, _Settings(FAST_DRAWS, False, seed, model, fmax, discard, accept))[2]
-
-
-@dataclass(frozen=True)
-class _Settings:
-    """How a recording is diagnosed, see `diagnose`: ``draws`` null samples, with ``refits`` of the model or without."""
-
-    draws: int
-    refits: bool
-    seed: int
-    model: Model | None
-    fmax: float | None
-    discard: int | None
-    accept: Iterable[str]
-    asked: Asked = EVERYTHING
-    prior_none: float = NONE
-
-    def lines_and_test(
-        self, recording: AnyRecording | Sequence[Recording | FrfRecording], discard: Discard
-    ) -> tuple[AnyRecording, Lines, GapTest]:
-        """The recording without some cycles, its lines, and the test for a gap."""
-        one, lines = checked_lines(recording, self.fmax, discard, self.accept)
-        return one, lines, gap_test(lines, given_model(self.model, one, lines), self.draws, self.refits, self.seed)
-
-
-def _tested(
-    recording: AnyRecording | Sequence[Recording | FrfRecording], by: _Settings
-) -> tuple[AnyRecording, Lines, GapTest, Discard]:
-    """The recording, its lines, the test for a gap, and the number of discarded cycles."""
-    chosen: Discard = 1 if by.discard is None else by.discard
-    one, lines, test = by.lines_and_test(recording, chosen)
-    needed = cycles_to_discard(one, test.base.model, test.base.theta) if by.discard is None else chosen
-    if longer(needed, chosen):
-        chosen = needed
-        one, lines, test = by.lines_and_test(recording, chosen)
-    notes = (*lines.notes, *unsettled(one, test.base.model, test.base.theta, chosen))
-    return one, replace(lines, notes=notes), test, chosen
-
-
-def _diagnose(recording: AnyRecording | Sequence[Recording | FrfRecording], by: _Settings) -> Diagnosis:
-    known = frozenset((by.accept,) if isinstance(by.accept, str) else by.accept)
-    prior(by.prior_none)  # refused before the work
-    one, lines, test, left_out = _tested(recording, replace(by, accept=known))
-    outcome = diagnose_lines(
-        lines,
-        given_model(by.model, one, lines),
-        draws=by.draws,
-        refits=by.refits,
-        seed=by.seed,
-        test=test,
-        name=one.name,
-        labels=None if isinstance(one, FrfRecording) else _labels(one, lines, known),
-        asked=by.asked,
-        prior_none=by.prior_none,
-    )
-    warnings = () if isinstance(one, FrfRecording) else tuple(s.message for s in one.suspicions)
+    checked, fit = _fitted(recordings, settings)
+    test = gap_test(checked.lines, fit, settings)
+    labels = None if isinstance(checked.recording, FrfRecording) else _labels(checked, settings)
+    diagnosis = _answers(checked.lines, test, settings, checked.recording.name, labels)
     return replace(
-        outcome,
-        recording=one,
-        warnings=(*warnings, *outcome.warnings),
-        method={**outcome.method, "fmax": highest(one, by.fmax), "discard": left_out},
+        diagnosis,
+        recording=checked.recording,
+        warnings=(*checked.warnings, *diagnosis.warnings),
+        method=replace(diagnosis.method, fmax=checked.fmax, discard=checked.discard),
     )
 
 
-def _labels(recording: Recording | JointRecording, lines: Lines, accept: frozenset[str]) -> Labels:
-    if isinstance(recording, JointRecording):
-        several = zip(recording.parts, lines.parts, recording.labels, strict=True)
-        return Labels.joined([replace(_labels(r, own, accept), name=name) for r, own, name in several])
-    return Labels(label_odds(recording, lines), recording.stimulus_unit == "N m", accept, rate_hz=recording.rate_hz)
+def detect(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: DiagnosisSettings) -> GapTest:
+    """Only the test for a gap, identical to that of `diagnose`, in half the time or less."""
+    checked, fit = _fitted(recordings, settings)
+    return gap_test(checked.lines, fit, settings)
 
 
-def diagnose_lines(
-    lines: Lines,
-    nominal: Model,
-    *,
-    draws: int,
-    refits: bool,
-    seed: int = 0,
-    name: str = "lines",
-    labels: Labels | None = None,
-    test: GapTest | None = None,
-    asked: Asked = EVERYTHING,
-    prior_none: float = NONE,
+def diagnose_lines(lines: Lines, nominal: Model, settings: DiagnosisSettings) -> Diagnosis:
+    """Diagnosis of measured lines. ``nominal``: base model with values of the order of magnitude of a person's."""
+    return _answers(lines, gap_test(lines, base_fit(lines, nominal, settings.seed), settings), settings)
+
+
+def _fitted(
+    recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: DiagnosisSettings
+) -> tuple[CheckedRecording, BaseFit]:
+    """The checked recording without the cycles in which it settles, and the fit of the base model to its lines."""
+    return settled(recordings, settings, lambda checked: base_fit(checked.lines, checked.nominal, settings.seed))
+
+
+def _answers(
+    lines: Lines, test: GapTest, settings: DiagnosisSettings, name: str = "lines", labels: Labels | None = None
 ) -> Diagnosis:
-    """Diagnosis of measured lines. ``nominal``: base model with values of the order of magnitude of a person's.
+    """The answers to all questions, from the ``test`` of the ``lines``.
 
     ``labels``: what is known about the labels; with them, and a gap, mislabelling is among the possible causes.
-    ``test``: the test of these lines with these settings, if it was made before. ``asked``, ``prior_none``: see
-    `diagnose`.
     """
-    t = test or gap_test(lines, nominal, draws, refits, seed)
-    base, data, detection, compared = t.base, t.data, t.detection, t.contrasts
-    detected = t.p_value < LEVEL
+    base, data, minima, seed = test.fit.best, test.fit.data, test.fit.minima, settings.seed
+    detection, compared, asked = test.detection, test.contrasts, settings.asked
+    detected = test.p_value < LEVEL
     explanation = explain(
         base,
-        t.minima,
+        minima,
         data,
-        t.effects,
-        t.signatures,
-        t.groups,
-        t.scores,
+        test.effects,
+        test.signatures,
+        test.groups,
+        test.scores,
         detection.unstructured,
         compared,
-        partial(mislabelled, lines, base, t.minima, labels, seed) if detected and labels is not None else None,
-        prior_none,
+        partial(mislabelled, lines, base, minima, labels, seed) if detected and labels is not None else None,
+        settings.prior_none,
     )
     causes, near = explanation.causes, None
     if asked.nearest and detected and detection.p_value < LEVEL:
-        causes = with_likeness(base, causes, data, _space(t.scores), detection, seed)
+        causes = with_likeness(base, causes, data, _space(test.scores), detection, seed)
         near = nearest(base, causes, data, lines, seed)
     leading = causes[0] if detected and causes else None
     added = None if leading is None or leading.advice else leading
@@ -226,39 +115,54 @@ def diagnose_lines(
     return Diagnosis(
         name=name,
         detected=detected,
-        p_value=t.p_value,
-        p_least=t.p_least,
+        p_value=test.p_value,
+        p_least=test.p_least,
         place=place,
         place_abstained=abstained,
         causes=causes,
         none_probability=explanation.none,
         unknown_probability=explanation.unknown,
         credible_set=credible_set(explanation),
-        closed=None if closes is None else _closed(base, closes, data, lines, t.scores, belief, seed),
+        closed=None if closes is None else _closed(base, closes, data, lines, test.scores, belief, seed),
         sway_rms_deg=_sway(base, added, data, lines),
-        undetectable=undetectable(t.signatures, compared, trials),
+        undetectable=undetectable(test.signatures, compared, trials),
         detection=detection,
         contrasts=tuple(compared),
         shifts=shifts(base, None if leading is None else leading.fitted),
-        groups=tuple(t.groups),
+        groups=tuple(test.groups),
         f=lines.f,
         torque=missing_torque(base, data),
         warnings=(*_other_axes(lines), *lines.notes),
-        method={
-            "null": "bootstrap with refits" if refits else "linearised",
-            "draws": draws,
-            "seed": seed,
-            "trials": trials,
-            "repeats": int(lines.repeats.shape[0]),
-        },
+        method=DiagnosisMethod(
+            null="linearised" if settings.fast else "bootstrap with refits",
+            draws=settings.draws,
+            seed=seed,
+            trials=trials,
+            repeats=int(lines.repeats.shape[0]),
+        ),
         lines=lines,
         base=base,
-        prior=prior(prior_none),
+        prior=prior(settings.prior_none),
         none_log_factor=explanation.none_log_factor,
         hypotheses=explanation.hypotheses,
         nearest=near,
         asked=asked,
     )
+
+
+def _labels(checked: CheckedRecording, settings: DiagnosisSettings) -> Labels:
+    """What the nominal model says of the labels."""
+    accepted = frozenset(settings.accept)
+
+    def of_part(recording: Recording, lines: Lines, name: str = "") -> Labels:
+        odds, torque = label_odds(recording, lines), recording.stimulus_unit == "N m"
+        return Labels(odds, torque, accepted, name, rate_hz=recording.rate_hz)
+
+    recording, lines = checked.recording, checked.lines
+    if isinstance(recording, JointRecording):
+        return Labels.joined([*map(of_part, recording.parts, lines.parts, recording.labels)])
+    assert isinstance(recording, Recording)
+    return of_part(recording, lines)
 
 
 def _other_axes(lines: Lines) -> list[str]:

@@ -21,7 +21,8 @@ from mcstudy.gap.questions.nearest import SHOWN, Nearest
 from mcstudy.gap.questions.parameters import Shift
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.power import Undetectable
-from mcstudy.gap.settings import EVERYTHING, Asked
+from mcstudy.gap.settings import EVERYTHING, Asked, DiagnosisMethod
+from mcstudy.lines.checked_recording import discarded
 from mcstudy.lines.part_fits import parts_dict
 from mcstudy.lines.reading_fits import of_part
 from mcstudy.recordings.joint import AnyRecording, JointRecording, part_labels
@@ -127,7 +128,7 @@ class Diagnosis(Summary):
     f: np.ndarray
     torque: np.ndarray
     warnings: tuple[str, ...]
-    method: dict[str, Any]
+    method: DiagnosisMethod
     lines: Lines
     base: Fitted
     prior: dict[str, float]
@@ -160,7 +161,7 @@ class Diagnosis(Summary):
         if self.sway_rms_deg["floor"] is None:
             return None
         fitted = self.base if self.added is None else self.added
-        rng = stream(int(self.method["seed"]), "gap sway")
+        rng = stream(self.method.seed, "gap sway")
         return noise_rms_deg(fitted, Data.of(self.lines), self.lines, rng)
 
     @property
@@ -178,7 +179,7 @@ class Diagnosis(Summary):
             if leading is not None:
                 own = of_part(leading.fitted, block, members(leading.fitted.model)[k])
                 causes = (replace(leading, fitted=own), *causes[1:])
-            left_out = self.method.get("discard", 1)
+            discard = self.method.discard
             out.append(
                 replace(
                     self,
@@ -191,7 +192,7 @@ class Diagnosis(Summary):
                     base=replace(self.base, model=models[k]),
                     nearest=self.nearest and self.nearest.of_part(k, block),
                     recording=self.recording.parts[k] if isinstance(self.recording, JointRecording) else None,
-                    method={**self.method, "discard": left_out if isinstance(left_out, int) else left_out[k]},
+                    method=self.method if discard is None else replace(self.method, discard=discarded(discard, k)),
                 )
             )
         return tuple(out)
@@ -290,7 +291,8 @@ class Diagnosis(Summary):
                 "parameters": [
                     _of(s, "name unit without without_se added added_se without_from added_from") for s in self.shifts
                 ],
-                **_of(self, "groups warnings method"),
+                **_of(self, "groups warnings"),
+                "method": self.method.to_dict(),
                 **parts_dict(part_labels(self.recording, len(d.parts)), d.parts),
             }
         )

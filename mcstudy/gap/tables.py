@@ -324,5 +324,5 @@ def _undetectable(d: Diagnosis) -> Table:
         f"expected z: usual size of the effect (middle of its range), divided by the standard error with which these "
         f"data would estimate it. At z = {FOUND:g} an effect is detected in about 80 % of recordings. size needed: the "
         f"smallest size with z = {FOUND:g} in these data. trials needed: how many trials like these, in all (now: "
-        f"{d.method['trials']}), give the usual size z = {FOUND:g}. -: none within the bounds would do.",
+        f"{d.method.trials}), give the usual size z = {FOUND:g}. -: none within the bounds would do.",
     )

@@ -255,7 +255,7 @@ def share_closed(d: Diagnosis) -> str:
     share = f"{adding.format(effects_of(leading))} {100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
     share += f" of the gap{', down to the noise floor' if c.at_noise_floor else ''}."
     if c.high - c.low > WIDE:
-        trials = int(d.method["trials"])
+        trials = d.method.trials
         share += (
             f" With about {c.trials_needed} such trials in all (this recording has {trials}) this share would be known "
             "to ±15 percentage points."

@@ -14,10 +14,11 @@ import numpy as np
 
 from mcstudy.effect_library.library import effect
 from mcstudy.fitting.penalised import Data, Fitter, whiten
-from mcstudy.gap.diagnose import FAST_DRAWS
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.evidence import Hypothesis, single, together
+from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.identification.minimum import Minima, without_prior
+from mcstudy.lines.base_fit import base_fit
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
@@ -64,7 +65,7 @@ class WithEffects:
 
 def gap_found(lines: Lines, base: Model, seed: int) -> tuple[GapFound, GapTest]:
     """The test of ``mcstudy gap diagnose --fast``, and all that it computed."""
-    test = gap_test(lines, base, FAST_DRAWS, False, seed)
+    test = gap_test(lines, base_fit(lines, base, seed), DiagnosisSettings(fast=True, seed=seed))
     return GapFound(test.p_value, test.p_least), test
 
 
@@ -72,18 +73,19 @@ def with_effects(
     test: GapTest, lines: Lines, models: tuple[Model, Model], minima: tuple[Minima, Minima], effects: Sequence[str]
 ) -> WithEffects:
     """The comparison; ``models`` and their ``minima`` without and with the ``effects``."""
-    factor = _evidence(test, minima[1], effects).log_evidence - test.base.log_evidence
+    factor = _evidence(test, minima[1], effects).log_evidence - test.fit.best.log_evidence
     unseen = unseen_cycles(lines, models, minima)
     return WithEffects(tuple(effects), float(factor), *(unseen or (None, None)))
 
 
 def _evidence(test: GapTest, minima: Minima, effects: Sequence[str]) -> Hypothesis:
+    fit = test.fit
     if len(effects) == 1:
         found = [s for s in test.signatures if s.effect == effects[0]]
-        return single(test.base, test.minima, test.data, effects[0], found, test.base.residual(test.data))
+        return single(fit.best, fit.minima, fit.data, effects[0], found, fit.best.residual(fit.data))
     middle = [sum(s.published) / 2 for name in effects for s in effect(name).sizes]
-    starts = np.vstack([minima.theta[:LEADING], *(np.append(theta, middle) for theta in test.minima)])
-    return together(test.base, test.data, tuple(effects), starts)  # type: ignore[arg-type]
+    starts = np.vstack([minima.theta[:LEADING], *(np.append(theta, middle) for theta in fit.minima)])
+    return together(fit.best, fit.data, tuple(effects), starts)  # type: ignore[arg-type]
 
 
 def unseen_cycles(

@@ -2,87 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
 
 from mcstudy.effect_library.library import apply
-from mcstudy.errors import InputError, RecordingError
+from mcstudy.errors import RecordingError
 from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.identification.assessment import assessed
 from mcstudy.identification.bounds import bounded
-from mcstudy.identification.complete import complete
 from mcstudy.identification.correction import DRAWS, Draws, simulated
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
 from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities, require_finite
 from mcstudy.identification.result import Estimate, FitResult
-from mcstudy.identification.several_minima import factor
+from mcstudy.identification.settings import FitMethod, FitSettings
 from mcstudy.identification.tables import BANDS_HZ
-from mcstudy.identification.threshold import Threshold, threshold
-from mcstudy.lines.checked_recording import Discard, checked_lines, given_model
+from mcstudy.identification.threshold import Threshold, factor, threshold
+from mcstudy.lines.checked_recording import CheckedRecording
 from mcstudy.lines.part_fits import PartFit, part_fits
-from mcstudy.lines.settling import cycles_to_discard, longer, unsettled
+from mcstudy.lines.settling import settled
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import AnyRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
-from mcstudy.spectra.measure import highest
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
 
 
-def fit(
-    recording: AnyRecording | Sequence[Recording | FrfRecording],
-    *,
-    effects: Sequence[str] = (),
-    wanted: Sequence[str] | Mapping[str, Any] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    level: float = 0.95,
-    model: Model | None = None,
-    fmax: float | None = None,
-    discard: int | None = None,
-    accept: Iterable[str] = (),
-    seed: int = 0,
-) -> FitResult:
+def fit(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: FitSettings) -> FitResult:
     """Parameters of the person in a recording, or in several of one person; see `mcstudy.fit`.
 
-    Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong argument.
+    Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong quantity, bound or effect.
     """
 
-    def fitted(left_out: Discard) -> tuple[AnyRecording, Model, FitResult]:
-        one, lines = checked_lines(recording, fmax, left_out, accept)
-        nominal = given_model(model, one, lines)
-        result = fit_lines(
-            lines, nominal, effects=effects, wanted=wanted, bounds=bounds, level=level, seed=seed, name=one.name
-        )
-        return one, nominal, result
+    def searched(checked: CheckedRecording) -> _BestFit:
+        return _searched(checked.lines, checked.nominal, settings, checked.recording.name)
 
-    left_out: Discard = 1 if discard is None else discard
-    one, nominal, result = fitted(left_out)
-    if discard is None and longer(needed := cycles_to_discard(one, result.model, result.theta), left_out):
-        left_out = needed
-        one, nominal, result = fitted(left_out)
-    noted = () if isinstance(one, FrfRecording) else tuple(s.message for s in one.suspicions)
-    method = {**result.method, "fmax": highest(one, fmax), "discard": left_out}
-    start = unsettled(one, result.model, result.theta, left_out)
-    result = replace(result, recording=one, warnings=(*noted, *result.warnings, *start), method=method)
-    return complete(result, one, nominal, _base(nominal, bounds or {}), wanted)
+    checked, best = settled(recordings, settings, searched)
+    result = _with_intervals(replace(best, lines=checked.lines), settings, checked.recording.name)
+    result = replace(
+        result,
+        recording=checked.recording,
+        warnings=(*checked.warnings, *result.warnings),
+        method=replace(result.method, fmax=checked.fmax, discard=checked.discard),
+    )
+    return assessed(result, checked, _base(checked.nominal, settings), settings)
 
 
 def fit_lines(
     lines: Lines,
     nominal: Model,
+    settings: FitSettings = FitSettings(),
     *,
-    effects: Sequence[str] = (),
-    wanted: Sequence[str] | Mapping[str, Any] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    level: float = 0.95,
-    seed: int = 0,
     name: str = "lines",
     curve: Sequence[float] = CURVE,
     draws: Draws | None = None,
@@ -91,67 +67,99 @@ def fit_lines(
 
     Parameters
     ----------
-    nominal: model with values of the order of magnitude of a person's. effects: linear effects that are added to it.
+    nominal: model with values of the order of magnitude of a person's.
     curve: see `mcstudy.identification.profile.profiles`. draws: for the correction, where many recordings share them.
     """
-    if not 0.5 <= level < 1:
-        raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
-    model = bounded(apply(nominal, *effects), nominal, bounds or {})
+    return _with_intervals(_searched(lines, nominal, settings, name), settings, name, curve, draws)
+
+
+@dataclass(frozen=True)
+class _BestFit:
+    """What the search of the lowest minimum found.
+
+    ``model`` is ``nominal`` with effects and bounds, ``quantities`` are those whose intervals are wanted.
+    """
+
+    lines: Lines
+    nominal: Model
+    model: Model
+    data: Data
+    fitter: Fitter
+    minima: Minima
+    quantities: tuple[Quantity, ...]
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Parameters (P,) of the lowest minimum."""
+        return self.minima.theta[0]
+
+
+def _searched(lines: Lines, nominal: Model, settings: FitSettings, name: str) -> _BestFit:
+    model = bounded(apply(nominal, *settings.effects), nominal, settings.bounds or {})
     numbers = 2 * model.n_angles  # of one line
     if numbers * len(lines) <= len(model.parameters):
         raise RecordingError(
             f"{name}: expected more than {len(model.parameters) // numbers} {lines.unit}s, got {len(lines)}"
         )
-    data, of = Data.of(lines), quantities(model, wanted)
+    data, wanted = Data.of(lines), quantities(model, settings.quantities)
     fitter = Fitter(model, without_prior(model, nominal), lines.f)
-    minima = search(fitter, data, seed)
-    theta = minima.theta[0]
-    require_finite(model, of, theta)
+    return _BestFit(lines, nominal, model, data, fitter, search(fitter, data, settings.seed), wanted)
+
+
+def _with_intervals(
+    best: _BestFit, settings: FitSettings, name: str, curve: Sequence[float] = CURVE, draws: Draws | None = None
+) -> FitResult:
+    """The estimates at the lowest minimum, with profile likelihood intervals."""
+    lines, model, data, minima, theta = best.lines, best.model, best.data, best.minima, best.theta
+    level, seed = settings.level, settings.seed
+    require_finite(model, best.quantities, theta)
     drawn = draws or simulated(lines.noise, stream(seed, "fit correction"))
-    upto = threshold(model, data, minima, of, drawn, level)
-    null, near = upto.null_chi2, upto.near
-    found = profiles(fitter, data, minima, of, upto.rise, curve)
-    error = ndtri(0.5 + level / 2) * np.sqrt(near.variance)
-    share = _information(upto.jacobian @ near.tangent.T, lines.f)
+    rise = threshold(model, data, minima, best.quantities, drawn, level)
+    null, linearised = rise.null_chi2, rise.near
+    found = profiles(best.fitter, data, minima, best.quantities, rise.rise, curve)
+    error = ndtri(0.5 + level / 2) * np.sqrt(linearised.variance)
+    share = _information(rise.jacobian @ linearised.tangent.T, lines.f)
+    estimates = zip(best.quantities, found, error, share, strict=True)
     return FitResult(
         name=name,
         level=level,
-        estimates=tuple(_estimate(q, theta, p, e, s) for q, p, e, s in zip(of, found, error, share, strict=True)),
+        estimates=tuple(_estimate(q, theta, p, e, s) for q, p, e, s in estimates),
         theta=theta,
         chi2=float(minima.chi2[0]),
         expected_chi2=float(null.mean()),
         p_value=float((1 + (null >= minima.chi2[0]).sum()) / (1 + null.size)),
         growth_rate=float(growth_rate(model, theta)),
-        correlation=_correlation(near),
+        correlation=_correlation(linearised),
         minima=minima,
         model=model,
         lines=lines,
-        warnings=(*_warnings(minima.missed), *_widened(upto, of, level), *lines.notes),
-        method={"cost": "ml", "seed": seed, "effects": list(effects)},
-        without=_without(lines, nominal, bounds or {}, seed) if effects else None,
-        part_fits=_part_fits(lines, data, theta, model, upto, seed) if len(lines.parts) > 1 else (),
+        warnings=(*_warnings(minima.missed), *_widened(rise, best.quantities, level), *lines.notes),
+        method=FitMethod("ml", seed, tuple(settings.effects)),
+        without=_without(lines, best.nominal, settings) if settings.effects else None,
+        part_fits=_part_fits(lines, data, theta, model, rise, seed) if len(lines.parts) > 1 else (),
     )
 
 
 def _part_fits(
-    lines: Lines, data: Data, theta: np.ndarray, model: Model, upto: Threshold, seed: int
+    lines: Lines, data: Data, theta: np.ndarray, model: Model, rise: Threshold, seed: int
 ) -> tuple[PartFit, ...]:
     """Goodness of fit of each recording; null samples are those of the linearised fit, without bounds that hold it."""
     noise = lines.noise.draw(stream(seed, "fit parts"), DRAWS)
-    taken = np.linalg.qr(upto.jacobian[:, upto.near.free])[0]
+    taken = np.linalg.qr(rise.jacobian[:, rise.near.free])[0]
     residual = whiten(data.weight, data.y - frf(model, theta, data.f))
     return part_fits(lines, residual, noise - taken @ (taken.T @ noise))
 
 
-def _without(lines: Lines, nominal: Model, given: Mapping[str, tuple[float, float]], seed: int) -> Minima:
+def _without(lines: Lines, nominal: Model, settings: FitSettings) -> Minima:
     """Minima of the model without effects."""
-    model = _base(nominal, given)
-    return search(Fitter(model, without_prior(model, nominal), lines.f), Data.of(lines), seed)
+    model = _base(nominal, settings)
+    return search(Fitter(model, without_prior(model, nominal), lines.f), Data.of(lines), settings.seed)
 
 
-def _base(nominal: Model, given: Mapping[str, tuple[float, float]]) -> Model:
+def _base(nominal: Model, settings: FitSettings) -> Model:
     """The model without effects, with the bounds of the fit."""
-    return bounded(nominal, nominal, {name: ends for name, ends in given.items() if name in nominal.names})
+    bounds = settings.bounds or {}
+    return bounded(nominal, nominal, {name: ends for name, ends in bounds.items() if name in nominal.names})
 
 
 def _estimate(q: Quantity, theta: np.ndarray, p: Profile, error: float, share: np.ndarray) -> Estimate:
@@ -180,10 +188,10 @@ def _information(sensitivity: np.ndarray, f: np.ndarray) -> np.ndarray:
     return np.asarray(np.divide(share, total, out=np.full_like(share, np.nan), where=total > 0))
 
 
-def _correlation(near: Linearised) -> np.ndarray:
-    out = np.full((near.free.size, near.free.size), np.nan)
-    scale = np.sqrt(np.diag(near.covariance))
-    out[np.ix_(near.free, near.free)] = near.covariance / np.outer(scale, scale)
+def _correlation(linearised: Linearised) -> np.ndarray:
+    out = np.full((linearised.free.size, linearised.free.size), np.nan)
+    scale = np.sqrt(np.diag(linearised.covariance))
+    out[np.ix_(linearised.free, linearised.free)] = linearised.covariance / np.outer(scale, scale)
     return out
 
 
@@ -193,8 +201,8 @@ def _warnings(missed: float) -> tuple[str, ...]:
     return (f"one start in {1 / missed:.0f} would end in a minimum not seen yet; a lower one may have been missed",)
 
 
-def _widened(upto: Threshold, of: Sequence[Quantity], level: float) -> tuple[str, ...]:
-    names = [q.name for q, several in zip(of, upto.several, strict=True) if several]
+def _widened(rise: Threshold, wanted: Sequence[Quantity], level: float) -> tuple[str, ...]:
+    names = [q.name for q, several in zip(wanted, rise.several, strict=True) if several]
     if not names:
         return ()
     return (

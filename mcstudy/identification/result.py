@@ -15,6 +15,7 @@ from mcstudy.identification.forecast import Forecast
 from mcstudy.identification.loop_stability import Stability
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.profile import Profile
+from mcstudy.identification.settings import FitMethod
 from mcstudy.identification.simulated_coverage import Coverage, Covered
 from mcstudy.identification.sway import PredictedSway
 from mcstudy.identification.trades import Valley, moving
@@ -148,7 +149,7 @@ class FitResult(Summary):
     model: Model
     lines: Lines
     warnings: tuple[str, ...]
-    method: dict[str, Any]
+    method: FitMethod
     without: Minima | None = None
     recording: AnyRecording | None = None
     valleys: tuple[Valley, ...] = ()
@@ -303,7 +304,7 @@ class FitResult(Summary):
                 "gap": None if self.gap is None else asdict(self.gap),
                 "comparison": None if self.comparison is None else asdict(self.comparison),
                 "warnings": self.warnings,
-                "method": self.method,
+                "method": self.method.to_dict(),
                 **parts_dict(self.labels, self.part_fits),
             }
         )

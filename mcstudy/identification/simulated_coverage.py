@@ -120,7 +120,7 @@ def nearest(fitted: FitResult) -> Coverage | None:
         and recording.stimulus == "ankle_torque"
         and recording.period_s is not None
         and fitted.level == LEVEL
-        and not fitted.method["effects"]
+        and not fitted.method.effects
         and model.names == two_segment().names
         and bounded(model, model, {}) == model
     )

@@ -9,8 +9,10 @@ import numpy as np
 from mcstudy.errors import InputError
 from mcstudy.identification.result import FitResult
 from mcstudy.identification.study_noise import noise_of
+from mcstudy.lines.checked_recording import discarded
 from mcstudy.recordings.joint import JointRecording
 from mcstudy.recordings.recording import Recording
+from mcstudy.spectra.measure import highest
 from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd, polarity
 from mcstudy.stance.stimulus import RECURRENCES, Prts
 from mcstudy.study.design import Study
@@ -42,12 +44,12 @@ def study_of(fitted: FitResult, name: str, *, realizations: int = 100, starts: i
         raise InputError(
             f"{fitted.name}: expected a recording with a periodic stimulus, whose experiment can be repeated"
         )
-    if fitted.method["effects"]:
+    if fitted.method.effects:
         raise InputError(f"{fitted.name}: effects: expected none, a study has the model without effects")
     stimulus, amplitude = stimulus_of(recording, fitted)
     noise = noise_of(fitted)
     model, R = fitted.model, len(fitted.lines.repeats)
-    fmax = float(fitted.method["fmax"])
+    fmax = highest(recording, fitted.method.fmax)
     what = f"the experiment of {fitted.name}, with its estimate as truth"
     if fmax > HIGHEST_HZ:
         what += f"; fits up to {HIGHEST_HZ:g} Hz, where that of the person used lines up to {fmax:g} Hz"
@@ -88,7 +90,7 @@ def stimulus_of(recording: Recording, fitted: FitResult) -> tuple[dict[str, Any]
         return {"stages": prts.stages, "state_s": prts.state_s, "rate_hz": rate_hz}, amplitude
     period_s = float(recording.period_s or 0.0)
     upto = min(LINES_UPTO_HZ, recording.rate_hz / 2.2)
-    cycles = cycle_coefficients(recording, upto, int(fitted.method["discard"]))
+    cycles = cycle_coefficients(recording, upto, discarded(fitted.method.discard or 1, 0))
     excited = excited_lines(cycles.stimulus)
     excited = excited[excited <= upto * period_s + 0.5]
     if not only_odd(cycles.stimulus, excited):

@@ -15,11 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from mcstudy.identification.further import further_profiles
-from mcstudy.identification.minimum import Minima
+from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.identification.correction import simulated
+from mcstudy.identification.minimum import Minima, without_prior
+from mcstudy.identification.profile import Profile, profiles
 from mcstudy.identification.quantities import Quantity, expression
+from mcstudy.identification.threshold import threshold
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
+from mcstudy.streams import stream
 
 if TYPE_CHECKING:
     from mcstudy.identification.result import Estimate
@@ -112,7 +116,7 @@ def valleys(
     wanted = [q for i, j in same for q in _combinations(model, theta, i, j)]
     profile = {e.name: e.profile for e in estimates}
     further = [q for q in wanted if q.name not in profile]
-    found = further_profiles(model, base, lines, minima, further, level, seed)
+    found = _profiles_of(model, base, lines, minima, further, level, seed)
     profile |= {q.name: p for q, p in zip(further, found, strict=True)}
     known: list[tuple[int, Combination]] = []
     for (i, _), q, opposite in zip(same, wanted[::2], wanted[1::2], strict=True):
@@ -199,3 +203,17 @@ def _text(names: tuple[str, str], factor: float) -> str:
     size = abs(factor)
     second = names[1] if size == 1 else f"{size:.2g} * {names[1]}"
     return f"{names[0]} {'+' if factor > 0 else '-'} {second}"
+
+
+def _profiles_of(
+    model: Model, base: Model, lines: Lines, minima: Minima, wanted: Sequence[Quantity], level: float, seed: int
+) -> list[Profile]:
+    """Profiles of the ``wanted`` quantities of a fit of ``model`` to ``lines`` that found the ``minima``.
+
+    ``base``: ``model`` without effects. ``seed``: of the fit, whose correction is drawn again.
+    """
+    if not wanted:
+        return []
+    data, draws = Data.of(lines), simulated(lines.noise, stream(seed, "fit correction"))
+    rise = threshold(model, data, minima, wanted, draws, level).rise
+    return profiles(Fitter(model, without_prior(model, base), lines.f), data, minima, wanted, rise)

@@ -71,7 +71,7 @@ def belief(r: FitResult) -> str:
     """Whether the model fits, and whether a gap was found."""
     fits = "as large as noise makes it" if r.p_value >= LEVEL else "larger than noise makes it"
     out = f"The squared residual is {fits}: {r.chi2:.0f}, expected {r.expected_chi2:.0f} ({p_words(r.p_value)})."
-    added = r.method["effects"]
+    added = r.method.effects
     if r.gap is not None:
         without = "Without the added effects, `" if added else "`"
         finds = "a gap" if gap_found(r) else "no gap"
@@ -99,14 +99,14 @@ def gap_found(r: FitResult) -> bool:
 
 def doubtful(r: FitResult) -> bool:
     """Whether this model is not to be believed: too large a residual, or a gap that no added effect was to close."""
-    return r.p_value < LEVEL or (gap_found(r) and not r.method["effects"])
+    return r.p_value < LEVEL or (gap_found(r) and not r.method.effects)
 
 
 def added(r: FitResult) -> str:
     """What the added effects change; empty without one."""
     if r.without_chi2 is None:
         return ""
-    names = " and ".join(r.method["effects"])
+    names = " and ".join(r.method.effects)
     out = f"With {names} the squared residual falls from {r.without_chi2:.0f} to {r.chi2:.0f}."
     c = r.comparison
     if c is None:

@@ -12,13 +12,16 @@ and without effects.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mcstudy.errors import ModelError
 from mcstudy.fitting.linearised import linearised
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.fitting.problem import Problem
-from mcstudy.lines.priors import DELAY_SPREAD_S, weak_prior
+from mcstudy.lines.priors import DELAY_SPREAD_S, opened, weak_prior
+from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 
@@ -38,7 +41,46 @@ APART = 0.1
 """Minima that differ by less than this in every parameter, in prior standard deviations, count as one."""
 
 
-def base_fit(fitter: Fitter, data: Data, seed: int) -> tuple[Fitted, np.ndarray]:
+@dataclass(frozen=True)
+class BaseFit:
+    """The base model fitted to the lines of a person.
+
+    Attributes
+    ----------
+    data
+        The lines as fitted.
+    fitter
+        Fits the base model, with its weak prior, at the frequencies of the lines.
+    best
+        The best fit.
+    minima
+        (K, P) parameters of the lowest distinct minima, best first.
+    """
+
+    data: Data
+    fitter: Fitter
+    best: Fitted
+    minima: np.ndarray
+
+    @property
+    def model(self) -> Model:
+        """The base model, with bounds that nobody reaches."""
+        return self.best.model
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Parameters (P,) of the best fit."""
+        return self.best.theta
+
+
+def base_fit(lines: Lines, nominal: Model, seed: int) -> BaseFit:
+    """Fit the base model, whose ``nominal`` values have the order of magnitude of a person's, to lines."""
+    data, model = Data.of(lines), opened(nominal)
+    fitter = Fitter(model, weak_prior(model, model), data.f)
+    return BaseFit(data, fitter, *lowest_minima(fitter, data, seed))
+
+
+def lowest_minima(fitter: Fitter, data: Data, seed: int) -> tuple[Fitted, np.ndarray]:
     """The best fit of the base model, and the parameters of the lowest distinct minima, best first, (K, P).
 
     ``fitter``: of the base model at the frequencies of ``data``.

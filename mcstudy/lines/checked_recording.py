@@ -1,20 +1,20 @@
-"""From recordings of one person to frequency lines, with all checks that a diagnosis needs."""
+"""From recordings of one person to frequency lines, with all checks that a fit or a diagnosis needs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.lines.labels import merged, plausibility, refuse
+from mcstudy.lines.settings import LineSettings
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.copies import numbered, refuse_copies
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refuse_other_body
 from mcstudy.recordings.recording import Recording
 from mcstudy.recordings.soundness import with_left_out
-from mcstudy.spectra.joint_lines import joined
-from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.lines import Lines, joined
 from mcstudy.spectra.measure import highest, measure, require_noise, up_to, wide_lines
 from mcstudy.stance.feedback import Model
 
@@ -71,46 +71,80 @@ def given_model(model: Model | None, recording: AnyRecording, lines: Lines) -> M
     return recording.base_model(lines.counts)
 
 
-def checked_lines(
-    recording: AnyRecording | Sequence[Recording | FrfRecording],
-    fmax: float | None = None,
-    discard: Discard = 1,
-    accept: Iterable[str] = (),
-) -> tuple[AnyRecording, Lines]:
-    """All trials as one recording, with its data quality warnings in ``suspicions``, and its lines.
+@dataclass(frozen=True)
+class CheckedRecording:
+    """Recordings of one person that can be analysed: labels settled, cycles chosen, lines measured.
 
-    Parameters as in `mcstudy.gap.diagnose.diagnose`; ``discard`` may state a number for every part of a joint
-    recording, whose parts are checked one by one. Raises `RecordingError` for a recording that cannot be analysed, for
-    one that is there twice, and for channels that are certainly mislabelled unless their code is in ``accept``.
+    Attributes
+    ----------
+    recording
+        All trials as one recording, with its data quality warnings in ``suspicions``.
+    lines
+        Its frequency lines up to ``fmax``.
+    nominal
+        The base model, with values of the order of magnitude of a person's.
+    fmax
+        Highest frequency used, Hz.
+    discard
+        Cycles left out at the start of every trial, or of those of each part of a joint recording.
     """
-    found = _checked(pooled(recording), fmax, discard, accept)
-    if not isinstance(recording, AnyRecording):
-        refuse_copies(numbered(recording), accept)
-    elif not isinstance(recording, FrfRecording):
-        parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
-        refuse_copies(numbered(parts), accept)
-    return found
+
+    recording: AnyRecording
+    lines: Lines
+    nominal: Model
+    fmax: float
+    discard: Discard
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The data quality warnings in words."""
+        return () if isinstance(self.recording, FrfRecording) else tuple(s.message for s in self.recording.suspicions)
 
 
-def _checked(
-    one: AnyRecording, fmax: float | None, discard: Discard, accept: Iterable[str]
-) -> tuple[AnyRecording, Lines]:
-    if isinstance(one, JointRecording):
-        checked = [_checked(p, fmax, discarded(discard, k), accept) for k, p in enumerate(one.parts)]
-        parts = tuple(p for p, _ in checked if isinstance(p, Recording))
-        return JointRecording(parts), joined([lines for _, lines in checked])
+def checked_recording(
+    recordings: AnyRecording | Sequence[Recording | FrfRecording],
+    settings: LineSettings = LineSettings(),
+    discard: Discard | None = None,
+) -> CheckedRecording:
+    """Check recordings of one person and measure their lines, without their first ``discard`` cycles.
+
+    ``discard``: a number, or one for every part of a joint recording, whose parts are checked one by one; None for that
+    of ``settings``, or one.
+
+    Raises `RecordingError` for a recording that cannot be analysed, for one that is there twice, and for channels that
+    are certainly mislabelled unless their code is accepted; `InputError` for an unknown code, and for a model of a
+    joint recording.
+    """
+    if discard is None:
+        discard = 1 if settings.discard is None else settings.discard
+    recording, lines = _measured(pooled(recordings), settings, discard)
+    if not isinstance(recordings, AnyRecording):
+        refuse_copies(numbered(recordings), settings.accept)
+    elif not isinstance(recordings, FrfRecording):
+        parts = recordings.parts if isinstance(recordings, JointRecording) else (recordings,)
+        refuse_copies(numbered(parts), settings.accept)
+    nominal = given_model(settings.model, recording, lines)
+    return CheckedRecording(recording, lines, nominal, highest(recording, settings.fmax), discard)
+
+
+def _measured(recording: AnyRecording, settings: LineSettings, discard: Discard) -> tuple[AnyRecording, Lines]:
+    """The recording with what is suspected of it, and its lines."""
+    if isinstance(recording, JointRecording):
+        measured = [_measured(part, settings, discarded(discard, k)) for k, part in enumerate(recording.parts)]
+        parts = tuple(part for part, _ in measured if isinstance(part, Recording))
+        return JointRecording(parts), joined([lines for _, lines in measured])
     discard = discarded(discard, 0)
-    if isinstance(one, FrfRecording):
-        lines = measure(one, fmax, discard)
-        require_noise(lines, one.name)
-        return one, lines
-    noted = check(one)
-    one = with_left_out(one, accept, discard)
-    fmax = highest(one, fmax)
-    wide = wide_lines(one, fmax, discard)
-    lines = up_to(fmax, wide, one.name)
-    require_noise(lines, one.name)
+    if isinstance(recording, FrfRecording):
+        lines = measure(recording, settings.fmax, discard)
+        require_noise(lines, recording.name)
+        return recording, lines
+    noted = check(recording)
+    recording = with_left_out(recording, settings.accept, discard)
+    fmax = highest(recording, settings.fmax)
+    wide = wide_lines(recording, fmax, discard)
+    lines = up_to(fmax, wide, recording.name)
+    require_noise(lines, recording.name)
     # Collect all suspicions before deciding, because one check may find what another misses.
-    found = merged(one.suspicions, noted, plausibility(one, wide))
-    refuse(found, accept)
-    return replace(one, suspicions=found), lines
+    suspicions = merged(recording.suspicions, noted, plausibility(recording, wide))
+    refuse(suspicions, settings.accept)
+    return replace(recording, suspicions=suspicions), lines

@@ -23,9 +23,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from mcstudy.errors import InputError, RecordingError
-from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.lines.base_fit import base_fit
-from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.lines.reading_fits import Search
 from mcstudy.lines.readings import READINGS, butterworth
 from mcstudy.recordings.copies import CODE as COPY
@@ -214,12 +212,11 @@ def _confirmed(
     """Suspicions of all trials or one, without the certain ones that fit worse than the labels do."""
     if all(s.odds < CERTAIN for s, _ in found):
         return tuple(s for s, _ in found)
-    model, data = opened(recording.base_model()), Data.of(lines)
-    base, minima = base_fit(Fitter(model, weak_prior(model, model), data.f), data, 0)
-    search = Search(lines, base, minima, 0)
+    as_labelled = base_fit(lines, recording.base_model(), 0)
+    search = Search(lines, as_labelled.best, as_labelled.minima, 0)
 
     def better(code: str, trial: int | None) -> bool:
-        return search.thoroughly(search.only(READINGS[code].at(data.f), trial))[0] > base.log_evidence
+        return search.thoroughly(search.only(READINGS[code].at(lines.f), trial))[0] > as_labelled.best.log_evidence
 
     return tuple(s for s, trial in found if s.odds < CERTAIN or better(s.code, trial))
 

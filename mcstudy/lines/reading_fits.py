@@ -2,9 +2,9 @@
 
 Most readings are far from any body, so each is first fitted loosely from a few starts, and fitted again only when
 another start could still make it compete. On 61 recordings that were mislabelled in known ways (`sound(1)` and
-`sound(4)` of `mcstudy.challenge.mislabelled`), the loose fit of the right reading ended at most 15 below the lowest
-minimum known, in log evidence; where an angle was given as its integral, at most 438. There the labels themselves ended
-more than 10^5 below.
+`sound(4)` of `pipelines.validation.mislabelled_recordings`), the loose fit of the right reading ended at most 15 below
+the lowest minimum known, in log evidence; where an angle was given as its integral, at most 438. There the labels
+themselves ended more than 10^5 below.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mcstudy.fitting.penalised import ITERATIONS, TOLERANCE, Data, Fitted, Fitter
-from mcstudy.lines.base_fit import base_fit, drawn_starts, linearised_starts
+from mcstudy.lines.base_fit import drawn_starts, linearised_starts, lowest_minima
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 
@@ -214,7 +214,7 @@ class Search:
         """The same from all starts of the base fit."""
         made = self._trials.corrected(T)
         data = Data(self.f, made.y, made.weight)
-        return self._as_read(base_fit(fitter or self._fitter, data, self._seed)[0], data, made.apart, made.mix)
+        return self._as_read(lowest_minima(fitter or self._fitter, data, self._seed)[0], data, made.apart, made.mix)
 
     def _as_read(
         self, best: Fitted, data: Data, apart: float | np.ndarray, mix: np.ndarray

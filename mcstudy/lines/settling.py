@@ -7,15 +7,34 @@ error of the response, equal in all trials. One cycle is enough for a body whose
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from mcstudy.lines.checked_recording import Discard, discarded
+from mcstudy.lines.checked_recording import CheckedRecording, Discard, checked_recording, discarded
+from mcstudy.lines.settings import LineSettings
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import rightmost_root
+
+
+class FittedBody(Protocol):
+    """A model with parameters (P,) that were fitted to lines."""
+
+    @property
+    def model(self) -> Model:
+        """What was fitted."""
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Its parameters (P,)."""
+
+
+F = TypeVar("F", bound=FittedBody)
 
 OVER = 0.05
 """Share of its first amplitude below which the start is over."""
@@ -23,6 +42,28 @@ OVER = 0.05
 REAL = 1e-6
 """Imaginary part (rad/s) below which a root does not oscillate. What creeps is smooth over the lines and is removed
 with the leakage (`mcstudy.spectra.transient`)."""
+
+
+def settled(
+    recordings: AnyRecording | Sequence[Recording | FrfRecording],
+    settings: LineSettings,
+    fit: Callable[[CheckedRecording], F],
+) -> tuple[CheckedRecording, F]:
+    """Checked recordings of one person without the cycles in which they settle, and the ``fit`` to their lines.
+
+    Where the settings leave the number of cycles open, it follows from a fit without the first one. Lines of a body
+    whose oscillation outlasts the discarded cycles have a note. Raises what `checked_recording` raises.
+    """
+    checked = checked_recording(recordings, settings)
+    fitted = fit(checked)
+    if settings.discard is None:
+        needed = cycles_to_discard(checked.recording, fitted.model, fitted.theta)
+        if longer(needed, checked.discard):
+            checked = checked_recording(recordings, settings, needed)
+            fitted = fit(checked)
+    start = unsettled(checked.recording, fitted.model, fitted.theta, checked.discard)
+    lines = replace(checked.lines, notes=(*checked.lines.notes, *start))
+    return replace(checked, lines=lines), fitted
 
 
 def cycles_to_discard(recording: AnyRecording, model: Model, theta: np.ndarray) -> Discard:

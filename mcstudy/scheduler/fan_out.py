@@ -65,7 +65,7 @@ def _one(process: str, made_by: dict[str, Any], fan: str, work: Callable[[Item],
     Raises `InputError` in a worker that runs another program than ``made_by``: its results would pass for those of it.
     """
     if process != PROCESS:
-        if why := program.other_maker(program.maker(), made_by):
+        if why := program.other_maker(program.maker(*program.attached(work)), made_by):
             raise InputError(f"worker: expected the program that submits the work; its results would be {why}")
         return work(item)
     local = _LOCAL.get(fan)
@@ -97,7 +97,7 @@ def fan_out(
     if not items:
         return
     progress = Progress(len(items), unit=unit)
-    fan, local, made_by = uuid.uuid4().hex, _Local(), program.maker()
+    fan, local, made_by = uuid.uuid4().hex, _Local(), program.maker(*program.attached(work))
 
     def interrupted(why: str) -> Interrupted:
         return (Interrupted if resumes else Stopped)(progress.how_far(what, why, resumes))

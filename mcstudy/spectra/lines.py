@@ -2,12 +2,16 @@
 
 `Lines` is the common form of all recordings: a periodic one gives its excited lines (`mcstudy.spectra.periodic`), any
 other the lines of overlapping segments (`mcstudy.spectra.segments`), a published FRF itself (`mcstudy.recordings.frf`).
-`mcstudy.spectra.measure.measure` chooses.
+`mcstudy.spectra.measure.measure` chooses. `JointLines` are those of several recordings of one person under different
+stimuli. Each recording keeps the noise that was measured in it, with its own shape and degrees of freedom. A common
+shape would be better determined, but it would be an assumption: linear sensor noise evokes the same sway under every
+stimulus, yet people weigh their senses anew when the stimulus changes. Errors of different recordings are independent.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -93,7 +97,7 @@ class Lines(Summary):
 
     @property
     def parts(self) -> tuple[Lines, ...]:
-        """The lines by recording: themselves, unless they are of several (`mcstudy.spectra.joint_lines`)."""
+        """The lines by recording: themselves, unless they are of several (`JointLines`)."""
         return (self,)
 
     @property
@@ -178,3 +182,59 @@ class Lines(Summary):
 
 def _span(f: np.ndarray) -> str:
     return f"{f.size}, {f.min():.4g} to {f.max():.4g} Hz" if f.size else "0"
+
+
+@dataclass(frozen=True, repr=False)
+class JointLines(Lines):
+    """The lines of all recordings, one after the other; see `Lines`.
+
+    A repeat of one recording has no weight, and the response zero, at the lines of the others. ``power`` is divided by
+    the number of recordings, so that a mean square of sway is the mean over recordings. Even lines and harmonics are
+    those of the ``members`` alone, within which cycles and amplitudes are compared.
+    """
+
+    members: tuple[Lines, ...] = field(default=())
+
+    @property
+    def parts(self) -> tuple[Lines, ...]:
+        """The lines by recording."""
+        return self.members
+
+    def subset(self, repeats: np.ndarray) -> Lines:
+        """The mean over some of the repeats (indices or mask), at least one of each recording."""
+        chosen = np.zeros(len(self.repeats), dtype=bool)
+        chosen[repeats] = True
+        own = np.split(chosen, np.cumsum([len(p.repeats) for p in self.members])[:-1])
+        return joined([p.subset(k) for p, k in zip(self.members, own, strict=True)])
+
+    def below(self, fmax: float) -> Lines:
+        """The lines of all recordings up to ``fmax`` (Hz)."""
+        return joined([p.below(fmax) for p in self.members])
+
+
+def joined(parts: Sequence[Lines]) -> Lines:
+    """The lines of ``parts`` as one set; a single part as it is. Trials are numbered through."""
+    if len(parts) == 1:
+        return parts[0]
+    R, N = sum(len(p.repeats) for p in parts), sum(len(p) for p in parts)
+    repeats, weight = np.zeros((R, N, 2), dtype=complex), np.zeros((R, N))
+    trial = np.zeros(R, dtype=int)
+    row = column = 0
+    for p in parts:
+        rows, columns = slice(row, row + len(p.repeats)), slice(column, column + len(p))
+        repeats[rows, columns], weight[rows, columns] = p.repeats, p.weight
+        trial[rows] = np.unique(p.trial, return_inverse=True)[1] + (trial[:row].max() + 1 if row else 0)
+        row, column = rows.stop, columns.stop
+    return JointLines(
+        f=np.concatenate([p.f for p in parts]),
+        y=np.concatenate([p.y for p in parts]),
+        noise=LineNoise.joined([p.noise for p in parts]),
+        repeats=repeats,
+        weight=weight,
+        trial=trial,
+        cycle=np.concatenate([p.cycle for p in parts]),
+        amplitude=np.concatenate([p.amplitude for p in parts]),
+        power=np.concatenate([p.power for p in parts]) / len(parts),
+        notes=tuple(dict.fromkeys(note for p in parts for note in p.notes)),
+        members=tuple(parts),
+    )

@@ -14,9 +14,8 @@ from mcstudy.recordings.recording import LEAST_LINES, Recording
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.periodic import periodic_lines
-from mcstudy.spectra.scatter import with_scatter
+from mcstudy.spectra.scatter import with_scatter, with_unequal_trials
 from mcstudy.spectra.segments import segment_lines
-from mcstudy.spectra.unequal_trials import with_unequal_trials
 
 LARGE_DOF = 1e6
 """Degrees of freedom of a published covariance, which was not estimated here."""

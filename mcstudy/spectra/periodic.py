@@ -7,20 +7,21 @@ even lines when only odd lines are excited, otherwise from the differences betwe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from mcstudy.errors import InputError, RecordingError
+from mcstudy.errors import RecordingError
 from mcstudy.recordings.recording import LEAST_CYCLES, LEAST_LINES, MINIMUM_CYCLES, Recording
-from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
+from mcstudy.spectra.cycle_noise import CycleNoise, Cycles, DifferenceNoise, EvenLineNoise
 from mcstudy.spectra.intersample import drive
 from mcstudy.spectra.leakage import best_orders, difference_coefficients
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import EvenLines, Lines
-from mcstudy.spectra.null_draws import Pooling, pooled
 from mcstudy.spectra.periods import coefficients
-from mcstudy.spectra.transient import TransientMean
+
+NOISE_ESTIMATORS: tuple[type[CycleNoise], ...] = (EvenLineNoise, DifferenceNoise)
+"""Estimators of the noise of a cycle; the first that suits a recording is used."""
 
 NEIGHBOURS = 3
 """Number of lines on either side with whose strongest one the excitation of a line is compared."""
@@ -33,21 +34,6 @@ SINGULAR = -1e3
 
 SILENT = 0.02
 """Root-mean-square excitation of the even lines, relative to the odd ones, below which they count as silent."""
-
-
-@dataclass(frozen=True)
-class Cycles:
-    """Fourier coefficients of every analysed cycle, R of them, at harmonics 0 ... K - 1.
-
-    Attributes: stimulus (R, K); theta (R, K, 2), or (orders, R, K, 2) until an order of `leakage` is chosen;
-    trial, cycle, amplitude: (R,).
-    """
-
-    stimulus: np.ndarray
-    theta: np.ndarray
-    trial: np.ndarray
-    cycle: np.ndarray
-    amplitude: np.ndarray
 
 
 def cycle_coefficients(recording: Recording, fmax: float, discard: int) -> Cycles:
@@ -143,9 +129,10 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     odd = only_odd(cycles.stimulus, excited)
     # The noise has no gaps where the stimulus has them, and does not end with it.
     at = np.arange(1, int(fmax * period_s + 0.5) + 1, 2 if odd else 1)
-    noise = (_EvenLineNoise if odd else _DifferenceNoise)(recording.name, cycles, at)
+    estimator = next(kind for kind in NOISE_ESTIMATORS if kind.suits(odd))
+    noise = estimator(recording.name, cycles, at)
     cycles, single, dof = _without_leakage(cycles, at, noise)
-    own = np.isin(at, wanted)
+    chosen = np.isin(at, wanted)
     u = cycles.stimulus[:, wanted]
     power = np.abs(u) ** 2
     total = power.sum(axis=0)
@@ -154,14 +141,14 @@ def periodic_lines(recording: Recording, fmax: float = 8.0, discard: int = 1) ->
     return Lines(
         f=wanted / period_s,
         y=np.einsum("rn,rnj->nj", weight, repeats),
-        noise=LineNoise(single[own] / total[:, None, None], dof[own], noise.pooling.at_lines(own)),
+        noise=LineNoise(single[chosen] / total[:, None, None], dof[chosen], noise.pooling.at_lines(chosen)),
         repeats=repeats,
         weight=weight,
         trial=cycles.trial,
         cycle=cycles.cycle,
         amplitude=cycles.amplitude,
         power=power.mean(axis=0),
-        even=_even_lines(cycles, period_s, wanted, single[own]) if odd else None,
+        even=_even_lines(cycles, period_s, wanted, single[chosen]) if odd else None,
         harmonic=wanted,
         notes=_left_out(recording, discard),
     )
@@ -183,67 +170,7 @@ def _left_out(recording: Recording, discard: int) -> tuple[str, ...]:
     return (f"left out because a signal is unsound: {'; '.join(told)}",) if told else ()
 
 
-def understatement(harmonics: np.ndarray, trials: int) -> np.ndarray:
-    """Mean ratio of true to estimated covariance from even lines, at odd ``harmonics`` (N,).
-
-    Measured in several hundred simulated recordings of 3, 6 and 20 cycles and three colours of noise. The prewhitening
-    is fitted to the lines that it whitens, which removes 4 % of the noise of one trial. At the lowest lines all
-    neighbours are on one side, which removes up to another 25 %.
-    """
-    return np.asarray((1 + 0.04 / trials) * (1 + 0.25 * np.exp(-(((harmonics - 1) / 5.0) ** 2))))
-
-
-class _EvenLineNoise:
-    """Noise of the coefficients of one cycle at the odd lines ``at``, for a stimulus that does not excite even ones."""
-
-    def __init__(self, name: str, cycles: Cycles, at: np.ndarray) -> None:
-        trials = np.unique(cycles.trial).size
-        colour = (trials, cycles.trial.size - trials)
-        self._estimator = _estimator(name, at, cycles.stimulus.shape[1] - 1, colour)
-        self._transient = TransientMean(self._estimator)
-        understated = self._transient.understatement(at) * understatement(at, trials)
-        self._understated = understated[:, None, None]
-        self.pooling = Pooling(at.astype(float), half_width(at) + 1.0, colour_records=colour[1])
-
-    def freed(self, cycles: Cycles) -> Cycles:
-        """The cycles without the transient that taking differences leaves."""
-        return replace(cycles, theta=self._transient.removed_from(cycles.theta, _scaled_means(cycles)))
-
-    def __call__(self, cycles: Cycles) -> tuple[np.ndarray, np.ndarray]:
-        """Unbiased covariance (N, 2, 2) of one cycle, and its degrees of freedom."""
-        means = _scaled_means(cycles)
-        covariance = self._understated * self._estimator(means, _differences(cycles))
-        return covariance * len(means), self._estimator.dof * len(means)
-
-
-class _DifferenceNoise:
-    """The same at any lines ``at`` from differences between cycles, for a stimulus that excites even lines, too.
-
-    Line k of the differences serves as even harmonic 2k of the estimators, which estimate at 2k - 1 and 2k + 1.
-    """
-
-    def __init__(self, name: str, cycles: Cycles, at: np.ndarray) -> None:
-        highest = 2 * cycles.stimulus.shape[1] - 1
-        self._below, self._above = (_estimator(name, line, highest) for line in (2 * at - 1, 2 * at + 1))
-        trials = np.unique(cycles.trial).size
-        self.pooling = pooled(self._below.dof * (cycles.trial.size - trials), trials)
-
-    def freed(self, cycles: Cycles) -> Cycles:
-        """The cycles unchanged, because the transient cannot be estimated without unexcited lines."""
-        return cycles
-
-    def __call__(self, cycles: Cycles) -> tuple[np.ndarray, np.ndarray]:
-        """Unbiased covariance (N, 2, 2) of one cycle, and its degrees of freedom."""
-        noise = _differences(cycles)
-        stretched = np.zeros((len(noise), 2 * noise.shape[1], 2), dtype=complex)
-        stretched[:, ::2] = noise
-        covariance = (self._below(stretched) + self._above(stretched)) / 2
-        return covariance * len(noise), self._below.dof * len(noise)
-
-
-def _without_leakage(
-    cycles: Cycles, at: np.ndarray, noise: _EvenLineNoise | _DifferenceNoise
-) -> tuple[Cycles, np.ndarray, np.ndarray]:
+def _without_leakage(cycles: Cycles, at: np.ndarray, noise: CycleNoise) -> tuple[Cycles, np.ndarray, np.ndarray]:
     """The cycles with the best order of difference around each of the lines ``at``, their noise and its dof."""
     candidates = [noise.freed(replace(cycles, theta=theta)) for theta in cycles.theta]
     cost = np.array([np.linalg.slogdet(noise(c)[0])[1] for c in candidates])
@@ -258,38 +185,6 @@ def _without_leakage(
 
 def _too_few_lines(name: str, fmax: float) -> RecordingError:
     return RecordingError(f"{name}: stimulus: fewer than {LEAST_LINES} lines below {fmax:g} Hz are excited")
-
-
-def _scaled_means(cycles: Cycles) -> np.ndarray:
-    """Mean cycle of every trial, (T, K, 2), scaled to the variance of one cycle.
-
-    Its noise then includes the correlation between consecutive cycles, and trials of unequal length can be pooled.
-    """
-    scaled = []
-    for t in np.unique(cycles.trial):
-        own = cycles.theta[cycles.trial == t]
-        scaled.append(own.mean(axis=0) * np.sqrt(own.shape[0]))
-    return np.array(scaled)
-
-
-def _differences(cycles: Cycles) -> np.ndarray:
-    """Orthonormal differences between the cycles of each trial, (D, K, 2), of the variance of one cycle."""
-    out: list[np.ndarray] = []
-    for t in np.unique(cycles.trial):
-        own = cycles.theta[cycles.trial == t]
-        n = own.shape[0]
-        basis = np.linalg.qr(np.eye(n) - np.full((n, n), 1.0 / n))[0][:, : n - 1]
-        out.extend(np.einsum("rd,rkj->dkj", basis, own))
-    return np.array(out)
-
-
-def _estimator(
-    name: str, wanted: np.ndarray, highest: int, any_colour: tuple[int, int] | None = None
-) -> EvenLineCovariance:
-    try:
-        return EvenLineCovariance(wanted, highest, any_colour)
-    except InputError as error:
-        raise RecordingError(f"{name}: {error}") from error
 
 
 def _even_lines(cycles: Cycles, period_s: float, wanted: np.ndarray, single: np.ndarray) -> EvenLines:

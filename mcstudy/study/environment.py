@@ -15,7 +15,7 @@ from hashlib import sha256
 from typing import Any
 
 from mcstudy import program
-from mcstudy.fitting.solvers import attached_modules
+from mcstudy.fitting.solvers import attached_sources
 
 PACKAGES = ("mcstudy", "numpy", "scipy", "numba", "llvmlite", "zarr", "numcodecs", "dask", "distributed")
 
@@ -67,7 +67,7 @@ FIELDS: dict[str, tuple[str, ...]] = {
 
 def source() -> str:
     """SHA-256 of the source that computes numbers; that of no other process if files have changed since it started."""
-    return program.source((*LAYERS, *attached_modules())) or program.MIXED
+    return program.source((*LAYERS, *attached_sources())) or program.MIXED
 
 
 def platform(packages: tuple[str, ...] = PACKAGES) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from mcstudy.identification.minimum import search, without_prior
 from mcstudy.identification.profile import profiles
 from mcstudy.identification.quantities import parameter
 from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.identification.settings import FitSettings
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, frf_jacobian
@@ -142,7 +143,7 @@ def one_recording() -> dict[str, float]:
     work = {
         "search": lambda: search(fitter, data, 0),
         "fit_lines": lambda: fit_lines(lines, nominal),
-        "whole_fit": lambda: fit(recording, fmax=HIGHEST),
+        "whole_fit": lambda: fit(recording, FitSettings(fmax=HIGHEST)),
     }
     spent = {}
     for name, call in work.items():

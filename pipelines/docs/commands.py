@@ -10,7 +10,8 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from mcstudy.cli import VERBS, parser_of
+from mcstudy.cli import parser_of
+from mcstudy.cli.verbs import verbs
 
 
 class CommandLine(SphinxDirective):
@@ -18,7 +19,7 @@ class CommandLine(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """The sections."""
-        text = "\n".join(line for verb, does in VERBS.items() for line in _section(parser_of(verb), does))
+        text = "\n".join(line for verb, does in verbs().items() for line in _section(parser_of(verb), does))
         return self.parse_text_to_nodes(text, allow_section_headings=True)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,10 @@ DOCUMENTS: dict[str, tuple[str, type]] = {
     "challenge_score": ("1.0.0", challenges.ChallengeScore),
 }
 """Version and type of every document, by the name of its schema."""
+
+
+PLACE = re.compile(r"`\w+` of `\w+`\.")
+"""Docstring of a record that says no more than whose field it is."""
 
 
 class _Untitled(GenerateJsonSchema):
@@ -89,6 +94,8 @@ def _tidy(node: Any, named: bool = False) -> Any:
         node.pop("type", None)
     if "description" in node:
         node["description"] = " ".join(node["description"].split())
+        if PLACE.fullmatch(node["description"]):  # where it belongs, which the schema itself says
+            del node["description"]
     choices = node.get("anyOf", [])
     if choices and all(isinstance(c.get("type"), str) for c in choices) and sum(len(c) > 1 for c in choices) <= 1:
         others = {key: value for key, value in node.items() if key != "anyOf"}

@@ -25,12 +25,14 @@ from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
 from mcstudy.identification.result import FitResult
+from mcstudy.identification.settings import FitSettings
+from mcstudy.spectra.cycle_noise import understatement
 from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import NOISE_HZ, measure
 from mcstudy.spectra.null_draws import Pooling
-from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, understatement
+from mcstudy.spectra.periodic import cycle_coefficients, excited_lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, noise_response
@@ -157,7 +159,7 @@ def intervals(condition: Condition, first: int, last: int, time_domain: bool = F
             lines = measure(recording, condition.fmax, DISCARD)
         else:
             lines = source(stream(r, f"coverage {condition.truth} {condition.cycles}"))
-        fits.append(fit_lines(lines, model, seed=r, curve=(), draws=None if time_domain else draws))
+        fits.append(fit_lines(lines, model, FitSettings(seed=r), curve=(), draws=None if time_domain else draws))
     return {
         "intervals": np.array([[_row(e) for e in f.estimates] for f in fits]),
         "about": np.array([(f.p_value, f.minima.starts, _reached(f)) for f in fits], dtype=float),

@@ -1,6 +1,6 @@
 """What an ideal method could reach that knows noise, body and the shares of the challenge.
 
-The method is that of mcstudy.challenge.fair_ceiling.
+The method is that of pipelines.validation.fair_bound.
 
     python pipelines/validation/fair_ceiling.py [BODIES]
 
@@ -15,12 +15,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from mcstudy_challenge.challenge_file import read_challenge
+from mcstudy_challenge.scores.oracle import Ceiling
 
-from mcstudy.challenge.challenge_file import read_challenge
-from mcstudy.challenge.fair_ceiling import ideal
-from mcstudy.challenge.oracle import Ceiling
 from mcstudy.streams import stream
 from mcstudy.text_tables import table
+from pipelines.validation.fair_bound import ideal
 
 FILE = Path(__file__).parents[1] / "gap_challenge.toml"
 SEED = 1

@@ -17,9 +17,9 @@ import argparse
 
 import numpy as np
 from group_differences import people
+from mcstudy_challenge.scores.calibration import calibration
 from scipy.stats import binomtest
 
-from mcstudy.challenge.calibration import calibration
 from mcstudy.group_comparison.base import GroupModel
 from mcstudy.group_comparison.changes import DELAY, GAIN, NOTHING, OTHER, POWER, WEIGHT, hypotheses, posterior
 from mcstudy.group_comparison.compare import hypotheses_fitted

@@ -39,6 +39,7 @@ from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.people.likelihood import Likelihood, difference, of_fit
 from mcstudy.identification.people.population import Population
 from mcstudy.identification.people.two_means import paired, unpaired
+from mcstudy.identification.settings import FitSettings
 from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
@@ -121,7 +122,7 @@ def person(
 
 def measured(theta: np.ndarray, seed: int, fmax: float, cycles: int) -> tuple[dict[str, float], dict[str, Likelihood]]:
     """True values of all quantities of a body, and their likelihoods from one recording."""
-    fitted = fit_lines(drawn_lines(theta, seed, fmax, cycles), two_segment(), seed=seed)
+    fitted = fit_lines(drawn_lines(theta, seed, fmax, cycles), two_segment(), FitSettings(seed=seed))
     values = dict(zip(fitted.model.names, theta, strict=True))
     return {e.name: float(sum(values[n] for n in e.name.split(" + "))) for e in fitted.estimates}, of_fit(fitted)
 

@@ -20,6 +20,7 @@ from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.forecast import Forecast
 from mcstudy.identification.result import FitResult
+from mcstudy.identification.settings import FitSettings
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stimulus import Prts
@@ -44,7 +45,7 @@ def refit(recording: mc.Recording, fmax: float, known: str = "") -> FitResult:
     if known:
         value = float(nominal.truth[nominal.names.index(known)])
         bounds[known] = (value * (1 - KNOWN), value * (1 + KNOWN))
-    return fit_lines(measure(recording, fmax), nominal, bounds=bounds)
+    return fit_lines(measure(recording, fmax), nominal, FitSettings(bounds=bounds))
 
 
 def ratios(seed: int) -> tuple[Ratios, Ratios]:

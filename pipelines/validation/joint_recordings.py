@@ -34,12 +34,15 @@ from mcstudy.effect_library.library import LIBRARY
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import FallsError
 from mcstudy.fitting.penalised import whiten
-from mcstudy.gap.diagnose import detect_fast
+from mcstudy.gap.diagnose import detect
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import Twins, twins_of_design
+from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.quantities import quantities
-from mcstudy.lines.checked_recording import checked_lines, given_model
+from mcstudy.identification.settings import FitSettings
+from mcstudy.lines.checked_recording import checked_recording, given_model
+from mcstudy.lines.settings import LineSettings
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
@@ -95,8 +98,10 @@ def coverage(sets: int, fmax: float) -> None:
             continue
         fits = []
         for chosen in ([ankle, hip], [ankle, again]):
-            one, lines = checked_lines(chosen, 8.0)
-            fits.append(fit_lines(lines.below(fmax), given_model(None, one, lines.below(fmax)), curve=(), seed=k))
+            checked = checked_recording(chosen, LineSettings(fmax=8.0))
+            lines = checked.lines.below(fmax)
+            nominal = given_model(None, checked.recording, lines)
+            fits.append(fit_lines(lines, nominal, FitSettings(seed=k), curve=()))
         joint, alone = fits
         truth = np.array([q.value(theta) for q in quantities(two_segment(), ())])
         low, high, at = (np.array([getattr(e, n) for e in joint.estimates]) for n in ("low", "high", "estimate"))
@@ -143,7 +148,7 @@ def alarms(sets: int, fmax: float, kinds: Sequence[str]) -> None:
             recordings = [recorded(kind, theta, rng) for kind in kinds]
         except FallsError:  # unstable: no person
             continue
-        found = detect_fast(recordings, fmax=fmax)
+        found = detect(recordings, DiagnosisSettings(fast=True, fmax=fmax))
         p.append(found.p_value)
         squared.append(found.detection.chi2 / found.detection.expected_chi2)
     false = sum(x < 0.05 for x in p)

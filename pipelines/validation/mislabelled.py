@@ -4,12 +4,12 @@
     python pipelines/validation/mislabelled.py --only "stimulus" --recordings 1 2
     python pipelines/validation/mislabelled.py --sound 63
 
-Every way to mislabel a recording (`mcstudy.challenge.mislabelled`) is applied to the same sound recordings, and the
-answer of the diagnosis falls in one class: refused with the right words, refused with other words, named as the cause
-in the recording, another cause in the recording, outside the library, a technical cause (stimulus or sensor), a
-physiological cause (any effect in ankle, hip or body; counted with its probability above 50 % only), or no gap. A line
-per mislabelling is followed by the totals with their 95 % intervals. ``--sound N`` diagnoses N sound recordings
-instead: none may be called mislabelled.
+Every way to mislabel a recording (`pipelines.validation.mislabelled_recordings`) is applied to the same sound
+recordings, and the answer of the diagnosis falls in one class: refused with the right words, refused with other words,
+named as the cause in the recording, another cause in the recording, outside the library, a technical cause (stimulus or
+sensor), a physiological cause (any effect in ankle, hip or body; counted with its probability above 50 % only), or no
+gap. A line per mislabelling is followed by the totals with their 95 % intervals. ``--sound N`` diagnoses N sound
+recordings instead: none may be called mislabelled.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 
-from mcstudy.challenge.mislabelled import KINDS, MISLABELLINGS, sound
-from mcstudy.challenge.mislabelled_answers import CLASSES, answered
-from mcstudy.challenge.rates import rate
+from mcstudy_challenge.scores.rates import rate
+
 from mcstudy.text_tables import table
 from pipelines import measured
+from pipelines.validation.mislabelled_answers import CLASSES, answered
+from pipelines.validation.mislabelled_recordings import KINDS, MISLABELLINGS, sound
 
 RIGHT = ("refused, right words", "right recording cause")
 """Of the classes of answers."""

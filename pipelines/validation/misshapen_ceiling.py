@@ -1,4 +1,4 @@
-"""What an ideal method could reach on mechanisms in other forms: between two limits (mcstudy.challenge.form_ceiling).
+"""What an ideal method could reach on mechanisms in other forms: between two limits (pipelines.validation.form_bound).
 
     python pipelines/validation/misshapen_ceiling.py [DRAWS]
 
@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from mcstudy_challenge.challenge_file import read_challenge
 
-from mcstudy.challenge.challenge_file import read_challenge
-from mcstudy.challenge.form_ceiling import imagine, reached
 from mcstudy.streams import stream
+from pipelines.validation.form_bound import imagine, reached
 
 FILE = Path(__file__).parents[1] / "gap_challenge_misshapen.toml"
 SEED = 1

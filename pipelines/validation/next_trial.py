@@ -34,9 +34,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY, OutOfLibraryEffect, simulate_out_of_library
 from scipy.special import betaincinv
 
-from mcstudy.challenge.out_of_library import OUT_OF_LIBRARY, OutOfLibraryEffect, simulate_out_of_library
 from mcstudy.effect_library.library import LIBRARY
 from mcstudy.effect_library.simulate import Protocol, body_with_effects
 from mcstudy.errors import FallsError, InputError, RecordingError
@@ -49,8 +49,11 @@ from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.posterior import Explanation, explain, prior
-from mcstudy.lines.checked_recording import checked_lines, given_model
+from mcstudy.gap.settings import DiagnosisSettings
+from mcstudy.lines.base_fit import base_fit
+from mcstudy.lines.checked_recording import checked_recording
 from mcstudy.lines.priors import opened
+from mcstudy.lines.settings import LineSettings
 from mcstudy.lines.settling import OVER
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import JointRecording
@@ -71,9 +74,6 @@ KINDS = {"effect": "cases", "sound": "sound", "outsider": "outsiders", "pair": "
 
 OUTSIDERS = ("split_delay", "washout", "leg_wobble", "lumbar_relaxation", "sensor_crosstalk", "wandering_clock")
 """Causes outside the library that do not need an iteration of the simulator, at their largest size."""
-
-DRAWS = 200
-"""Null samples of a test. The test rejects from p = 0.036 on, which 200 samples give to 0.013."""
 
 NO_TEST = 1
 """Null samples of a comparison within a recording whose p-value nobody asks for: of bodies that are not sound."""
@@ -181,16 +181,18 @@ class Answer:
     @classmethod
     def of(cls, recordings: Sequence[Recording], fmax: float, tested: bool) -> Answer:
         """The answer to recordings of one person; ``tested``: also with the p-value, which costs many null samples."""
-        one, lines = checked_lines(recordings, fmax)
+        checked = checked_recording(recordings, LineSettings(fmax=fmax))
+        one, lines = checked.recording, checked.lines
         assert not isinstance(one, FrfRecording)
-        t = gap_test(lines, given_model(None, one, lines), DRAWS, False, 0, CONTRAST_DRAWS if tested else NO_TEST)
-        parts = t.base, t.minima, t.data, t.effects, t.signatures, t.groups, t.scores, t.detection.unstructured
+        fit = base_fit(lines, checked.nominal, 0)
+        t = gap_test(lines, fit, DiagnosisSettings(fast=True), CONTRAST_DRAWS if tested else NO_TEST)
+        parts = fit.best, fit.minima, fit.data, t.effects, t.signatures, t.groups, t.scores, t.detection.unstructured
         return cls(one, t, explain(*parts, t.contrasts), lines)
 
     def situation(self, fmax: float) -> Situation:
         """What is known before the next trial."""
         e = self.explanation
-        return Situation.after(self.recording, self.lines, self.test.base, e.hypotheses, e.unknown, fmax, prior())
+        return Situation.after(self.recording, self.lines, self.test.fit.best, e.hypotheses, e.unknown, fmax, prior())
 
     def outcome(self, cause: Cause) -> dict[str, Any]:
         """What is scored."""

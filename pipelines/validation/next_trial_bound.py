@@ -8,7 +8,7 @@ the body around its true parameters (the values of these are unknown to them, wi
 how every effect changes the responses:
 
 - The first one also knows the size of every effect, and that one of them or nothing is there
-  (`mcstudy.challenge.oracle`). On average no method that does not know the answer can be better.
+  (`mcstudy_challenge.scores.oracle`). On average no method that does not know the answer can be better.
 - The second one must expect what a diagnosis must expect: sizes that it does not know (half a normal distribution whose
   standard deviation is the size in this test), two effects at once, and causes outside the library (free torques and
   sensor errors, `mcstudy.gap.candidates.unknown`, as visible in the first recording as the effects), with the shares of
@@ -31,11 +31,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcstudy_challenge.challenge_file import read_challenge
+from mcstudy_challenge.scores.oracle import FLOOR, SET, Ceiling, Classifier
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr, logsumexp
 
-from mcstudy.challenge.challenge_file import read_challenge
-from mcstudy.challenge.oracle import FLOOR, SET, Ceiling, Classifier
 from mcstudy.effect_library.library import LIBRARY, apply
 from mcstudy.fitting.penalised import Fitter, whiten
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcstudy_challenge.bodies.geometry import stands
+from mcstudy_challenge.scores.rates import rate
 
-from mcstudy.challenge.geometry import stands
-from mcstudy.challenge.rates import rate
 from mcstudy.effect_library import library
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.gap.candidates.rational_torque import MOST_POLES, Loop, extended, paths
 from mcstudy.gap.candidates.rational_torque import Path as TorquePath
 from mcstudy.gap.questions.interval import Interval
@@ -77,8 +77,8 @@ def case(seed: int) -> dict[str, Any]:
     whole, values, added, path, poles = drawn(seed)
     rng = np.random.default_rng([seed, 42])
     lines = measure(simulate_recording(PROTOCOL, values, rng, model=whole))
-    data, base = Data.of(lines), opened(BASE)
-    fitted, minima = base_fit(Fitter(base, weak_prior(base, base), data.f), data, seed)
+    fit = base_fit(lines, BASE, seed)
+    data, base, fitted, minima = fit.data, fit.model, fit.best, fit.minima
     if seed % 2 == 0:
         model = library.apply(base, MECHANISM)
         starts = np.array([[*m, x] for m in minima for x in (0.0, SIZE, 2 * SIZE)])

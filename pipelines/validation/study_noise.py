@@ -18,8 +18,10 @@ from study_round_trip import AMPLITUDES, CYCLES, RATE_HZ, TRIALS
 
 import mcstudy as mc
 from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.settings import FitSettings
 from mcstudy.identification.study_noise import LIKE, fitted_noise
-from mcstudy.lines.checked_recording import checked_lines, given_model
+from mcstudy.lines.checked_recording import checked_recording
+from mcstudy.lines.settings import LineSettings
 from pipelines import measured
 from pipelines.validation.coverage import DISCARD, body, truths
 
@@ -32,8 +34,8 @@ def one(stimulus: str, number: int, seed: int) -> tuple[float, float]:
     recording = mc.simulate(
         stimulus=stimulus, amplitude=amplitude, cycles=CYCLES, rate_hz=RATE_HZ, seed=seed, parameters=body(number)
     )
-    read, lines = checked_lines(recording, FMAX, DISCARD, ())
-    fitted = replace(fit_lines(lines, given_model(None, read, lines), seed=seed, curve=()), recording=recording)
+    checked = checked_recording(recording, LineSettings(fmax=FMAX, discard=DISCARD))
+    fitted = replace(fit_lines(checked.lines, checked.nominal, FitSettings(seed=seed), curve=()), recording=recording)
     own = [e for e in fitted.estimates if e.verdict == "identifiable" and set(e.name.split(" + ")) <= body(0).keys()]
     true = truths(number, [e.name for e in own])
     error = np.abs(np.log(np.maximum([e.estimate for e in own], 1e-9) / true))

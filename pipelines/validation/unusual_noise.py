@@ -12,12 +12,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from mcstudy_challenge.bodies.geometry import stands
+from mcstudy_challenge.bodies.near_unstable import draw_near_unstable
+from mcstudy_challenge.cases import draw_body
+from mcstudy_challenge.design import Bodies, Series
+from mcstudy_challenge.scores.rates import rate
 
-from mcstudy.challenge.cases import draw_body
-from mcstudy.challenge.design import Bodies, Series
-from mcstudy.challenge.geometry import stands
-from mcstudy.challenge.near_unstable import draw_near_unstable
-from mcstudy.challenge.rates import rate
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure

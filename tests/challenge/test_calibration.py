@@ -7,10 +7,9 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from mcstudy_challenge.scores.calibration import calibration, spiegelhalter
+from mcstudy_challenge.scores.reliability import reliability_svg
 from scipy import stats
-
-from mcstudy.challenge.calibration import calibration, spiegelhalter
-from mcstudy.report.reliability import reliability_svg
 
 K = np.arange(300)
 STATED = np.round(K * 0.6180339887498949 % 1, 2)

@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcstudy_challenge import files
+from mcstudy_challenge.answer import answer, from_diagnosis
+from mcstudy_challenge.answer import answered as answered_already
+from mcstudy_challenge.cases import list_cases
+from mcstudy_challenge.challenge_file import read_challenge, resolve
+from mcstudy_challenge.design import ChallengeFile
+from mcstudy_challenge.make import make
+from mcstudy_challenge.scores.score import exit_code, score_files
+from mcstudy_challenge.scores.table import score_text
 
 from mcstudy import program
-from mcstudy.challenge import files
-from mcstudy.challenge.answer import answer, from_diagnosis
-from mcstudy.challenge.answer import answered as answered_already
-from mcstudy.challenge.cases import list_cases
-from mcstudy.challenge.challenge_file import read_challenge, resolve
-from mcstudy.challenge.design import ChallengeFile
-from mcstudy.challenge.make import make
-from mcstudy.challenge.score import exit_code, score_files
-from mcstudy.challenge.table import score_text
 from mcstudy.cli import main
 from mcstudy.errors import DesignError, InputError, StoreError, StudyChangedError
 from mcstudy.exits import Exit
@@ -214,7 +214,7 @@ def test_making_again_changes_nothing_and_a_killed_run_resumes(
     for case in truth["cases"][:4]:
         name = f"{case['name']}.nc"
         (other / name).write_bytes((data / name).read_bytes())
-        made_by = {"fingerprint": tiny.fingerprint, "program": program.maker()}
+        made_by = {"fingerprint": tiny.fingerprint, "program": program.maker("mcstudy_challenge")}
         part = made_by | {"sha256": json_files.digest(other / name), "truth": case}
         (files.partial_folder(other_key) / f"{case['name']}.json").write_text(json.dumps(part))
     (other / "case5.nc.abc.partial").write_bytes(b"torn")
@@ -226,7 +226,7 @@ def test_making_again_changes_nothing_and_a_killed_run_resumes(
 def test_recordings_of_another_program_are_not_taken_for_those_of_this(
     tiny: ChallengeFile, made: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert json.loads((made[0] / files.MANIFEST).read_text())["program"] == program.maker()
+    assert json.loads((made[0] / files.MANIFEST).read_text())["program"] == program.maker("mcstudy_challenge")
     monkeypatch.setattr(program, "source", lambda *_: "0" * 64)
     with pytest.raises(
         StudyChangedError, match=r"^[^\n]*made by another program: source [0-9a-f]{12}, here 0000[^\n]*$"
@@ -257,8 +257,8 @@ def test_the_key_may_not_lie_with_the_data(tiny: ChallengeFile, made: tuple[Path
 
 def test_answering_loads_nothing_that_makes_cases() -> None:
     script = (
-        "import sys, mcstudy.challenge.answer\n"
-        "made = {m for m in sys.modules if m.startswith('mcstudy.challenge') and m.split('.')[-1] in "
+        "import sys, mcstudy_challenge.answer\n"
+        "made = {m for m in sys.modules if m.startswith('mcstudy_challenge') and m.split('.')[-1] in "
         "('out_of_library', 'forms', 'form_steps', 'misshapen', 'foreign', 'foreign_body', 'foreign_effects', "
         "'near_unstable', 'geometry', 'truth', 'cases', "
         "'withheld', 'make', 'score')}\n"
@@ -309,7 +309,7 @@ def test_answers_resume_and_do_not_mix_methods(made: tuple[Path, Path], tmp_path
     parts = files.partial_folder(tmp_path / "a.json")
     parts.mkdir()
     done = {"name": "case1", "seconds": 0.0, **from_diagnosis(nothing_found(None))}
-    part = {"manifest_sha256": sha, "method": "stub", "program": program.maker(), "answer": done}
+    part = {"manifest_sha256": sha, "method": "stub", "program": program.maker("mcstudy_challenge"), "answer": done}
     (parts / "case1.json").write_text(json.dumps(part))
     (parts / "case2.json").write_text("{torn")
 
@@ -337,7 +337,7 @@ def test_whole_answers_of_another_method_or_program_are_not_taken_for_these(
     answer(data, out, nothing_found, "stub", ONE)
     assert answered_already(data, out, "stub")
     given = json.loads(out.read_text())
-    assert given["program"] == program.maker()
+    assert given["program"] == program.maker("mcstudy_challenge")
     out.write_text(json.dumps({k: v for k, v in (given | json.loads(change)).items() if v is not None}))
     with pytest.raises(StudyChangedError, match=f"^[^\n]*{OTHER_ANSWERS[change]}[^\n]*$"):
         answered_already(data, out, "stub")
@@ -348,7 +348,7 @@ def test_whole_answers_of_another_method_or_program_are_not_taken_for_these(
 def test_a_command_whose_file_now_asks_for_another_method_prints_no_score_of_the_first(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mcstudy.challenge.answer.METHODS", {"fast": nothing_found, "detect": nothing_found})
+    monkeypatch.setattr("mcstudy_challenge.answer.METHODS", {"fast": nothing_found, "detect": nothing_found})
     file = tmp_path / "c.toml"
     for method, code in (("fast", Exit.DONE), ("fast", Exit.DONE), ("detect", Exit.BAD_INPUT)):
         text = f'[challenge]\nname = "c"\nseed = 3\ncases = 1\n[answer]\nmethod = "{method}"\n'
@@ -360,12 +360,17 @@ def test_a_command_whose_file_now_asks_for_another_method_prints_no_score_of_the
     with monkeypatch.context() as patch:
         patch.setattr(program, "source", lambda *_: "0" * 64)
         assert main(["gap", "challenge", "run", str(file), "-o", str(tmp_path / "out")]) == Exit.BAD_INPUT
-    assert f"made by another program: source {program.maker()['source'][:12]}, here 0000" in capsys.readouterr().err
+    assert (
+        f"made by another program: source {program.maker('mcstudy_challenge')['source'][:12]}, here 0000"
+        in capsys.readouterr().err
+    )
 
 
 def test_a_worker_of_another_program_gives_no_result() -> None:
     own = program.maker()
     assert one_item("another process", own, "fan", str, 1) == "1"
+    with pytest.raises(InputError, match="made by another program: source"):  # the source of the wing counts as well
+        one_item("another process", own, "fan", files.partial_folder, 1)
     other = own | {"versions": {**own["versions"], "numpy": "0.1"}}
     with pytest.raises(InputError, match=f"made by another program: numpy {np.__version__}, here 0.1"):
         one_item("another process", other, "fan", str, 1)
@@ -469,7 +474,7 @@ def test_a_stopped_run_says_so_and_keeps_what_is_done(tmp_path: Path) -> None:
     script = (
         "import os, signal, sys\n"
         "from mcstudy.cli import main\n"
-        "from mcstudy.challenge import make\n"
+        "from mcstudy_challenge import make\n"
         "whole = make.make_case\n"
         "def stop(file, case):\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
@@ -540,7 +545,11 @@ def test_a_part_that_is_none_is_done_again(made: tuple[Path, Path], tmp_path: Pa
 def test_a_part_that_cannot_be_scored_is_done_again(made: tuple[Path, Path], tmp_path: Path) -> None:
     data, _ = made
     done = {"name": "case1", "seconds": 0.0, **from_diagnosis(nothing_found(None))}
-    header = {"manifest_sha256": json_files.digest(data / files.MANIFEST), "method": "stub", "program": program.maker()}
+    header = {
+        "manifest_sha256": json_files.digest(data / files.MANIFEST),
+        "method": "stub",
+        "program": program.maker("mcstudy_challenge"),
+    }
     parts = files.partial_folder(tmp_path / "a.json")
     parts.mkdir()
     unsound = header | {"answer": done | {"unknown_probability": 0.8}}

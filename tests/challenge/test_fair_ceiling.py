@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcstudy_challenge.challenge_file import resolve
+from mcstudy_challenge.design import Series
 
-from mcstudy.challenge.challenge_file import resolve
-from mcstudy.challenge.design import Series
-from mcstudy.challenge.fair_ceiling import Ideal, ideal
+from pipelines.validation.fair_bound import Ideal, ideal
 from tests.helpers.examples import run_with_file
 
 RAW: dict[str, Any] = {

@@ -8,20 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcstudy_challenge.bodies import foreign_body, foreign_effects
+from mcstudy_challenge.bodies.foreign import person_of, simulate_foreign
+from mcstudy_challenge.bodies.foreign_body import STEPS_PER_SAMPLE, Person, sway
+from mcstudy_challenge.bodies.foreign_effects import FOREIGN
+from mcstudy_challenge.bodies.forms import FORMS
+from mcstudy_challenge.bodies.geometry import Setting, cycle_responses
+from mcstudy_challenge.bodies.misshapen import shaped
+from mcstudy_challenge.cases import list_cases
+from mcstudy_challenge.challenge_file import resolve
+from mcstudy_challenge.design import Mix, Series, Sizes
+from mcstudy_challenge.design_checks import check_series
+from mcstudy_challenge.truth import make_case
 from scipy.integrate import solve_ivp
 
-from mcstudy.challenge import foreign_body, foreign_effects
-from mcstudy.challenge.cases import list_cases
-from mcstudy.challenge.challenge_file import resolve
-from mcstudy.challenge.design import Mix, Series, Sizes
-from mcstudy.challenge.design_checks import check_series
-from mcstudy.challenge.foreign import person_of, simulate_foreign
-from mcstudy.challenge.foreign_body import STEPS_PER_SAMPLE, Person, sway
-from mcstudy.challenge.foreign_effects import FOREIGN
-from mcstudy.challenge.forms import FORMS
-from mcstudy.challenge.geometry import Setting, cycle_responses
-from mcstudy.challenge.misshapen import shaped
-from mcstudy.challenge.truth import make_case
 from mcstudy.effect_library import library
 from mcstudy.effect_library.simulate import Protocol
 from mcstudy.errors import DesignError, FallsError
@@ -137,7 +137,7 @@ def test_a_falling_chain_obeys_newton_at_large_angles(segments: int) -> None:
 
 def test_it_imports_nothing_that_a_diagnosis_uses() -> None:
     allowed = {"__future__", "collections.abc", "dataclasses", "typing", "numpy"}
-    allowed |= {"mcstudy.compiling.decorators", "mcstudy.challenge.foreign_body"}  # a compiler, and itself
+    allowed |= {"mcstudy.compiling.decorators", "mcstudy_challenge.bodies.foreign_body"}  # a compiler, and itself
     for module in (foreign_body, foreign_effects):
         for node in ast.walk(ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcstudy_challenge.challenge_file import resolve
+from mcstudy_challenge.design import Mix
 
-from mcstudy.challenge.challenge_file import resolve
-from mcstudy.challenge.design import Mix
-from mcstudy.challenge.form_ceiling import Imagined, imagine, reached
+from pipelines.validation.form_bound import Imagined, imagine, reached
 from tests.helpers.examples import run_with_file
 
 

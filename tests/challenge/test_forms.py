@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mcstudy_challenge.bodies.forms import FORMS
+from mcstudy_challenge.bodies.misshapen import draw_form, shaped
+from mcstudy_challenge.cases import list_cases
+from mcstudy_challenge.challenge_file import resolve
+from mcstudy_challenge.design import Mix, Series, Sizes, Stratum, Trials
+from mcstudy_challenge.design_checks import check_series
+from mcstudy_challenge.truth import make_case, same_change
 
-from mcstudy.challenge.cases import list_cases
-from mcstudy.challenge.challenge_file import resolve
-from mcstudy.challenge.design import Mix, Series, Sizes, Stratum, Trials
-from mcstudy.challenge.design_checks import check_series
-from mcstudy.challenge.forms import FORMS
-from mcstudy.challenge.misshapen import draw_form, shaped
-from mcstudy.challenge.truth import make_case, same_change
 from mcstudy.effect_library import library
 from mcstudy.effect_library.published import ACTIVATION_DAMPING, FORCE_TIME_CONSTANT, RESONANCE_DAMPING
 from mcstudy.errors import DesignError

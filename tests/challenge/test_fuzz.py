@@ -13,15 +13,15 @@ import pytest
 from fuzzing import FUZZ
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from mcstudy_challenge import answer as answering
+from mcstudy_challenge import files
+from mcstudy_challenge import make as making
+from mcstudy_challenge.challenge_file import read_challenge, resolve
+from mcstudy_challenge.design import ChallengeFile
+from mcstudy_challenge.scores.score import exit_code, score_files
+from mcstudy_challenge.scores.table import score_text
 from refusals import or_refused
 
-from mcstudy.challenge import answer as answering
-from mcstudy.challenge import files
-from mcstudy.challenge import make as making
-from mcstudy.challenge.challenge_file import read_challenge, resolve
-from mcstudy.challenge.design import ChallengeFile
-from mcstudy.challenge.score import exit_code, score_files
-from mcstudy.challenge.table import score_text
 from mcstudy.files import json_files
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording

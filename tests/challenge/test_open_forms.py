@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mcstudy_challenge.bodies.forms import FORMS
+from mcstudy_challenge.bodies.misshapen import shaped
 
-from mcstudy.challenge.forms import FORMS
-from mcstudy.challenge.misshapen import shaped
 from mcstudy.effect_library import library
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from mcstudy.challenge.other_shares import other_shares
+from mcstudy_challenge.scores.other_shares import other_shares
 
 
 def cases(nulls: int, n: int, prior: float, rng: np.random.Generator) -> list[Any]:

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcstudy_challenge.design import NOTHING_MISSING, OTHER_FORM, OUTSIDE, Stratum
+from mcstudy_challenge.scores.grade import judge
+from mcstudy_challenge.scores.oracle import FLOOR, Classifier, log_evidence, size_grid
+from mcstudy_challenge.scores.rates import mean, rate
+from mcstudy_challenge.scores.score import FIGURES, LEADING, exit_code, score
+from mcstudy_challenge.scores.table import score_text
+from mcstudy_challenge.scores.targets import TARGETS
 from scipy import stats
 
-from mcstudy.challenge.design import NOTHING_MISSING, OTHER_FORM, OUTSIDE, Stratum
-from mcstudy.challenge.grade import judge
-from mcstudy.challenge.oracle import FLOOR, Classifier, log_evidence, size_grid
-from mcstudy.challenge.rates import mean, rate
-from mcstudy.challenge.score import FIGURES, LEADING, exit_code, score
-from mcstudy.challenge.table import score_text
-from mcstudy.challenge.targets import TARGETS
 from mcstudy.errors import StoreError
 from mcstudy.exits import Exit
 from mcstudy.files import schema

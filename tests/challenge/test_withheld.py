@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mcstudy_challenge.bodies.foreign import simulate_foreign
+from mcstudy_challenge.bodies.foreign_effects import FOREIGN
+from mcstudy_challenge.bodies.geometry import Geometry, Setting, free
+from mcstudy_challenge.bodies.withheld import Simulate, Withheld
 
-from mcstudy.challenge.foreign import simulate_foreign
-from mcstudy.challenge.foreign_effects import FOREIGN
-from mcstudy.challenge.geometry import Geometry, Setting, free
-from mcstudy.challenge.withheld import Simulate, Withheld
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.recordings.recording import Recording

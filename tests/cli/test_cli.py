@@ -12,12 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import command, refused, told
+from mcstudy_challenge.challenge_file import read_challenge
 from tiny_studies import EIGHT_FITS as STUDY
 
-from mcstudy.challenge.challenge_file import read_challenge
-from mcstudy.cli import VERBS, main
+from mcstudy.cli import main
 from mcstudy.cli.completion import SHELLS
 from mcstudy.cli.help import OF_VERB, TOPICS, page
+from mcstudy.cli.verbs import verbs
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
@@ -37,10 +39,9 @@ def study(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def cube(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+def cube(study: Path, tmp_path: Path) -> Path:
     out = tmp_path / "out.zarr"
-    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == Exit.DONE
-    capsys.readouterr()
+    told("run", study, "-o", out, "--workers", 1)
     return out
 
 
@@ -58,11 +59,11 @@ assert not heavy, heavy
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=True)
     assert f"mcstudy {version('mcstudy')}" in done.stdout
-    for verb in VERBS:
+    for verb in verbs():
         assert verb in done.stdout
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", verbs())
 def test_every_verb_has_help(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as done:
         main([verb, "--help"])
@@ -71,18 +72,15 @@ def test_every_verb_has_help(verb: str, capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_every_study_that_comes_with_mcstudy_is_listed_found_by_name_and_printed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "quick").mkdir()  # a name without .toml is that of a shipped study
-    assert main(["studies"]) == Exit.DONE
-    listed = capsys.readouterr().out
+    listed = told("studies")
     for name in ("goodworth2018", "quick"):
         assert f"{name} " in listed
         assert read_study(name).study.name == name
-        assert main(["studies", name]) == Exit.DONE
-        text = capsys.readouterr().out
-        assert parse_study(text).fingerprint == read_study(name).fingerprint
+        assert parse_study(told("studies", name)).fingerprint == read_study(name).fingerprint
     assert "gap_challenge" not in listed
     assert read_challenge("gap_challenge_small").challenge.name == "gap_challenge_small"
     (tmp_path / "quick.toml").write_text(STUDY)
@@ -98,30 +96,24 @@ def test_every_study_that_comes_with_mcstudy_is_listed_found_by_name_and_printed
     ],
 )
 def test_a_study_that_is_not_there_is_one_line_with_similar_names(
-    name: str, hint: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["plan", name]) == Exit.BAD_INPUT
-    error = capsys.readouterr().err
+    error = refused("plan", name)
     assert error.startswith(f"mcstudy: {name}: expected a study file")
     assert hint in error
-    assert error.count("\n") == 1
 
 
-def test_help_prints_the_page_of_every_topic_and_of_verbs(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["help"]) == Exit.DONE
-    listed = capsys.readouterr().out
+def test_help_prints_the_page_of_every_topic_and_of_verbs() -> None:
+    listed = told("help")
     for topic in TOPICS:
         assert f"\n{topic} " in listed
-        assert main(["help", topic]) == Exit.DONE
-        assert capsys.readouterr().out.strip().endswith(f"This page: {page(topic)}")
-    assert set(OF_VERB) < set(VERBS)
+        assert told("help", topic).strip().endswith(f"This page: {page(topic)}")
+    assert set(OF_VERB) < set(verbs())
     assert set(OF_VERB.values()) <= set(TOPICS)
-    assert main(["help", "gap"]) == Exit.DONE
-    assert "usage: mcstudy gap" in (text := capsys.readouterr().out)
+    assert "usage: mcstudy gap" in (text := told("help", "gap"))
     assert text.strip().endswith(f"This page: {page('diagnosis')}")
-    assert main(["help", "diagnosys"]) == Exit.BAD_INPUT
-    assert "similar: diagnosis" in capsys.readouterr().err
+    assert "similar: diagnosis" in refused("help", "diagnosys")
 
 
 @pytest.mark.parametrize(
@@ -137,24 +129,20 @@ def test_an_unknown_option_shows_the_usage_of_its_own_verb(
     assert "error: unrecognized arguments: --fats" in said
 
 
-def test_help_prints_the_options_of_a_verb_of_a_verb(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["help", "gap", "challenge", "run"]) == Exit.DONE
-    assert capsys.readouterr().out.startswith("usage: mcstudy gap challenge run ")
-    assert main(["help", "gap", "nxt"]) == Exit.BAD_INPUT
-    assert "nxt: expected one of effects, " in capsys.readouterr().err
-    assert main(["help", "run", "quick"]) == Exit.BAD_INPUT
-    assert "quick: expected no further word after mcstudy run" in capsys.readouterr().err
+def test_help_prints_the_options_of_a_verb_of_a_verb() -> None:
+    assert told("help", "gap", "challenge", "run").startswith("usage: mcstudy gap challenge run ")
+    assert "nxt: expected one of effects, " in refused("help", "gap", "nxt")
+    assert "quick: expected no further word after mcstudy run" in refused("help", "run", "quick")
 
 
 def test_every_verb_that_works_on_data_has_a_page() -> None:
-    assert {*VERBS} - {*OF_VERB} - {*TOPICS} == {"warm", "help", "completion"}
+    assert {*verbs()} - {*OF_VERB} - {*TOPICS} == {"warm", "help", "completion"}
 
 
 @pytest.mark.parametrize("shell", SHELLS)
-def test_completion_knows_every_verb_and_is_a_valid_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["completion", shell]) == Exit.DONE
-    script = capsys.readouterr().out
-    assert all(verb in script for verb in VERBS)
+def test_completion_knows_every_verb_and_is_a_valid_script(shell: str) -> None:
+    script = told("completion", shell)
+    assert all(verb in script for verb in verbs())
     assert "until-mcse" in script
     if program := shutil.which(shell):
         subprocess.run([program, "-n"], input=script, text=True, check=True)
@@ -175,15 +163,14 @@ def test_completion_knows_every_verb_and_is_a_valid_script(shell: str, capsys: p
     ],
 )
 def test_bash_offers_verbs_options_shipped_studies_effects_and_files(
-    typed: str, offered: set[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    typed: str, offered: set[str], tmp_path: Path
 ) -> None:
     (tmp_path / "goodworth_mine.toml").touch()
-    assert main(["completion", "bash"]) == Exit.DONE
     words = " ".join(f"'{word}'" for word in typed.split(" "))
     ask = f"COMP_WORDS=({words}); COMP_CWORD={typed.count(' ')}; _shtab_mcstudy 2>/dev/null\n"
     answer = subprocess.run(
         ["bash"],
-        input=capsys.readouterr().out + "\n" + ask + "printf '%s\\n' \"${COMPREPLY[@]}\"\n",
+        input=told("completion", "bash") + "\n" + ask + "printf '%s\\n' \"${COMPREPLY[@]}\"\n",
         text=True,
         check=True,
         capture_output=True,
@@ -192,9 +179,7 @@ def test_bash_offers_verbs_options_shipped_studies_effects_and_files(
     assert set(answer.stdout.split()) == offered
 
 
-def test_bad_study_files_are_one_line_on_stderr_and_exit_2(
-    tmp_path: Path, study: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_study_files_are_one_line_on_stderr_and_exit_2(tmp_path: Path, study: Path) -> None:
     bad = {
         "unknown key": STUDY.replace("starts", "strats"),
         "zero starts": STUDY.replace("starts = 4", "starts = 0"),
@@ -208,84 +193,56 @@ def test_bad_study_files_are_one_line_on_stderr_and_exit_2(
         files[-1].write_text(text)
     for file in files:
         for verb in ("run", "plan"):
-            assert main([verb, str(file)]) == Exit.BAD_INPUT
-            captured = capsys.readouterr()
-            assert captured.out == ""
-            assert captured.err.startswith(f"mcstudy: {file}: ")
-            assert captured.err.count("\n") == 1
+            assert refused(verb, file).startswith(f"mcstudy: {file}: ")
     assert study.exists()
 
 
-def test_a_cube_of_another_version_is_one_line_and_exit_2(cube: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_cube_of_another_version_is_one_line_and_exit_2(cube: Path) -> None:
     metadata = cube / "zarr.json"
     metadata.write_text(metadata.read_text().replace("study_cube:1.0.0", "study_cube:9.0.0"))
-    for words in (["status", str(cube)], ["show", str(cube)], ["status", str(cube.parent)]):
-        assert main(words) == Exit.BAD_INPUT
-        assert capsys.readouterr().err.count("\n") == 1
+    for words in (("status", cube), ("show", cube), ("status", cube.parent)):
+        assert refused(*words)
 
 
-def test_a_changed_study_file_is_one_line_and_exit_2(
-    cube: Path, study: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    study.write_text(STUDY.replace("starts = 4", "starts = 5"))
-    assert main(["run", str(study), "-o", str(cube)]) == Exit.BAD_INPUT
-    captured = capsys.readouterr()
-    assert (
-        "was made with group.noisy.starts = 4, not 5 as in this study file; to grow it: mcstudy extend" in captured.err
-    )
-    assert captured.err.count("\n") == 1
+def test_run_says_what_it_did_and_a_second_run_that_nothing_was_left(study: Path, tmp_path: Path) -> None:
+    words = ("run", study, "-o", tmp_path / "out.zarr", "--workers", 1)
+    first = command(*words)
+    assert "8 fits in" in first.out
+    assert "8/8 fits (100 %)" in first.err
+    assert told(*words) == f"{tmp_path / 'out.zarr'}: complete: nothing to run (8 fits stored)\n"
 
 
-def test_run_says_what_it_did_and_a_second_run_that_nothing_was_left(
-    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["run", str(study), "-o", str(tmp_path / "out.zarr"), "--workers", "1"]
-    assert main(words) == Exit.DONE
-    captured = capsys.readouterr()
-    assert "8 fits in" in captured.out
-    assert "8/8 fits (100 %)" in captured.err
-    assert main(words) == Exit.DONE
-    assert capsys.readouterr().out == f"{tmp_path / 'out.zarr'}: complete: nothing to run (8 fits stored)\n"
-
-
-def test_status_counts_fits_by_outcome(cube: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["status", str(cube)]) == Exit.DONE
-    text = capsys.readouterr().out
-    assert "noisy" in text
-    assert main(["status", str(cube), "--json"]) == Exit.DONE
-    printed = json.loads(capsys.readouterr().out)
+def test_status_counts_fits_by_outcome(cube: Path) -> None:
+    assert "noisy" in told("status", cube)
+    printed = json.loads(told("status", cube, "--json"))
     counts = printed["groups"]["noisy"]
     assert sum(counts.values()) == 8
     assert counts["pending"] == 0
     schema.validate("status", printed, "status")
 
 
-def test_failed_fits_are_listed_and_exit_4(
-    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failed_fits_are_listed_and_exit_4(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_: object, __: object, starts: np.ndarray, *___: object) -> Fits:
         return Fits.failed(starts, Status.SOLVER_ERROR)
 
     monkeypatch.setattr(tasks, "fit_queue", broken)
-    words = ["run", str(study), "-o", str(tmp_path / "out.zarr"), "--workers", "1"]
-    assert main(words) == Exit.FITS_FAILED
-    out = capsys.readouterr().out
+    code, out, _ = command("run", study, "-o", tmp_path / "out.zarr", "--workers", 1)
+    assert code == Exit.FITS_FAILED
     assert out.count("failed fit: ") == 8
     assert "group noisy, amplitude 5, fmax 1.2 Hz, realization 1, start 3: the solver raised an error" in out
 
 
-def test_verify_passes_a_sound_cube_and_names_damage(cube: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["verify", str(cube)]) == Exit.DONE
-    assert ": 0 damaged; 1 chunks read" in capsys.readouterr().out
+def test_verify_passes_a_sound_cube_and_names_damage(cube: Path) -> None:
+    assert ": 0 damaged; 1 chunks read" in told("verify", cube)
     (chunk,) = (cube / "noisy" / "cost").glob("c*")
     chunk.write_bytes(b"nonsense")
-    assert main(["verify", str(cube)]) == Exit.DIFFERS
-    assert f"damage: {chunk}" in capsys.readouterr().out
+    damaged = command("verify", cube)
+    assert damaged.code == Exit.DIFFERS
+    assert f"damage: {chunk}" in damaged.out
 
 
-def test_plan_tells_cost_and_precision(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plan", str(study)]) == Exit.DONE
-    out = capsys.readouterr().out
+def test_plan_tells_cost_and_precision(study: Path) -> None:
+    out = told("plan", study)
     assert "total: 8 fits" in out
     assert "amplitude 5, fmax 1.2 Hz:" in out
 
@@ -305,78 +262,59 @@ def falling(study: Path) -> Path:
     return study
 
 
-def test_a_body_that_falls_is_refused_in_one_line(falling: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_body_that_falls_is_refused_in_one_line(falling: Path) -> None:
     for verb in ("plan", "run"):
-        assert main([verb, str(falling)]) == Exit.BAD_INPUT
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert captured.err.startswith(f"mcstudy: {falling}: group.weak.model.truth: expected a stable closed loop")
-        assert "growth rate +1.44 1/s" in captured.err
-        assert "--allow-unstable" in captured.err
-        assert captured.err.count("\n") == 1
+        line = refused(verb, falling)
+        assert line.startswith(f"mcstudy: {falling}: group.weak.model.truth: expected a stable closed loop")
+        assert "growth rate +1.44 1/s" in line
+        assert "--allow-unstable" in line
 
 
-def test_a_body_that_falls_is_never_simulated_in_time(falling: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_body_that_falls_is_never_simulated_in_time(falling: Path) -> None:
     falling.write_text(falling.read_text().replace("[group.weak]", '[group.weak]\nsimulator = "time_domain"'))
     for verb in ("plan", "run"):
-        assert main([verb, str(falling), "--allow-unstable"]) == Exit.BAD_INPUT
-        captured = capsys.readouterr()
-        assert "an unstable body cannot be simulated in time; use simulator 'spectral'" in captured.err
-        assert captured.err.count("\n") == 1
+        line = refused(verb, falling, "--allow-unstable")
+        assert "an unstable body cannot be simulated in time; use simulator 'spectral'" in line
 
 
 @pytest.mark.usefixtures("no_drawings")
-def test_a_body_that_falls_is_warned_of_wherever_it_is_shown(
-    falling: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_body_that_falls_is_warned_of_wherever_it_is_shown(falling: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.zarr"
     warning = "the closed loop of the true parameters is unstable (growth rate +1.44 1/s)"
-    assert main(["plan", str(falling), "--allow-unstable"]) == Exit.DONE
-    assert f"warning: group weak: {warning}" in capsys.readouterr().out
-    assert main(["run", str(falling), "-o", str(out), "--workers", "1", "--allow-unstable"]) == Exit.DONE
-    assert f"warning: group weak: {warning}" in capsys.readouterr().err
-    assert main(["show", str(out)]) == Exit.DONE
-    shown = " ".join(capsys.readouterr().out.split())
-    assert shown.count(f"Warning: {warning}") == 1
-    assert main(["show", str(out), "--json"]) == Exit.DONE
-    groups = json.loads(capsys.readouterr().out)["groups"]
+    assert f"warning: group weak: {warning}" in told("plan", falling, "--allow-unstable")
+    ran = command("run", falling, "-o", out, "--workers", 1, "--allow-unstable")
+    assert ran.code == Exit.DONE
+    assert f"warning: group weak: {warning}" in ran.err
+    assert " ".join(told("show", out).split()).count(f"Warning: {warning}") == 1
+    groups = json.loads(told("show", out, "--json"))["groups"]
     assert [warning in " ".join(groups[name]["notes"]) for name in ("noisy", "weak")] == [False, True]
-    assert main(["report", str(out)]) == Exit.DONE
+    told("report", out)
     page = tmp_path / "out.html"
     assert f"<strong>Warning:</strong> group weak: {warning}" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("no_drawings")
-def test_show_and_report_name_the_cell_without_a_number(
-    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_show_and_report_name_the_cell_without_a_number(study: Path, tmp_path: Path) -> None:
     """Bounds a trillion times too far apart: to rounding, the points do not determine the parameters."""
     out, page = tmp_path / "out.zarr", tmp_path / "page.html"
     bounds = "[group.noisy.model.bounds.absolute]\nK11 = [0.0, 1e15]\n"
     study.write_text(STUDY.replace("realizations = 2", "realizations = 4") + bounds)
-    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == Exit.DONE
-    capsys.readouterr()
-    assert main(["show", str(out)]) == Exit.DONE
-    text = " ".join(capsys.readouterr().out.split())
+    told("run", study, "-o", out, "--workers", 1)
+    text = " ".join(told("show", out).split())
     assert "No Cramér-Rao bound (frequency: 16 points do not determine 12 parameters): 5 N m, Fmax 1.2 Hz." in text
     assert "K11 " in text
-    assert main(["show", str(out), "--json"]) == Exit.DONE
-    group = json.loads(capsys.readouterr().out)["groups"]["noisy"]
+    group = json.loads(told("show", out, "--json"))["groups"]["noisy"]
     assert any("No Cramér-Rao bound" in note and "Fmax 1.2 Hz" in note for note in group["notes"])
     assert all(p["efficiency"]["value"] is None for p in group["cells"][0]["parameters"] if "efficiency" in p)
-    assert main(["report", str(out), "-o", str(page)]) == Exit.DONE
+    told("report", out, "-o", page)
     assert "None at 5 N·m up to 1.2 Hz: frequency: 16 points do not determine 12 parameters." in page.read_text()
 
 
-def test_one_realization_is_shown_with_what_it_cannot_tell(
-    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_realization_is_shown_with_what_it_cannot_tell(study: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.zarr"
     study.write_text(STUDY.replace("realizations = 2", "realizations = 1"))
-    assert main(["run", str(study), "-o", str(out), "--workers", "1"]) == Exit.DONE
-    capsys.readouterr()
-    assert main(["show", str(out)]) == Exit.DONE
-    text = " ".join(capsys.readouterr().out.split())
+    told("run", study, "-o", out, "--workers", 1)
+    text = " ".join(told("show", out).split())
     assert "No Monte Carlo errors and no spread from so few realizations: 5 N m, Fmax 1.2 Hz (1)." in text
 
 
@@ -387,20 +325,17 @@ def test_an_unknown_verb_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert "run" in capsys.readouterr().err
 
 
-def test_show_says_which_parameter_its_bounds_hold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_show_says_which_parameter_its_bounds_hold(tmp_path: Path) -> None:
     """Bounds a billionth apart leave nothing to estimate: there is no Cramér-Rao bound, and no failure."""
     file, out = tmp_path / "narrow.toml", tmp_path / "narrow.zarr"
     bounds = "[group.noisy.model.bounds.absolute]\nKpas1 = [179.9999999995, 180.0000000005]\n"
     truth = "[group.noisy.model.truth]\nKpas1 = 180.0\n"
     file.write_text(STUDY.replace("realizations = 2", "realizations = 4") + truth + bounds)
-    assert main(["run", str(file), "-o", str(out), "--workers", "1"]) == Exit.DONE
-    capsys.readouterr()
-    assert main(["show", str(out)]) == Exit.DONE
-    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("Kpas1 ")]
+    told("run", file, "-o", out, "--workers", 1)
+    rows = [line.split() for line in told("show", out).splitlines() if line.startswith("Kpas1 ")]
     assert rows
     assert rows[0][-1] in ("fixed", "-")
-    assert main(["show", str(out), "--json"]) == Exit.DONE
-    parameters = json.loads(capsys.readouterr().out)["groups"]["noisy"]["cells"][0]["parameters"]
+    parameters = json.loads(told("show", out, "--json"))["groups"]["noisy"]["cells"][0]["parameters"]
     found = {p["name"]: p["efficiency"] for p in parameters}
     assert [name for name, e in found.items() if e["held"]] == ["Kpas1", "K11+Kpas1"]
     (applies,) = {e["applies"] for e in found.values()}
@@ -410,14 +345,13 @@ def test_show_says_which_parameter_its_bounds_hold(tmp_path: Path, capsys: pytes
 
 
 def test_plan_and_run_where_the_system_does_not_tell_which_cores_are_ours(
-    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on macOS."""
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     monkeypatch.setattr(os, "cpu_count", lambda: 3)
-    assert main(["plan", str(study)]) == Exit.DONE
-    assert "on 3 threads under the present load" in capsys.readouterr().out
-    assert main(["run", str(study), "-o", str(tmp_path / "out.zarr")]) == Exit.DONE
+    assert "on 3 threads under the present load" in told("plan", study)
+    told("run", study, "-o", tmp_path / "out.zarr")
     monkeypatch.setattr(os, "cpu_count", lambda: None)  # nobody knows
     assert ClusterOptions().threads == 1
 

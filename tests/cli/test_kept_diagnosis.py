@@ -21,6 +21,7 @@ from mcstudy.errors import RecordingError
 from mcstudy.exits import Exit
 from mcstudy.gap import diagnose
 from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.settings import FAST
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.recording import Recording
 
@@ -38,7 +39,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="session")
 def diagnosed(plain_recordings: list[Recording]) -> Diagnosis:
-    return diagnose.diagnose_fast(plain_recordings[0])
+    return diagnose.diagnose(plain_recordings[0], FAST)
 
 
 class Computed:
@@ -79,7 +80,7 @@ def test_a_second_look_prints_the_same_bytes_and_diagnoses_nothing(
         assert not place.exists()
     assert printed() == first
     assert len(list(place.iterdir())) == 1
-    for name in ("diagnose_fast", "diagnose"):
+    for name in ("diagnose", "diagnose"):
         monkeypatch.setattr(diagnose, name, lambda *_, **__: pytest.fail("diagnosed again"))
     assert printed() == first
 
@@ -95,7 +96,7 @@ def test_a_diagnosis_comes_back_to_the_last_bit(plain_recordings: list[Recording
 
 def test_the_signals_of_a_recording_are_not_kept(place: Path, plain_recordings: list[Recording]) -> None:
     for recordings in (plain_recordings[:1], plain_recordings[:2]):
-        kept_diagnosis(recordings, OPTIONS, Computed(diagnose.diagnose_fast(recordings)))
+        kept_diagnosis(recordings, OPTIONS, Computed(diagnose.diagnose(recordings, FAST)))
     files = [file.read_bytes() for file in place.iterdir()]
     signals = [signal for r in plain_recordings[:2] for t in r.trials for signal in (t.theta, t.stimulus)]
     assert len(files) == 2

@@ -23,8 +23,8 @@ class Terminal(io.StringIO):
 @pytest.mark.parametrize(
     ("words", "slow", "said"),
     [
-        ("gap diagnose rec.nc --fast", "mcstudy.gap.diagnose.diagnose_fast", "rec.nc: diagnosing"),
-        ("gap next rec.nc", "mcstudy.gap.diagnose.diagnose_fast", "rec.nc: diagnosing"),
+        ("gap diagnose rec.nc --fast", "mcstudy.gap.diagnose.diagnose", "rec.nc: diagnosing"),
+        ("gap next rec.nc", "mcstudy.gap.diagnose.diagnose", "rec.nc: diagnosing"),
         ("replay cube", "mcstudy.study.replay.replay", "cube: repeating the fit"),
         ("verify cube", "mcstudy.study.verify.verify", "cube: reading"),
         ("design design -o out", "mcstudy.stimulus_design.run.designed", "design: designing the stimulus"),

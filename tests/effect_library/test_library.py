@@ -83,6 +83,15 @@ def test_any_pair_can_be_added_in_any_order() -> None:
         np.testing.assert_allclose(frf(one, one.truth, F), frf(BASE, BASE.truth, F), rtol=1e-12)
 
 
+@pytest.mark.parametrize("names", [*combinations([n for n in library.LIBRARY.linear if n.startswith("sensor_lag")], 2)])
+def test_lags_of_what_is_measured_multiply(names: tuple[str, str]) -> None:
+    def lag(*effects: str) -> np.ndarray:
+        model = library.apply(BASE, *effects)
+        return frf(model, at_published(model, *effects), F) / frf(BASE, BASE.truth, F)
+
+    np.testing.assert_allclose(lag(*names), lag(names[0]) * lag(names[1]), rtol=1e-12)
+
+
 def test_trunk_error_is_the_model_of_a_heavier_trunk() -> None:
     segments = {"m1": 22.7, "h1": 0.4665, "I1": 1.716, "m2": 48.43, "h2": 0.329055, "I2": 3.2919, "L1": 0.84353}
     heavier = segments | {"m2": segments["m2"] * 1.2, "I2": segments["I2"] * 1.2}

@@ -16,6 +16,7 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.diagnose import diagnose_lines
 from mcstudy.gap.questions.contrasts import contrast
+from mcstudy.gap.settings import FAST
 from mcstudy.lines.base_fit import drawn_starts
 from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
@@ -54,7 +55,7 @@ WARMING_UP = gain_change(
 def test_a_linear_effect_is_found_and_sized(with_effects: Callable[..., Lines]) -> None:
     with library.LIBRARY.extended(LINEAR):
         lines = with_effects(0, {LINEAR.name: {"Ka2": 1.5}})
-        d = diagnose_lines(lines, BASE, draws=200, refits=False)
+        d = diagnose_lines(lines, BASE, FAST)
     assert d.detected
     assert LINEAR.name in {e for group in d.causes[0].alternatives for e in group}
     own = next(h for h in d.causes if h.effects == (LINEAR.name,))

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcstudy_challenge.design import Series
 
-from mcstudy.challenge.design import Series
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.plain_errors import short, validated
 from mcstudy.own_model import run_model

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
+from mcstudy_challenge import files
 
 from mcstudy.analysis import view
 from mcstudy.analysis.show import summary, tables
-from mcstudy.challenge import files
 from mcstudy.cli import gap as gap_verb
 from mcstudy.cli import main
 from mcstudy.errors import StoreError

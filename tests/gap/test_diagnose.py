@@ -12,7 +12,7 @@ import pytest
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.files import schema
-from mcstudy.gap.diagnose import detect_fast, diagnose, diagnose_fast
+from mcstudy.gap.diagnose import detect, diagnose
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.parameters import (
     MOSTLY_PRIOR,
@@ -22,9 +22,9 @@ from mcstudy.gap.questions.parameters import (
     prior_share,
     sources,
 )
-from mcstudy.gap.settings import CAUSE_ONLY
+from mcstudy.gap.settings import CAUSE_ONLY, FAST, DiagnosisSettings
 from mcstudy.gap.tables import text
-from mcstudy.lines.checked_recording import checked_lines
+from mcstudy.lines.checked_recording import checked_recording
 from mcstudy.lines.labels import refuse
 from mcstudy.recordings.recording import Recording, Suspicion, Trial
 from mcstudy.spectra.measure import measure
@@ -33,20 +33,20 @@ from mcstudy.stance.simulate_spectral import stimulus_sway
 from mcstudy.stance.stimulus import Prts
 
 MODEL = two_segment()
-FAST = Protocol(waveform=Prts(rate_hz=100.0))
+PROTOCOL = Protocol(waveform=Prts(rate_hz=100.0))
 
 
 @pytest.fixture(scope="module")
 def lagging() -> Recording:
     rng = np.random.default_rng(4)
     return simulate_recording(
-        FAST, 0.95 * MODEL.truth, rng, effects=["sensor_lag_theta1"], sizes={"tau_theta1": 0.01}, name="lagging"
+        PROTOCOL, 0.95 * MODEL.truth, rng, effects=["sensor_lag_theta1"], sizes={"tau_theta1": 0.01}, name="lagging"
     )
 
 
 @pytest.fixture(scope="module")
 def out(lagging: Recording) -> Diagnosis:
-    return diagnose_fast(lagging, seed=3)
+    return diagnose(lagging, DiagnosisSettings(fast=True, seed=3))
 
 
 def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: Diagnosis) -> None:
@@ -69,7 +69,7 @@ def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: Diagnosi
 
 
 def test_questions_that_nobody_asks_leave_the_other_answers_as_they_are(lagging: Recording, out: Diagnosis) -> None:
-    full, less = out.to_dict(), diagnose_fast(lagging, seed=3, asked=CAUSE_ONLY).to_dict()
+    full, less = out.to_dict(), diagnose(lagging, DiagnosisSettings(fast=True, seed=3, asked=CAUSE_ONLY)).to_dict()
     schema.validate("diagnosis", less, "diagnosis")
     assert full["nearest"]
     assert full["closed"]
@@ -82,24 +82,33 @@ def test_questions_that_nobody_asks_leave_the_other_answers_as_they_are(lagging:
 
 
 def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording, out: Diagnosis) -> None:
-    first, again = out.to_dict(), diagnose_fast(lagging, seed=3).to_dict()
+    first, again = out.to_dict(), diagnose(lagging, DiagnosisSettings(fast=True, seed=3)).to_dict()
     assert first == again
-    slow = diagnose(lagging, bootstrap=100, seed=3)
+    slow = diagnose(lagging, DiagnosisSettings(bootstrap=100, seed=3))
     assert slow.detected
-    assert slow.method["null"] == "bootstrap with refits"
+    assert slow.method.null == "bootstrap with refits"
     assert slow.causes[0].effects == tuple(first["causes"][0]["effects"])
 
 
 def test_exchanged_channels_are_refused(lagging: Recording) -> None:
     exchanged = replace(lagging, trials=tuple(replace(t, theta=t.theta[:, ::-1].copy()) for t in lagging.trials))
     with pytest.raises(RecordingError, match="exchanged"):
-        diagnose_fast(exchanged)
+        diagnose(exchanged, FAST)
 
 
 def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recording, out: Diagnosis) -> None:
     lines = measure(lagging)
     assert lines.even is not None
-    parts = (out, out.detection, out.causes[0], out.causes[0].fitted, lines, lines.even, detect_fast(lagging), lagging)
+    parts = (
+        out,
+        out.detection,
+        out.causes[0],
+        out.causes[0].fitted,
+        lines,
+        lines.even,
+        detect(lagging, FAST),
+        lagging,
+    )
     for shown in parts:
         assert len(repr(shown)) < 2000, type(shown)
     for shown in (out, lines, lines.even, lagging, lagging.trials[0]):
@@ -112,7 +121,7 @@ def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recor
 
 def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging: Recording, out: Diagnosis) -> None:
     """At 1.2 Hz the data say little about delays and the passive ankle; the prior's values must not pass as theirs."""
-    low = diagnose_fast(lagging, fmax=1.2)
+    low = diagnose(lagging, DiagnosisSettings(fast=True, fmax=1.2))
     base = low.base
     alone = replace(base, prior=base.prior._replace(scale=1e4 * base.prior.scale))
     share = 1 - np.diag(base.covariance) / np.diag(alone.covariance)
@@ -149,13 +158,15 @@ def test_what_one_check_noted_does_not_hide_what_another_would_find(lagging: Rec
         both = replace(lagging, trials=tuple(map(exchanged, lagging.trials)), suspicions=(noted,))
         for accept in ((), ("stuck", "amplitude")):
             with pytest.raises(RecordingError, match="exchanged"):
-                diagnose_fast(both, accept=accept)
+                diagnose(both, DiagnosisSettings(fast=True, accept=accept))
     stuck = exchanged(lagging.trials[0])
     stuck.theta[1000:1400, 1] = stuck.theta[1000, 1]
     with pytest.raises(RecordingError, match=r"exchanged .* accept 'swapped'") as caught:
-        checked_lines(replace(lagging, trials=(stuck, exchanged(lagging.trials[1]))))
+        checked_recording(replace(lagging, trials=(stuck, exchanged(lagging.trials[1]))))
     codes = re.findall(r"'(\w+)'", str(caught.value))
-    accepted = diagnose_fast(replace(lagging, trials=(stuck, exchanged(lagging.trials[1]))), accept=codes)
+    accepted = diagnose(
+        replace(lagging, trials=(stuck, exchanged(lagging.trials[1]))), DiagnosisSettings(fast=True, accept=codes)
+    )
     assert [w for w in accepted.warnings if "is constant for" in w]
     assert [w for w in accepted.warnings if "exchanged" in w]
 
@@ -164,15 +175,15 @@ def test_one_mislabelled_trial_does_not_hide_among_others(lagging: Recording) ->
     first, second = lagging.trials
     mixed = replace(lagging, trials=(first, exchanged(second)))
     with pytest.raises(RecordingError, match=r"trial 2: theta1, theta2: seems to be exchanged|accept .*'swapped'"):
-        diagnose_fast(mixed)
+        diagnose(mixed, FAST)
     good = [lagging.select((0,)), lagging.select((0,)), lagging.select((1,))]
     with pytest.raises(RecordingError, match="'swapped'"):
-        diagnose_fast([*good, replace(good[0], trials=(exchanged(first),))])
+        diagnose([*good, replace(good[0], trials=(exchanged(first),))], FAST)
 
 
 def test_every_suspicion_needs_its_own_code_and_codes_are_known(lagging: Recording) -> None:
     with pytest.raises(InputError, match=r"accept: expected codes among degrees, .*, got swaped"):
-        diagnose_fast(lagging, accept=["swaped"])
+        diagnose(lagging, DiagnosisSettings(fast=True, accept=["swaped"]))
     doubts = [Suspicion(c, "theta1, theta2", f"looks {c}", 20.0) for c in ("swapped", "sign")]
     with pytest.raises(RecordingError, match=r"looks swapped .*accept 'swapped' and 'sign' to keep the labels"):
         refuse(doubts)
@@ -185,7 +196,7 @@ def test_what_cannot_be_diagnosed_gets_one_line(lagging: Recording) -> None:
     trial = lagging.trials[0]
     broken = replace(trial, theta=trial.theta.copy())
     broken.theta[7, 0] = np.nan
-    period = FAST.waveform.waveform()
+    period = PROTOCOL.waveform.waveform()
     repeated = np.tile(stimulus_sway(MODEL, MODEL.truth, period, 100.0), (4, 1))
     still = replace(lagging, trials=(Trial(np.tile(period, 4), repeated, 5.0),))
     pulse = np.zeros(trial.samples)
@@ -205,20 +216,20 @@ def test_what_cannot_be_diagnosed_gets_one_line(lagging: Recording) -> None:
         ([], {}, "recordings: expected at least one"),
     ):
         with pytest.raises(RecordingError, match=message):
-            diagnose_fast(recording, **options)
+            diagnose(recording, DiagnosisSettings(fast=True, **options))
     with pytest.raises(InputError, match="bootstrap: expected at least 50 null samples, got 0"):
-        diagnose(lagging, bootstrap=0)
+        diagnose(lagging, DiagnosisSettings(bootstrap=0))
 
 
 def test_degrees_declared_as_radians_are_refused(lagging: Recording) -> None:
     wrong = replace(lagging, trials=tuple(replace(t, theta=np.rad2deg(t.theta)) for t in lagging.trials))
     with pytest.raises(RecordingError, match="deg"):
-        diagnose_fast(wrong)
+        diagnose(wrong, FAST)
 
 
 def test_trials_of_one_kind_are_pooled(lagging: Recording) -> None:
-    both = diagnose_fast([lagging.select((0,)), lagging.select((1,))])
-    assert both.method["trials"] == 2
+    both = diagnose([lagging.select((0,)), lagging.select((1,))], FAST)
+    assert both.method.trials == 2
     assert both.lines.counts == (len(both.lines),)
 
 
@@ -226,11 +237,11 @@ def test_the_prior_and_the_bayes_factor_are_stated_and_anyone_can_apply_his_own(
     lagging: Recording, out: Diagnosis, plain_recordings: list[Recording]
 ) -> None:
     for recording, seed in ((lagging, 3), (plain_recordings[0], 0)):
-        default = out if recording is lagging else diagnose_fast(recording, seed=seed)
+        default = out if recording is lagging else diagnose(recording, DiagnosisSettings(fast=True, seed=seed))
         plain = default.to_dict()
         assert plain["prior"] == {"none": 0.30, "single": 0.52, "pair": 0.03, "unknown": 0.11, "beside": 0.04}
         for p in (0.1, 0.7):
-            other = diagnose_fast(recording, seed=seed, prior_none=p)
+            other = diagnose(recording, DiagnosisSettings(fast=True, seed=seed, prior_none=p))
             schema.validate("diagnosis", other.to_dict(), "diagnosis")
             assert sum(other.prior.values()) == pytest.approx(1)
             assert other.prior["single"] / other.prior["unknown"] == pytest.approx(0.52 / 0.11)
@@ -255,4 +266,4 @@ def test_a_bayes_factor_beyond_all_evidence_is_a_limit(out: Diagnosis) -> None:
 @pytest.mark.parametrize("p", [0.0, 1.0, -0.1, float("nan"), "0.3"])
 def test_a_prior_that_is_no_probability_is_refused_before_the_work(lagging: Recording, p: float) -> None:
     with pytest.raises(InputError, match=r"prior_none: expected a probability above 0 and below 1"):
-        diagnose_fast(lagging, prior_none=p)
+        diagnose(lagging, DiagnosisSettings(fast=True, prior_none=p))

@@ -18,7 +18,7 @@ from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.trials import PlannedTrial
 from mcstudy.gap.questions.closure import energy, smooth_directions
 from mcstudy.recordings.recording import Recording
-from mcstudy.spectra.joint_lines import joined
+from mcstudy.spectra.lines import joined
 
 
 def recordings(effects: dict[str, float], seed: int, cycles: int = 3) -> list[Recording]:

@@ -9,25 +9,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from examples import module
+from mcstudy_challenge.answer import from_diagnosis
+from mcstudy_challenge.answer_checks import check_answer
 from scipy.signal import butter, freqz
 
-from mcstudy.challenge.answer import from_diagnosis
-from mcstudy.challenge.answer_checks import check_answer
-from mcstudy.challenge.mislabelled import MISLABELLINGS, RATE_HZ, Sound, sound
 from mcstudy.effect_library.edits import body_of, exchanged_segments, gyrations
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
-from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.gap.diagnose import detect_fast, diagnose_fast
+from mcstudy.fitting.penalised import Data
+from mcstudy.gap.diagnose import detect, diagnose
 from mcstudy.gap.questions.any_gap import GapTest
-from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
+from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, possible
 from mcstudy.gap.questions.mislabelling import Labels, Mislabelled, mislabelled
-from mcstudy.gap.questions.possible import possible
+from mcstudy.gap.settings import FAST, DiagnosisSettings
 from mcstudy.gap.tables import text
 from mcstudy.lines.base_fit import base_fit
-from mcstudy.lines.checked_recording import checked_lines
-from mcstudy.lines.priors import opened, weak_prior
+from mcstudy.lines.checked_recording import checked_recording
 from mcstudy.lines.reading_fits import Search
 from mcstudy.lines.readings import READINGS, butterworth
 from mcstudy.recordings.checks import check
@@ -35,6 +33,7 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.anthropometry import segments
 from mcstudy.stance.body import Body, two_segment
+from pipelines.validation.mislabelled_recordings import MISLABELLINGS, RATE_HZ, Sound, sound
 
 BY_NAME = {m.name: m for m in MISLABELLINGS}
 
@@ -46,7 +45,7 @@ def person() -> Sound:
 
 @pytest.fixture(scope="module")
 def tested(person: Sound) -> GapTest:
-    return detect_fast(person.recording, fmax=3.0)
+    return detect(person.recording, DiagnosisSettings(fast=True, fmax=3.0))
 
 
 def reversed_second(recording: Recording, stimulus: int, angles: int) -> Recording:
@@ -58,11 +57,10 @@ def reversed_second(recording: Recording, stimulus: int, angles: int) -> Recordi
 
 def readings_of(recording: Recording, accept: frozenset[str] = frozenset()) -> tuple[list[Mislabelled], float]:
     """Readings up to 3 Hz, and the log evidence for the recording as labelled."""
-    data = Data.of(lines := measure(recording, fmax=3.0))
-    model = opened(recording.base_model())
-    base, minima = base_fit(Fitter(model, weak_prior(model, model), data.f), data, 0)
+    lines = measure(recording, fmax=3.0)
+    fit = base_fit(lines, recording.base_model(), 0)
     far = dict.fromkeys((c for c in READINGS if "thousand" in c or "_g_" in c or c[:3] in ("deg", "rad")), -50.0)
-    return mislabelled(lines, base, minima, Labels(far, True, accept)), base.log_evidence
+    return mislabelled(lines, fit.best, fit.minima, Labels(far, True, accept)), fit.best.log_evidence
 
 
 @pytest.mark.parametrize(
@@ -113,7 +111,7 @@ def test_a_code_that_the_user_accepts_is_not_tried(person: Sound) -> None:
 )
 def test_a_refusal_gives_the_right_reason(person: Sound, name: str, words: str) -> None:
     with pytest.raises(RecordingError, match=words):
-        checked_lines(BY_NAME[name].change(person))
+        checked_recording(BY_NAME[name].change(person))
 
 
 @pytest.mark.parametrize("seed", [3, 6])
@@ -128,19 +126,19 @@ def test_the_clock_of_one_trial_is_refused_for_that_trial(seed: int) -> None:
 def test_a_mirrored_trial_that_cancels_the_other_is_refused_as_mirrored(turned: tuple[int, int]) -> None:
     recording = reversed_second(sound(0).recording, *turned)
     with pytest.raises(RecordingError, match=r"trial 2: stimulus or theta1, theta2: .* opposite sign .* cancel"):
-        checked_lines(recording)
+        checked_recording(recording)
 
 
 def test_a_protocol_may_reverse_the_stimulus_of_a_trial() -> None:
     recording = sound(0).recording
-    plain, turned = (checked_lines(r)[1] for r in (recording, reversed_second(recording, -1, -1)))
+    plain, turned = (checked_recording(r).lines for r in (recording, reversed_second(recording, -1, -1)))
     np.testing.assert_allclose(turned.y, plain.y, rtol=1e-9)
     np.testing.assert_allclose(turned.noise.C, plain.noise.C, rtol=1e-6)
 
 
 def test_low_passed_angles_are_not_refused_as_integrals() -> None:
     it = sound(6)  # before filters were among the labels' alternatives, its first trial was refused
-    checked_lines(BY_NAME["both angles low-passed at 3 Hz, causal"].change(it))
+    checked_recording(BY_NAME["both angles low-passed at 3 Hz, causal"].change(it))
 
 
 def test_a_digital_filter_does_at_a_line_what_an_analogue_one_does_at_its_frequency(person: Sound) -> None:
@@ -154,7 +152,7 @@ def test_a_digital_filter_does_at_a_line_what_an_analogue_one_does_at_its_freque
 
 
 def test_a_mislabelled_recording_says_what_to_check_and_its_json_conforms(person: Sound) -> None:
-    d = diagnose_fast(BY_NAME["second trial's stimulus x 2"].change(person))
+    d = diagnose(BY_NAME["second trial's stimulus x 2"].change(person), FAST)
     assert d.causes[0].effects == ("half_trial_2",)
     assert d.closed is None
     assert d.added is None
@@ -176,10 +174,9 @@ def test_a_mislabelled_recording_says_what_to_check_and_its_json_conforms(person
 
 def test_loose_fits_keep_the_right_reading_and_drop_those_far_from_any_body(person: Sound) -> None:
     recording = BY_NAME["stimulus / 2"].change(person)
-    data = Data.of(lines := measure(recording, fmax=3.0))
-    model = opened(recording.base_model())
-    base, minima = base_fit(Fitter(model, weak_prior(model, model), data.f), data, 0)
-    search = Search(lines, base, minima, 0)
+    lines = measure(recording, fmax=3.0)
+    fit = base_fit(lines, recording.base_model(), 0)
+    search = Search(lines, fit.best, fit.minima, 0)
     T = np.array([search.only(READINGS[code].at(lines.f), None) for code in ("double", "half", "swapped")])
     assert search.promising(T).tolist() == [True, False, False]
 
@@ -188,7 +185,7 @@ def test_a_reading_of_all_trials_corrects_the_responses_and_leaves_the_agreement
     person: Sound, tested: GapTest
 ) -> None:
     lines = measure(person.recording, fmax=3.0)
-    search = Search(lines, tested.base, tested.minima, 0)
+    search = Search(lines, tested.fit.best, tested.fit.minima, 0)
     T = READINGS["space_angle"].at(lines.f)
     assert search.gain(search.only(T, None)) == pytest.approx(0.0, abs=1e-6)
     made = search._trials.corrected(search.only(T, None))
@@ -216,7 +213,7 @@ def test_segments_exchanged_twice_are_those_of_the_body() -> None:
 
 
 def test_an_estimate_on_a_bound_or_beyond_a_body_is_no_explanation(tested: GapTest) -> None:
-    base = tested.base
+    base = tested.fit.best
 
     def loose(mass: float, frequency: float, se: float = 0.5) -> Hypothesis:
         model = apply(base.model, "loose_head")

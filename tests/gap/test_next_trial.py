@@ -23,7 +23,7 @@ from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
-from mcstudy.gap.diagnose import diagnose_fast
+from mcstudy.gap.diagnose import diagnose
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.choice import Situation, possible_trials
 from mcstudy.gap.planned.gain import SHORT, told
@@ -41,6 +41,7 @@ from mcstudy.gap.planned.response import chances, least_amplitude
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
 from mcstudy.gap.questions.posterior import prior
+from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.lines.labels import EDGES_HZ, NO_RESPONSE, no_response
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.figure import figure
@@ -56,7 +57,9 @@ VALIDATION = Path(__file__).parents[2] / "pipelines" / "validation"
 @pytest.fixture(scope="module")
 def delayed() -> Diagnosis:
     """A delay of the stimulus, which ankle torque does not tell from a lag of it or of both sensors."""
-    return diagnose_fast(mc.simulate({"stimulus_delay": 0.004}, cycles=4, rate_hz=50, seed=1), fmax=4.0)
+    return diagnose(
+        mc.simulate({"stimulus_delay": 0.004}, cycles=4, rate_hz=50, seed=1), DiagnosisSettings(fast=True, fmax=4.0)
+    )
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,10 @@ import pytest
 import mcstudy as mc
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
-from mcstudy.gap.diagnose import detect_fast
+from mcstudy.gap.diagnose import detect
+from mcstudy.gap.settings import FAST
 from mcstudy.identification.fit import fit
+from mcstudy.identification.settings import FitSettings
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.stance.body import Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
@@ -61,13 +63,16 @@ def test_one_angle_is_fitted_and_diagnosed(tmp_path: Path, kind: str, n: int, no
 def test_an_angle_that_was_not_measured_adds_no_noise() -> None:
     """Under the null the squared residual of one angle is that of 2 N numbers, and p is uniform."""
     n = 12
-    results = [fit(published(one_segment(), n, 0.08, seed, "ankle_torque", Body()), seed=seed) for seed in range(12)]
+    results = [
+        fit(published(one_segment(), n, 0.08, seed, "ankle_torque", Body()), FitSettings(seed=seed))
+        for seed in range(12)
+    ]
     assert 2 * n - 4 - 1 < results[0].expected_chi2 < 2 * n
     assert 0.2 < np.mean([r.p_value for r in results]) < 0.8
     wrong = published(one_segment(), n, 0.08, 0, "ankle_torque", Body())
     shifted = FrfRecording(wrong.f, wrong.y * np.exp(0.6j * np.sin(9 * wrong.f))[:, None], wrong.C, single=True)
-    assert fit(shifted).p_value < 0.01
-    assert detect_fast(shifted).p_value < 0.05
+    assert fit(shifted, FitSettings()).p_value < 0.01
+    assert detect(shifted, FAST).p_value < 0.05
 
 
 RESPONSES = {
@@ -129,11 +134,11 @@ def test_both_forms_of_a_response_must_agree(tmp_path: Path) -> None:
 def test_all_points_of_a_published_response_are_used_unless_another_end_is_wanted() -> None:
     recording = published(two_segment(), 28, 0.05, 3, "ankle_torque", Body())
     recording = FrfRecording(np.append(np.geomspace(0.0229, 7.0909, 27), 8.0055), recording.y, recording.C)
-    all_of_them, cut = fit(recording), fit(recording, fmax=8.0)
+    all_of_them, cut = fit(recording, FitSettings()), fit(recording, FitSettings(fmax=8.0))
     assert len(all_of_them.lines) == 28
-    assert all_of_them.method["fmax"] == 8.0055
+    assert all_of_them.method.fmax == 8.0055
     assert "28 points up to 8.01 Hz" in all_of_them.text()
     assert len(cut.lines) == 27
     assert "the last point, 8.0055 Hz, is above fmax = 8 Hz and left out" in cut.warnings
     with pytest.raises(RecordingError, match=r"expected at least 4 points up to fmax = 0.03 Hz"):
-        fit(recording, fmax=0.03)
+        fit(recording, FitSettings(fmax=0.03))

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mcstudy_challenge.bodies.forms import FORMS
+from mcstudy_challenge.bodies.misshapen import shaped
 
-from mcstudy.challenge.forms import FORMS
-from mcstudy.challenge.misshapen import shaped
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.questions.evidence import Hypothesis, single

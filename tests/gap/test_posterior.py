@@ -12,9 +12,9 @@ from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.scores import WRONG_SIGN
 from mcstudy.gap.candidates.signatures import WANTED, alike_groups, applicable, signatures, similarity
-from mcstudy.gap.diagnose import diagnose_fast, diagnose_lines
+from mcstudy.gap.diagnose import diagnose, diagnose_lines
 from mcstudy.gap.questions.evidence import log_prior, single
-from mcstudy.gap.settings import Asked
+from mcstudy.gap.settings import FAST, Asked, DiagnosisSettings
 from mcstudy.lines.base_fit import drawn_starts
 from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.lines import Lines
@@ -97,7 +97,7 @@ def test_size_comes_back_with_its_error(with_effects: Callable[..., Lines]) -> N
 def test_the_true_group_is_named(
     with_effects: Callable[..., Lines], effects: dict[str, dict[str, float]], group: str
 ) -> None:
-    out = diagnose_lines(with_effects(1, effects), BASE, draws=100, refits=False)
+    out = diagnose_lines(with_effects(1, effects), BASE, FAST)
     assert out.detected
     first = out.causes[0]
     assert len(first.effects) == 1
@@ -108,7 +108,7 @@ def test_the_true_group_is_named(
 
 
 def test_nothing_missing_is_the_most_probable_when_nothing_is(plain_lines: list[Lines]) -> None:
-    out = [diagnose_lines(x, BASE, draws=100, refits=False) for x in plain_lines[:4]]
+    out = [diagnose_lines(x, BASE, FAST) for x in plain_lines[:4]]
     best = [x.none_probability > max(x.unknown_probability, x.causes[0].probability) for x in out]
     assert sum(best) >= 3
     for x in out:
@@ -128,9 +128,7 @@ def test_a_cause_that_no_effect_imitates_is_called_unknown(plain_lines: list[Lin
     w = 2 * np.pi * 3.0
     ring = np.stack([np.ones_like(s), 1 - 0.15 * s**2 / (s**2 + 0.3 * w * s + w**2)], axis=1)
     change = frf(BASE, BASE.truth, lines.f) * (ring - 1)
-    out = diagnose_lines(
-        replace(lines, y=lines.y + change, repeats=lines.repeats + change), BASE, draws=100, refits=False
-    )
+    out = diagnose_lines(replace(lines, y=lines.y + change, repeats=lines.repeats + change), BASE, FAST)
     assert out.detected
     assert out.unknown_probability > 0.5
     assert "unknown" in out.credible_set
@@ -140,8 +138,9 @@ def test_the_energy_that_a_threshold_scatters_between_lines_is_no_cause_outside_
     """Before, seven of seven dead zones were called a cause outside the library with certainty."""
     protocol = Protocol(waveform=Prts(rate_hz=100.0), amplitudes=(3.0, 5.0))
     small = {"effects": ["dead_zone"], "sizes": {"dead_angle": 0.0005}}
-    d = diagnose_fast(
-        simulate_recording(protocol, BASE.truth, np.random.default_rng(2), **small), asked=Asked(False, False)
+    d = diagnose(
+        simulate_recording(protocol, BASE.truth, np.random.default_rng(2), **small),
+        DiagnosisSettings(fast=True, asked=Asked(False, False)),
     )
     assert d.detection.chi2 > 1.3 * d.detection.chi2_noise[1]
     assert d.causes[0].effects == ("dead_zone",)

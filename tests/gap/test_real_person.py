@@ -8,8 +8,9 @@ import pytest
 from real_person import needs_wang, wang
 
 from mcstudy.files import schema
-from mcstudy.gap.diagnose import diagnose_fast
+from mcstudy.gap.diagnose import diagnose
 from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.gap.tables import text
 
 pytestmark = needs_wang
@@ -18,7 +19,7 @@ pytestmark = needs_wang
 @pytest.fixture(scope="module")
 def by_fmax() -> dict[float, Diagnosis]:
     recording = wang()
-    return {fmax: diagnose_fast(recording, fmax=fmax) for fmax in (2.0, 4.0, 8.0)}
+    return {fmax: diagnose(recording, DiagnosisSettings(fast=True, fmax=fmax)) for fmax in (2.0, 4.0, 8.0)}
 
 
 def test_there_is_a_gap_and_from_three_hertz_up_no_named_effect_explains_it(by_fmax: dict[float, Diagnosis]) -> None:

@@ -12,10 +12,11 @@ import pytest
 from mcstudy.effect_library.library import LIBRARY
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.files import schema
-from mcstudy.gap.diagnose import diagnose_fast, diagnose_lines
+from mcstudy.gap.diagnose import diagnose, diagnose_lines
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.detection import Band
 from mcstudy.gap.questions.power import Undetectable
+from mcstudy.gap.settings import FAST
 from mcstudy.gap.tables import Table, closing, evidence, tables, text
 from mcstudy.gap.verdict import ON_BOUNDS, sway, undetected, unusual, verdict, wrapped
 from mcstudy.spectra.lines import Lines
@@ -37,12 +38,10 @@ DRIFT = "gains that drift"
 @pytest.fixture(scope="module")
 def found(with_effects: Callable[..., Lines]) -> dict[str, Diagnosis]:
     """One diagnosis of every kind."""
-    out = {
-        case: diagnose_lines(with_effects(3, effects), BASE, draws=200, refits=False) for case, effects in CASES.items()
-    }
+    out = {case: diagnose_lines(with_effects(3, effects), BASE, FAST) for case, effects in CASES.items()}
     protocol = Protocol(waveform=Prts(rate_hz=100.0))
     drifting = {"effects": ["gain_drift"], "sizes": {"drift": 0.15}}
-    out[DRIFT] = diagnose_fast(simulate_recording(protocol, BASE.truth, np.random.default_rng(4), **drifting))
+    out[DRIFT] = diagnose(simulate_recording(protocol, BASE.truth, np.random.default_rng(4), **drifting), FAST)
     return out
 
 

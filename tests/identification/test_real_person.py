@@ -7,6 +7,7 @@ from real_person import needs_wang, wang
 
 from mcstudy.identification.fit import fit
 from mcstudy.identification.result import FitResult
+from mcstudy.identification.settings import FitSettings
 
 pytestmark = needs_wang
 
@@ -14,7 +15,7 @@ pytestmark = needs_wang
 @pytest.fixture(scope="module")
 def by_fmax() -> dict[float, FitResult]:
     recording = wang()
-    return {fmax: fit(recording, fmax=fmax) for fmax in (2.0, 4.0)}
+    return {fmax: fit(recording, FitSettings(fmax=fmax)) for fmax in (2.0, 4.0)}
 
 
 def test_only_the_sum_of_ankle_stiffness_is_determined(by_fmax: dict[float, FitResult]) -> None:

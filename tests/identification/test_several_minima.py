@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from mcstudy.identification.fit import fit_lines
-from mcstudy.identification.several_minima import apart, factor, missed
+from mcstudy.identification.settings import FitSettings
+from mcstudy.identification.threshold import factor, missed, separated
 from mcstudy.stance.body import two_segment
 from mcstudy.streams import stream
 from pipelines.validation.coverage import Condition, Source
@@ -36,13 +37,16 @@ def test_the_usual_threshold_misses_too_often_and_the_raised_one_never_does() ->
 
 def test_only_quantities_that_differ_between_minima_that_compete_are_raised() -> None:
     values = np.array([[1.0, 10.0, 5.0], [1.1, 30.0, 5.0], [9.0, 10.0, 5.0]])
-    np.testing.assert_array_equal(apart(values, np.array([0.0, 2.0, 15.0]), np.array([0.5, 3.0, np.nan])), [0, 1, 0])
-    np.testing.assert_array_equal(apart(values[:1], np.zeros(1), np.ones(3)), [0, 0, 0])
+    rise, reach = np.array([0.0, 2.0, 15.0]), np.array([0.5, 3.0, np.nan])
+    np.testing.assert_array_equal(separated(values, rise, reach), [0, 1, 0])
+    np.testing.assert_array_equal(separated(values[:1], np.zeros(1), np.ones(3)), [0, 0, 0])
 
 
 def test_a_fit_with_two_minima_raises_its_thresholds_and_says_so() -> None:
     """A recording of which both 6 and 34 N m s/rad of B22 are a minimum; the truth is 31."""
-    fitted = fit_lines(Source(Condition(1, 6, 3.1))(stream(5, "coverage 1 6")), two_segment(), curve=(), seed=5)
+    fitted = fit_lines(
+        Source(Condition(1, 6, 3.1))(stream(5, "coverage 1 6")), two_segment(), FitSettings(seed=5), curve=()
+    )
     (said,) = [w for w in fitted.warnings if w.startswith("another minimum fits almost as well")]
     named = said.split("intervals of ")[1].split(" are")[0].split(", ")
     assert "B22" in named

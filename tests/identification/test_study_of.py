@@ -114,7 +114,7 @@ def test_an_experiment_that_a_study_cannot_express_is_refused(fitted: mc.FitResu
             ),
             "odd harmonics of its period only",
         ),
-        (replace(fitted, method={**fitted.method, "effects": ["x"]}), "effects: expected none"),
+        (replace(fitted, method=replace(fitted.method, effects=("x",))), "effects: expected none"),
     )
     for given, said in cases:
         with pytest.raises(InputError, match=said):

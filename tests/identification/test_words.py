@@ -98,8 +98,8 @@ def test_the_goodness_of_fit_and_the_gap_agree_with_what_is_advised(variants: Fi
         assert ("larger than noise makes it" in said) == (r.p_value < 0.05), case
         assert ("finds a gap" in said) == (r.gap is not None and r.gap.p_value < 0.05), case
         advised = "hold only if the model is right" in said
-        assert advised == (r.p_value < 0.05 or ("finds a gap" in said and not r.method["effects"])), case
-        assert ("Without the added effects" in said) == bool(r.gap is not None and r.method["effects"]), case
+        assert advised == (r.p_value < 0.05 or ("finds a gap" in said and not r.method.effects)), case
+        assert ("Without the added effects" in said) == bool(r.gap is not None and r.method.effects), case
 
 
 def test_stable_over_all_intervals_means_every_body_and_every_range(variants: Fits) -> None:

@@ -27,7 +27,7 @@ LAYERS = (
     ("study", "gap"),
     ("identification",),
     ("analysis",),
-    ("challenge", "group_comparison", "lost_table", "planning", "stimulus_design"),
+    ("group_comparison", "planning", "stimulus_design"),
     ("adaptive", "own_model"),
     ("report",),
     ("api",),
@@ -67,6 +67,14 @@ def imported(file: Path) -> set[str]:
             if name.startswith("mcstudy."):
                 out.add(local if local in MODULES else local.rpartition(".")[0])
     return out - {""}
+
+
+def test_nothing_names_a_wing() -> None:
+    """A wing imports the package and attaches to it by entry points."""
+    wings = [folder.name for folder in (PACKAGE.parent / "pipelines").glob("mcstudy_*")]
+    texts = {name: file.read_text(encoding="utf-8") for name, file in MODULES.items()}
+    assert len(wings) == 2
+    assert [(name, wing) for name, text in texts.items() for wing in wings if wing in text] == []
 
 
 def test_every_room_has_a_layer() -> None:

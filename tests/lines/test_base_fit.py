@@ -7,9 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.lines.base_fit import APART, base_fit, drawn_starts
-from mcstudy.lines.priors import opened, weak_prior
+from mcstudy.lines.priors import opened
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 
@@ -22,10 +21,9 @@ OPEN = opened(two_segment())
     ids=["nothing missing", "passive damping", "sensor lag"],
 )
 def test_no_start_of_five_hundred_ends_lower(with_effects: Callable[..., Lines], effects: dict[str, dict]) -> None:
-    data = Data.of(with_effects(3, effects))
-    fitter = Fitter(OPEN, weak_prior(OPEN, OPEN), data.f)
-    best, minima = base_fit(fitter, data, seed=0)
-    widely = fitter.fits(data.packed, drawn_starts(OPEN, 1, 500)).objective
+    fit = base_fit(with_effects(3, effects), two_segment(), seed=0)
+    fitter, best, minima = fit.fitter, fit.best, fit.minima
+    widely = fitter.fits(fit.data.packed, drawn_starts(OPEN, 1, 500)).objective
     assert best.chi2 + best.penalty <= widely.min() + 0.1
     assert np.median(widely) > best.chi2 + best.penalty + 1.0, "every start ends there: nothing is tested"
     np.testing.assert_allclose(minima[0], best.theta, rtol=1e-2)

@@ -11,13 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-
-from mcstudy import program
-from mcstudy.analysis.paper.values import cells_of, fit_values
-from mcstudy.cli import main
-from mcstudy.errors import DesignError
-from mcstudy.exits import Exit
-from mcstudy.lost_table import (
+from mcstudy_goodworth2018.lost_table import (
     bank,
     calibration,
     checks,
@@ -29,14 +23,20 @@ from mcstudy.lost_table import (
     run,
     search,
 )
-from mcstudy.lost_table.bank import Bank, prior_points, simulated
-from mcstudy.lost_table.design import parse_inference, read_inference
-from mcstudy.lost_table.emulator import Emulator, packed, ridge, unpacked
-from mcstudy.lost_table.posterior import Likelihood, sample
-from mcstudy.lost_table.result import RESULT, opened
-from mcstudy.lost_table.rows import KEYS, ROWS, columns, folded, rounding, shown, stated
-from mcstudy.lost_table.simulate import Moments, damped, reduced, simulate, study_of, sway_rms
-from mcstudy.lost_table.unknowns import Prior
+from mcstudy_goodworth2018.lost_table.bank import Bank, prior_points, simulated
+from mcstudy_goodworth2018.lost_table.design import parse_inference, read_inference
+from mcstudy_goodworth2018.lost_table.emulator import Emulator, packed, ridge, unpacked
+from mcstudy_goodworth2018.lost_table.posterior import Likelihood, sample
+from mcstudy_goodworth2018.lost_table.result import RESULT, opened
+from mcstudy_goodworth2018.lost_table.rows import KEYS, ROWS, columns, folded, rounding, shown, stated
+from mcstudy_goodworth2018.lost_table.simulate import Moments, damped, reduced, simulate, study_of, sway_rms
+from mcstudy_goodworth2018.lost_table.unknowns import Prior
+from mcstudy_goodworth2018.paper.values import cells_of, fit_values
+
+from mcstudy import program
+from mcstudy.cli import main
+from mcstudy.errors import DesignError
+from mcstudy.exits import Exit
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model

@@ -11,7 +11,8 @@ import pytest
 
 import mcstudy as mc
 from mcstudy.errors import RecordingError
-from mcstudy.lines.checked_recording import checked_lines
+from mcstudy.lines.checked_recording import checked_recording
+from mcstudy.lines.settings import LineSettings
 from mcstudy.recordings.copies import numbered, refuse_copies
 from mcstudy.recordings.recording import Recording, Trial
 
@@ -64,12 +65,12 @@ def test_two_trials_under_one_stimulus_are_no_copies(noise: float) -> None:
 
 def test_a_fit_of_copies_and_of_equal_trials_is_refused() -> None:
     with pytest.raises(RecordingError, match="holds the same data"):
-        checked_lines([ONE, OTHER, replace(ONE, name="copy")])
+        checked_recording([ONE, OTHER, replace(ONE, name="copy")])
     with pytest.raises(RecordingError, match="monday, trial 2: holds the same data as monday, trial 1"):
-        checked_lines(replace(ONE, trials=ONE.trials * 2))
-    _, lines = checked_lines([ONE, OTHER])
+        checked_recording(replace(ONE, trials=ONE.trials * 2))
+    lines = checked_recording([ONE, OTHER]).lines
     assert len(lines.repeats) == 6
-    _, twice = checked_lines([ONE, ONE], accept=["copy"])
+    twice = checked_recording([ONE, ONE], LineSettings(accept=["copy"])).lines
     assert len(twice.repeats) == 6
 
 

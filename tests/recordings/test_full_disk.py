@@ -12,7 +12,7 @@ from mcstudy.recordings.io import write_recording
 WRITE = """
 import resource, signal, sys
 from pathlib import Path
-from mcstudy.challenge.make import write_case
+from mcstudy_challenge.make import write_case
 from mcstudy.errors import McstudyError
 from mcstudy.recordings.io import read_recording, write_recording
 recording = read_recording("there.nc")

@@ -16,7 +16,8 @@ import zarr
 
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError
-from mcstudy.gap.diagnose import detect_fast
+from mcstudy.gap.diagnose import detect
+from mcstudy.gap.settings import FAST, DiagnosisSettings
 from mcstudy.lines.labels import NOTED
 from mcstudy.lines.readings import READINGS
 from mcstudy.recordings.frf import FrfRecording
@@ -75,7 +76,7 @@ def refused_in_one_line_or_tested(path: Path, value: float) -> None:
     key = content(recording)
     if key not in TESTED:
         p_values: list[float] = []
-        message = said(lambda: p_values.append(detect_fast(recording, accept=accept).p_value))
+        message = said(lambda: p_values.append(detect(recording, DiagnosisSettings(fast=True, accept=accept)).p_value))
         assert "\n" not in message, value
         assert message or 0 <= p_values[0] <= 1, value
         TESTED.add(key)
@@ -144,7 +145,7 @@ def test_the_recordings_of_these_tests_are_tested_before_they_are_changed(copy: 
     sheet = copy / "short" / "recording.toml"
     sheet.write_text(by_segments(sheet.read_text(), "m1", "25.0"))
     for path in (*(copy / n for n in FORMATS[:2]), sheet, copy / "frf.toml"):
-        assert 0 <= detect_fast(read_recording(path)).p_value <= 1
+        assert 0 <= detect(read_recording(path), FAST).p_value <= 1
 
 
 @pytest.mark.parametrize("cells", ["one", "all"])

@@ -17,8 +17,9 @@ from fuzzing import MANY
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
 from mcstudy.files.reading_process import Answer, answer
-from mcstudy.lines.checked_recording import checked_lines
+from mcstudy.lines.checked_recording import checked_recording
 from mcstudy.lines.readings import READINGS
+from mcstudy.lines.settings import LineSettings
 from mcstudy.recordings import netcdf_zarr
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.columns import text_source
@@ -162,7 +163,7 @@ def stuck_sensor(x: np.ndarray) -> None:
 )
 def test_what_cannot_be_analysed_is_refused_by_name(recording: Recording, message: str) -> None:
     with pytest.raises(RecordingError, match=message) as caught:
-        checked_lines(recording)
+        checked_recording(recording)
     assert "\n" not in str(caught.value)
 
 
@@ -173,7 +174,7 @@ KINDS = [k for k in STIMULI if k != "visual_tilt"]
 def test_every_mislabelled_channel_is_recognised(kind: str) -> None:
     """Every reading with every other kind of stimulus, so with a torque and without; ``MCSTUDY_FUZZ=1``: with every."""
     recording = sway(kind=kind, scale={"rad": 0.003, "m": 0.01}.get(STIMULI[kind], 1.0))
-    assert checked_lines(recording)[0].suspicions == ()
+    assert checked_recording(recording).recording.suspicions == ()
     for k, (name, reading) in enumerate(READINGS.items()):
         if not MANY and (k + KINDS.index(kind)) % 2:
             continue
@@ -184,9 +185,9 @@ def test_every_mislabelled_channel_is_recognised(kind: str) -> None:
             continue
         if "degrees" in name or name in ("thousand", "thousand_theta1", "thousand_theta2"):
             with pytest.raises(RecordingError, match="deg"):
-                checked_lines(mixed(matrix, recording))
+                checked_recording(mixed(matrix, recording))
             continue
-        found = checked_lines(mixed(matrix, recording), accept=READINGS)[0].suspicions
+        found = checked_recording(mixed(matrix, recording), LineSettings(accept=READINGS)).recording.suspicions
         assert found[0].code == name
 
 
@@ -200,7 +201,9 @@ def test_an_angular_velocity_in_place_of_an_angle_is_recognised(name: str) -> No
     for trial in recording.trials:
         speed = np.gradient(trial.theta, 1 / recording.rate_hz, axis=0)
         trials.append(replace(trial, theta=np.where(VELOCITIES[name], speed, trial.theta)))
-    found = checked_lines(replace(recording, trials=tuple(trials)), accept=READINGS)[0].suspicions
+    found = checked_recording(
+        replace(recording, trials=tuple(trials)), LineSettings(accept=READINGS)
+    ).recording.suspicions
     assert found[0].code == name
 
 
@@ -225,11 +228,13 @@ def test_an_amplitude_may_be_a_whole_number(tmp_path: Path) -> None:
 
 def test_an_amplitude_that_matches_no_convention_is_noted_not_refused() -> None:
     odd = replace(SWAY, trials=(replace(SWAY.trials[0], amplitude=3.7),))
-    assert [s.code for s in checked_lines(odd)[0].suspicions] == ["amplitude"]
+    assert [s.code for s in checked_recording(odd).recording.suspicions] == ["amplitude"]
 
 
 def test_a_stuck_sensor_is_noted() -> None:
-    assert [(s.code, s.channel) for s in checked_lines(changed(stuck_sensor))[0].suspicions] == [("stuck", "theta2")]
+    assert [(s.code, s.channel) for s in checked_recording(changed(stuck_sensor)).recording.suspicions] == [
+        ("stuck", "theta2")
+    ]
 
 
 # --- files ---
@@ -442,7 +447,7 @@ def test_a_recording_without_a_name_has_that_of_its_file(tmp_path: Path, given: 
 
 
 def test_a_recording_shows_itself_in_a_few_lines() -> None:
-    odd = replace(checked_lines(changed(stuck_sensor))[0], provenance="long " * 1000)
+    odd = replace(checked_recording(changed(stuck_sensor)).recording, provenance="long " * 1000)
     for shown in (odd, odd.trials[0]):
         assert len(repr(shown)) < 2000
         assert shown._repr_html_().count("<tr>") == len(shown.facts())

@@ -14,7 +14,8 @@ from scipy.interpolate import CubicSpline
 
 import mcstudy as mc
 from mcstudy.errors import RecordingError
-from mcstudy.lines.checked_recording import checked_lines
+from mcstudy.lines.checked_recording import checked_recording
+from mcstudy.lines.settings import LineSettings
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.faults import Fault, angle_faults, stimulus_faults
 from mcstudy.recordings.recording import Recording, Trial
@@ -100,11 +101,12 @@ def test_a_wrong_period_is_no_stimulus_that_stops() -> None:
 
 def test_cycles_with_a_fault_are_left_out_and_named() -> None:
     bad = changed(lambda t: zero(t.theta, 6000))
-    one, lines = checked_lines(bad)
+    checked = checked_recording(bad)
+    one, lines = checked.recording, checked.lines
     assert one.trials[0].left_out == (1,)
     assert list(zip(lines.trial, lines.cycle, strict=True)) == [(0, 2), (0, 3), (1, 1), (1, 2), (1, 3)]
     assert "left out because a signal is unsound: cycle 2 of 4 of trial 1" in lines.notes
-    _, kept = checked_lines(bad, accept=["stuck"])
+    kept = checked_recording(bad, LineSettings(accept=["stuck"])).lines
     assert len(kept.repeats) == 6
 
 
@@ -123,7 +125,7 @@ def test_what_follows_a_stimulus_that_failed_is_left_out_too() -> None:
 
 def test_a_trial_without_two_sound_cycles_is_left_out_as_a_whole() -> None:
     bad = changed(lambda t: [zero(t.theta, k * PERIOD + 500) for k in (1, 2)])
-    _, lines = checked_lines(bad)
+    lines = checked_recording(bad).lines
     assert set(lines.trial) == {1}
     assert "left out because a signal is unsound: trial 1 as a whole" in lines.notes
 
@@ -131,9 +133,9 @@ def test_a_trial_without_two_sound_cycles_is_left_out_as_a_whole() -> None:
 def test_a_recording_without_sound_cycles_is_refused_with_the_way_on() -> None:
     bad = changed(lambda t: [zero(t.theta, k * PERIOD + 500) for k in (1, 2)], SOUND.select((0,)))
     with pytest.raises(RecordingError, match=r"is exactly 0 2 times.*--fill-gaps 0.3.*accept 'stuck'"):
-        checked_lines(bad)
+        checked_recording(bad)
     with pytest.raises(RecordingError, match=r"no cycles that could be left out; to interpolate.*fill_gaps"):
-        checked_lines(changed(lambda t: zero(t.theta, 6000), APERIODIC))
+        checked_recording(changed(lambda t: zero(t.theta, 6000), APERIODIC))
 
 
 def test_filled_gaps_give_the_estimates_of_the_sound_recording() -> None:
@@ -143,7 +145,7 @@ def test_filled_gaps_give_the_estimates_of_the_sound_recording() -> None:
     assert "1500 values" in whole.provenance
     error = np.abs(whole.trials[0].theta - SOUND.trials[0].theta).max()
     assert error < 0.1 * np.ptp(SOUND.trials[0].theta)
-    (_, y), (_, truth) = checked_lines(whole), checked_lines(SOUND.select((0,)))
+    y, truth = (checked_recording(r).lines for r in (whole, SOUND.select((0,))))
     low = y.f < 0.5
     assert np.linalg.norm(y.y[low] - truth.y[low]) < 0.05 * np.linalg.norm(truth.y[low])
 

@@ -17,8 +17,9 @@ from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.fitting.penalised import Data
-from mcstudy.gap.diagnose import diagnose_fast
+from mcstudy.gap.diagnose import diagnose
 from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.settings import FAST
 from mcstudy.gap.tables import SHOWN, tables
 from mcstudy.gap.verdict import differing_tests, p_words, sentences
 from mcstudy.recordings.frf import FrfRecording
@@ -45,7 +46,7 @@ def recording(lagging_recording: Path) -> Recording:
 
 @pytest.fixture(scope="module")
 def diagnosis(recording: Recording) -> Diagnosis:
-    return diagnose_fast(recording)
+    return diagnose(recording, FAST)
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +208,7 @@ def test_the_true_cause_leaves_of_sway_what_noise_leaves(data: GapData) -> None:
 
 def test_without_a_period_predicted_sway_follows_the_measured_one(recording: Recording) -> None:
     aperiodic = replace(recording, period_s=None)
-    traces = SwayTraces.of(GapData(diagnose_fast(aperiodic)))
+    traces = SwayTraces.of(GapData(diagnose(aperiodic, FAST)))
     assert traces.after is not None
     for k in range(2):
         before, after = (np.corrcoef(traces.measured[:, k], x[:, k])[0, 1] for x in (traces.before, traces.after))
@@ -236,7 +237,7 @@ def test_every_call_that_the_page_prints_draws_its_figure(gap_page: Path, diagno
 
 
 def test_a_published_frf_has_a_page_without_sway(data: GapData) -> None:
-    text = page_of(diagnose_fast(FrfRecording(data.lines.f, data.lines.y, data.lines.noise.C)))
+    text = page_of(diagnose(FrfRecording(data.lines.f, data.lines.y, data.lines.noise.C), FAST))
     assert "published FRF" in text
     assert '<figure id="zmap"' in text
     assert '<figure id="traces"' not in text

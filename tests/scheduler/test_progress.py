@@ -52,18 +52,32 @@ def screen(text: str) -> list[str]:
     return [line for line in lines if line]
 
 
-def test_the_line_says_chunks_fits_speed_time_left_and_failures(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    progress = Progress(1000, io.StringIO(), chunks=8)
-    progress.add(250, 3, 2)
-    clock[0] += 10.0
-    assert progress.line() == "2/8 chunks  250/1000 fits (25 %)  25 fits/s  30 s left  3 failed"
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time, which passes when it is changed."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    return now
 
 
-def test_what_had_to_be_done_before_the_first_unit_is_in_no_rate(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+@pytest.mark.parametrize(
+    ("total", "unit", "chunks", "done", "seconds", "line"),
+    [
+        (1000, "fits", 8, (250, 3, 2), 10.0, "2/8 chunks  250/1000 fits (25 %)  25 fits/s  30 s left  3 failed"),
+        (80, "cases", 0, (20, 0), 10.0, "20/80 cases (25 %)  2 cases/s  30 s left  0 failed"),
+        (8, "cases", 0, (1, 0), 20.0, "1/8 cases (12 %)  3 cases/min  2 min 20 s left  0 failed"),
+    ],
+)
+def test_the_line_says_chunks_units_speed_time_left_and_failures(
+    clock: list[float], total: int, unit: str, chunks: int, done: tuple[int, ...], seconds: float, line: str
+) -> None:
+    progress = Progress(total, io.StringIO(), chunks=chunks, unit=unit)
+    progress.add(*done)
+    clock[0] += seconds
+    assert progress.line() == line
+
+
+def test_what_had_to_be_done_before_the_first_unit_is_in_no_rate(clock: list[float]) -> None:
     progress = Progress(100, io.StringIO())
     clock[0] += 40.0
     progress.begin()
@@ -73,9 +87,7 @@ def test_what_had_to_be_done_before_the_first_unit_is_in_no_rate(monkeypatch: py
     assert progress.seconds == 10.0
 
 
-def test_the_first_result_for_which_code_was_loaded_is_in_no_early_speed(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+def test_the_first_result_for_which_code_was_loaded_is_in_no_early_speed(clock: list[float]) -> None:
     progress = Progress(1000, io.StringIO())
     clock[0] += 2.0  # of which fits are a tenth
     progress.add(100, 0)
@@ -86,9 +98,7 @@ def test_the_first_result_for_which_code_was_loaded_is_in_no_early_speed(monkeyp
     assert "400 fits/s  1 s left" in progress.line()
 
 
-def test_the_speed_is_that_of_the_last_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [0.0]
-    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+def test_the_speed_is_that_of_the_last_while(clock: list[float]) -> None:
     progress = Progress(10_000, io.StringIO())
     for seconds, fits in [(10.0, 1000)] * 5 + [(10.0, 100)] * 10:  # the machine got other work to do
         clock[0] += seconds
@@ -96,9 +106,7 @@ def test_the_speed_is_that_of_the_last_while(monkeypatch: pytest.MonkeyPatch) ->
     assert "6000/10000 fits (60 %)  10 fits/s  6 min 40 s left" in progress.line()
 
 
-def test_workers_that_compile_first_are_in_no_speed(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [0.0]
-    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+def test_workers_that_compile_first_are_in_no_speed(clock: list[float]) -> None:
     progress = Progress(100, io.StringIO())
     progress.begin(ready=False)
     clock[0] += 60.0
@@ -135,24 +143,6 @@ def test_what_takes_long_says_what_it_does_on_a_terminal_only(monkeypatch: pytes
                 pass
     assert plain.getvalue() == ""
     assert screen(terminal.getvalue()) == []
-
-
-def test_the_line_counts_in_the_unit_of_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    progress = Progress(80, io.StringIO(), unit="cases")
-    progress.add(20, 0)
-    clock[0] += 10.0
-    assert progress.line() == "20/80 cases (25 %)  2 cases/s  30 s left  0 failed"
-
-
-def test_slow_work_is_counted_per_minute(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    progress = Progress(8, io.StringIO(), unit="cases")
-    progress.add(1, 0)
-    clock[0] += 20.0
-    assert progress.line() == "1/8 cases (12 %)  3 cases/min  2 min 20 s left  0 failed"
 
 
 def test_a_terminal_shows_the_latest_lines_below_all_messages() -> None:

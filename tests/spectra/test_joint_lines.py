@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import mcstudy as mc
-from mcstudy.spectra.joint_lines import joined
-from mcstudy.spectra.lines import Lines
+from mcstudy.spectra.lines import Lines, joined
 from mcstudy.spectra.measure import measure
 
 

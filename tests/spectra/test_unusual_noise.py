@@ -11,8 +11,7 @@ from mcstudy.spectra.lines import Lines
 from mcstudy.spectra.measure import measure
 from mcstudy.spectra.null_draws import NullDraws
 from mcstudy.spectra.periodic import periodic_lines
-from mcstudy.spectra.scatter import scatter, with_scatter
-from mcstudy.spectra.unequal_trials import UNEQUAL, trial_power
+from mcstudy.spectra.scatter import UNEQUAL, scatter, trial_power, with_scatter
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf

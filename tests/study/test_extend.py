@@ -14,7 +14,6 @@ import quick_solver
 from mcstudy.errors import DesignError, Interrupted, StoreError, StudyChangedError
 from mcstudy.files import durable
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
 from mcstudy.study.extend import Growth, extend, grow, grown_study
 from mcstudy.study.growth import growths
 from mcstudy.study.run import open_or_create, run_study
@@ -50,22 +49,10 @@ def small() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(autouse=True)
-def fresh_worker() -> None:
-    tasks.open_group.cache_clear()
-
-
-@pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory, tiny: str, small: None) -> Path:  # noqa: ARG001
-    out = tmp_path_factory.mktemp("extend") / "out.zarr"
-    run_study(parse_study(tiny), out, ONE)
-    return out
-
-
 @pytest.fixture
-def out(tmp_path: Path, done: Path) -> Path:
-    """A small study, run."""
-    return shutil.copytree(done, tmp_path / "out.zarr")
+def out(tmp_path: Path, tiny_cube: Path) -> Path:
+    """A small study, run, without its log."""
+    return shutil.copytree(tiny_cube, tmp_path / "out.zarr")
 
 
 @pytest.fixture(scope="module")
@@ -198,11 +185,11 @@ def test_an_interrupted_extension_loses_nothing_and_resumes(
 
 
 def test_a_cube_that_grew_and_lost_its_root_before_the_log_knew_is_the_larger_studys(
-    out: Path, done: Path, at_once: Callable[[str], str], tiny: str
+    out: Path, tiny_cube: Path, at_once: Callable[[str], str], tiny: str
 ) -> None:
     """Killed between the exchange of the folders and the next line of the log, which still tells of the small study."""
     larger = tiny.replace("realizations = 5", "realizations = 6").replace("starts = 6", "starts = 7")
-    shutil.copytree(durable.log_folder(done), durable.log_folder(out))
+    shutil.copytree(durable.log_folder(tiny_cube), durable.log_folder(out))
     grow(Cube.open(out), Growth(6, 7, groups=("noisy",)))
     (out / "zarr.json").unlink()
     before = durable.tree_digest(out)

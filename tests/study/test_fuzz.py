@@ -13,12 +13,11 @@ from fuzzing import FUZZ
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from refusals import or_refused
+from tiny_studies import copied
 
 from mcstudy.analysis.results import open_results
-from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.design import FitSection, Group, ModelSection, NoiseSection, SpectraSection, StimulusSection
 from mcstudy.study.failures import counts
-from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study, read_study
 from mcstudy.study.verify import verify
@@ -118,10 +117,8 @@ def test_any_group_of_a_study_file_is_valid_or_refused(group: dict[str, Any], ax
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Path:
-    out = tmp_path_factory.mktemp("fuzz") / "out.zarr"
-    run_study(parse_study(tiny), out, ClusterOptions(workers=1))
-    return out
+def sound(tmp_path_factory: pytest.TempPathFactory, tiny_cube: Path) -> Path:
+    return copied(tiny_cube, tmp_path_factory.mktemp("fuzz"))
 
 
 def everything(cube: Path) -> None:

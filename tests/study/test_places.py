@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-import quick_solver
 
 from mcstudy.cli import main
 from mcstudy.errors import Interrupted, StoreError
@@ -47,13 +46,9 @@ amplitude = [5.0]
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> str:
+def whole(tiny_cube: Path) -> str:
     """Digest of an undisturbed run."""
-    out = tmp_path_factory.mktemp("whole") / "out.zarr"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(*quick_solver.lm(fits_a_chunk=(24, 24)))  # as in the tests
-        run_study(parse_study(tiny), out, ONE)
-    return tree_digest(out)
+    return tree_digest(tiny_cube)
 
 
 @pytest.fixture
@@ -168,10 +163,9 @@ def test_groups_that_a_file_system_takes_for_one_are_refused_there_alone(
 @pytest.mark.parametrize("code", [errno.EIO, errno.EDQUOT, errno.EROFS])
 @pytest.mark.parametrize("place", ["recover", "sweep", "repair", "note", "extension"])
 def test_a_write_that_fails_anywhere_in_a_run_is_resumable(
-    tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch, code: int, place: str
+    tiny_copy: Path, tiny: str, monkeypatch: pytest.MonkeyPatch, code: int, place: str
 ) -> None:
-    study, out = parse_study(tiny), tmp_path / "out.zarr"
-    run_study(study, out, ONE)
+    study, out = parse_study(tiny), tiny_copy
     store = Cube.open(out).groups["noisy"]
     chunk = store.layout.chunks[0]
     before = tree_digest(out)

@@ -8,14 +8,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-import quick_solver
 from json_edits import edit
 from skeletons import made_once
+from tiny_studies import copied
 
 from mcstudy.errors import StoreError
 from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
 from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
@@ -24,25 +23,15 @@ from mcstudy.study.verify import verify
 ONE = ClusterOptions(workers=1)
 
 
-@pytest.fixture(autouse=True)
-def fresh_worker() -> None:
-    tasks.open_group.cache_clear()
-
-
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Iterator[Path]:
-    out = tmp_path_factory.mktemp("repair") / "out.zarr"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(*quick_solver.lm(fits_a_chunk=(24, 24)))  # not what the design would give later
-        run_study(parse_study(tiny), out, ONE)
+def sound(tiny_cube: Path) -> Iterator[Path]:
     with made_once():
-        yield out
+        yield tiny_cube
 
 
 @pytest.fixture
 def copy(tmp_path: Path, sound: Path) -> Path:
-    shutil.copytree(log_folder(sound), tmp_path / "out.zarr.log")
-    return shutil.copytree(sound, tmp_path / "out.zarr")
+    return copied(sound, tmp_path)
 
 
 def flip(file: Path) -> None:

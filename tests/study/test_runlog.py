@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,17 +26,9 @@ pytestmark = pytest.mark.usefixtures("small_chunks")
 ONE = ClusterOptions(workers=1)
 
 
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Path:
-    out = tmp_path_factory.mktemp("log") / "out.zarr"
-    run_study(parse_study(tiny), out, ONE)
-    return out
-
-
 @pytest.fixture
-def out(tmp_path: Path, sound: Path) -> Path:
-    shutil.copytree(log_folder(sound), tmp_path / "out.zarr.log")
-    return shutil.copytree(sound, tmp_path / "out.zarr")
+def out(tiny_copy: Path) -> Path:
+    return tiny_copy
 
 
 def lose(out: Path, group: str, chunk: int = 0) -> str:

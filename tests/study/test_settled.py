@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import io
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import command
 
 import mcstudy as mc
-from mcstudy.cli import main
 from mcstudy.errors import StoreError
 from mcstudy.exits import Exit
 from mcstudy.files.durable import tree_digest
@@ -21,9 +20,7 @@ from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study import replay, store, verify
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.repair import repair
-from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.study_file import parse_study
 from mcstudy.study.watch import Watch
 
 pytestmark = pytest.mark.usefixtures("small_chunks")
@@ -32,23 +29,9 @@ GROWTH = Growth(realizations=7, amplitude=(1.0,))
 """The first amplitude is another one then, and so is every chunk."""
 
 
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory, tiny: str) -> Path:
-    out = tmp_path_factory.mktemp("settled") / "out.zarr"
-    run_study(parse_study(tiny), out, ONE)
-    return out
-
-
 @pytest.fixture
-def out(tmp_path: Path, sound: Path) -> Path:
-    return shutil.copytree(sound, tmp_path / "out.zarr")
-
-
-def command(*words: object) -> tuple[int, str, str]:
-    """Exit code and what it prints."""
-    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()) as complained:
-        code = main([str(word) for word in words])
-    return int(code), said.getvalue(), complained.getvalue()
+def out(tiny_copy: Path) -> Path:
+    return tiny_copy
 
 
 def grow(out: Path, growth: Growth = GROWTH) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +18,6 @@ from mcstudy.study.measure import Measurement
 from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.tasks import Task, fill, run_task
-
-
-@pytest.fixture(autouse=True)
-def fresh_worker() -> Iterator[None]:
-    tasks.open_group.cache_clear()
-    yield
-    tasks.open_group.cache_clear()
 
 
 def cube_of(path: Path, text: str) -> Cube:

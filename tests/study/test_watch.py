@@ -10,17 +10,13 @@ import pytest
 
 from mcstudy import open_results
 from mcstudy.analysis import accuracy, selection
-from mcstudy.study.run import run_study
 from mcstudy.study.store import Cube
-from mcstudy.study.study_file import parse_study
 from mcstudy.study.watch import RunningErrors, Watch
 
 
 @pytest.fixture
-def cube(tiny: str, small_chunks: None, tmp_path: Path) -> Path:  # noqa: ARG001 - a fixture cannot mark itself
-    out = tmp_path / "out.zarr"
-    run_study(parse_study(tiny), out)
-    return out
+def cube(tiny_copy: Path) -> Path:
+    return tiny_copy
 
 
 def test_the_headline_is_the_bias_of_the_analysis(cube: Path) -> None:

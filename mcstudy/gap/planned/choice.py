@@ -82,11 +82,9 @@ class Situation:
     def of(cls, d: Diagnosis) -> Situation:
         """From a diagnosis of recordings; raises `InputError` for one of lines or of published responses."""
         recording = d.recording
-        if recording is None or isinstance(recording, FrfRecording):
+        if recording is None or isinstance(recording, FrfRecording) or d.method.fmax is None:
             raise InputError(f"{d.name}: expected recordings of sway over time, whose noise a new trial would have")
-        return cls.after(
-            recording, d.lines, d.base, d.hypotheses, d.unknown_probability, float(d.method["fmax"]), d.prior
-        )
+        return cls.after(recording, d.lines, d.base, d.hypotheses, d.unknown_probability, d.method.fmax, d.prior)
 
     @classmethod
     def after(

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from mcstudy.effect_library import library
 from mcstudy.effect_library.declare import Effect
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.signatures import Signature, ambiguity_groups, applicable, signatures
 from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.contrasts import Contrast, contrasts
 from mcstudy.gap.questions.detection import Detection, detect
-from mcstudy.lines.base_fit import base_fit
-from mcstudy.lines.priors import opened, weak_prior
+from mcstudy.gap.settings import DiagnosisSettings
+from mcstudy.lines.base_fit import BaseFit
 from mcstudy.short_repr import Summary
 from mcstudy.spectra.lines import Lines
-from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 
 CONTRAST_SHARE = 0.1
@@ -37,14 +33,12 @@ class GapTest(Summary):
 
     Attributes
     ----------
-    data: the lines as fitted. base: best fit of the model without effects. minima: (K, P) lowest minima of its cost.
-    effects: candidate effects. signatures: the residual that each would leave. groups: effects that these data cannot
-        distinguish. scores: scores of any residual at this fit. detection, contrasts: the tests.
+    fit: of the model without effects. effects: candidates. signatures: the residual that each of them would leave.
+    groups: effects that these data cannot distinguish. scores: scores of any residual at this fit. detection,
+    contrasts: the tests.
     """
 
-    data: Data
-    base: Fitted
-    minima: np.ndarray
+    fit: BaseFit
     effects: list[Effect]
     signatures: list[Signature]
     groups: list[tuple[str, ...]]
@@ -58,16 +52,16 @@ class GapTest(Summary):
         return [
             ("p-value of any gap", f"{self.p_value:.2g}"),
             ("squared residual", f"{d.chi2:.0f}, expected from noise alone {d.expected_chi2:.0f}"),
-            ("lines", str(self.data.f.size)),
+            ("lines", str(self.fit.data.f.size)),
             ("effects", f"{len(self.effects)} tested, in {len(self.groups)} distinguishable groups"),
         ]
 
     @property
     def p_value(self) -> float:
         """p-value of any gap. It combines the residual, with its margin, and the contrasts, each with its share."""
-        own = [c.p_value for c in self.contrasts if c.changes]
-        share = CONTRAST_SHARE / max(1, len(own))
-        return float(min(1.0, self._of_residual(self.detection.p_value), *(p / share for p in own)))
+        changing = [c.p_value for c in self.contrasts if c.changes]
+        share = CONTRAST_SHARE / max(1, len(changing))
+        return float(min(1.0, self._of_residual(self.detection.p_value), *(p / share for p in changing)))
 
     @property
     def p_least(self) -> float:
@@ -79,29 +73,22 @@ class GapTest(Summary):
         return MARGIN * p / (1 - share)
 
 
-def gap_test(
-    lines: Lines, nominal: Model, draws: int, refits: bool, seed: int, contrast_draws: int = CONTRAST_DRAWS
-) -> GapTest:
-    """Fit the base model and test it.
+def gap_test(lines: Lines, fit: BaseFit, settings: DiagnosisSettings, contrast_draws: int = CONTRAST_DRAWS) -> GapTest:
+    """Test the base model that was fitted to ``lines``.
 
-    ``nominal``: base model with values of the order of magnitude of a person's. ``draws``: number of null samples.
-    ``refits``: refit the model to every null sample instead of using the linearised fit. ``contrast_draws``: null
-    samples of every contrast; only p-values depend on them.
+    ``contrast_draws``: null samples of every contrast; only p-values depend on them.
     """
-    data, model = Data.of(lines), opened(nominal)
-    fitter = Fitter(model, weak_prior(model, model), data.f)
-    base, minima = base_fit(fitter, data, seed)
-    effects = applicable(model)
+    base, data, seed = fit.best, fit.data, settings.seed
+    effects = applicable(fit.model)
     found = signatures(base, data, effects)
     scores = Scores(base, data, found, [library.effect(s.effect).size.signed for s in found])
+    rng = stream(seed, "gap null")
     return GapTest(
-        data,
-        base,
-        minima,
-        effects,
-        found,
-        ambiguity_groups(found),
-        scores,
-        detect(base, fitter, data, lines, scores, stream(seed, "gap null"), draws, refits),
-        contrasts(lines, base, stream(seed, "gap contrasts"), contrast_draws),
+        fit=fit,
+        effects=effects,
+        signatures=found,
+        groups=ambiguity_groups(found),
+        scores=scores,
+        detection=detect(base, fit.fitter, data, lines, scores, rng, settings.draws, not settings.fast),
+        contrasts=contrasts(lines, base, stream(seed, "gap contrasts"), contrast_draws),
     )

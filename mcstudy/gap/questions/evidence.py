@@ -31,6 +31,12 @@ SPAN = 6.0
 
 POINTS = 25
 
+ON_BOUND = 1e-3
+"""Distance from a bound, relative to the range between the bounds, that counts as on it."""
+
+CERTAINLY = 1.96
+"""Standard errors by which an estimate must exceed the largest size of a body."""
+
 
 @dataclass(frozen=True)
 class SizeEstimate:
@@ -186,3 +192,26 @@ def together(base: Fitted, data: Data, names: tuple[str, str], starts: np.ndarra
     curvature = mode.information * np.outer(scale, scale) + np.eye(scale.size)
     log_p -= 0.5 * float(np.linalg.slogdet(curvature)[1])
     return Hypothesis(tuple(names), float(log_p), mode, tuple(estimates))
+
+
+def possible(hypothesis: Hypothesis, base: Fitted) -> bool:
+    """Whether a body can have the sizes of the effects; ``base``: the fit without effects.
+
+    A size on a bound of the fit is where the search ended, not an estimate: the effect would explain the data only with
+    a size that was excluded. Bounds are two or more times the usual sizes. A bound at the null of an effect is
+    different: there the effect vanishes. The largest size of a body (`Size.most`) is stated with its source in the
+    library.
+    """
+    fitted = hypothesis.fitted
+    sizes = {s.name: s for e in library.LIBRARY.values() for s in e.sizes}
+    for p, x in zip(fitted.model.parameters, fitted.theta, strict=True):
+        if p.name in base.model.names or p.name not in sizes:
+            continue
+        margin = ON_BOUND * (p.upper - p.lower)
+        if any(abs(x - b) <= margin and b != sizes[p.name].null for b in (p.lower, p.upper)):
+            return False
+    for estimate in hypothesis.sizes:
+        most = sizes[estimate.name].most if estimate.name in sizes else None
+        if most is not None and abs(estimate.estimate) - CERTAINLY * estimate.se > most:
+            return False
+    return True

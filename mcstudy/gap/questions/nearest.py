@@ -15,9 +15,8 @@ import numpy as np
 from mcstudy.fitting.penalised import Data, Fitted
 from mcstudy.gap.questions.closure import smooth_directions
 from mcstudy.gap.questions.detection import Band, Detection, bands, linear_null, standardised
-from mcstudy.gap.questions.evidence import Hypothesis
+from mcstudy.gap.questions.evidence import Hypothesis, possible
 from mcstudy.gap.questions.likeness import likeness
-from mcstudy.gap.questions.possible import possible
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.remaining_torque import RemainingTorque, remaining_torque
 from mcstudy.spectra.lines import Lines

@@ -25,11 +25,10 @@ from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.gap.candidates.unstructured import Unstructured
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.departure import with_departures
-from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, single, together
+from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, possible, single, together
 from mcstudy.gap.questions.interval import Interval
 from mcstudy.gap.questions.mislabelling import Mislabelled
 from mcstudy.gap.questions.other_forms import in_other_forms
-from mcstudy.gap.questions.possible import possible
 from mcstudy.short_repr import Summary
 from mcstudy.stance.response import frf
 

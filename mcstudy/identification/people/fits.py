@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from mcstudy.identification.people.combination import combine
 from mcstudy.identification.people.group_result import GroupResult
 from mcstudy.identification.people.members import Member
 from mcstudy.identification.result import FitResult
+from mcstudy.identification.settings import FitSettings
 from mcstudy.recordings.copies import refuse_copies
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
@@ -32,26 +33,27 @@ class _Failure:
 
 def fit_members(
     members: Sequence[Member[Any]],
+    settings: FitSettings,
     options: ClusterOptions,
     *,
     pair: bool | None = None,
     data: Path | None = None,
-    **settings: Any,
 ) -> GroupResult:
     """Fit every member, then the population.
 
     Parameters
     ----------
-    members: what they are known by is one of `Known`. options: where to run. pair: as in `mcstudy.fit_group`. data:
-    folder of the data files of recordings.
-    settings: arguments of `mcstudy.identification.fit.fit`.
+    members: what they are known by is one of `Known`. settings: of every fit. options: where to run. pair: as in
+    `mcstudy.fit_group`. data: folder of the data files of recordings.
 
     Raises `InputError` for a wrong argument, and when too few people could be fitted; `Stopped` when it was stopped.
     """
     if not members:
         raise InputError("recordings: expected at least one")
-    _checked(members, settings)
-    _refuse_copies(members, data, settings.get("accept", ()))
+    for m in members:
+        if len(m.items) > 1 and any(isinstance(i, FitResult) for i in m.items):
+            raise InputError(f"{m.name}: expected one fit per person and condition, got {len(m.items)}")
+    _refuse_copies(members, data, settings.accept)
 
     def one(k: int) -> FitResult | _Failure:
         return _fit(members[k], data, settings)
@@ -65,16 +67,6 @@ def fit_members(
         person, condition, why = failed[0]
         raise InputError(f"people: none could be fitted; {person}, {condition}: {why}")
     return combine(fits, pair=pair, failed=failed)
-
-
-def _checked(members: Sequence[Member[Known]], settings: Mapping[str, Any]) -> None:
-    """Raise `InputError` for a fit among several items of a member, or fits together with settings of new ones."""
-    for m in members:
-        if len(m.items) > 1 and any(isinstance(i, FitResult) for i in m.items):
-            raise InputError(f"{m.name}: expected one fit per person and condition, got {len(m.items)}")
-    level = settings.get("level", 0.95)
-    if not 0.5 <= level < 1:
-        raise InputError(f"level: expected a number from 0.5 to below 1, got {level!r}")
 
 
 def _refuse_copies(members: Sequence[Member[Known]], data: Path | None, accept: Iterable[str]) -> None:
@@ -98,13 +90,13 @@ def _refuse_copies(members: Sequence[Member[Known]], data: Path | None, accept: 
     refuse_copies(named, accept, "people")
 
 
-def _fit(member: Member[Known], data: Path | None, settings: Mapping[str, Any]) -> FitResult | _Failure:
+def _fit(member: Member[Known], data: Path | None, settings: FitSettings) -> FitResult | _Failure:
     """The fit of one member; whatever fails is returned in words, so that it does not stop the others."""
     if isinstance(member.items[0], FitResult):
         return member.items[0]
     try:
         read = [read_recording(i, data) if isinstance(i, Path) else i for i in member.items]
-        return fit([r for r in read if not isinstance(r, FitResult)], **settings)
+        return fit([r for r in read if not isinstance(r, FitResult)], settings)
     except McstudyError as error:
         return _Failure(" ".join(str(error).split()))
     except Exception as error:

@@ -140,7 +140,7 @@ def _provenance(data: GapData, command: str) -> str:
     d = data.diagnosis
     rows = recording_rows(d.name, d.recording)
     rows += [["lines", f"{len(data.lines)}, {data.lines.f.min():.3g} to {data.lines.f.max():.3g} Hz"]]
-    rows += [[k, str(v)] for k, v in d.method.items()]
+    rows += [[k, str(v)] for k, v in d.method.to_dict().items()]
     commands = "\n".join(
         [
             f"{command}    # this page",

@@ -49,8 +49,9 @@ class SwayTraces:
 
 
 def _of_cycles(data: GapData, recording: Recording) -> SwayTraces:
-    period, discard = recording.period, int(data.diagnosis.method.get("discard", 1))
+    period, discard = recording.period, data.diagnosis.method.discard
     assert period is not None
+    assert isinstance(discard, int)  # a joint recording is drawn by its parts
     peak = float(recording.amplitudes.max())
     trials = [
         (t, cycles)

@@ -50,7 +50,7 @@ def _introduction(fit: FitResult) -> str:
         f"agree with {_what(fit)} at {len(fit.lines)} lines from "
         f"{fit.lines.f.min():.2g} to {fit.lines.f.max():.2g} Hz"
     )
-    added = fit.method["effects"]
+    added = fit.method.effects
     asked += f", with {' and '.join(added)} added to it?" if added else "?"
     entries = [
         (
@@ -288,7 +288,7 @@ def _shown(items: Sequence[Figure], command: str) -> str:
 
 def _provenance(fit: FitResult, command: str) -> str:
     rows = recording_rows(fit.name, fit.recording)
-    rows += [[k, ", ".join(v) if isinstance(v, list) else str(v)] for k, v in fit.method.items() if v != []]
+    rows += [[k, ", ".join(v) if isinstance(v, list) else str(v)] for k, v in fit.method.to_dict().items() if v != []]
     rows += [[f"bounds of {p.name}", f"{number(p.lower)} to {number(p.upper)} {p.unit}"] for p in fit.model.parameters]
     printed = command.split(" --html ")[0] + " --json"
     commands = "\n".join(

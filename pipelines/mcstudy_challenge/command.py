@@ -1,0 +1,150 @@
+"""``mcstudy gap challenge``: the benchmark of the diagnosis, a command of the command line of mcstudy."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.cli.terminal import print_json
+from mcstudy.exits import Exit
+
+if TYPE_CHECKING:
+    from mcstudy_challenge.design import ChallengeFile
+
+HELP = "benchmark the diagnosis on recordings with hidden causes"
+RESUMABLE = ("make", "answer", "run")
+SHIPPED = {"make file": "challenge", "run file": "challenge"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command and of its verbs."""
+    verbs = parser.add_subparsers(dest="challenge", metavar="VERB", required=True)
+    make = verbs.add_parser("make", help="simulate recordings and write the answer key to a separate file")
+    make.add_argument("file", type=Path, help="challenge file (.toml), or the name of a shipped one (gap_challenge)")
+    make.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder for the recordings")
+    make.add_argument("--key", type=Path, required=True, metavar="FILE", help="answer key to write, outside DIR")
+    make.set_defaults(run=_make)
+
+    answer = verbs.add_parser("answer", help="diagnose every recording in a folder")
+    answer.add_argument("data", type=Path, help="folder of the recordings; must not contain the key")
+    answer.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="answers to write (JSON)")
+    answer.add_argument(
+        "--method",
+        choices=("fast", "bootstrap", "detect"),
+        default="fast",
+        help="statistics of the diagnosis (default fast); detect tests for a mismatch without naming causes",
+    )
+    answer.set_defaults(run=_answer)
+
+    score = verbs.add_parser("score", help="score answers against the key")
+    score.add_argument("data", type=Path, help="folder of the recordings")
+    score.add_argument("--key", type=Path, required=True, metavar="FILE", help="answer key (JSON)")
+    score.add_argument("--answers", type=Path, required=True, metavar="FILE", help="answers (JSON)")
+    score.add_argument("-o", "--out", type=Path, metavar="FILE", help="also write the score (JSON)")
+    score.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
+    score.add_argument("--figure", type=Path, metavar="SVG", help="also draw the reliability of stated probabilities")
+    score.set_defaults(run=_score)
+
+    run = verbs.add_parser("run", help="make, answer and score in one command; resumes where it was stopped")
+    run.add_argument("file", type=Path, help="challenge file (.toml), or the name of a shipped one (gap_challenge)")
+    run.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder for all results")
+    run.set_defaults(run=_run)
+    for verb in (make, answer, run):
+        add_scheduler_arguments(verb)
+    for verb in (score, run):
+        verb.add_argument(
+            "--check", action="store_true", help="exit with code 5 when a target is missed at the 99.9 %% level"
+        )
+
+
+def main(args: argparse.Namespace) -> Exit:
+    """Run the verb; returns the exit code."""
+    code: Exit = args.run(args)
+    return code
+
+
+def _made(args: argparse.Namespace, data: Path, key: Path) -> tuple[ChallengeFile, str]:
+    """Make the challenge of a file; returns its design and the SHA-256 of its key."""
+    from mcstudy.errors import DesignError
+    from mcstudy.scheduler.compiling import RECORDING
+    from mcstudy_challenge.challenge_file import read_challenge
+    from mcstudy_challenge.make import make
+
+    file = read_challenge(args.file)
+    _compile(args, RECORDING)
+    try:
+        return file, make(file, data, key, cluster_options(args))
+    except DesignError as error:
+        raise DesignError(f"{args.file}: {error}") from None
+
+
+def _compile(args: argparse.Namespace, parts: tuple[str, ...]) -> None:
+    """Compile what the cases need before they are counted; other workers do so when they need it."""
+    from mcstudy.scheduler.compiling import compile_kernels
+
+    if args.scheduler is None and args.slurm is None:
+        compile_kernels(parts)
+
+
+def _make(args: argparse.Namespace) -> Exit:
+    file, sha = _made(args, args.data, args.key)
+    print(f"{args.data}: {file.total} recordings; key {args.key}, sha256 {sha}")
+    return Exit.DONE
+
+
+def _answer(args: argparse.Namespace) -> Exit:
+    from mcstudy.scheduler.compiling import DIAGNOSIS
+    from mcstudy_challenge.answer import METHODS, answer
+
+    _compile(args, DIAGNOSIS)
+    sha = answer(args.data, args.out, METHODS[args.method], args.method, cluster_options(args))
+    print(f"{args.out}: sha256 {sha}")
+    return Exit.DONE
+
+
+def _score(args: argparse.Namespace) -> Exit:
+    from mcstudy.cli.figure_file import check_figure, write_figure
+    from mcstudy.files.json_files import json_text, write_json
+    from mcstudy.text_tables import folded
+    from mcstudy_challenge.scores.reliability import reliability_svg
+    from mcstudy_challenge.scores.score import exit_code, score_files
+    from mcstudy_challenge.scores.table import score_text
+
+    check_figure(args.figure)
+    score = score_files(args.data, args.key, args.answers)
+    if args.out:
+        write_json(args.out, score, "challenge_score")
+    if args.figure:
+        write_figure(reliability_svg(score), args.figure)
+    if args.json:
+        print_json(json_text(score, "challenge_score", "score"))
+    else:
+        print(folded(score_text(score)))
+    return exit_code(score) if args.check else Exit.DONE
+
+
+def _run(args: argparse.Namespace) -> Exit:
+    from mcstudy.files.json_files import own_folder, write_json, write_text
+    from mcstudy.scheduler.compiling import DIAGNOSIS
+    from mcstudy.text_tables import folded, unfolded
+    from mcstudy_challenge.answer import METHODS, answer, answered
+    from mcstudy_challenge.scores.reliability import reliability_svg
+    from mcstudy_challenge.scores.score import exit_code, score_files
+    from mcstudy_challenge.scores.table import score_text
+
+    own_folder(args.out, "data", "a challenge")
+    data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
+    file, _ = _made(args, data, key)
+    if not answered(data, answers, file.answer.method):
+        _compile(args, DIAGNOSIS)
+        answer(data, answers, METHODS[file.answer.method], file.answer.method, cluster_options(args))
+    score = score_files(data, key, answers)
+    write_json(args.out / "score.json", score, "challenge_score")
+    with unfolded():
+        page = score_text(score)
+    write_text(args.out / "score.txt", page)
+    write_text(args.out / "reliability.svg", reliability_svg(score))
+    print(folded(score_text(score)))
+    return exit_code(score) if args.check else Exit.DONE

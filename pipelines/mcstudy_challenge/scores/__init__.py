@@ -1,0 +1,1 @@
+"""What answers are worth: rates, calibration, targets, tables and figures."""

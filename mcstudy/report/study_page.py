@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mcstudy.analysis.kept import Look, looking
-from mcstudy.analysis.paper.published import METHODS, VARIANTS
 from mcstudy.analysis.results import open_for_tables
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.show.tables import SCHEMA
@@ -177,9 +176,9 @@ def _provenance(context: Context) -> str:
     )
     settings = [
         [name, json.dumps(value) if not isinstance(value, str) else value, unit, where]
-        for name, (value, unit, where) in METHODS.items()
+        for name, (value, unit, where) in context.publication.settings.items()
     ]
-    variants = [[v.study, v.claim, v.where] for v in VARIANTS]
+    variants = [[v.study, v.claim, v.where] for v in context.publication.claims]
     return (
         f"<pre><code>{escape(commands)}</code></pre>"
         + table(Table("This study", ["", ""], rows), "facts")

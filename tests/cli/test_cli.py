@@ -204,12 +204,6 @@ def test_a_cube_of_another_version_is_one_line_and_exit_2(cube: Path) -> None:
         assert refused(*words)
 
 
-def test_a_changed_study_file_is_one_line_and_exit_2(cube: Path, study: Path) -> None:
-    study.write_text(STUDY.replace("starts = 4", "starts = 5"))
-    expected = "was made with group.noisy.starts = 4, not 5 as in this study file; to grow it: mcstudy extend"
-    assert expected in refused("run", study, "-o", cube)
-
-
 def test_run_says_what_it_did_and_a_second_run_that_nothing_was_left(study: Path, tmp_path: Path) -> None:
     words = ("run", study, "-o", tmp_path / "out.zarr", "--workers", 1)
     first = command(*words)

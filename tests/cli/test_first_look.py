@@ -6,6 +6,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from commands import told
 
 from mcstudy.analysis import kept, results
 from mcstudy.analysis.show import tables
@@ -27,8 +28,7 @@ def test_the_first_look_after_a_run_computes_nothing(
     assert main(words) == Exit.DONE
     monkeypatch.setattr(results, "open_results", lambda *_, **__: pytest.fail("computed again"))
     capsys.readouterr()
-    assert main(["show", str(tmp_path / "tiny.zarr")]) == Exit.DONE
-    assert "tiny" in capsys.readouterr().out
+    assert "tiny" in told("show", str(tmp_path / "tiny.zarr"))
 
 
 def test_a_study_that_runs_in_no_time_is_not_made_longer(words: list[str], tmp_path: Path) -> None:

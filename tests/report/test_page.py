@@ -20,8 +20,9 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
+from mcstudy_goodworth2018.paper.rows import rows
+
 from mcstudy import open_results, program
-from mcstudy.analysis.paper.rows import rows
 from mcstudy.analysis.view import StudyView
 from mcstudy.api.studies import summary
 from mcstudy.cli import main

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import told
 
 from mcstudy.cli import main
 from mcstudy.exits import Exit
@@ -90,10 +91,8 @@ def test_a_cube_from_elsewhere_is_sound_and_not_reproduced(copy: Path, capsys: p
     assert 0 < found.elsewhere.data < 1e-12
     assert found.elsewhere.within
     assert found.notes[0] == f"made in another environment: libc: another 1.0 -> {environment.environment()['libc']}"
-    assert main(["verify", str(copy)]) == Exit.DONE
-    assert "not reproduced here (other environment, within the tolerance)" in capsys.readouterr().out
-    assert main(["verify", str(copy), "--json"]) == Exit.DONE
-    document = json.loads(capsys.readouterr().out)
+    assert "not reproduced here (other environment, within the tolerance)" in told("verify", str(copy))
+    document = json.loads(told("verify", str(copy), "--json"))
     schema.validate("verification", document, "verification")
     assert document["other_environment"]["within"]
     assert document["damage"] == []

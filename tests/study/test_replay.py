@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import told
 
 from mcstudy.cli import main
 from mcstudy.errors import InputError
@@ -92,9 +93,8 @@ def test_the_path_of_the_emulated_solver_leads_to_the_stored_estimate(sound: Pat
     assert again.path[-1].cost < again.path[0].cost
 
 
-def test_the_command_prints_the_path_and_says_that_it_is_equal(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(sound), *CELL]) == Exit.DONE
-    printed = capsys.readouterr().out
+def test_the_command_prints_the_path_and_says_that_it_is_equal(sound: Path) -> None:
+    printed = told("replay", str(sound), *CELL)
     assert "equal to the stored fit, bit for bit" in printed
     assert printed.count("\n") >= 5
 

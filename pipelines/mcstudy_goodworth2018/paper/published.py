@@ -1,53 +1,16 @@
-"""What Goodworth & Peterka 2018 (J Neurosci Methods 296:44-56) published, as a form of statement, settings and claims.
+"""What Goodworth & Peterka 2018 (J Neurosci Methods 296:44-56) published, as settings and claims.
 
-Nothing here is computed. The statements are in `mcstudy.analysis.paper.statements`, each with its place in the paper;
-`mcstudy.analysis.paper.rows` compares each of them with the value from a cube.
+Nothing here is computed. The statements are in `mcstudy_goodworth2018.paper.statements`, each with its place in the
+paper; `mcstudy_goodworth2018.paper.rows` compares each of them with the value from a cube.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Any
+
+from mcstudy.analysis.published.statement import Expectation, Variant
 
 PAPER = "Goodworth & Peterka 2018, J Neurosci Methods 296:44-56"
-
-Criterion = Literal["equal", "at most", "at least", "none"]
-"""How a published statement is compared with ours; `mcstudy.analysis.paper.verdict` has the rule.
-
-equal: ours equals the number. at most, at least: ours is no larger (smaller) than the number; for a ranking the number
-is 0, and ours is the margin by which the ranking holds. none: the paper gives nothing to compare with.
-"""
-
-
-@dataclass(frozen=True)
-class Published:
-    """One published statement.
-
-    Attributes
-    ----------
-    key: name of the row. label: name in a table; "(reading)" marks a second reading of the same words. unit: of
-    ``value``. value: the number; NaN where the paper states none. shown: the statement as printed in a table.
-    where: section, figure or table. criterion: see `Criterion`. half_unit: half a unit of the last digit quoted, or
-    what "about" leaves open. margin: of equivalence, for criterion equal (`MARGINS`). n: realizations behind the
-    number; 0 if it follows from the model alone.
-    """
-
-    key: str
-    label: str
-    unit: str
-    value: float
-    shown: str
-    where: str
-    criterion: Criterion = "equal"
-    half_unit: float = 0.0
-    margin: float = 0.0
-    n: int = 50
-
-    @property
-    def sampled(self) -> bool:
-        """Whether it depends on noise, so that the number of realizations matters."""
-        return self.n > 1
-
 
 MARGINS: dict[str, tuple[float, str]] = {
     "bias": (3.0, "percent of the truth; the paper interprets a difference of 3.2 (7.6 and 4.4 %)"),
@@ -84,31 +47,6 @@ REALIZATIONS, STARTS = 50, 50
 CONVERGENCE_REALIZATIONS, CONVERGENCE_FMAX_HZ = 20, 1.2
 
 
-@dataclass(frozen=True)
-class Expectation:
-    """Direction implied by a claim: a measure of `mcstudy.analysis.compare` rises (+1) or falls (-1) at these Fmax."""
-
-    measure: str
-    sign: int
-    fmax: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Variant:
-    """A published claim about a changed setting; the paper gives no number.
-
-    ``changes``: settings that differ from the paper's own, as fields of a study file. ``expects``: the claim in terms
-    of our measures. The paper's "improved fits" is read as estimates closer to the truth and fewer unstable ones; a
-    lower cost cannot be meant, because tighter bounds can only raise the minimum.
-    """
-
-    study: str
-    changes: tuple[str, ...]
-    claim: str
-    where: str
-    expects: tuple[Expectation, ...]
-
-
 _CONSIDERATIONS = "Discussion, Parameter estimation considerations"
 VARIANTS = (
     Variant(
@@ -135,7 +73,7 @@ VARIANTS = (
 )
 """Claims that other pipelines test."""
 
-METHODS: dict[str, tuple[object, str, str]] = {
+METHODS: dict[str, tuple[Any, str, str]] = {
     "torque amplitudes": (AMPLITUDES_NM, "N m", "Methods: peak-to-peak; caption of Fig. 2: peak"),
     "cycle": (43.72, "s", "Methods, Simulations with sensor noise"),
     "record": (262.32, "s", "Methods, Simulations with sensor noise"),

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.analysis.paper import published
-from mcstudy.analysis.paper.published import FMAX_HZ
-from mcstudy.analysis.paper.sampling import Means
+from mcstudy.analysis.published.sampling import Means
 from mcstudy.analysis.ranks import ranks
+from mcstudy_goodworth2018.paper import published
+from mcstudy_goodworth2018.paper.published import FMAX_HZ
 
 LOW, MID, HIGH = FMAX_HZ
 WEAK, STRONG = range(len(published.AMPLITUDES_NM))

@@ -9,11 +9,11 @@ import xarray as xr
 
 from mcstudy.analysis.minimum_curve import asymptote
 from mcstudy.analysis.neural import j_nc, j_nc_within
-from mcstudy.analysis.paper import published
-from mcstudy.analysis.paper.sampling import Value, correlation, means, pooled
+from mcstudy.analysis.published.sampling import Value, correlation, means, pooled
 from mcstudy.analysis.selection import best, usable
 from mcstudy.fitting.certainty import HIT_TOLERANCE
 from mcstudy.stance.feedback import Model
+from mcstudy_goodworth2018.paper import published
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 """Relative excess of the mean lowest cost at which the curve may be said to have flattened; the paper gives none."""

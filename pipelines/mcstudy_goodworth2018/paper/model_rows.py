@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.analysis.paper import published
-from mcstudy.analysis.paper.accuracy_rows import DAMPINGS, STIFFNESSES, TWELVE, lead, leaders
-from mcstudy.analysis.paper.sampling import Value, exact
+from mcstudy.analysis.published.sampling import Value, exact
 from mcstudy.analysis.sensitivity import sensitivity
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import Noise, record_frequencies
 from mcstudy.stance.simulate_spectral import sway_psd
+from mcstudy_goodworth2018.paper import published
+from mcstudy_goodworth2018.paper.accuracy_rows import DAMPINGS, STIFFNESSES, TWELVE, lead, leaders
 
 EQUAL_SHARE = 100 / 12
 """Share of each of 12 parameters that all matter equally, percent."""

@@ -1,13 +1,12 @@
-"""The rows *paper | ours | verdict*: the value of a study for each of `mcstudy.analysis.paper.statements.RESULTS`.
+"""The rows *paper | ours | verdict*: the value of a study for each of `mcstudy_goodworth2018.paper.statements.RESULTS`.
 
 A row exists only if the study has a group with the Fmax and amplitudes of the paper's number. The values are those of
-`mcstudy.analysis.paper.values`, `model_rows` and `search_rows`; here they get the groups they are about.
+`mcstudy_goodworth2018.paper.values`, `model_rows` and `search_rows`; here they get the groups they are about.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,38 +14,20 @@ import xarray as xr
 
 from mcstudy.analysis import accuracy
 from mcstudy.analysis.minimum_curve import minimum_curve
-from mcstudy.analysis.paper import accuracy_rows, published, search_rows
-from mcstudy.analysis.paper.explanations import explain_row
-from mcstudy.analysis.paper.model_rows import sensitivity_values, sway_values
-from mcstudy.analysis.paper.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ, Published
-from mcstudy.analysis.paper.sampling import Value
-from mcstudy.analysis.paper.statements import RESULTS
-from mcstudy.analysis.paper.values import fit_values, relation_values
-from mcstudy.analysis.paper.verdict import Verdict, judge
-from mcstudy.analysis.paper.verdict_names import DIFFERS
+from mcstudy.analysis.published.publication import Row
+from mcstudy.analysis.published.sampling import Value
+from mcstudy.analysis.published.verdict import judge
+from mcstudy.analysis.published.verdict_names import DIFFERS
 from mcstudy.analysis.view import GroupView, StudyView
+from mcstudy_goodworth2018.paper import accuracy_rows, groups, published, search_rows
+from mcstudy_goodworth2018.paper.explanations import explain_row
+from mcstudy_goodworth2018.paper.model_rows import sensitivity_values, sway_values
+from mcstudy_goodworth2018.paper.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ
+from mcstudy_goodworth2018.paper.statements import RESULTS
+from mcstudy_goodworth2018.paper.values import fit_values, relation_values
 
 LEAST_POOL = 100
 """Starts of a pool from which Fig. 3B is drawn."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """A published statement, our value and the verdict.
-
-    Attributes
-    ----------
-    published: the statement. ours: our value. group: the group it comes from. verdict: see `Verdict`.
-    floor: mean |bias| expected from chance alone, for unbiased estimates of the paper's number of realizations; else
-    NaN. note: explanation for a row that differs, else empty.
-    """
-
-    published: Published
-    ours: Value
-    group: str
-    verdict: Verdict
-    floor: float
-    note: str
 
 
 def rows(study: StudyView) -> list[Row]:
@@ -92,7 +73,7 @@ def _of_fits(study: StudyView) -> Found:
     """Each row from the group that is nearest to the paper's setting among those with the Fmax it needs."""
     computed: dict[str, dict[str, Value]] = {}
     for needed in _SETS:
-        view = study.accuracy(needed, AMPLITUDES_NM)
+        view = groups.accuracy(study, needed, AMPLITUDES_NM)
         if view is None:
             continue
         if view.name not in computed:
@@ -110,7 +91,7 @@ def _of_group(view: GroupView) -> dict[str, Value]:
 
 
 def _of_models(study: StudyView) -> Found:
-    view = study.accuracy([FMAX_HZ[-1]], [])
+    view = groups.accuracy(study, [FMAX_HZ[-1]], [])
     if view is not None:
         yield sensitivity_values(view.model, view.cube["frequency"].values), view
         g = view.group
@@ -120,13 +101,13 @@ def _of_models(study: StudyView) -> Found:
 
 
 def _of_searches(study: StudyView) -> Found:
-    view = study.noise_free(FMAX_HZ[-1], published.STARTS)
+    view = groups.noise_free(study, FMAX_HZ[-1], published.STARTS)
     if view is not None:
         cube = view.cube[["estimate", "cost", "status", "truth"]].drop_vars("start")
         cube = cube.sel(fmax=view.fmax(FMAX_HZ[-1])).isel(amplitude=0).compute()
         cube = cube.assign_coords(frequency=view.cube["frequency"])
         yield search_rows.theory_values(cube, view.model), view
-    view = study.accuracy([CONVERGENCE_FMAX_HZ], AMPLITUDES_NM)
+    view = groups.accuracy(study, [CONVERGENCE_FMAX_HZ], AMPLITUDES_NM)
     if view is not None and view.group.starts > 1:
         rate = view.needed["hit_rate"].sel(fmax=view.fmax(CONVERGENCE_FMAX_HZ))
         yield {"misses": search_rows.misses_value(rate, published.REALIZATIONS)}, view
@@ -151,7 +132,11 @@ def _of_searches(study: StudyView) -> Found:
 def _pools(study: StudyView, amplitude: float | None) -> GroupView | None:
     """The group of Fig. 3B with noise at an amplitude or (None) without noise."""
     fmax = CONVERGENCE_FMAX_HZ
-    return study.noise_free(fmax, LEAST_POOL) if amplitude is None else study.pools(fmax, amplitude, LEAST_POOL)
+    return (
+        groups.noise_free(study, fmax, LEAST_POOL)
+        if amplitude is None
+        else groups.pools(study, fmax, amplitude, LEAST_POOL)
+    )
 
 
 class _Floors:
@@ -165,7 +150,7 @@ class _Floors:
         if key not in self._keys:
             return float("nan")
         names, fmax = self._keys[key]
-        view = self._study.accuracy([fmax], AMPLITUDES_NM)
+        view = groups.accuracy(self._study, [fmax], AMPLITUDES_NM)
         cells = None if view is None else view.cells if len(names) == len(accuracy_rows.TWELVE) else view.combined
         if view is None or cells is None:
             return float("nan")

@@ -13,10 +13,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.neural import j_nc_within
-from mcstudy.analysis.paper import accuracy_rows, published
-from mcstudy.analysis.paper.accuracy_rows import MID, NAMES, TWELVE, Measures, measures
-from mcstudy.analysis.paper.model_rows import influences
-from mcstudy.analysis.paper.sampling import (
+from mcstudy.analysis.published.sampling import (
     Means,
     Sample,
     Value,
@@ -31,6 +28,9 @@ from mcstudy.analysis.paper.sampling import (
     without_one,
 )
 from mcstudy.stance.feedback import Model
+from mcstudy_goodworth2018.paper import accuracy_rows, published
+from mcstudy_goodworth2018.paper.accuracy_rows import MID, NAMES, TWELVE, Measures, measures
+from mcstudy_goodworth2018.paper.model_rows import influences
 
 FMAX_ROUNDING = 1.011
 """The last point of an Fmax lies up to 1.1 % above it: the paper rounds (0.412 Hz for Fmax 0.41)."""

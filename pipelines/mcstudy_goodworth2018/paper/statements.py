@@ -7,7 +7,8 @@ written beside them here: "typically" and "in general" as more than half, "not a
 
 from __future__ import annotations
 
-from mcstudy.analysis.paper.published import (
+from mcstudy.analysis.published.statement import Published
+from mcstudy_goodworth2018.paper.published import (
     AMPLITUDES_NM,
     BIAS,
     CONVERGENCE_REALIZATIONS,
@@ -16,7 +17,6 @@ from mcstudy.analysis.paper.published import (
     MARGINS,
     THEORY,
     VARIABILITY,
-    Published,
 )
 
 _TABLE, _FIG3A, _FIG3B, _FIG3C = (f"{BIAS}; Table II", *(f"{GUESSES}; Fig. 3{x}" for x in "ABC"))

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mcstudy.analysis.paper.published import AMPLITUDES_NM
 from mcstudy.analysis.view import GroupView
 from mcstudy.stance.provenance import another_body
 from mcstudy.stance.truths import INFERRED
+from mcstudy_goodworth2018.paper.published import AMPLITUDES_NM
 
 OFTEN_PERCENT = 50.0
 """Share of fits on a bound from which the bounds are said to determine a parameter's spread."""

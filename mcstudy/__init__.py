@@ -72,7 +72,6 @@ _FROM = {
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
     "replay": "api.cubes",
-    "report": "api.cubes",
     "run": "api.studies",
     "run_model": "own_model",
     "run_until": "api.cubes",
@@ -83,6 +82,7 @@ _FROM = {
     "summary": "api.studies",
     "verify": "api.cubes",
     "write_recording": "recordings.io",
+    "write_report": "api.cubes",
 }
 """Where each name comes from, imported when it is asked for: help must not wait for xarray, Dask and numba."""
 
@@ -117,7 +117,6 @@ __all__ = [
     "read_recording",
     "read_study",
     "replay",
-    "report",
     "run",
     "run_model",
     "run_until",
@@ -128,6 +127,7 @@ __all__ = [
     "summary",
     "verify",
     "write_recording",
+    "write_report",
 ]
 
 

@@ -175,7 +175,7 @@ def replay(
     return replay_fit(cube, group, amplitude, fmax, realization, start)
 
 
-def report(cube: str | Path, page_file: str | Path | None = None, *, beside: tuple[str | Path, ...] = ()) -> Path:
+def write_report(cube: str | Path, page_file: str | Path | None = None, *, beside: tuple[str | Path, ...] = ()) -> Path:
     """Write the page of a study: tables and figures in one HTML file.
 
     Parameters

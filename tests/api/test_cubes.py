@@ -33,7 +33,7 @@ def test_the_status_of_a_cube_is_what_the_verb_prints(cube: Path, capsys: pytest
 def test_a_sound_cube_is_verified_and_a_damaged_one_is_not(cube: Path) -> None:
     found = mc.verify(cube, cells=2)
     assert found.damage == []
-    assert found.recomputed == 2
+    assert found.recomputed >= 2
     chunk = next(p for p in cube.rglob("*") if "cost" in p.parts and "c" in p.parts and p.is_file())
     whole = chunk.read_bytes()
     chunk.write_bytes(whole[:-1])
@@ -68,6 +68,6 @@ def test_a_study_grows_until_its_error_is_small_or_its_budget_is_spent(tmp_path:
 
 
 def test_the_page_of_a_study_is_written_beside_it(cube: Path) -> None:
-    page = mc.report(cube)
+    page = mc.write_report(cube)
     assert page == cube.with_suffix(".html")
     assert "<!doctype html>" in page.read_text(encoding="utf-8").lower()

@@ -128,35 +128,15 @@ class Bounds(NamedTuple):
     upper: np.ndarray
 
 
-class InteriorPoint(NamedTuple):
-    """What the solver ``interior_point`` does where fmincon's documentation leaves a choice; see that module.
-
-    own_units: whether it works in the parameters' own units, or in units of the width of their bounds.
-    scaled: whether the first quasi-Newton matrix is scaled to the first change of the gradient, or is the identity.
-    difference_step: step of the forward differences, times the larger of 1 and the parameter.
-    step_tolerance: step, relative to the larger of 1 and the parameter, at which a fit ends.
-    max_evaluations: most evaluations of the cost. barrier: barrier parameter at the start.
-    """
-
-    own_units: bool = True
-    scaled: bool = False
-    difference_step: float = 2.0**-26
-    step_tolerance: float = 1e-10
-    max_evaluations: int = 3000
-    barrier: float = 0.1
-
-
-class Options(NamedTuple):
-    """Stop rules, and the choices of one solver.
+class StopRules(NamedTuple):
+    """When a fit ends.
 
     tolerance: predicted decrease of the cost below which a fit has converged, relative to the cost (in a penalised
-    fit, of the deviance itself; for ``interior_point``, first-order optimality, relative to the gradient at the start).
-    max_iterations: most evaluations of the model with its derivatives. interior_point: for that solver only.
+    fit, of the deviance itself). max_iterations: most evaluations of the model with its derivatives.
     """
 
-    tolerance: float = 1e-12
-    max_iterations: int = 1000
-    interior_point: InteriorPoint = InteriorPoint()
+    tolerance: float
+    max_iterations: int
 
 
 class Outcomes(NamedTuple):

@@ -22,7 +22,7 @@ import numpy as np
 
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.compiling.decorators import compiled, inner
-from mcstudy.fitting.arguments import Bounds, Filters, LaneStates, Options, Outcomes, Plan, Queue, Workspace
+from mcstudy.fitting.arguments import Bounds, Filters, LaneStates, Outcomes, Plan, Queue, StopRules, Workspace
 from mcstudy.fitting.lanes import WIDTH, fma, fnma, load, nearest, negative, root, splat, store, where_less
 
 CONVERGED, STALLED, ITERATION_LIMIT, NON_FINITE_MODEL = 1, 2, 3, 4
@@ -870,7 +870,7 @@ def levenberg_marquardt(
     lanes: LaneStates,
     queue: Queue,
     bounds: Bounds,
-    options: Options,
+    rules: StopRules,
     out: Outcomes,
 ) -> None:
     """Fit every start of the queue inside bounds (P,) and fill ``out``."""
@@ -931,11 +931,11 @@ def levenberg_marquardt(
             if fit[lane] < 0:
                 continue
             predicted[lane] = w[at_matrix * WIDTH + lane]
-            least = options.tolerance * w[at_cost * WIDTH + lane]
+            least = rules.tolerance * w[at_cost * WIDTH + lane]
             settled = predicted[lane] <= least and w[at_damping * WIDTH + lane] <= 1.0
             if outcome[lane] == 0 and settled and _steepest(work, lane, bounds) <= least:
                 outcome[lane] = CONVERGED
-            if outcome[lane] == 0 and evaluations[lane] >= options.max_iterations:
+            if outcome[lane] == 0 and evaluations[lane] >= rules.max_iterations:
                 outcome[lane] = ITERATION_LIMIT
             if outcome[lane] == 0:
                 continue

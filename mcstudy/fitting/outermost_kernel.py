@@ -15,7 +15,7 @@ from numba import njit
 
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Ends, Goal, Options, Plan, Queue, Workspace
+from mcstudy.fitting.arguments import Bounds, Ends, Goal, Plan, Queue, StopRules, Workspace
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.small_linear import factor, solve_factored
 
@@ -139,11 +139,11 @@ def _outward(G, g, x, low, high, d, room, scale, held, A, u, v, q, p):  # type: 
 
 @calling(kernel.evaluate, seconds=9)
 def outermost(
-    evaluate: int, plan: Plan, work: Workspace, queue: Queue, bounds: Bounds, goal: Goal, options: Options, out: Ends
+    evaluate: int, plan: Plan, work: Workspace, queue: Queue, bounds: Bounds, goal: Goal, rules: StopRules, out: Ends
 ) -> None:
     """Largest direction . x with a deviance of at most the ceiling, inside bounds (P,), from every start.
 
-    Fills ``out``. Converged when a step predicts less than ``options.tolerance`` of the half-width of the interval.
+    Fills ``out``. Converged when a step predicts less than ``rules.tolerance`` of the half-width of the interval.
     """
     w, packed, problem, starts = work.w, queue.packed, queue.problem, queue.starts
     low, high, scale = bounds.lower, bounds.upper, goal.scale
@@ -263,11 +263,11 @@ def outermost(
                 wanted = abs(ahead + weight[lane] * (max(0.0, -room) - overshoot)) / extent
                 off = abs(room) / goal.height[index]
                 stuck = done == GAVE_UP and off <= ROUNDED and wanted <= ROUNDED
-                if stuck or (off <= ON_CEILING and wanted <= options.tolerance):
+                if stuck or (off <= ON_CEILING and wanted <= rules.tolerance):
                     done = DATA
             elif kappa < 0.0:
                 done = GAVE_UP
-            if done == 0 and count[lane] >= options.max_iterations:
+            if done == 0 and count[lane] >= rules.max_iterations:
                 done = GAVE_UP
             if done == 0:
                 for i in range(P):

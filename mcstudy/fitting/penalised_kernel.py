@@ -14,7 +14,7 @@ from numba import njit
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.compiling.decorators import compiled
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Options, PenalisedFits, Plan, Prior, Queue, Restraint, Workspace
+from mcstudy.fitting.arguments import Bounds, PenalisedFits, Plan, Prior, Queue, Restraint, StopRules, Workspace
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.small_linear import solve
 
@@ -97,7 +97,7 @@ def penalised_fits(
     bounds: Bounds,
     prior: Prior,
     restraint: Restraint,
-    options: Options,
+    rules: StopRules,
     out: PenalisedFits,
 ) -> None:
     """Minimise chi2(x) + sum ((x - mean) / scale)^2 + the restraint from every start, inside its own bounds (M, P).
@@ -105,7 +105,7 @@ def penalised_fits(
     Fills ``out``; ``out.information`` is the matrix J^T J of chi2 alone at the estimate.
     """
     w, packed, problem, starts = work.w, queue.packed, queue.problem, queue.starts
-    lower, upper, mean, scale, tolerance = bounds.lower, bounds.upper, prior.mean, prior.scale, options.tolerance
+    lower, upper, mean, scale, tolerance = bounds.lower, bounds.upper, prior.mean, prior.scale, rules.tolerance
     S, P = starts.shape
     restrained = restraint.target.size > 0
     n_data = packed.shape[1]
@@ -193,7 +193,7 @@ def penalised_fits(
                     predicted[lane] = _step(
                         A, ridge, gradient[lane], x[lane], lower[index], upper[index], scale, damping[lane], goal[lane]
                     )
-                if predicted[lane] < tolerance * 1e-2 or count[lane] >= options.max_iterations:
+                if predicted[lane] < tolerance * 1e-2 or count[lane] >= rules.max_iterations:
                     done = True
             if done:
                 for i in range(P):

@@ -13,6 +13,7 @@ import xarray as xr
 from mcstudy.analysis.published.publication import Publication, cited
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.view import GroupView, StudyView
+from mcstudy.fitting.solvers import solvers
 from mcstudy.report.numbers import finite
 from mcstudy.text_tables import with_error
 
@@ -115,7 +116,7 @@ class Context:
 
 def _without_solver(view: GroupView | None) -> str:
     """Everything but the solver and its settings."""
-    fit = {"solver", "tolerance", "max_iterations", "interior_point"}
+    fit = {"solver", "tolerance", "max_iterations", *solvers()}
     return json.dumps(view and view.group.model_dump(mode="json", exclude={"fit": fit}), sort_keys=True)
 
 

@@ -11,22 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import ANGLES, Model
 from mcstudy.study.group import Group
 
 CHUNKS_A_GROUP = 400
 """Number of chunks of a large group: enough to distribute, few enough for a file system."""
-
-FITS_A_CHUNK = (1500, 50_000)
-"""Smallest and largest target number of fits per chunk of the solver ``lm``. The smallest keeps its vector lanes full
-and makes the few milliseconds of writing negligible; the largest takes some seconds and 5 MB."""
-
-INTERIOR_POINT_FITS_A_CHUNK = (300, 2000)
-"""The same for ``interior_point``, which takes some milliseconds per fit."""
-
-SLOW_FITS_A_CHUNK = (20, 500)
-"""The same for SciPy's solvers, which take 10 ms to 1 s per fit."""
 
 NAN = float("nan")
 COMPLEX_NAN = complex(NAN, NAN)
@@ -117,8 +108,7 @@ class Layout:
 
 def realizations_a_chunk(group: Group) -> int:
     """Realizations that share a chunk."""
-    compiled = {"lm": FITS_A_CHUNK, "interior_point": INTERIOR_POINT_FITS_A_CHUNK}
-    low, high = compiled.get(group.fit.solver, SLOW_FITS_A_CHUNK)
+    low, high = solvers()[group.fit.solver].fits_a_chunk
     target = min(max(group.fits // CHUNKS_A_GROUP, low), high)
     return max(1, min(group.realizations, round(target / (len(group.fmax) * group.starts))))
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from mcstudy.fitting.certainty import certain, looks
 from mcstudy.fitting.problem import Fits, Problem
-from mcstudy.fitting.solvers import fit_queue
+from mcstudy.fitting.solvers import fit_queue, solvers
 from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.checksums import OWN, UNKNOWN
@@ -27,11 +27,6 @@ from mcstudy.study.experiment import Experiment
 from mcstudy.study.layout import Chunk
 from mcstudy.study.measure import Measurement
 from mcstudy.study.store import GroupStore
-
-STARTS_A_CALL = {"lm": 1024, "interior_point": 128}
-"""Starts per call of a solver; few for SciPy's slow solvers, because stop requests are checked between calls."""
-
-OTHERS_A_CALL = 1
 
 CHECKPOINT_S = 20.0
 """Longest time between two writes of a slow chunk, seconds; a kill loses at most this work and the current fit."""
@@ -135,7 +130,7 @@ def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: 
     experiment, group = store.experiment, store.experiment.group
     amplitude, realizations = group.amplitude[chunk.amplitude], store.layout.realizations(chunk)
     options = group.fit.options()
-    step = STARTS_A_CALL.get(group.fit.solver, OTHERS_A_CALL)
+    step = solvers()[group.fit.solver].starts_a_call
     unfinished = (data["status"][0] == Status.PENDING).any(axis=2)  # (fmax, realization)
     if "standard_error" in data:  # a stop may have come before them
         unfinished |= np.isnan(data["standard_error"][0]).all(axis=2) & np.isin(data["status"][0], USABLE).any(axis=2)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mcstudy.fitting.solvers import fit_queue
+from mcstudy.fitting.solvers import fit_queue, solvers
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.group import Group
@@ -24,9 +24,6 @@ STARTS = 4
 REALIZATIONS = 2
 """Realizations in the sample, at the smallest and at the largest amplitude."""
 
-COMPILED = ("lm", "interior_point")
-"""Solvers of which that many fits take less than a second; of others, one start of one realization is compared."""
-
 
 def same_source(one: dict[str, Any], other: dict[str, Any]) -> bool:
     """Whether two environments run the same code of this package."""
@@ -35,7 +32,7 @@ def same_source(one: dict[str, Any], other: dict[str, Any]) -> bool:
 
 def cells(group: Group) -> tuple[list[tuple[float, int]], int]:
     """Data of the sample of a group (amplitude, realization), and the number of starts of each at every Fmax."""
-    if group.fit.solver not in COMPILED:
+    if not solvers()[group.fit.solver].parts:  # slow: that many fits of a compiled one take less than a second
         return [(group.amplitude[0], 0)], 1
     amplitudes = dict.fromkeys((group.amplitude[0], group.amplitude[-1]))
     realizations = range(min(REALIZATIONS, group.realizations))

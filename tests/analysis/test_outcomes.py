@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import quick_solver
 import xarray as xr
 
 import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
@@ -68,7 +69,7 @@ def group(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
         return fit_queue(problems, which, starts, *more)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (1, 1))  # one realization a chunk
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(1, 1)))  # one realization a chunk
         patch.setattr(Experiment, "__init__", fated)
         patch.setattr(tasks, "fit_queue", fated_fit)
         outcome = run_study(parse_study(STUDY), out, ClusterOptions(workers=1), block=1)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import quick_solver
 from two_chunks import ONE, TWO_CHUNKS
 
 from mcstudy.analysis.results import open_results
@@ -157,9 +158,9 @@ def test_a_cube_can_be_read_at_every_step_of_a_run_and_holds_right_numbers_or_pe
 ) -> None:
     """Of a run that writes its chunks after every other fit, and of one that repairs a cube."""
     final = open_results(sound, lazy=False)["noisy"].to_dataset()
-    monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
+    monkeypatch.setitem(*quick_solver.lm(fits_a_chunk=(4, 4)))
     monkeypatch.setattr(tasks, "CHECKPOINT_S", 0.0)
-    monkeypatch.setattr(tasks, "STARTS_A_CALL", {"lm": 2})
+    monkeypatch.setitem(*quick_solver.lm(starts_a_call=2))
     out = tmp_path / "out.zarr"
     seen: set[int] = set()
 

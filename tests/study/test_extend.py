@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import quick_solver
 
 from mcstudy.errors import DesignError, Interrupted, StoreError, StudyChangedError
 from mcstudy.files import durable
@@ -44,7 +45,7 @@ fit.cost = "ml"
 def small() -> Iterator[None]:
     """Chunks of about 24 fits, so that a tiny study has many."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (24, 24))
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(24, 24)))
         yield
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+import quick_solver
 
 from mcstudy.files import durable
 from mcstudy.files.durable import log_folder, tree_digest
@@ -162,7 +163,7 @@ def recorded(root: Path, out: Path, study: Study) -> Iterator[list[Cut]]:
 @pytest.fixture(autouse=True)
 def tiny_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     tasks.open_group.cache_clear()
-    monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
+    monkeypatch.setitem(*quick_solver.lm(fits_a_chunk=(4, 4)))
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +171,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Cubes of both studies that nothing ever happened to, by fingerprint."""
     folder = tmp_path_factory.mktemp("whole")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(4, 4)))
         cubes = {study.fingerprint: folder / f"{study.fits}.zarr" for study in (SMALL, LARGE)}
         for study in (SMALL, LARGE):
             run_study(study, cubes[study.fingerprint], ONE)

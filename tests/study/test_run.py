@@ -13,6 +13,7 @@ from urllib.request import urlopen
 import numpy as np
 import psutil
 import pytest
+import quick_solver
 
 from mcstudy.errors import InputError, Interrupted, StoreError, StudyChangedError
 from mcstudy.files.durable import locked, tree_digest
@@ -265,7 +266,7 @@ def test_a_cube_keeps_its_chunks_when_the_program_would_choose_others_now(
 ) -> None:
     store = Cube.open(tiny_copy).groups["noisy"]
     store.chunk_file("status", store.layout.chunks[0]).unlink()
-    monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (500, 5000))
+    monkeypatch.setitem(*quick_solver.lm(fits_a_chunk=(500, 5000)))
     run_study(parse_study(tiny), tiny_copy, ONE)
     assert tree_digest(tiny_copy) == tree_digest(tiny_cube)
 

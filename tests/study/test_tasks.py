@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import quick_solver
 
 from mcstudy.files.durable import tree_digest
 from mcstudy.fitting.status import Status
@@ -59,7 +60,7 @@ def test_without_noise_the_truth_is_found(tmp_path: Path, tiny: str) -> None:
 def test_a_stopped_chunk_is_completed_to_the_same_bytes(
     tmp_path: Path, tiny: str, calls: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(tasks.STARTS_A_CALL, "lm", 4)
+    monkeypatch.setitem(*quick_solver.lm(starts_a_call=4))
     whole, stopped = cube_of(tmp_path / "a.zarr", tiny), cube_of(tmp_path / "b.zarr", tiny)
     run_task(task(whole))
     left = iter(range(calls))
@@ -80,7 +81,7 @@ def test_a_stopped_chunk_is_completed_to_the_same_bytes(
 def test_a_slow_chunk_is_written_before_it_is_complete(
     tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(tasks.STARTS_A_CALL, "lm", 4)
+    monkeypatch.setitem(*quick_solver.lm(starts_a_call=4))
     monkeypatch.setattr(tasks, "CHECKPOINT_S", 0.0)
     whole, killed = cube_of(tmp_path / "a.zarr", tiny), cube_of(tmp_path / "b.zarr", tiny)
     run_task(task(whole))
@@ -106,7 +107,7 @@ def test_a_fit_does_not_depend_on_its_neighbours(
 ) -> None:
     store = cube_of(tmp_path / "a.zarr", tiny.replace("starts = 6", "starts = 21")).groups["noisy"]
     reference = filled(store, store.layout.chunks[0])
-    monkeypatch.setitem(tasks.STARTS_A_CALL, "lm", batch)
+    monkeypatch.setitem(*quick_solver.lm(starts_a_call=batch))
     for name, values in filled(store, store.layout.chunks[0]).items():
         assert values.tobytes() == reference[name].tobytes(), name
 

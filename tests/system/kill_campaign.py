@@ -25,6 +25,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ from forked import DONE, MEMORY, REFUSED, STOPPED, DieAtLine, answer, ended, for
 
 from mcstudy.files import durable
 from mcstudy.files.durable import log_folder, tree_digest
+from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study import extend, layout, run, runlog, store, submission, tasks, verify
@@ -183,7 +185,8 @@ class Campaign:
         pauses = self.random.choice((0.0, tasks.CHECKPOINT_S))
 
         def dying() -> None:
-            tasks.CHECKPOINT_S, tasks.STARTS_A_CALL = pauses, {"lm": 1}
+            tasks.CHECKPOINT_S = pauses
+            solvers()["lm"] = replace(solvers()["lm"], starts_a_call=1)
             with DieAtLine(WRITERS, at):
                 work()
 
@@ -325,7 +328,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="faults whose name contains this; --kills then counts those")
     args = parser.parse_args()
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    layout.FITS_A_CHUNK = (8, 8)
+    solvers()["lm"] = replace(solvers()["lm"], fits_a_chunk=(8, 8))
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         campaign = Campaign(Path(folder), args.seed, args.realizations)
         try:

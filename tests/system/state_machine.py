@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from kill_campaign import WRITERS
 from mcstudy.errors import StoreError
 from mcstudy.files import durable
 from mcstudy.files.durable import PARTIAL, tree_digest
+from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study import extend, layout, run, runlog, tasks, verify
@@ -335,7 +337,8 @@ class States(RuleBasedStateMachine):
 
         def dying() -> None:
             if often:  # a write after every fit
-                tasks.CHECKPOINT_S, tasks.STARTS_A_CALL = 0.0, {"lm": 1}
+                tasks.CHECKPOINT_S = 0.0
+                solvers()["lm"] = replace(solvers()["lm"], starts_a_call=1)
             with DieAtLine(WRITERS, moment):
                 work()
 
@@ -361,7 +364,7 @@ class States(RuleBasedStateMachine):
 def try_histories(how: settings, aim: str | None = None) -> None:
     """Raises for the first history that loses something or ends wrong; dies at lines of the file ``aim`` if reached."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    layout.FITS_A_CHUNK = (8, 8)
+    solvers()["lm"] = replace(solvers()["lm"], fits_a_chunk=(8, 8))
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         try:
             States.whole = Whole(Path(folder))

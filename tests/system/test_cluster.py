@@ -15,6 +15,7 @@ from pathlib import Path
 import dask_processes
 import psutil
 import pytest
+import quick_solver
 from certificates import certificates
 from chunks import complete_chunks
 from dask_processes import Cluster, cluster
@@ -83,7 +84,7 @@ attempt.run_task = waits
 @pytest.fixture(autouse=True, scope="module")
 def small_chunks() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (8, 8))
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(8, 8)))
         yield
 
 

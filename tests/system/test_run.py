@@ -41,9 +41,10 @@ amplitude = [5.0]
 PAUSES = """
 import sys, time
 import mcstudy.study.attempt as attempt
-from mcstudy.study import layout
+from dataclasses import replace
+from mcstudy.fitting.solvers import solvers
 from mcstudy.study.tasks import run_task
-layout.FITS_A_CHUNK = (16, 16)
+solvers()["lm"] = replace(solvers()["lm"], fits_a_chunk=(16, 16))
 ran = []
 def pausing(task):
     ran.append(task)

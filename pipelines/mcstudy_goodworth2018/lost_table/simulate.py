@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.analysis.sensitivity import influence
-from mcstudy.fitting.arguments import Options
 from mcstudy.fitting.linearised import linearised_many
-from mcstudy.fitting.solvers import fit_many
+from mcstudy.fitting.solvers import Options, fit_many
 from mcstudy.fitting.starts import uniform
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model

@@ -37,18 +37,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Bounds, Options, Outcomes
-from mcstudy.fitting.interior_point_kernel import interior_point as kernel
-from mcstudy.fitting.interior_point_kernel import machines
+from mcstudy.compiling.addresses import apart
+from mcstudy.fitting.arguments import Bounds, Outcomes
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.plans import kept_plan, workspace
-from mcstudy.fitting.problem import Fits, Problem, queued
+from mcstudy.fitting.problem import Fits, Problem, queued, small_problem
+from mcstudy.fitting.solvers import Options
+from mcstudy_goodworth2018.solver import Settings
+from mcstudy_goodworth2018.solver.kernel import Choices, interior_point, machines
 
 REACH = 0.0001
 """How near a bound its solutions end that lie on it, in widths of the bounds."""
 
 
-def interior_point_queue(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
+def solve(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
     """Fit M starts of R problems that share model and frequencies, in one queue that keeps the lanes full.
 
     Parameters
@@ -56,18 +58,36 @@ def interior_point_queue(problems: Sequence[Problem], which: np.ndarray, starts:
     problems: R problems; their model and ``f`` must be the same.
     which: problem of each start, (M,) int.
     starts: (M, P).
-    options: ``tolerance`` is the optimality tolerance, ``max_iterations`` counts steps; see `InteriorPoint` for more.
+    options: ``tolerance`` is the optimality tolerance, relative to the gradient at the start; ``max_iterations`` counts
+        steps; for ``settings`` see `Settings`.
     """
     model = problems[0].model
     table = kept_plan(model, np.asarray(problems[0].f, dtype=float).tobytes())
     out = Outcomes.empty(*starts.shape)
     if len(starts):
-        queue = queued(problems, which, starts)
-        room = machines(WIDTH, starts.shape[1])
-        kernel(table, workspace(table), room, queue, Bounds(model.lower, model.upper), options, out)
+        queue, room = queued(problems, which, starts), machines(WIDTH, starts.shape[1])
+        bounds = Bounds(model.lower, model.upper)
+        interior_point(table, workspace(table), room, queue, bounds, choices(options), out)
     return Fits.of(model, *out, reach=REACH)
 
 
-def interior_point(problem: Problem, starts: np.ndarray, options: Options) -> Fits:
-    """Fit one problem from S starts (S, P) with the compiled kernel."""
-    return interior_point_queue([problem], np.zeros(len(starts), dtype=np.int64), starts, options)
+def choices(options: Options) -> Choices:
+    """What the compiled solver is handed; the defaults of `Settings` where there are none."""
+    settings = options.settings or Settings()
+    return Choices(
+        tolerance=options.tolerance,
+        max_iterations=options.max_iterations,
+        own_units=settings.units == "own",
+        scaled=settings.hessian == "scaled",
+        difference_step=settings.difference_step,
+        step_tolerance=settings.step_tolerance,
+        max_evaluations=settings.max_evaluations,
+        barrier=settings.barrier,
+    )
+
+
+def compile_kernel() -> None:
+    """Have the compiled code made, by the smallest fit there is."""
+    problem = small_problem()
+    with apart():
+        solve([problem], np.zeros(1, dtype=np.int64), problem.model.truth[None], Options(max_iterations=1))

@@ -3,7 +3,7 @@
 Unlike Levenberg-Marquardt it sees nothing of a model but its cost, one number per evaluation. Each fit is a little
 machine: `advance` is told the cost at ``trial`` and leaves the next point there. So the same machine also minimises
 any other function, one call per value, which is how tests put it on published problems; and a fit in a lane depends on
-nothing in the other lanes. What the method is, and what of it is a guess, says `mcstudy.fitting.interior_point`.
+nothing in the other lanes. What the method is, and what of it is a guess: `mcstudy_goodworth2018.solver.emulation`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from numba import njit
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.compiling.decorators import compiled
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Options, Outcomes, Plan, Queue, Workspace
-from mcstudy.fitting.barrier_step import (
+from mcstudy.fitting.arguments import Bounds, Outcomes, Plan, Queue, Workspace
+from mcstudy.fitting.kernel import CONVERGED, ITERATION_LIMIT, NON_FINITE_MODEL, STALLED, begin
+from mcstudy.fitting.lanes import WIDTH
+from mcstudy_goodworth2018.solver.barrier_step import (
     barrier_gradient,
     direct_step,
     error,
@@ -30,8 +32,6 @@ from mcstudy.fitting.barrier_step import (
     trust_region_step,
     update,
 )
-from mcstudy.fitting.kernel import CONVERGED, ITERATION_LIMIT, NON_FINITE_MODEL, STALLED, begin
-from mcstudy.fitting.lanes import WIDTH
 
 FIRST, DIFFERENCE, SEARCH, REGION = 0, 1, 2, 3
 """What the evaluation at ``trial`` is for: the start, the gradient, the line search, a trust-region step."""
@@ -44,6 +44,19 @@ HALVINGS = 3
 
 INSIDE = 0.01
 """How far inside, in widths of the bounds, a start that lies on a bound is moved."""
+
+
+class Choices(NamedTuple):
+    """Stop rules, and what fmincon's documentation leaves open; see `mcstudy_goodworth2018.solver.Settings`."""
+
+    tolerance: float
+    max_iterations: int
+    own_units: bool
+    scaled: bool
+    difference_step: float
+    step_tolerance: float
+    max_evaluations: int
+    barrier: float
 
 
 class Machines(NamedTuple):
@@ -93,9 +106,8 @@ def machines(K: int, P: int) -> Machines:
 
 
 @compiled
-def reset(m: Machines, k, start, bounds: Bounds, options: Options):  # type: ignore[no-untyped-def]
+def reset(m: Machines, k, start, bounds: Bounds, choices: Choices):  # type: ignore[no-untyped-def]
     """Begin fit k at ``start`` (P,), moved inside the bounds if it lies on one."""
-    settings = options.interior_point
     P = start.size
     for i in range(P):
         lower, upper = bounds.lower[i], bounds.upper[i]
@@ -106,22 +118,22 @@ def reset(m: Machines, k, start, bounds: Bounds, options: Options):  # type: ign
         if not at < upper:
             at = upper - INSIDE * room
         m.x[k, i] = m.trial[k, i] = at
-        m.low[k, i] = settings.barrier / (at - lower)
-        m.high[k, i] = settings.barrier / (upper - at)
+        m.low[k, i] = choices.barrier / (at - lower)
+        m.high[k, i] = choices.barrier / (upper - at)
         for j in range(P):
             m.hessian[k, i, j] = 1.0 if i == j else 0.0
-    m.barrier[k], m.radius[k] = settings.barrier, math.sqrt(P)
+    m.barrier[k], m.radius[k] = choices.barrier, math.sqrt(P)
     m.phase[k], m.inner[k], m.evaluations[k], m.iterations[k] = FIRST, 0, 0, 0
 
 
 @njit(nogil=True)
-def _difference(m: Machines, k, coordinate, bounds: Bounds, options: Options):  # type: ignore[no-untyped-def]
+def _difference(m: Machines, k, coordinate, bounds: Bounds, choices: Choices):  # type: ignore[no-untyped-def]
     """Ask for the cost a little further along one parameter, on the other side where a bound is in the way."""
     x = m.x[k]
     for i in range(x.size):
         m.trial[k, i] = x[i]
     at = x[coordinate]
-    h = options.interior_point.difference_step * max(abs(at), 1.0)
+    h = choices.difference_step * max(abs(at), 1.0)
     if at < 0.0:
         h = -h
     if not bounds.lower[coordinate] <= at + h <= bounds.upper[coordinate]:
@@ -162,7 +174,7 @@ def _length(m: Machines, k, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _region(m: Machines, k, bounds: Bounds, options: Options):  # type: ignore[no-untyped-def]
+def _region(m: Machines, k, bounds: Bounds, choices: Choices):  # type: ignore[no-untyped-def]
     """Ask for the cost after a trust-region step; returns an outcome when the step has become too short."""
     trust_region_step(m.matrix[k], m.slope[k], m.scale[k], m.radius[k], m.step[k])
     fraction = longest(m.x[k], bounds.lower, bounds.upper, m.step[k])
@@ -176,11 +188,11 @@ def _region(m: Machines, k, bounds: Bounds, options: Options):  # type: ignore[n
         predicted -= (m.slope[k, i] + inner) * m.step[k, i]
     m.predicted[k], m.phase[k] = predicted, REGION
     _try(m, k, 1.0)
-    return STALLED if _tiny(m, k, options.interior_point.step_tolerance) else 0
+    return STALLED if _tiny(m, k, choices.step_tolerance) else 0
 
 
 @njit(nogil=True)
-def _iterate(m: Machines, k, bounds: Bounds, options: Options):  # type: ignore[no-untyped-def]
+def _iterate(m: Machines, k, bounds: Bounds, choices: Choices):  # type: ignore[no-untyped-def]
     """The gradient at x is known: learn from it, test for the end, lower the barrier, and ask for the next step."""
     x, gradient, low, high = m.x[k], m.gradient[k], m.low[k], m.high[k]
     lower, upper = bounds.lower, bounds.upper
@@ -193,9 +205,9 @@ def _iterate(m: Machines, k, bounds: Bounds, options: Options):  # type: ignore[
     if m.iterations[k] == 0:
         m.reference[k] = max(1.0, largest)
     else:
-        first = options.interior_point.scaled and m.iterations[k] == 1
+        first = choices.scaled and m.iterations[k] == 1
         update(m.hessian[k], x - m.old_x[k], gradient - m.old_gradient[k], first)
-    least = options.tolerance * m.reference[k]
+    least = choices.tolerance * m.reference[k]
     if error(gradient, x, lower, upper, low, high, 0.0) <= least:
         return CONVERGED
     while m.barrier[k] > 0.1 * least and error(gradient, x, lower, upper, low, high, m.barrier[k]) <= m.barrier[k]:
@@ -213,55 +225,55 @@ def _iterate(m: Machines, k, bounds: Bounds, options: Options):  # type: ignore[
         m.halvings[k], m.phase[k] = 0, SEARCH
         _try(m, k, longest(x, lower, upper, m.step[k]))
         return 0
-    return _region(m, k, bounds, options)
+    return _region(m, k, bounds, choices)
 
 
 @njit(nogil=True)
-def _accept(m: Machines, k, cost, bounds: Bounds, options: Options):  # type: ignore[no-untyped-def]
+def _accept(m: Machines, k, cost, bounds: Bounds, choices: Choices):  # type: ignore[no-untyped-def]
     """Go to ``trial`` and ask for the first difference there."""
-    tiny = _tiny(m, k, options.interior_point.step_tolerance)
+    tiny = _tiny(m, k, choices.step_tolerance)
     move_multipliers(m.x[k], bounds.lower, bounds.upper, m.low[k], m.high[k], m.barrier[k], m.step[k], m.fraction[k])
     for i in range(m.x.shape[1]):
         m.old_x[k, i], m.old_gradient[k, i], m.x[k, i] = m.x[k, i], m.gradient[k, i], m.trial[k, i]
     m.value[k] = cost
     m.iterations[k] += 1
-    if m.iterations[k] >= options.max_iterations:
+    if m.iterations[k] >= choices.max_iterations:
         return ITERATION_LIMIT
     if tiny:
         return STALLED
-    _difference(m, k, 0, bounds, options)
+    _difference(m, k, 0, bounds, choices)
     return 0
 
 
 @njit(nogil=True)
-def _told(m: Machines, k, cost, bounds: Bounds, options: Options):  # type: ignore[no-untyped-def]
+def _told(m: Machines, k, cost, bounds: Bounds, choices: Choices):  # type: ignore[no-untyped-def]
     """What the cost at ``trial`` means, and what to ask for next."""
     phase = m.phase[k]
     if phase == FIRST:
         m.value[k] = cost
         if not math.isfinite(cost):
             return NON_FINITE_MODEL
-        _difference(m, k, 0, bounds, options)
+        _difference(m, k, 0, bounds, choices)
         return 0
     if phase == DIFFERENCE:
         at = m.coordinate[k]
         m.gradient[k, at] = (cost - m.value[k]) / (m.trial[k, at] - m.x[k, at])
         if at + 1 < m.x.shape[1]:
-            _difference(m, k, at + 1, bounds, options)
+            _difference(m, k, at + 1, bounds, choices)
             return 0
-        return _iterate(m, k, bounds, options)
+        return _iterate(m, k, bounds, choices)
     new = merit(cost, m.trial[k], bounds.lower, bounds.upper, m.barrier[k])
     if phase == SEARCH:
         fraction = m.fraction[k]
         if new <= m.merit[k] - SUFFICIENT * fraction * m.predicted[k]:
             m.radius[k] = max(m.radius[k], 2.0 * _length(m, k, fraction))
-            return _accept(m, k, cost, bounds, options)
+            return _accept(m, k, cost, bounds, choices)
         m.halvings[k] += 1
         if m.halvings[k] <= HALVINGS:
             _try(m, k, 0.5 * fraction)
             return 0
         m.radius[k] = min(m.radius[k], 0.5 * _length(m, k, fraction))
-        return _region(m, k, bounds, options)
+        return _region(m, k, bounds, choices)
     length = _length(m, k, 1.0)
     ratio = (m.merit[k] - new) / m.predicted[k] if m.predicted[k] > 0.0 else -1.0
     if ratio >= 0.9:
@@ -270,19 +282,19 @@ def _told(m: Machines, k, cost, bounds: Bounds, options: Options):  # type: igno
         m.radius[k] = max(m.radius[k], 2.0 * length)
     elif ratio < SUFFICIENT:
         m.radius[k] = 0.25 * min(m.radius[k], length)
-        return _region(m, k, bounds, options)
-    return _accept(m, k, cost, bounds, options)
+        return _region(m, k, bounds, choices)
+    return _accept(m, k, cost, bounds, choices)
 
 
 @compiled
-def advance(m: Machines, k, cost, bounds: Bounds, options: Options):  # type: ignore[no-untyped-def]
+def advance(m: Machines, k, cost, bounds: Bounds, choices: Choices):  # type: ignore[no-untyped-def]
     """Tell fit k the cost at ``m.trial[k]``; returns 0, or the status with which the fit has ended at ``m.x[k]``.
 
     ``bounds``: (P,), in the units of ``m``.
     """
     m.evaluations[k] += 1
-    outcome = _told(m, k, cost, bounds, options)
-    if outcome == 0 and m.evaluations[k] >= options.interior_point.max_evaluations:
+    outcome = _told(m, k, cost, bounds, choices)
+    if outcome == 0 and m.evaluations[k] >= choices.max_evaluations:
         outcome = ITERATION_LIMIT
     return outcome
 
@@ -295,7 +307,7 @@ def interior_point(
     m: Machines,
     queue: Queue,
     bounds: Bounds,
-    options: Options,
+    choices: Choices,
     out: Outcomes,
 ) -> None:
     """Fit every start of the queue inside bounds (P,) and fill ``out``."""
@@ -303,7 +315,7 @@ def interior_point(
     w, at_trial = work.w, work.trial
     at_cost = work.gram_trial + (P + 1) * (P + 2) // 2 - 1
     offset, unit = np.zeros(P), np.ones(P)
-    if not options.interior_point.own_units:
+    if not choices.own_units:
         for p in range(P):
             offset[p], unit[p] = bounds.lower[p], bounds.upper[p] - bounds.lower[p]
     inner = Bounds((bounds.lower - offset) / unit, (bounds.upper - offset) / unit)
@@ -313,7 +325,7 @@ def interior_point(
     for lane in range(WIDTH):  # every lane begins with some start, so that idle lanes hold finite numbers
         index = min(next_fit, n_fits - 1)
         begin(work, lane, queue, index, bounds)
-        reset(m, lane, (queue.starts[index] - offset) / unit, inner, options)
+        reset(m, lane, (queue.starts[index] - offset) / unit, inner, choices)
         if next_fit < n_fits:
             fit[lane] = next_fit
             next_fit += 1
@@ -328,7 +340,7 @@ def interior_point(
             index = fit[lane]
             if index < 0:
                 continue
-            outcome = advance(m, lane, w[at_cost * WIDTH + lane], inner, options)
+            outcome = advance(m, lane, w[at_cost * WIDTH + lane], inner, choices)
             if outcome == 0:
                 continue
             for p in range(P):
@@ -341,6 +353,6 @@ def interior_point(
             if next_fit < n_fits:  # hand the lane its next start
                 fit[lane] = next_fit
                 begin(work, lane, queue, next_fit, bounds)
-                reset(m, lane, (queue.starts[next_fit] - offset) / unit, inner, options)
+                reset(m, lane, (queue.starts[next_fit] - offset) / unit, inner, choices)
                 next_fit += 1
                 running += 1

@@ -1,7 +1,6 @@
 """Monte Carlo studies of identifiability, and diagnosis of the gap between model and body.
 
 Studies: `Study` (or `read_study`), `plan`, `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
-Their cubes: `status`, `extend`, `run_until`, `verify`, `replay`, `write_report`.
 Recordings: `read_recording`, `import_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with
 intervals, `fit_group` those of many people; `diagnose` says what a model lacks; `effects` are what it may lack.
 `compare` says what differs between two groups of recordings or of frequency responses (`read_frf_group`).
@@ -17,14 +16,12 @@ if TYPE_CHECKING:
 
     from mcstudy.analysis.results import open_results
     from mcstudy.api.compare import compare
-    from mcstudy.api.cubes import status
     from mcstudy.api.design import design
-    from mcstudy.api.extend import extend
     from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.performance import performance
     from mcstudy.api.recordings import diagnose, fit, import_recording, next_trial
     from mcstudy.api.solve import solve
-    from mcstudy.api.studies import plan, run, run_until, summary
+    from mcstudy.api.studies import plan, run, summary
     from mcstudy.effect_library.declare import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
     from mcstudy.effect_library.simulated import simulate
@@ -38,13 +35,10 @@ if TYPE_CHECKING:
     from mcstudy.recordings.soundness import fill_gaps
     from mcstudy.report.comparison import ComparisonWithFigure as Comparison
     from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
-    from mcstudy.report.page import write_report
     from mcstudy.report.person.plots import FitWithFigures as FitResult
     from mcstudy.stance.body import Body
     from mcstudy.study.design import Study
-    from mcstudy.study.replay import replay
     from mcstudy.study.study_file import read_study
-    from mcstudy.study.verify import verify
 
     __version__: str
 
@@ -65,7 +59,7 @@ _FROM = {
     "design": "api.design",
     "diagnose": "api.recordings",
     "effects": "effect_library.library:LIBRARY",
-    "extend": "api.extend",
+    "extend": "api.cubes",
     "fill_gaps": "recordings.soundness",
     "fit": "api.recordings",
     "fit_group": "api.groups",
@@ -77,18 +71,18 @@ _FROM = {
     "read_frf_group": "recordings.frf_group",
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
-    "replay": "study.replay",
+    "replay": "api.cubes",
     "run": "api.studies",
     "run_model": "own_model",
-    "run_until": "api.studies",
+    "run_until": "api.cubes",
     "simulate": "effect_library.simulated",
     "solve": "api.solve",
-    "status": "api.cubes",
+    "status": "api.cube_status",
     "study_from": "api.groups",
     "summary": "api.studies",
-    "verify": "study.verify",
+    "verify": "api.cubes",
     "write_recording": "recordings.io",
-    "write_report": "report.page",
+    "write_report": "api.cubes",
 }
 """Where each name comes from, imported when it is asked for: help must not wait for xarray, Dask and numba."""
 

@@ -1,14 +1,12 @@
-"""Studies: plan one, run it and open its results, and their tables."""
+"""Studies: run one and open its results, and their tables."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Unpack
 
 import xarray as xr
 
-from mcstudy import adaptive
 from mcstudy.analysis.results import open_results
 from mcstudy.analysis.show.tables import report_of, show
 from mcstudy.api.where import Where, cluster_options
@@ -18,8 +16,11 @@ from mcstudy.study.plan import StudyPlan, plan_study
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import read_study
 
+StudyLike = Study | str | Path
+"""A `Study`, the path of a study file, or the name of a shipped study."""
 
-def plan(study: Study | str | Path, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
+
+def plan(study: StudyLike, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
     """Predict run time, size and Monte Carlo error of a study from a small pilot.
 
     Parameters
@@ -41,11 +42,11 @@ def plan(study: Study | str | Path, *, workers: int | None = None, allow_unstabl
     DesignError
         The study has a mistake, or the closed loop of its true parameters is unstable.
     """
-    return plan_study(_study(study), workers=workers, allow_unstable=allow_unstable)
+    return plan_study(study_of(study), workers=workers, allow_unstable=allow_unstable)
 
 
 def run(
-    study: Study | str | Path,
+    study: StudyLike,
     out: str | Path,
     *,
     quarantine: bool = False,
@@ -88,65 +89,9 @@ def run(
     Interrupted
         The run was stopped; the same call resumes it.
     """
-    options = cluster_options(where)
-    run_study(_study(study), out, options, where.get("block"), quarantine, allow_unstable=allow_unstable)
+    block = where.get("block")
+    run_study(study_of(study), out, cluster_options(where), block, quarantine, allow_unstable=allow_unstable)
     return open_results(out, lazy=None)
-
-
-def run_until(
-    study: Study | str | Path,
-    out: str | Path,
-    until: str,
-    budget_fits: int,
-    *,
-    quarantine: bool = False,
-    allow_unstable: bool = False,
-    say: Callable[[str], object] = str,
-    **where: Unpack[Where],
-) -> adaptive.Until:
-    """Run a study, and add realizations or starts until its Monte Carlo error is small enough.
-
-    Parameters
-    ----------
-    study, out
-        As for `run`.
-    until
-        ``"bias=1%"`` or ``"mean_bias=1%"``: the largest Monte Carlo standard error of the bias of a parameter, or of
-        the mean of all biases, in percent of the truth.
-    budget_fits
-        Upper limit on the total number of fits in the cube.
-    quarantine, allow_unstable
-        As for `run`.
-    say
-        Called with one line for every extension.
-    where
-        Where to run, as for `run`.
-
-    Returns
-    -------
-    Until
-        ``reached``, ``statement`` (one line about the final state), ``steps`` (one line per extension), ``outcome``
-        (the fits of all rounds). Open the cube with `open_results`.
-
-    Raises
-    ------
-    InputError
-        No group has noise, the target is none, or the study alone exceeds the budget.
-    DesignError, StudyChangedError, StoreError, Interrupted
-        As for `run`.
-    """
-    target, block = adaptive.parse_target(until), where.get("block")
-    return adaptive.run_until(
-        _study(study),
-        out,
-        target,
-        budget_fits,
-        cluster_options(where),
-        block,
-        say,
-        quarantine,
-        allow_unstable=allow_unstable,
-    )
 
 
 def summary(results: xr.DataTree | str | Path, reference: xr.DataTree | str | Path | None = None) -> StudySummary:
@@ -179,5 +124,6 @@ def _tree(results: xr.DataTree | str | Path) -> xr.DataTree:
     return results if isinstance(results, xr.DataTree) else open_results(results, lazy=None)
 
 
-def _study(study: Study | str | Path) -> Study:
+def study_of(study: StudyLike) -> Study:
+    """The study itself, or the one that a file or a name stands for."""
     return study if isinstance(study, Study) else read_study(study)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from mcstudy.cli.first_look import prepare
-from mcstudy.cli.options import add_cluster_arguments, named_as_options, tell, where
+from mcstudy.cli.options import add_cluster_arguments, cluster_options, named_as_options, tell
 from mcstudy.exits import Exit
 
 
@@ -27,18 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Extend the study and run the new cells; returns the exit code."""
-    from mcstudy.api.extend import extend
+    from mcstudy.study.extend import Growth, extend
 
+    growth = Growth(args.realizations, args.starts, tuple(args.fmax), tuple(args.amplitude), tuple(args.group))
     with named_as_options(group="group"):
-        outcome = extend(
-            args.out,
-            realizations=args.realizations,
-            starts=args.starts,
-            fmax=args.fmax,
-            amplitude=args.amplitude,
-            groups=args.group,
-            **where(args),
-        )
+        outcome = extend(args.out, growth, cluster_options(args), args.block)
     code = tell(outcome, args.out)
     prepare(outcome, args.out)
     return code

@@ -257,12 +257,11 @@ def _given(args: argparse.Namespace, *own: tuple[str, Any]) -> list[str]:
 
 def _report(args: argparse.Namespace) -> Exit:
     from mcstudy.cli.report import write_and_tell
-    from mcstudy.report.document import write_page
-    from mcstudy.report.page import default_page
+    from mcstudy.report.document import page_of
     from mcstudy.report.style import require_matplotlib
 
     require_matplotlib()
-    output = args.output or default_page(args.recordings[0])
+    output = args.output or page_of(args.recordings[0])
 
     def text() -> str:
         from mcstudy.gap.planned.next_trial import next_trial
@@ -275,7 +274,7 @@ def _report(args: argparse.Namespace) -> Exit:
         command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(output)]
         return gap_page(diagnosis, shlex.join(command), planned)
 
-    return write_and_tell(output, lambda: write_page(output, text))
+    return write_and_tell(output, text)
 
 
 def _compare(args: argparse.Namespace) -> Exit:

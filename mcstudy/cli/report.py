@@ -27,17 +27,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Write the page; returns the exit code."""
-    from mcstudy.report.page import default_page, write_report  # imports what it needs to draw
+    from mcstudy.report.document import page_of
+    from mcstudy.report.page import page  # imports what it needs to draw
 
-    page = args.output or default_page(args.out)
-    return write_and_tell(page, lambda: write_report(args.out, page, beside=args.beside))
+    return write_and_tell(args.output or page_of(args.out), lambda: page(args.out, args.beside))
 
 
-def write_and_tell(page: Path, write: Callable[[], Path]) -> Exit:
+def write_and_tell(file: Path, text: Callable[[], str]) -> Exit:
     """Write a page, and print how large it is."""
+    from mcstudy.report.document import write_page
     from mcstudy.scheduler.activity import activity
 
-    with activity(f"{page}: computing statistics and drawing figures"):
-        written = write()
-    print(f"{page}: {written.stat().st_size / 1e6:.2f} MB")
+    with activity(f"{file}: computing statistics and drawing figures"):
+        written = write_page(file, text)
+    print(f"{file}: {written.stat().st_size / 1e6:.2f} MB")
     return Exit.DONE

@@ -63,7 +63,7 @@ def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
     """Run, and extend until the target is reached; returns the exit code."""
     import sys
 
-    from mcstudy.api.studies import run_until
+    from mcstudy.api.cubes import run_until
     from mcstudy.errors import InputError
 
     if args.until_mcse is None or args.budget_fits is None:
@@ -72,7 +72,7 @@ def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
     def say(line: str) -> None:
         print(f"extending: {line}", file=sys.stderr, flush=True)
 
-    with named_as_options(until="until-mcse", budget_fits="budget-fits"):
+    with named_as_options(target="until-mcse", budget_fits="budget-fits"):
         until = run_until(
             study,
             out,

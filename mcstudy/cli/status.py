@@ -27,25 +27,26 @@ def main(args: argparse.Namespace) -> Exit:
 
 
 def _once(path: Path, as_json: bool) -> Exit:
-    from mcstudy.api.cubes import status
+    from mcstudy.api.cube_status import status
     from mcstudy.files.json_files import json_text
+    from mcstudy.fitting.status import Status
     from mcstudy.text_tables import table
 
-    found = status(path)
+    now = status(path)
     if as_json:
-        print_json(json_text(found.to_dict(), "status", "status"))
-        return Exit.FITS_FAILED if found.failed else Exit.DONE
-    print(f"{found.path}: study {found.study}, seed {found.seed}")
-    print(f"fingerprint {found.fingerprint}")
-    kinds = dict.fromkeys(kind for counts in found.groups.values() for kind in counts)
-    shown = [k for k in kinds if k == "pending" or any(counts[k] for counts in found.groups.values())]
-    rows = [[name, *(str(counts[k]) for k in shown)] for name, counts in found.groups.items()]
-    print(table(["", *(k.replace("_", " ") for k in shown)], rows))
-    for line in found.failed:
+        print_json(json_text(now.to_dict(), "status", "status"))
+        return Exit.FITS_FAILED if now.failed else Exit.DONE
+    print(f"{now.path}: study {now.study}, seed {now.seed}")
+    print(f"fingerprint {now.fingerprint}")
+    names = [s.name.lower() for s in Status]
+    shown = [s for s in names if s == "pending" or any(counts[s] for counts in now.groups.values())]
+    header = ["", *(s.replace("_", " ") for s in shown)]
+    print(table(header, [[name, *(str(counts[s]) for s in shown)] for name, counts in now.groups.items()]))
+    for line in now.failed:
         print(f"failed fit: {line}")
-    if not found.complete:
+    if now.pending:
         print("not complete: repeat the run command to resume")
-    return Exit.FITS_FAILED if found.failed else Exit.DONE
+    return Exit.FITS_FAILED if now.failed else Exit.DONE
 
 
 def _watch(path: Path, every: float) -> Exit:

@@ -11,50 +11,19 @@ from pathlib import Path
 
 from mcstudy.analysis.kept import looking
 from mcstudy.files.local_path import local_path
-from mcstudy.report.document import write_page
 from mcstudy.study.settled import settled
 
-DATA = (".zarr", ".nc", ".toml", ".csv")
-"""Endings that a page has .html instead of."""
 
+def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
+    """The page of the cube at ``path``, complete or not.
 
-def write_report(out: str | Path, page: str | Path | None = None, *, beside: Sequence[str | Path] = ()) -> Path:
-    """Write a results cube, complete or not, as one self-contained HTML page with every table and figure.
+    ``beside``: alternatives to show too, each a cube or a file of `mcstudy.report.alternatives`.
 
-    Parameters
-    ----------
-    out
-        Path of the cube.
-    page
-        Path of the page; beside the cube, with its name, when None.
-    beside
-        Further results to include: paths of cubes, or of files of the alternatives that the paper discusses.
-
-    Returns
-    -------
-    pathlib.Path
-        The page. It is drawn once and kept, unless it shows alternatives.
-
-    Raises
-    ------
-    StoreError
-        A file is neither a cube nor an alternative.
-    InputError
-        matplotlib is missing, or the page cannot be written.
+    It is drawn once and kept (`mcstudy.analysis.kept`), unless it shows alternatives.
+    Raises `StoreError` for a file that is neither, `InputError` where matplotlib is missing.
     """
-    cube, others = local_path(out), [local_path(file) for file in beside]
-    return write_page(default_page(cube) if page is None else page, lambda: page_of(cube, others))
-
-
-def page_of(path: str | Path, beside: Sequence[Path] = ()) -> str:
-    """The text of that page; see `write_report`."""
     path = local_path(path)
     return settled([path, *beside], lambda: _page(path, beside))
-
-
-def default_page(file: Path) -> Path:
-    """The page of a cube or a recording when no other is asked for: ``results/a.zarr`` has ``results/a.html``."""
-    return file.with_name(f"{file.stem if file.suffix in DATA else file.name}.html")
 
 
 def _page(path: Path, beside: Sequence[Path]) -> str:

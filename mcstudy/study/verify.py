@@ -106,30 +106,18 @@ class Findings:
 
 
 def verify(path: str | Path, cells: int = 20, seed: int = 0, tolerance: float = TOLERANCE) -> Findings:
-    """Check every chunk of a results cube, and recompute a sample of its fits bit for bit.
+    """Check a cube.
 
     Parameters
     ----------
-    path
-        Path of the cube.
-    cells
-        Number of (amplitude, realization) cells to recompute, chosen at random over all groups.
-    seed
-        Random seed of this choice.
-    tolerance
-        Relative difference of data and costs that is no fault where they were computed in another environment
-        (program, library, processor), in which last digits differ.
-
-    Returns
-    -------
-    Findings
-        ``damage`` and ``beyond`` (both empty when the cube is sound), ``notes``, ``recomputed``, ``digest``;
-        ``text(path)``, ``to_dict()``.
+    path: the cube.
+    cells: number of (amplitude, realization) cells to recompute, chosen at random over all groups.
+    seed: random seed of this choice.
+    tolerance: relative difference of data and costs that another environment explains.
 
     Raises
     ------
-    StoreError
-        Nothing can be checked, because the study stored in the cube cannot be read.
+    StoreError: nothing can be checked, because the study stored in the cube cannot be read.
     """
     path = local_path(path)
     return settled([path], lambda: _verify(path, cells, seed, tolerance))

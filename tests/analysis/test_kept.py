@@ -262,11 +262,11 @@ def test_only_the_newest_are_kept(cube: Path) -> None:
 def test_the_cube_is_read_once_for_what_is_kept_and_twice_for_what_is_computed(
     cube: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mcstudy.report.page import page_of
+    from mcstudy.report.page import page
 
     content, read = module._content, list[Path]()
     monkeypatch.setattr(module, "_content", lambda path: (read.append(path), content(path))[1])
-    for look, times in ((page_of, 2), (page_of, 1), (show, 1), (mc.summary, 1)):
+    for look, times in ((page, 2), (page, 1), (show, 1), (mc.summary, 1)):
         read.clear()
         look(cube)  # type: ignore[operator]
         assert read == [cube] * times, look
@@ -287,10 +287,10 @@ def test_a_summary_of_a_path_is_what_is_kept_and_that_of_a_tree_is_the_same(
 
 def test_a_page_is_drawn_once(cube: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from mcstudy.report import study_page
-    from mcstudy.report.page import page_of
+    from mcstudy.report.page import page
 
-    first = page_of(cube)
+    first = page(cube)
     monkeypatch.setattr(study_page, "_page", lambda *_: pytest.fail("drawn again"))
-    assert page_of(cube) == first
+    assert page(cube) == first
     with pytest.raises(pytest.fail.Exception, match="drawn again"):
-        page_of(cube, [cube])
+        page(cube, [cube])

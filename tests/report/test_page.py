@@ -29,7 +29,7 @@ from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.report.context import Context
 from mcstudy.report.figure import Figure
-from mcstudy.report.page import page_of
+from mcstudy.report.page import page
 from mcstudy.report.sections.search import paper_search_figures
 from mcstudy.report.typeset import typeset
 from mcstudy.report.words import headline
@@ -239,20 +239,20 @@ def test_fingerprint_seed_versions_and_commands_are_on_the_page(paper_page: Path
 
 
 def test_the_same_cube_gives_the_same_bytes(other_cube: Path, other_page: Path) -> None:
-    assert page_of(other_cube) == other_page.read_text(encoding="utf-8")
+    assert page(other_cube) == other_page.read_text(encoding="utf-8")
 
 
 def test_a_kept_page_is_drawn_again_when_style_or_script_changed(
     other_cube: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page_of(other_cube)
+    page(other_cube)
     monkeypatch.setattr("mcstudy.report.study_page.study_page", lambda *_: "drawn again")
-    assert page_of(other_cube) != "drawn again"
+    assert page(other_cube) != "drawn again"
     dress = {f"report/{f.name}" for f in files("mcstudy.report").iterdir() if f.name.endswith((".css", ".js"))}
     assert dress == {"report/page.css", "report/page.js"}
     assert dress < set(program.STARTED)  # a change of one is a change of the program
     monkeypatch.setattr(program, "source", lambda *_: "0" * 64)
-    assert page_of(other_cube) == "drawn again"
+    assert page(other_cube) == "drawn again"
 
 
 def test_an_unfinished_cube_has_a_page(other_cube: Path, tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_an_unfinished_cube_has_a_page(other_cube: Path, tmp_path: Path) -> None
         assert chunks
         for chunk in chunks:
             chunk.unlink()
-    text = page_of(half)
+    text = page(half)
     assert Reader(text).open == []
     assert "<td>0/5</td>" in text
 

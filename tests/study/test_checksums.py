@@ -21,7 +21,7 @@ from mcstudy.files import durable
 from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.fitting.status import Status
 from mcstudy.report.context import Context
-from mcstudy.report.page import page_of
+from mcstudy.report.page import page
 from mcstudy.report.words import headline
 from mcstudy.study import checksums, tasks
 from mcstudy.study.checked_store import CheckedStore
@@ -69,7 +69,7 @@ READERS: list[Callable[[Path], object]] = [
     lambda out: open_results(out)["noisy"].to_dataset().compute(),
     lambda out: open_results(out, lazy=False),
     show,
-    page_of,
+    page,
 ]
 
 

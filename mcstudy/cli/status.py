@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections import Counter
 
     from mcstudy.fitting.status import Status
-    from mcstudy.study.store import Cube
+    from mcstudy.study.cube.store import Cube
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,9 +37,9 @@ def _once(path: Path, as_json: bool) -> Exit:
     from mcstudy.files.json_files import json_text
     from mcstudy.files.schema import identifier
     from mcstudy.fitting.status import Status
+    from mcstudy.study.cube.replacement import settled
+    from mcstudy.study.cube.store import Cube
     from mcstudy.study.failures import account
-    from mcstudy.study.settled import settled
-    from mcstudy.study.store import Cube
     from mcstudy.text_tables import table
 
     def looked_at() -> tuple[Cube, dict[str, Counter[Status]], list[str]]:
@@ -71,8 +71,8 @@ def _watch(path: Path, every: float) -> Exit:
     from mcstudy.scheduler.display import Display
     from mcstudy.scheduler.progress import Speed, counts_line
     from mcstudy.scheduler.stopping import stop_requests
-    from mcstudy.study.settled import settled, stamp
-    from mcstudy.study.store import Cube
+    from mcstudy.study.cube.replacement import settled, stamp
+    from mcstudy.study.cube.store import Cube
     from mcstudy.study.watch import Watch
 
     watch, display, speed = Watch(Cube.open(path)), Display(sys.stdout), Speed()

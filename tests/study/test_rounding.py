@@ -18,11 +18,12 @@ from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import environment, identity, store
-from mcstudy.study.checksums import OWN, environments_of, note, noted
+from mcstudy.study import environment
+from mcstudy.study.cube import identity, store
+from mcstudy.study.cube.checksums import OWN, environments_of, note, noted
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 

@@ -43,8 +43,8 @@ def asked(**variables: str) -> dict[str, Any]:
 def elsewhere(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> dict[str, Any]:
     """This process in another environment."""
     here = environment.environment() | changes
-    for module in ("environment.environment", "store.environment", "repair.environment", "attempt.environment"):
-        monkeypatch.setattr(f"mcstudy.study.{module}", lambda: json.loads(json.dumps(here)))
+    for module in ("environment", "cube.store", "cube.repair", "execution.attempt"):
+        monkeypatch.setattr(f"mcstudy.study.{module}.environment", lambda: json.loads(json.dumps(here)))
     return here
 
 

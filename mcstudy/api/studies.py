@@ -16,8 +16,33 @@ from mcstudy.study.plan import StudyPlan, plan_study
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import read_study
 
+StudyLike = Study | str | Path
+"""A `Study`, the path of a study file, or the name of a shipped study."""
 
-def plan(study: Study | str | Path, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
+
+def cluster(
+    workers: int | None,
+    scheduler: str | None,
+    tls_ca: str | Path | None,
+    tls_cert: str | Path | None,
+    tls_key: str | Path | None,
+    insecure: bool,
+    slurm: str | Path | None,
+) -> ClusterOptions:
+    """Where a study runs, from the arguments of `run`."""
+    ca, cert, key = (None if pem is None else Path(pem) for pem in (tls_ca, tls_cert, tls_key))
+    return ClusterOptions(
+        workers=workers,
+        scheduler=scheduler,
+        insecure=insecure,
+        tls_ca=ca,
+        tls_cert=cert,
+        tls_key=key,
+        slurm=None if slurm is None else read_slurm_options(Path(slurm)),
+    )
+
+
+def plan(study: StudyLike, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
     """Predict run time, size and Monte Carlo error of a study from a small pilot.
 
     Parameters
@@ -39,11 +64,11 @@ def plan(study: Study | str | Path, *, workers: int | None = None, allow_unstabl
     DesignError
         The study has a mistake, or the closed loop of its true parameters is unstable.
     """
-    return plan_study(_study(study), workers=workers, allow_unstable=allow_unstable)
+    return plan_study(study_of(study), workers=workers, allow_unstable=allow_unstable)
 
 
 def run(
-    study: Study | str | Path,
+    study: StudyLike,
     out: str | Path,
     *,
     workers: int | None = None,
@@ -96,17 +121,8 @@ def run(
     Interrupted
         The run was stopped; the same call resumes it.
     """
-    ca, cert, key = (None if pem is None else Path(pem) for pem in (tls_ca, tls_cert, tls_key))
-    options = ClusterOptions(
-        workers=workers,
-        scheduler=scheduler,
-        insecure=insecure,
-        tls_ca=ca,
-        tls_cert=cert,
-        tls_key=key,
-        slurm=None if slurm is None else read_slurm_options(Path(slurm)),
-    )
-    run_study(_study(study), out, options, quarantine=quarantine, allow_unstable=allow_unstable)
+    options = cluster(workers, scheduler, tls_ca, tls_cert, tls_key, insecure, slurm)
+    run_study(study_of(study), out, options, quarantine=quarantine, allow_unstable=allow_unstable)
     return open_results(out, lazy=None)
 
 
@@ -140,5 +156,6 @@ def _tree(results: xr.DataTree | str | Path) -> xr.DataTree:
     return results if isinstance(results, xr.DataTree) else open_results(results, lazy=None)
 
 
-def _study(study: Study | str | Path) -> Study:
+def study_of(study: StudyLike) -> Study:
+    """The study itself, or the one that a file or a name stands for."""
     return study if isinstance(study, Study) else read_study(study)

@@ -256,11 +256,12 @@ def _given(args: argparse.Namespace, *own: tuple[str, Any]) -> list[str]:
 
 
 def _report(args: argparse.Namespace) -> Exit:
-    from mcstudy.cli.report import beside, write_and_tell
+    from mcstudy.cli.report import write_and_tell
+    from mcstudy.report.document import page_of
     from mcstudy.report.style import require_matplotlib
 
     require_matplotlib()
-    output = args.output or beside(args.recordings[0])
+    output = args.output or page_of(args.recordings[0])
 
     def text() -> str:
         from mcstudy.gap.planned.next_trial import next_trial

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
+    from mcstudy.api.where import Where
     from mcstudy.scheduler.cluster import ClusterOptions
     from mcstudy.study.design import Study
     from mcstudy.study.execution.submission import Outcome
@@ -85,20 +88,31 @@ def stable_study(args: argparse.Namespace) -> Study:
 
 def cluster_options(args: argparse.Namespace) -> ClusterOptions:
     """What `add_scheduler_arguments` or `add_cluster_arguments` declared."""
-    from mcstudy.scheduler.cluster import ClusterOptions
-    from mcstudy.scheduler.slurm import read_slurm_options
+    from mcstudy.api.where import cluster_options
 
-    return ClusterOptions(
-        workers=args.workers,
-        scheduler=args.scheduler,
-        dashboard=args.dashboard,
-        insecure=args.insecure,
-        tls_ca=args.tls_ca,
-        tls_cert=args.tls_cert,
-        tls_key=args.tls_key,
-        slurm=None if args.slurm is None else read_slurm_options(args.slurm),
-        block_timeout=getattr(args, "block_timeout", None),
-    )
+    return cluster_options(where(args))
+
+
+def where(args: argparse.Namespace) -> Where:
+    """The same as the functions of `mcstudy` take it."""
+    from mcstudy.api.where import Where
+
+    return Where(**{name: getattr(args, name) for name in Where.__annotations__ if hasattr(args, name)})  # type: ignore[typeddict-item]
+
+
+@contextlib.contextmanager
+def named_as_options(**options: str) -> Iterator[None]:
+    """Errors about an argument of a function name the option that states it: argument = option."""
+    from mcstudy.errors import InputError
+
+    try:
+        yield
+    except InputError as error:
+        arguments, colon, rest = str(error).partition(": ")
+        names = [options.get(name) for name in arguments.split(", ")]
+        if None in names:
+            raise
+        raise type(error)(f"{', '.join(f'--{name}' for name in names)}{colon}{rest}") from None
 
 
 def tell(outcome: Outcome, out: Path) -> Exit:

@@ -143,7 +143,7 @@ def test_a_missing_chunk_is_refused_by_replay(copy: Path) -> None:
     file = chunk_file(copy, "initial", 0)
     file.unlink()
     with pytest.raises(StoreError, match=f"{file}: missing"):
-        replay(copy, None, 5.0, 0.41, 0, 0)
+        replay(copy, amplitude=5.0, fmax=0.41, realization=0, start=0)
 
 
 def test_swapped_chunks_are_not_taken_over_when_the_study_grows(copy: Path, tmp_path: Path) -> None:
@@ -311,7 +311,7 @@ def test_paths_may_be_text(copy: Path, sound: Path, tmp_path: Path) -> None:
     assert verify(text, cells=0).damage == []
     assert Cube.open(text).study.fingerprint == TWO_CHUNKS.fingerprint
     assert Cube.create(str(tmp_path / "new.zarr"), TWO_CHUNKS).path == tmp_path / "new.zarr"
-    assert replay(text, None, 5.0, 0.41, 0, 0).differ == ()
+    assert replay(text, amplitude=5.0, fmax=0.41, realization=0, start=0).differ == ()
     assert tree_digest(copy) == tree_digest(sound)
     assert extend(text, Growth(realizations=5), ONE).fits == 2
 

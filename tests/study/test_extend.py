@@ -235,7 +235,7 @@ def test_growing_by_nothing_changes_nothing(out: Path) -> None:
         (Growth(fmax=(1e300,)), r"group\.noisy\.fmax\.2: expected a number from"),
         (Growth(amplitude=(1e308,)), r"group\.noisy\.amplitude\.2: expected a number from"),
         (Growth(amplitude=(1e-30,)), r"group\.noisy\.amplitude\.0: expected a number from"),
-        (Growth(groups=("loud",)), r"--group: expected one of noisy, ideal, got loud"),
+        (Growth(groups=("loud",)), r"group: expected one of noisy, ideal, got loud"),
         (Growth(fmax=(0.001,)), r"group\.noisy\.fmax: expected at least"),
         (Growth(amplitude=(-1.0,)), r"group\.noisy\.amplitude"),
         (Growth(fmax=(float("nan"),)), r"fmax"),

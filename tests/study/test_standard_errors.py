@@ -94,7 +94,7 @@ def test_a_chunk_filled_in_pieces_holds_the_same_standard_errors(tmp_path: Path)
 def test_a_cube_with_them_is_verified_replayed_extended_and_shown(tmp_path: Path) -> None:
     out = run(tmp_path)
     assert verify(out, cells=4).damage == []
-    assert replay(out, "paper", None, 8.0, 1, 2).differ == ()
+    assert replay(out, group="paper", fmax=8.0, realization=1, start=2).differ == ()
     small = mc.open_results(out, lazy=False)
     extend(out, Growth(realizations=5, starts=4, fmax=(3.0,)))
     assert verify(out, cells=4).damage == []

@@ -118,7 +118,7 @@ def test_verify_finds_starts_that_were_left_out_wrongly(cube: Path, tmp_path: Pa
 
 def test_a_start_that_was_not_needed_cannot_be_replayed(cube: Path) -> None:
     with pytest.raises(InputError, match="this one was not needed"):
-        replay(cube, None, None, None, 0, MOST - 1)
+        replay(cube, realization=0, start=MOST - 1)
 
 
 def test_the_plan_counts_the_starts_that_are_needed() -> None:

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import RecordingError
+from mcstudy.recordings.assembly import Assembled, assemble, with_files
+from mcstudy.recordings.channels import Read, Series
 from mcstudy.recordings.checks import check, repeats_every
-from mcstudy.recordings.described import Assembled, assemble, with_files
-from mcstudy.recordings.lab_files import open_source
-from mcstudy.recordings.layout import Dialect
+from mcstudy.recordings.formats import open_source
+from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.recording import Recording
-from mcstudy.recordings.sheet import document
-from mcstudy.recordings.trials import Read, Series
+from mcstudy.recordings.sheets.recording_sheet import document
 from mcstudy.text_tables import escaped, number, table
 
 
@@ -76,7 +76,7 @@ def import_files(
     files
         One per trial, or per group of trials (``split``); none when the description names them.
     described
-        TOML file (`mcstudy.recordings.sheet`), or None.
+        TOML file (`mcstudy.recordings.sheets.recording_sheet`), or None.
     options
         Fields of a description, which replace those of the file; tables are merged.
 

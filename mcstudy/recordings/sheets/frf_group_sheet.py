@@ -22,7 +22,7 @@
 The FRF of a point is the sum of the cross spectra over the sum of the stimulus spectra of its harmonics. The FRF of a
 model at a point is therefore the mean of its FRF at the harmonics, weighted with the power of the stimulus.
 Where * stands for a number, it must be the mean frequency of the point in Hz.
-Ways to state the body: `mcstudy.recordings.body_sheet`.
+Ways to state the body: `mcstudy.recordings.sheets.body_sheet`.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.body_sheet import BodySheet
-from mcstudy.recordings.description import Description, Table, described
-from mcstudy.recordings.sheet import Units, toml_file
+from mcstudy.recordings.sheets.body_sheet import BodySheet
+from mcstudy.recordings.sheets.recording_sheet import Units, toml_file
+from mcstudy.recordings.sheets.tables import Description, Table, described
 
 LARGEST_HARMONIC = 100_000
 """Highest number of a harmonic in a description."""

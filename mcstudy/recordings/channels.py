@@ -9,15 +9,15 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.clock import SAME_RATE, Clock, clock_of
+from mcstudy.recordings.data_files import Files
 from mcstudy.recordings.faults import angle_faults
-from mcstudy.recordings.lab_files import Files
+from mcstudy.recordings.formats.source import Picked
 from mcstudy.recordings.markers import space_angles
 from mcstudy.recordings.recording import MOST_TRIALS, RATE_HZ, Trial, refuse_size
 from mcstudy.recordings.resample import METHOD, filled, resampled, whole_samples
-from mcstudy.recordings.sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
+from mcstudy.recordings.sheets.recording_sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
 from mcstudy.recordings.soundness import FILLABLE, without_gaps
 from mcstudy.recordings.units import agreed, factor
-from mcstudy.recordings.variables import Picked
 from mcstudy.stance.body import STIMULI
 
 CHANNELS = ("stimulus", "theta1", "theta2")

@@ -1,4 +1,4 @@
-"""Recordings from a description (`mcstudy.recordings.sheet`) and the files that it names, or that the user names."""
+"""Recordings from a description (`mcstudy.recordings.sheets.recording_sheet`) and its files, or files of the user."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any
 
 from mcstudy.errors import RecordingError
 from mcstudy.files.local_path import local_path
-from mcstudy.recordings.body_sheet import body_of
-from mcstudy.recordings.description import described
+from mcstudy.recordings.channels import Read, trials_of
+from mcstudy.recordings.data_files import Files
+from mcstudy.recordings.formats.source import SHOWN, Picked
 from mcstudy.recordings.frf import COLUMNS, FrfRecording, frf_of_columns
-from mcstudy.recordings.lab_files import Files
 from mcstudy.recordings.recording import Recording
-from mcstudy.recordings.sheet import Sheet, TrialSheet, document
-from mcstudy.recordings.trials import Read, trials_of
+from mcstudy.recordings.sheets.body_sheet import body_of
+from mcstudy.recordings.sheets.recording_sheet import Sheet, TrialSheet, document
+from mcstudy.recordings.sheets.tables import described
 from mcstudy.recordings.units import FACTORS, KINDS, agreed, factor, kind_of
-from mcstudy.recordings.variables import SHOWN, Picked
 from mcstudy.stance.body import STIMULI
 from mcstudy.text_tables import printable
 

@@ -30,7 +30,7 @@ MOST_ATTRIBUTE = 10_000
 def netcdf(path: Path) -> Answer:
     """Variables (name, dims, shape, dtype, chunk, attributes) and attributes of a file; whether all are stored as is.
 
-    None instead of the variables when some need decoding, which `mcstudy.recordings.packed_netcdf` does.
+    None instead of the variables when some need decoding, which `mcstudy.recordings.formats.packed_netcdf` does.
     """
     check_hdf5(path)
     with h5netcdf.File(path, "r", decode_vlen_strings=True) as file:

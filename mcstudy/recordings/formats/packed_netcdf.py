@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.files.reading_process import Answer
-from mcstudy.recordings.hdf5_files import plain
+from mcstudy.recordings.formats.hdf5 import plain
 
 
 def netcdf(path: Path) -> Answer:
-    """As `mcstudy.recordings.hdf5_files.netcdf`."""
+    """As `mcstudy.recordings.formats.hdf5.netcdf`."""
     with _opened(path) as dataset:
         variables = []
         for name, v in dataset.variables.items():
@@ -23,7 +23,7 @@ def netcdf(path: Path) -> Answer:
 
 
 def values(path: Path, name: str) -> Answer:
-    """As `mcstudy.recordings.hdf5_files.values`."""
+    """As `mcstudy.recordings.formats.hdf5.values`."""
     with _opened(path) as dataset:
         found = np.asarray(dataset.variables[name].values)
         return (None, [found]) if found.dtype.kind in "fiub" else (found.astype(str).tolist(), [])

@@ -15,8 +15,8 @@ from typing import Literal
 from pydantic import Field
 
 from mcstudy.errors import ModelError, RecordingError
-from mcstudy.recordings.description import Table
-from mcstudy.recordings.variables import Source
+from mcstudy.recordings.formats.source import Source
+from mcstudy.recordings.sheets.tables import Table
 from mcstudy.stance.anthropometry import SEXES, TABLES, proportions
 from mcstudy.stance.body import SEGMENTS, Body
 

@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.c3d_parameters import BLOCK, Damaged, Parameters, parameters_of
-from mcstudy.recordings.columns import content
-from mcstudy.recordings.variables import MOST_VARIABLES, Variable
+from mcstudy.recordings.formats.c3d_parameters import BLOCK, Damaged, Parameters, parameters_of
+from mcstudy.recordings.formats.source import MOST_VARIABLES, Source, Variable
+from mcstudy.recordings.formats.text_layout import Dialect
+from mcstudy.recordings.guards import content
 from mcstudy.text_tables import printable
 
 LARGEST = 1 << 30
@@ -32,6 +33,11 @@ FULL = 1 << 16
 
 KINDS = {"ANGLES": "ANGLE_UNITS", "FORCES": "FORCE_UNITS", "MOMENTS": "MOMENT_UNITS", "POWERS": "POWER_UNITS"}
 """Parameters that name the points which are no positions, and the one that states their unit."""
+
+
+def source(path: Path, dialect: Dialect) -> Source:  # noqa: ARG001 - nothing about text applies
+    """The variables of a C3D file; raises `RecordingError`."""
+    return Source(path, "C3D", variables_of(path))
 
 
 def variables_of(path: Path) -> dict[str, Variable]:

@@ -1,7 +1,7 @@
 """Columns of text files as variables: CSV, exports of spreadsheets and measuring programs, OpenSim's tables.
 
-`mcstudy.recordings.layout` finds names, units and numbers; a column is read when it is asked for, so one of text does
-not disturb. Time stamps become seconds. Empty cells and NA are missing numbers (nan).
+`mcstudy.recordings.formats.text_layout` finds names, units and numbers; a column is read when it is asked for, so one
+of text does not disturb. Time stamps become seconds. Empty cells and NA are missing numbers (nan).
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mcstudy.errors import RecordingError, StoreError
+from mcstudy.errors import RecordingError
 from mcstudy.files.delimited import decoded, number, records
-from mcstudy.files.untrusted import real_bytes
-from mcstudy.recordings.layout import AXIS, BLANKS, Dialect, Layout, layout, split
-from mcstudy.recordings.variables import TEXTS, Source, Variable
+from mcstudy.recordings.formats.source import TEXTS, Source, Variable
+from mcstudy.recordings.formats.text_layout import AXIS, BLANKS, Dialect, Layout, layout, split
+from mcstudy.recordings.guards import content
 
 LARGEST_FILE = 1 << 30
 """Largest text file, bytes."""
@@ -36,17 +36,7 @@ _STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d.*|\d\d?:\d\d:\d\d(?:[.,]\d+)?
 _BOOLEAN = {"true": 1.0, "false": 0.0}
 
 
-def content(path: Path, most: int) -> bytes:
-    """Bytes of a file of at most ``most``; raises `RecordingError` for anything else."""
-    try:
-        return real_bytes(path, most, follow=True)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-    except StoreError as error:
-        raise RecordingError(str(error)) from error
-
-
-def text_source(path: Path, dialect: Dialect) -> Source:
+def source(path: Path, dialect: Dialect) -> Source:
     """The columns of a text file as variables; raises `RecordingError` with the line of what cannot be read."""
     try:
         found = layout(decoded(content(path, LARGEST_FILE)), dialect)

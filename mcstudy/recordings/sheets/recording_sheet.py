@@ -44,7 +44,7 @@ folder given to `read_sheet`:
     resample_hz = 100          # of all channels; without it, the lowest of their rates (top level)
     fill_gaps_s = 0.1          # longest gap that is interpolated; without it, gaps are refused (top level)
 
-Ways to state the body: `mcstudy.recordings.body_sheet`.
+Ways to state the body: `mcstudy.recordings.sheets.body_sheet`.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ from pydantic import Field, model_validator
 
 from mcstudy.errors import RecordingError
 from mcstudy.files.untrusted import toml
-from mcstudy.recordings.body_sheet import BodySheet
-from mcstudy.recordings.columns import content
-from mcstudy.recordings.description import Description, Table
-from mcstudy.recordings.layout import Dialect
+from mcstudy.recordings.formats.text_layout import Dialect
+from mcstudy.recordings.guards import content
 from mcstudy.recordings.markers import MarkerSheet
 from mcstudy.recordings.recording import EXPECTED
+from mcstudy.recordings.sheets.body_sheet import BodySheet
+from mcstudy.recordings.sheets.tables import Description, Table
 
 LARGEST_SHEET = 1_000_000
 """Bytes of a TOML file."""

@@ -215,10 +215,10 @@ def read_dataset(path: str | Path) -> Recording:
 
 
 def _of_netcdf(path: Path) -> Labelled:
-    reader = "mcstudy.recordings.hdf5_files"
+    reader = "mcstudy.recordings.formats.hdf5"
     told, _ = answer(f"{reader}:netcdf", path)
     if told is None:
-        reader = "mcstudy.recordings.packed_netcdf"
+        reader = "mcstudy.recordings.formats.packed_netcdf"
         told, _ = answer(f"{reader}:netcdf", path)
     variables, attrs = told
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.files.reading_process import Answer
-from mcstudy.recordings.hdf5_files import check_dataset, close_left_open
-from mcstudy.recordings.variables import MOST_VARIABLES
+from mcstudy.recordings.formats.hdf5 import check_dataset, close_left_open
+from mcstudy.recordings.formats.source import MOST_VARIABLES
 
 DEEPEST = 16
 """Deepest nesting of structs and cells."""

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.variables import MOST_VARIABLES, Variable
+from mcstudy.recordings.formats.source import MOST_VARIABLES, Variable
 
 LARGEST = 1 << 30
 """Most bytes of a file after decompression."""

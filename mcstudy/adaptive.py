@@ -25,10 +25,10 @@ from mcstudy.errors import InputError
 from mcstudy.files.local_path import local_path
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.ranges import Range
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Group, Study
 from mcstudy.study.extend import Growth, extend, grown_study
 from mcstudy.study.run import Outcome, run_study
-from mcstudy.study.store import Cube
 
 FACTOR = 4
 """Largest growth of the number of realizations in one step: the MCSE is uncertain when it comes from few."""

@@ -15,7 +15,7 @@ from mcstudy.api.studies import StudyLike, study_of
 from mcstudy.api.where import Where, cluster_options
 from mcstudy.report.document import page_of, write_page
 from mcstudy.report.page import page
-from mcstudy.study.elsewhere import TOLERANCE
+from mcstudy.study.cube.rounding import TOLERANCE
 from mcstudy.study.extend import Growth
 from mcstudy.study.extend import extend as extend_cube
 from mcstudy.study.replay import Replay

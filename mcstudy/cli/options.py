@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mcstudy.api.where import Where
     from mcstudy.scheduler.cluster import ClusterOptions
     from mcstudy.study.design import Study
-    from mcstudy.study.submission import Outcome
+    from mcstudy.study.execution.submission import Outcome
 
 
 class NestedParser(argparse.ArgumentParser):
@@ -75,8 +75,8 @@ def stable_study(args: argparse.Namespace) -> Study:
     from mcstudy.study.study_file import read_study
 
     study = read_study(args.study)
+    from mcstudy.study.instability import refuse_unstable
     from mcstudy.study.kernels import compile_for_check  # numba is slow to import; report a bad file first
-    from mcstudy.study.unstable import refuse_unstable
 
     compile_for_check(study, fits=getattr(args, "scheduler", None) is None and getattr(args, "slurm", None) is None)
     try:
@@ -127,8 +127,8 @@ def tell(outcome: Outcome, out: Path) -> Exit:
         print(f"failed block: {line}")
     if not (outcome.failed_blocks or outcome.failed_fits):
         return Exit.DONE
+    from mcstudy.study.cube.store import Cube
     from mcstudy.study.failures import failed_fits
-    from mcstudy.study.store import Cube
 
     for line in failed_fits(Cube.open(out)):
         print(f"failed fit: {line}")

@@ -19,12 +19,12 @@ from mcstudy.fitting.problem import Problem
 from mcstudy.fitting.solvers import fit
 from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import Model
-from mcstudy.study.elsewhere import TOLERANCE, Compared, apart, compared
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.replacement import settled
+from mcstudy.study.cube.rounding import TOLERANCE, Compared, apart, compared
+from mcstudy.study.cube.store import Cube, GroupStore
 from mcstudy.study.environment import environment
-from mcstudy.study.layout import Chunk
-from mcstudy.study.settled import settled
-from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.tasks import again
+from mcstudy.study.execution.tasks import again
 
 
 @dataclass(frozen=True)

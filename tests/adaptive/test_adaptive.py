@@ -18,8 +18,8 @@ from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files.durable import tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 STUDY = """

@@ -23,14 +23,15 @@ from mcstudy.fitting.status import Status
 from mcstudy.report.context import Context
 from mcstudy.report.page import page
 from mcstudy.report.words import headline
-from mcstudy.study import checksums, tasks
-from mcstudy.study.checked_store import CheckedStore
+from mcstudy.study.cube import checksums
+from mcstudy.study.cube.checked_store import CheckedStore
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.cube.strays import aside_folder
+from mcstudy.study.execution import tasks
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.failures import counts
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
-from mcstudy.study.strays import aside_folder
 from mcstudy.study.verify import verify
 
 
@@ -197,7 +198,7 @@ def test_a_cube_can_be_read_at_every_step_of_a_run_and_holds_right_numbers_or_pe
         look()  # what was reported complete has been taken back: no error, but pending fits
         return found
 
-    monkeypatch.setattr("mcstudy.study.store.GroupStore.taken_up", watched_taken_up)
+    monkeypatch.setattr("mcstudy.study.cube.store.GroupStore.taken_up", watched_taken_up)
     run_study(TWO_CHUNKS, out, ONE)
     assert min(seen) == TWO_CHUNKS.fits // 2
     assert tree_digest(out) == tree_digest(sound)

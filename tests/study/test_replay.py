@@ -15,9 +15,9 @@ from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study, read_study
 
 OTHERS = """

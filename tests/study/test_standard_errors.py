@@ -11,12 +11,12 @@ import mcstudy as mc
 from mcstudy.analysis.show.tables import report_of
 from mcstudy.errors import DesignError
 from mcstudy.fitting.status import Status
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.extend import Growth, extend
-from mcstudy.study.layout import Chunk
 from mcstudy.study.replay import replay
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.tasks import fill
 from mcstudy.study.verify import verify
 
 STUDY = """

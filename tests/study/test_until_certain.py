@@ -15,14 +15,14 @@ from mcstudy.analysis.selection import best
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.durable import tree_digest
 from mcstudy.fitting.status import Status
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Study
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.plan import plan_study
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.tasks import fill
 from mcstudy.study.verify import verify
 
 MOST = 250

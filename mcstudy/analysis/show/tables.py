@@ -11,7 +11,7 @@ from mcstudy.analysis.kept import kept
 from mcstudy.analysis.show.text import render
 from mcstudy.files.local_path import local_path
 from mcstudy.files.schema import validate
-from mcstudy.study.settled import settled
+from mcstudy.study.cube.replacement import settled
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -101,7 +101,7 @@ class Layout:
         return chunk if there and self.key(name, chunk) == key else None
 
     def note(self, chunk: Chunk) -> str:
-        """Path of a chunk's checksum file relative to the group's folder (`mcstudy.study.checksums`)."""
+        """Path of a chunk's checksum file relative to the group's folder (`mcstudy.study.cube.checksums`)."""
         status = self.results[-1]
         return f"{status}/{self.key(status, chunk)}.checksums"
 

@@ -18,11 +18,12 @@ from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import environment, identity, store
-from mcstudy.study.checksums import OWN, environments_of, note, noted
+from mcstudy.study import environment
+from mcstudy.study.cube import identity, store
+from mcstudy.study.cube.checksums import OWN, environments_of, note, noted
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 
@@ -42,8 +43,8 @@ def asked(**variables: str) -> dict[str, Any]:
 def elsewhere(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> dict[str, Any]:
     """This process in another environment."""
     here = environment.environment() | changes
-    for module in ("environment.environment", "store.environment", "repair.environment", "attempt.environment"):
-        monkeypatch.setattr(f"mcstudy.study.{module}", lambda: json.loads(json.dumps(here)))
+    for module in ("environment", "cube.store", "cube.repair", "execution.attempt"):
+        monkeypatch.setattr(f"mcstudy.study.{module}.environment", lambda: json.loads(json.dumps(here)))
     return here
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from google_crc32c import value as crc32c
 from numcodecs.zstd import Zstd
 
-from mcstudy.study.layout import ArraySpec
+from mcstudy.study.cube.layout import ArraySpec
 
 LEVEL = 3
 

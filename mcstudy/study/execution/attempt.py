@@ -14,11 +14,11 @@ from typing import Any
 from distributed import get_worker
 
 from mcstudy.fitting.compilers import warm
-from mcstudy.study import trust
 from mcstudy.study.environment import environment, label
+from mcstudy.study.execution import trust
+from mcstudy.study.execution.tasks import Task, TaskReport, open_group, run_task
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.kernels import parts_of
-from mcstudy.study.tasks import Task, TaskReport, open_group, run_task
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Unlike:
-    """A worker in another environment has not run a block yet; ``sample``: bits of a few fits (`mcstudy.study.trust`).
+    """A worker in another environment has not run a block yet; ``sample``: bits of a few fits (`trust`).
 
     The sample is empty when the worker runs other source code.
     """

@@ -21,10 +21,10 @@ from google_crc32c import value as crc32c
 
 from mcstudy.errors import StoreError
 from mcstudy.files.untrusted import cube_bytes, real_bytes, zstd_claim
-from mcstudy.study import runlog
-from mcstudy.study.layout import ArraySpec, Chunk, Layout
-from mcstudy.study.metadata import whole_document
-from mcstudy.study.settled import Stamp, stamp
+from mcstudy.study.cube import run_log
+from mcstudy.study.cube.layout import ArraySpec, Chunk, Layout
+from mcstudy.study.cube.metadata import whole_document
+from mcstudy.study.cube.replacement import Stamp, stamp
 
 LARGEST_NOTE = 1 << 16
 
@@ -165,7 +165,7 @@ class Checked:
         elif key != status:
             if value is None and (self.root / status).exists():
                 return f"{file}: missing, though the chunk has a status"
-        elif value is None and (group, chunk.amplitude, chunk.block) in runlog.reported(self.root, self.fingerprint):
+        elif value is None and (group, chunk.amplitude, chunk.block) in run_log.reported(self.root, self.fingerprint):
             return f"{file}: missing, though a run has reported the chunk as complete"
         if key == status and value is not None:  # status alone tells what was run, so no other file may be missing
             for other in files[:-1]:

@@ -1,4 +1,4 @@
-"""The store of a cube that Zarr reads by the checksums. Apart from `mcstudy.study.checksums`, which needs no Zarr."""
+"""The store of a cube that Zarr reads by the checksums; `checksums` itself needs no Zarr."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Self
 
 from mcstudy.files.guarded_store import GuardedStore
-from mcstudy.study.checksums import Checked
-from mcstudy.study.layout import Layout
-from mcstudy.study.settled import stamp
+from mcstudy.study.cube.checksums import Checked
+from mcstudy.study.cube.layout import Layout
+from mcstudy.study.cube.replacement import stamp
 
 
 class CheckedStore(GuardedStore):

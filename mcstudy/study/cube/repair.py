@@ -2,7 +2,7 @@
 
 Everything in a cube except its results follows from the study, the environments it was made in, and the number of
 realizations per chunk. The study is given, the environments are stored redundantly (`identity`), and the number is in
-attributes and arrays. What was only rounded otherwise in another environment is left as it is (`elsewhere`).
+attributes and arrays. What was only rounded otherwise in another environment is left as it is (`rounding`).
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from mcstudy.files import schema
 from mcstudy.files.durable import sync_folder, unwritable, write
 from mcstudy.files.unfinished import scratch_folder
 from mcstudy.files.untrusted import refuse_links
-from mcstudy.study import identity
+from mcstudy.study.cube import identity
+from mcstudy.study.cube.layout import realizations_a_chunk
+from mcstudy.study.cube.metadata import depth_votes, own_document
+from mcstudy.study.cube.rounding import alike
+from mcstudy.study.cube.store import SCHEMA, Cube
+from mcstudy.study.cube.strays import NOT_PART, parts, set_aside, strays
 from mcstudy.study.design import Study
-from mcstudy.study.elsewhere import alike
 from mcstudy.study.environment import environment, label
-from mcstudy.study.layout import realizations_a_chunk
-from mcstudy.study.metadata import depth_votes, own_document
-from mcstudy.study.store import SCHEMA, Cube
-from mcstudy.study.strays import NOT_PART, parts, set_aside, strays
 
 
 @dataclass

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import DesignError, StoreError
+from mcstudy.study.cube.metadata import folders, whole_document
+from mcstudy.study.cube.run_log import events, last_begin
 from mcstudy.study.environment import label
-from mcstudy.study.metadata import folders, whole_document
-from mcstudy.study.runlog import events, last_begin
 from mcstudy.study.study_file import parse_study
 
 

@@ -17,10 +17,11 @@ from mcstudy.errors import StoreError
 from mcstudy.exits import Exit
 from mcstudy.files.durable import tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import replay, store, verify
+from mcstudy.study import replay, verify
+from mcstudy.study.cube import store
+from mcstudy.study.cube.repair import repair
+from mcstudy.study.cube.store import Cube, GroupStore
 from mcstudy.study.extend import Growth, extend
-from mcstudy.study.repair import repair
-from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.watch import Watch
 
 pytestmark = pytest.mark.usefixtures("small_chunks")

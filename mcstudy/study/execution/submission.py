@@ -30,14 +30,15 @@ from mcstudy.scheduler.cluster import ClusterOptions, dismiss_worker, replace_th
 from mcstudy.scheduler.compiling import compile_kernels
 from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.window import Window
-from mcstudy.study import environment, trust
-from mcstudy.study.attempt import Attempt, Failure, Trusted, Unlike, attempt, topic
+from mcstudy.study import environment
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.repair import note_environment
+from mcstudy.study.cube.run_log import RunLog
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution import trust
+from mcstudy.study.execution.attempt import Attempt, Failure, Trusted, Unlike, attempt, topic
+from mcstudy.study.execution.tasks import Task, TaskReport
 from mcstudy.study.kernels import parts_of
-from mcstudy.study.layout import Chunk
-from mcstudy.study.repair import note_environment
-from mcstudy.study.runlog import RunLog
-from mcstudy.study.store import Cube
-from mcstudy.study.tasks import Task, TaskReport
 
 ATTEMPTS = 3
 """Number of attempts for a block that raises an exception, before it is reported as failed."""

@@ -1,6 +1,6 @@
 """The results cube on disk: a Zarr v3 group tree, one group per group of the study.
 
-- It can be opened with ``xarray.open_zarr(path, group=...)``. Zarr creates it; `mcstudy.study.encoding` writes chunks.
+- It can be opened with ``xarray.open_zarr(path, group=...)``. Zarr creates it; `encoding` writes chunks.
 - Every chunk is one file, compressed with zstd and followed by a CRC-32C: a flipped bit gives an error, not a number.
 - The ``status`` of a chunk is written after all its other files are on disk; status 0 means "pending".
 - The checksums of a chunk's files are stored after that, so that a missing or swapped file gives an error, too.
@@ -28,13 +28,13 @@ from mcstudy.files.local_path import local_path
 from mcstudy.files.unfinished import unfinished
 from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, real_end, refuse_links, sealed
 from mcstudy.fitting.status import USABLE, Status
-from mcstudy.study.checksums import LARGEST_NOTE, Checked, checksum, environments_of, note, noted
+from mcstudy.study.cube.checksums import LARGEST_NOTE, Checked, checksum, environments_of, note, noted
+from mcstudy.study.cube.encoding import codecs, decoded, encoded
+from mcstudy.study.cube.layout import ArraySpec, Chunk, Layout, layout, realizations_a_chunk
+from mcstudy.study.cube.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, own_document
 from mcstudy.study.design import Study
-from mcstudy.study.encoding import codecs, decoded, encoded
 from mcstudy.study.environment import environment
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.layout import ArraySpec, Chunk, Layout, layout, realizations_a_chunk
-from mcstudy.study.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, own_document
 from mcstudy.study.study_file import parse_study
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class GroupStore:
         return checksum(content) if sealed(content) else None  # it is the outermost codec
 
     def note_file(self, chunk: Chunk) -> Path:
-        """The file with the checksums of a chunk's files (`mcstudy.study.checksums`)."""
+        """The file with the checksums of a chunk's files (`mcstudy.study.cube.checksums`)."""
         return self.path / self.layout.note(chunk)
 
     def note(self, chunk: Chunk, environments: Iterable[str] = ()) -> bytes:

@@ -17,11 +17,11 @@ from numcodecs.zstd import Zstd
 
 from mcstudy.files.untrusted import sealed, zstd_claim
 from mcstudy.fitting.status import USABLE
-from mcstudy.study.checksums import OWN
+from mcstudy.study.cube.checksums import OWN
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import Cube, GroupStore
 from mcstudy.study.environment import differences
-from mcstudy.study.layout import Chunk
 from mcstudy.study.models import earlier_provenance
-from mcstudy.study.store import Cube, GroupStore
 
 Arrays = dict[str, np.ndarray]
 

@@ -21,12 +21,12 @@ from mcstudy.fitting.problem import Fits, Problem
 from mcstudy.fitting.solvers import fit_queue, solvers
 from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.stance.stability import growth_rate
-from mcstudy.study.checksums import OWN, UNKNOWN
+from mcstudy.study.cube.checksums import OWN, UNKNOWN
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import GroupStore
 from mcstudy.study.design import Group, Study
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.layout import Chunk
 from mcstudy.study.measure import Measurement
-from mcstudy.study.store import GroupStore
 
 CHECKPOINT_S = 20.0
 """Longest time between two writes of a slow chunk, seconds; a kill loses at most this work and the current fit."""

@@ -14,11 +14,11 @@ from mcstudy.errors import Interrupted
 from mcstudy.files import durable
 from mcstudy.files.durable import log_folder
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import runlog
+from mcstudy.study.cube import run_log
+from mcstudy.study.cube.run_log import RunLog
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.run import run_study
-from mcstudy.study.runlog import RunLog
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 
@@ -42,20 +42,20 @@ def lose(out: Path, group: str, chunk: int = 0) -> str:
 
 def tear(out: Path, keep: Callable[[bytes], int]) -> None:
     """Cut the log."""
-    content = runlog.file(out).read_bytes()
-    runlog.file(out).write_bytes(content[: keep(content)])
+    content = run_log.file(out).read_bytes()
+    run_log.file(out).write_bytes(content[: keep(content)])
 
 
 def test_an_event_begins_on_a_line_of_its_own(tmp_path: Path) -> None:
     out = tmp_path / "out.zarr"
     log_folder(out).mkdir()
-    runlog.file(out).write_bytes(b'{"time": "2026-01-01", "event": "bl')
+    run_log.file(out).write_bytes(b'{"time": "2026-01-01", "event": "bl')
     log = RunLog(out, "r", "f")
     log.add("begin")
     log.add("block", group="g", chunks=[[0, 0]], complete=True)
-    assert [event["event"] for event in runlog.events(out)] == ["begin", "block"]
-    assert runlog.unreadable(out) == 1
-    assert runlog.reported(out, "f") == {("g", 0, 0)}
+    assert [event["event"] for event in run_log.events(out)] == ["begin", "block"]
+    assert run_log.unreadable(out) == 1
+    assert run_log.reported(out, "f") == {("g", 0, 0)}
 
 
 def test_what_an_older_program_wrote_behind_half_a_line_is_read(tmp_path: Path) -> None:
@@ -64,10 +64,10 @@ def test_what_an_older_program_wrote_behind_half_a_line_is_read(tmp_path: Path) 
     block = {"time": "t", "run": "r", "event": "block", "group": "g", "chunks": [[0, 1]], "complete": True}
     begin = {"time": "t", "run": "r", "event": "begin", "fingerprint": "f"}
     lines = f"{json.dumps(begin)[:25]}{json.dumps(begin)}\n{json.dumps(block)}\n"
-    runlog.file(out).write_text(lines)
-    assert runlog.reported(out, "f") == {("g", 0, 1)}
-    assert runlog.reported(out, "another") == set()
-    assert runlog.unreadable(out) == 1
+    run_log.file(out).write_text(lines)
+    assert run_log.reported(out, "f") == {("g", 0, 1)}
+    assert run_log.reported(out, "another") == set()
+    assert run_log.unreadable(out) == 1
 
 
 @pytest.mark.parametrize("event", ["block", "present", "taken_back"])
@@ -75,10 +75,10 @@ def test_what_an_older_program_wrote_behind_half_a_line_is_read(tmp_path: Path) 
 def test_a_line_with_chunks_that_no_cube_has_reports_nothing(tmp_path: Path, event: str, chunk: object) -> None:
     out = tmp_path / "out.zarr"
     log = RunLog(out, "one", "f")
-    runlog.file(out).parent.mkdir()
+    run_log.file(out).parent.mkdir()
     log.add("block", complete=True, group="noisy", chunks=[[0, 1]])
     log.add(event, complete=True, group="noisy", chunks=[chunk])
-    assert runlog.reported(out, "f") == {("noisy", 0, 1)}
+    assert run_log.reported(out, "f") == {("noisy", 0, 1)}
 
 
 def test_every_line_is_on_disk_when_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,8 +111,8 @@ def test_half_a_line_is_noted_and_is_no_damage(out: Path) -> None:
     findings = verify(out, cells=0)
     assert findings.damage == []
     assert findings.notes == [
-        f"{runlog.file(out)}: 1 line cannot be read (a stop in the middle, or damage): a chunk that was reported there "
-        "alone, and is lost, counts as not run yet"
+        f"{run_log.file(out)}: 1 line cannot be read (a stop in the middle, or damage): a chunk that was reported "
+        "there alone, and is lost, counts as not run yet"
     ]
 
 
@@ -137,11 +137,11 @@ def test_a_log_that_cannot_be_written_stops_the_run_which_the_next_one_completes
 
     study, out = parse_study(tiny), tmp_path / "out.zarr"
     with monkeypatch.context() as patch:
-        patch.setattr(runlog, "append_line", full)
+        patch.setattr(run_log, "append_line", full)
         with pytest.raises(Interrupted, match=rf"^[^\n]*{os.strerror(code)}[^\n]*resume$"):
             run_study(study, out, ONE)
     run_study(study, out, ONE)
     assert verify(out, cells=0).damage == []
-    assert len(runlog.reported(out, study.fingerprint)) == sum(
+    assert len(run_log.reported(out, study.fingerprint)) == sum(
         len(store.layout.chunks) for store in Cube.open(out).groups.values()
     )

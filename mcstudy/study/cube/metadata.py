@@ -16,7 +16,7 @@ from numcodecs import zstd
 from mcstudy.errors import StoreError
 from mcstudy.files.plain_errors import short
 from mcstudy.files.untrusted import LARGEST_METADATA, check_chunk, real_bytes, refuse_links, zstd_claim
-from mcstudy.study.layout import ArraySpec, Layout
+from mcstudy.study.cube.layout import ArraySpec, Layout
 
 KEYS: Any = {"name": "default", "configuration": {"separator": "."}}
 """Naming of chunk files: one folder per array, so that a chunk needs one file and one folder entry to be synced."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mcstudy.files.durable import PARTIAL, make_folder, sync_folder, unwritable
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.store import Cube
 
 NOT_PART = "not part of the cube (mcstudy run --quarantine sets it aside)"
 """Message about a stray file or folder, printed after its name."""

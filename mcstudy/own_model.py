@@ -18,14 +18,14 @@ from mcstudy.files.plain_errors import validated
 from mcstudy.scheduler.compiling import compile_kernels
 from mcstudy.stance.feedback import Model
 from mcstudy.study.checks import check_group
+from mcstudy.study.cube.conversion import readable
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import GroupStore
 from mcstudy.study.design import Group
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.experiment import Experiment
+from mcstudy.study.instability import refuse_unstable_model
 from mcstudy.study.kernels import parts_of
-from mcstudy.study.layout import Chunk
-from mcstudy.study.readable import readable
-from mcstudy.study.store import GroupStore
-from mcstudy.study.tasks import fill
-from mcstudy.study.unstable import refuse_unstable_model
 
 
 def run_model(

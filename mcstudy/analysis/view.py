@@ -18,8 +18,8 @@ from mcstudy.files.sections import leaves
 from mcstudy.fitting.standard_errors import overlap_of
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import FITTED, Group
+from mcstudy.study.instability import instability
 from mcstudy.study.models import with_model_values
-from mcstudy.study.unstable import instability
 
 _NEEDED = (
     "estimate",

@@ -8,9 +8,9 @@ from typing import Any
 
 from mcstudy.files.schema import identifier
 from mcstudy.fitting.status import Status
+from mcstudy.study.cube.replacement import settled
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.failures import account
-from mcstudy.study.settled import settled
-from mcstudy.study.store import Cube
 
 
 @dataclass(frozen=True)

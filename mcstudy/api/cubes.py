@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Unpack
 
 import xarray as xr
 
 from mcstudy.adaptive import Until, parse_target
 from mcstudy.adaptive import run_until as grow_until
 from mcstudy.analysis.results import open_results
-from mcstudy.api.studies import StudyLike, cluster, study_of
+from mcstudy.api.studies import StudyLike, study_of
+from mcstudy.api.where import Where, cluster_options
 from mcstudy.report.document import page_of, write_page
 from mcstudy.report.page import page
-from mcstudy.study.elsewhere import TOLERANCE
+from mcstudy.study.cube.rounding import TOLERANCE
 from mcstudy.study.extend import Growth
 from mcstudy.study.extend import extend as extend_cube
 from mcstudy.study.replay import Replay
@@ -57,13 +60,7 @@ def extend(
     fmax: tuple[float, ...] = (),
     amplitude: tuple[float, ...] = (),
     groups: tuple[str, ...] = (),
-    workers: int | None = None,
-    scheduler: str | None = None,
-    tls_ca: str | Path | None = None,
-    tls_cert: str | Path | None = None,
-    tls_key: str | Path | None = None,
-    insecure: bool = False,
-    slurm: str | Path | None = None,
+    **where: Unpack[Where],
 ) -> xr.DataTree:
     """Add cells to a cube, run the new ones only, and open it; a stop leaves the old or the new cube, and resumes.
 
@@ -77,8 +74,8 @@ def extend(
         Values to add, Hz and the unit of the stimulus.
     groups
         Names of the groups to extend; all when empty.
-    workers, scheduler, tls_ca, tls_cert, tls_key, insecure, slurm
-        As in `run`.
+    where
+        Where to run, as in `run`.
 
     Returns
     -------
@@ -95,7 +92,7 @@ def extend(
         The run was stopped; the same call resumes it.
     """
     growth = Growth(realizations, starts, tuple(fmax), tuple(amplitude), tuple(groups))
-    extend_cube(cube, growth, cluster(workers, scheduler, tls_ca, tls_cert, tls_key, insecure, slurm))
+    extend_cube(cube, growth, cluster_options(where), where.get("block"))
     return open_results(cube, lazy=None)
 
 
@@ -105,13 +102,10 @@ def run_until(
     target: str,
     budget_fits: int,
     *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    tls_ca: str | Path | None = None,
-    tls_cert: str | Path | None = None,
-    tls_key: str | Path | None = None,
-    insecure: bool = False,
-    slurm: str | Path | None = None,
+    quarantine: bool = False,
+    allow_unstable: bool = False,
+    say: Callable[[str], object] = str,
+    **where: Unpack[Where],
 ) -> Until:
     """Run a study, and add realizations or starts until its Monte Carlo standard error is small enough.
 
@@ -123,8 +117,12 @@ def run_until(
         Statistic and largest standard error in percent of the truth: ``"bias=2%"`` or ``"mean_bias=0.5%"``.
     budget_fits
         Largest number of fits.
-    workers, scheduler, tls_ca, tls_cert, tls_key, insecure, slurm
+    quarantine, allow_unstable
         As in `run`.
+    say
+        Called with one line for every extension.
+    where
+        Where to run, as in `run`.
 
     Returns
     -------
@@ -138,8 +136,18 @@ def run_until(
     DesignError, StudyChangedError, StoreError, Interrupted
         As `run`.
     """
-    options = cluster(workers, scheduler, tls_ca, tls_cert, tls_key, insecure, slurm)
-    return grow_until(study_of(study), Path(out), parse_target(target), budget_fits, options)
+    block = where.get("block")
+    return grow_until(
+        study_of(study),
+        Path(out),
+        parse_target(target),
+        budget_fits,
+        cluster_options(where),
+        block,
+        say,
+        quarantine,
+        allow_unstable=allow_unstable,
+    )
 
 
 def replay(
@@ -172,7 +180,7 @@ def replay(
     InputError
         There is no such fit, or it has not been run.
     """
-    return replay_fit(cube, group, amplitude, fmax, realization, start)
+    return replay_fit(cube, realization=realization, start=start, group=group, amplitude=amplitude, fmax=fmax)
 
 
 def write_report(cube: str | Path, page_file: str | Path | None = None, *, beside: tuple[str | Path, ...] = ()) -> Path:

@@ -14,8 +14,8 @@ from mcstudy.gap.settings import CAUSE_ONLY, DiagnosisSettings
 from mcstudy.identification.fit import fit as fit_recordings
 from mcstudy.identification.settings import FitSettings
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.importing import import_files
 from mcstudy.recordings.io import read_recording
+from mcstudy.recordings.laboratory_import import import_files
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
 from mcstudy.report.person.plots import FitWithFigures

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Unpack
 
 import xarray as xr
 
 from mcstudy.analysis.results import open_results
 from mcstudy.analysis.show.tables import report_of, show
+from mcstudy.api.where import Where, cluster_options
 from mcstudy.report.summary import StudySummary
-from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.scheduler.slurm import read_slurm_options
 from mcstudy.study.design import Study
 from mcstudy.study.plan import StudyPlan, plan_study
 from mcstudy.study.run import run_study
@@ -18,28 +18,6 @@ from mcstudy.study.study_file import read_study
 
 StudyLike = Study | str | Path
 """A `Study`, the path of a study file, or the name of a shipped study."""
-
-
-def cluster(
-    workers: int | None,
-    scheduler: str | None,
-    tls_ca: str | Path | None,
-    tls_cert: str | Path | None,
-    tls_key: str | Path | None,
-    insecure: bool,
-    slurm: str | Path | None,
-) -> ClusterOptions:
-    """Where a study runs, from the arguments of `run`."""
-    ca, cert, key = (None if pem is None else Path(pem) for pem in (tls_ca, tls_cert, tls_key))
-    return ClusterOptions(
-        workers=workers,
-        scheduler=scheduler,
-        insecure=insecure,
-        tls_ca=ca,
-        tls_cert=cert,
-        tls_key=key,
-        slurm=None if slurm is None else read_slurm_options(Path(slurm)),
-    )
 
 
 def plan(study: StudyLike, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
@@ -71,15 +49,9 @@ def run(
     study: StudyLike,
     out: str | Path,
     *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    tls_ca: str | Path | None = None,
-    tls_cert: str | Path | None = None,
-    tls_key: str | Path | None = None,
-    insecure: bool = False,
-    slurm: str | Path | None = None,
     quarantine: bool = False,
     allow_unstable: bool = False,
+    **where: Unpack[Where],
 ) -> xr.DataTree:
     """Run a study into a results cube, or finish what is pending in it, and open it.
 
@@ -89,26 +61,22 @@ def run(
         A `Study`, the path of a study file, or the name of a shipped study (``goodworth2018``).
     out
         Path of the cube, a ``.zarr`` folder.
-    workers
-        Threads of the local scheduler; one per core when None.
-    scheduler
-        Address of a running Dask scheduler, ``tls://HOST:PORT`` or ``tcp://HOST:PORT``.
-    tls_ca, tls_cert, tls_key
-        PEM files of a ``tls://`` scheduler: certificate authority, client certificate, its key.
-    insecure
-        Accept an unencrypted ``tcp://`` scheduler on another machine.
-    slurm
-        File of options (TOML) of the jobs that compute the study on a Slurm cluster.
     quarantine
         Move files in the cube's folder that do not belong to it to ``OUT.aside``; nothing is deleted.
     allow_unstable
         Accept true parameters whose closed loop is unstable.
+    where
+        Where to run. ``workers``: threads of this process, one per core by default. ``scheduler``: address of a
+        running Dask scheduler, ``tls://HOST:PORT`` with ``tls_ca``, ``tls_cert`` and ``tls_key`` (PEM files), or
+        ``tcp://HOST:PORT``, on another machine with ``insecure=True``. ``slurm``: file of options (TOML) of the jobs
+        that compute the study on a Slurm cluster. ``dashboard``: serve Dask's dashboard on 127.0.0.1:8787. ``block``
+        and ``block_timeout``: chunks of a task, and the seconds after which it is given up.
 
     Returns
     -------
     xarray.DataTree
         The cube as `open_results` opens it: one node per group, with its statistics as ``.mc``. Fits that failed are
-        marked in ``status``; ``mcstudy status OUT`` lists them.
+        marked in ``status``; `status` lists them.
 
     Raises
     ------
@@ -121,8 +89,8 @@ def run(
     Interrupted
         The run was stopped; the same call resumes it.
     """
-    options = cluster(workers, scheduler, tls_ca, tls_cert, tls_key, insecure, slurm)
-    run_study(study_of(study), out, options, quarantine=quarantine, allow_unstable=allow_unstable)
+    block = where.get("block")
+    run_study(study_of(study), out, cluster_options(where), block, quarantine, allow_unstable=allow_unstable)
     return open_results(out, lazy=None)
 
 

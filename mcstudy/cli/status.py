@@ -55,8 +55,8 @@ def _watch(path: Path, every: float) -> Exit:
     from mcstudy.scheduler.display import Display
     from mcstudy.scheduler.progress import Speed, counts_line
     from mcstudy.scheduler.stopping import stop_requests
-    from mcstudy.study.settled import settled, stamp
-    from mcstudy.study.store import Cube
+    from mcstudy.study.cube.replacement import settled, stamp
+    from mcstudy.study.cube.store import Cube
     from mcstudy.study.watch import Watch
 
     watch, display, speed = Watch(Cube.open(path)), Display(sys.stdout), Speed()

@@ -66,12 +66,45 @@ class Plan(NamedTuple):
     cleared: np.ndarray
 
 
+class Scratch(NamedTuple):
+    """Slots at which parts of an evaluation begin: F frequencies at a time, of complex numbers first all real parts.
+
+    matrix: A and b by rows (12 F). group: delays times filters of each group (2 G F). direction: columns of B by row
+    (8 F). rho: their product (2 F). projection: of the residual on them (4 F). response: H (4 F). length: of the
+    columns of B (2 F). residual: (4 F). sensed: what each (row, sense) passes on (2 S F). product: of a term (2 F).
+    group_sum: of the terms of a group by row (4 G F). torque: of the parameters (4 (W + C) F). cross: those of the
+    second row times rho (2 W F). column: whole columns of the Jacobian (8 C F). tiles: of the Gram matrix. gain: of
+    each term (E). filter, slope: values of the filters and their logarithmic derivatives, which repeat after
+    ``filter_stride`` slots at the next frequency.
+    """
+
+    matrix: int
+    group: int
+    direction: int
+    rho: int
+    projection: int
+    response: int
+    length: int
+    residual: int
+    sensed: int
+    product: int
+    group_sum: int
+    torque: int
+    cross: int
+    column: int
+    tiles: int
+    gain: int
+    filter: int
+    slope: int
+    filter_stride: int
+
+
 class Workspace(NamedTuple):
     """Lanes ``w``, and the slots at which the parts begin, in their order.
 
     x, gram: parameters (P slots) of the fits, and lower triangle of [J r]^T [J r] there, (P + 1) (P + 2) / 2 slots.
     trial, gram_trial: the same of the step that is tried. held, step: (P). matrix: as ``gram``. damping: one slot.
-    data: 8 N, see `pack`. scratch: of the evaluation.
+    data: 8 N, see `pack`. at: of the evaluation.
     """
 
     w: np.ndarray
@@ -84,7 +117,7 @@ class Workspace(NamedTuple):
     step: int
     damping: int
     data: int
-    scratch: int
+    at: Scratch
 
 
 class Queue(NamedTuple):

@@ -29,7 +29,7 @@ from mcstudy.report.sections.search import further_search_figures, paper_search_
 from mcstudy.report.sections.signals import signal_figures
 from mcstudy.report.sections.standard_errors import zipper_figures
 from mcstudy.report.words import beside, group_overviews, headline, introduction
-from mcstudy.study.readable import structured
+from mcstudy.study.cube.conversion import structured
 
 
 def study_page(path: Path, beside: Sequence[Path], looks: ExitStack, look: Look) -> str:

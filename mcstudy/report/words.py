@@ -14,7 +14,7 @@ from mcstudy.report.context import Context, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
 from mcstudy.report.numbers import short
-from mcstudy.study.unstable import warning
+from mcstudy.study.instability import warning
 from mcstudy.text_tables import counted, number
 
 CLASS = {AGREES: "yes", DIFFERS: "no", CANNOT_TELL: "none", None: "none"}

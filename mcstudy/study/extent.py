@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.fitting.solvers import solvers
+from mcstudy.study.cube.layout import Chunk, Layout, layout, realizations_a_chunk
 from mcstudy.study.design import Study
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.layout import Chunk, Layout, layout, realizations_a_chunk
 
 COPIES = 3
 """Copies of a chunk that a thread holds at most: its numbers, one array filled up to a whole chunk, encoded bytes."""

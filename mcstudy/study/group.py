@@ -7,6 +7,7 @@ or robot needs; a value outside it is a typing error and would lead to numbers t
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from pydantic import (
@@ -15,15 +16,16 @@ from pydantic import (
     SerializerFunctionWrapHandler,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
-    WithJsonSchema,
     create_model,
     field_validator,
     model_serializer,
     model_validator,
 )
+from pydantic_core import core_schema
 
 from mcstudy.files.sections import Name, Section
 from mcstudy.fitting.solvers import Options, solvers
+from mcstudy.stance.body import KINDS
 from mcstudy.stance.ranges import AMPLITUDE, GAIN, RATE, Range
 from mcstudy.stance.truths import TRUTHS
 from mcstudy.text_tables import starts_in_words
@@ -57,6 +59,16 @@ def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
     if len(set(values)) != len(values):
         raise ValueError("every value listed once")
     return tuple(sorted(values))
+
+
+class OneOf:
+    """Metadata of a field: the names of a registry that it may hold."""
+
+    def __init__(self, registry: Iterable[str]) -> None:
+        self.names = tuple(registry)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.literal_schema(list(self.names))
 
 
 LENGTH = Field(min_length=1, max_length=1000)
@@ -119,7 +131,7 @@ class StimulusSection(Section):
     ``lines``: the cycle of the sequence, with these lines instead of those of the sequence.
     """
 
-    kind: Literal["ankle_torque", "hip_torque", "platform_translation", "surface_tilt", "visual_tilt"] = "ankle_torque"
+    kind: Annotated[str, OneOf(KINDS)] = "ankle_torque"
     stages: int = Field(default=7, ge=2, le=9)
     state_s: Annotated[float, STATE] = 0.020
     rate_hz: Annotated[float, RATE] = 200.0
@@ -214,19 +226,12 @@ def with_settings(section: type[S]) -> type[S]:
     )
 
 
-def _known(solver: str) -> str:
-    if solver not in solvers():
-        *first, last = map(repr, solvers())
-        raise ValueError(f"expected {', '.join(first)} or {last}")
-    return solver
-
-
 @with_settings
 class FitSection(Section):
     """Cost, solver, kind of starts and stop rules; the table of a solver's own name holds its settings."""
 
     cost: Literal["paper", "ml"] = "paper"
-    solver: Annotated[str, AfterValidator(_known), WithJsonSchema({"enum": [*solvers()]})] = "lm"
+    solver: Annotated[str, OneOf(solvers())] = "lm"
     starts: Literal["uniform", "latin_hypercube", "sobol", "linearised"] = "uniform"
     tolerance: float = Field(default=1e-12, gt=0, lt=1)
     max_iterations: int = Field(default=1000, ge=1, le=1_000_000)

@@ -29,13 +29,13 @@ from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.progress import duration
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import start_stream
+from mcstudy.study.cube.layout import realizations_a_chunk
+from mcstudy.study.cube.store import Cube, GroupStore
 from mcstudy.study.design import Group, Study
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.extent import Extent, extent
-from mcstudy.study.layout import realizations_a_chunk
-from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.tasks import fill
-from mcstudy.study.unstable import refuse_unstable, warnings_of
+from mcstudy.study.instability import refuse_unstable, warnings_of
 
 PILOT_UNTIL_CERTAIN = 4
 """Realizations that tell how many starts it takes to be certain."""

@@ -14,7 +14,7 @@ from mcstudy import open_results
 from mcstudy.fitting.problem import Fits, Problem
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
+from mcstudy.study.execution import tasks
 from mcstudy.study.experiment import Experiment, Measurement
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study

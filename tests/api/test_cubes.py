@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from pathlib import Path
 
@@ -10,6 +11,8 @@ from tiny_studies import EIGHT_FITS
 
 import mcstudy as mc
 from mcstudy.cli import main
+from mcstudy.errors import DesignError, InputError
+from mcstudy.exits import Exit
 
 
 @pytest.fixture(scope="module")
@@ -71,3 +74,52 @@ def test_the_page_of_a_study_is_written_beside_it(cube: Path) -> None:
     page = mc.write_report(cube)
     assert page == cube.with_suffix(".html")
     assert "<!doctype html>" in page.read_text(encoding="utf-8").lower()
+
+
+def test_a_mistake_names_the_argument_in_python_and_the_option_on_the_command_line(
+    tiny_cube: Path, tiny_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new, cube = str(tmp_path / "new.zarr"), str(tiny_cube)
+    run = ["run", str(tiny_file), "-o", new]
+    options = {"target": "until-mcse", "budget_fits": "budget-fits"}
+    for call, error, line, words in (
+        (
+            lambda: mc.replay(cube, realization=0, start=0),
+            InputError,
+            "group, amplitude, fmax: needed to choose one fit",
+            ["replay", cube, "--realization", "0", "--start", "0"],
+        ),
+        (
+            lambda: mc.extend(cube, starts=9, groups=("loud",)),
+            DesignError,
+            "group: expected one of noisy, ideal",
+            ["extend", cube, "--starts", "9", "--group", "loud"],
+        ),
+        (
+            lambda: mc.run_until(tiny_file, new, "bias", 500),
+            InputError,
+            "target: expected bias=PERCENT%",
+            [*run, "--until-mcse", "bias", "--budget-fits", "500"],
+        ),
+        (
+            lambda: mc.run_until(tiny_file, new, "bias=1%", 9),
+            InputError,
+            "budget_fits: expected at least 128",
+            [*run, "--until-mcse", "bias=1%", "--budget-fits", "9"],
+        ),
+    ):
+        with pytest.raises(error) as refused:
+            call()
+        assert str(refused.value).startswith(line)
+        assert main(words) == Exit.BAD_INPUT
+        names, _, rest = line.partition(": ")
+        named = ", ".join(f"--{options.get(name, name)}" for name in names.split(", "))
+        assert capsys.readouterr().err.startswith(f"mcstudy: {named}: {rest}")
+    assert not Path(new).exists()
+
+
+def test_every_function_of_a_cube_says_what_it_takes_returns_and_raises() -> None:
+    for name in ("status", "extend", "run_until", "verify", "replay", "write_report"):
+        text = inspect.getdoc(getattr(mc, name)) or ""
+        for heading in ("Parameters", "Returns", "Raises"):
+            assert f"{heading}\n---" in text, (name, heading)

@@ -27,7 +27,7 @@ from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.status import Status
 from mcstudy.report.document import write_page
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
+from mcstudy.study.execution import tasks
 from mcstudy.study.study_file import parse_study, read_study
 
 

@@ -13,7 +13,7 @@ from mcstudy.analysis.show import tables
 from mcstudy.cli import first_look, main
 from mcstudy.exits import Exit
 from mcstudy.scheduler.stopping import request_stop
-from mcstudy.study.submission import Outcome
+from mcstudy.study.execution.submission import Outcome
 
 
 @pytest.fixture

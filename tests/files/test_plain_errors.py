@@ -13,7 +13,7 @@ from mcstudy_challenge.design import Series
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.plain_errors import short, validated
 from mcstudy.own_model import run_model
-from mcstudy.recordings.described import read_sheet
+from mcstudy.recordings.assembly import read_sheet
 from mcstudy.stance.body import one_segment
 from mcstudy.study.design import Group
 from mcstudy.study.study_file import parse_study

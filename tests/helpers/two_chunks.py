@@ -8,9 +8,9 @@ import pytest
 import quick_solver
 
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution import tasks
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 TWO_CHUNKS = parse_study("""

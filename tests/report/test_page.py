@@ -35,8 +35,8 @@ from mcstudy.report.typeset import typeset
 from mcstudy.report.words import headline
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.body import two_segment
+from mcstudy.study.cube.conversion import structured
 from mcstudy.study.design import Study
-from mcstudy.study.readable import structured
 from mcstudy.study.run import run_study
 from mcstudy.text_tables import with_error
 

@@ -15,9 +15,9 @@ from mcstudy.cli import main
 from mcstudy.errors import DesignError
 from mcstudy.exits import Exit
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import FitSection, Group, ModelSection, NoiseSection, Study, StudySection
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 TEXT = """

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mcstudy.fitting.solvers import solvers
+from mcstudy.study.cube.layout import Layout, layout, realizations_a_chunk
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.layout import Layout, layout, realizations_a_chunk
 from mcstudy.study.study_file import parse_study, read_study
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"

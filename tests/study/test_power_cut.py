@@ -23,12 +23,12 @@ import quick_solver
 from mcstudy.files import durable
 from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
+from mcstudy.study.cube.run_log import reported
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Study
+from mcstudy.study.execution import tasks
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.run import run_study
-from mcstudy.study.runlog import reported
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 TEXT = """
@@ -275,8 +275,8 @@ def unsynced_write(path: Path, content: bytes | memoryview) -> None:
     ("place", "broken"),
     [
         ("mcstudy.files.durable.write", unsynced_write),
-        ("mcstudy.study.store.sync_folder", lambda _: None),
-        ("mcstudy.study.store.sync_tree", lambda _: None),
+        ("mcstudy.study.cube.store.sync_folder", lambda _: None),
+        ("mcstudy.study.cube.store.sync_tree", lambda _: None),
     ],
 )
 def test_a_sync_left_out_would_be_noticed(

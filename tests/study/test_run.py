@@ -18,9 +18,9 @@ import quick_solver
 from mcstudy.errors import InputError, Interrupted, StoreError, StudyChangedError
 from mcstudy.files.durable import locked, tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions, connect, dashboard_url
-from mcstudy.study import tasks
+from mcstudy.study.cube.store import Cube, GroupStore
+from mcstudy.study.execution import tasks
 from mcstudy.study.run import ATTEMPTS, run_study
-from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
 
 pytestmark = pytest.mark.usefixtures("small_chunks")
@@ -126,7 +126,7 @@ def test_fits_whose_report_is_lost_with_a_worker_are_counted(
             raise RuntimeError("gone")
         return report
 
-    monkeypatch.setattr("mcstudy.study.attempt.run_task", loses_the_first)
+    monkeypatch.setattr("mcstudy.study.execution.attempt.run_task", loses_the_first)
     study = parse_study(tiny)
     outcome = run_study(study, tmp_path / "a.zarr", ClusterOptions(workers=1))
     assert len(lost) == 1
@@ -283,7 +283,7 @@ def test_a_block_that_hangs_is_given_up_and_the_rest_finishes(
 
     out, study = tmp_path / "out.zarr", parse_study(tiny)
     with monkeypatch.context() as patch:
-        patch.setattr("mcstudy.study.attempt.run_task", hang)
+        patch.setattr("mcstudy.study.execution.attempt.run_task", hang)
         outcome = run_study(study, out, ClusterOptions(workers=1, block_timeout=5.0))  # an ordinary block stays below
         assert released == []  # the run did not wait
         release.set()
@@ -314,7 +314,7 @@ def test_a_chunk_that_two_workers_wrote_at_once_gets_a_second_look(
 
     out, study = tmp_path / "out.zarr", parse_study(tiny)
     with monkeypatch.context() as patch:
-        patch.setattr("mcstudy.study.attempt.run_task", first_time_torn)
+        patch.setattr("mcstudy.study.execution.attempt.run_task", first_time_torn)
         assert run_study(study, out, ONE).failed_blocks == []
     assert torn
     assert tree_digest(out) == tree_digest(tiny_cube)
@@ -326,7 +326,7 @@ def test_an_error_that_cannot_be_sent_is_still_reported(
     def broken(_: tasks.Task) -> tasks.TaskReport:
         raise ValueError(threading.Lock(), "cannot be pickled")
 
-    monkeypatch.setattr("mcstudy.study.attempt.run_task", broken)
+    monkeypatch.setattr("mcstudy.study.execution.attempt.run_task", broken)
     outcome = run_study(parse_study(tiny), tmp_path / "out.zarr", ONE, 100)
     assert len(outcome.failed_blocks) == 2
     assert all("cannot be pickled" in line for line in outcome.failed_blocks)

@@ -11,12 +11,12 @@ import mcstudy as mc
 from mcstudy.analysis.show.tables import report_of
 from mcstudy.errors import DesignError
 from mcstudy.fitting.status import Status
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.extend import Growth, extend
-from mcstudy.study.layout import Chunk
 from mcstudy.study.replay import replay
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.tasks import fill
 from mcstudy.study.verify import verify
 
 STUDY = """
@@ -94,7 +94,7 @@ def test_a_chunk_filled_in_pieces_holds_the_same_standard_errors(tmp_path: Path)
 def test_a_cube_with_them_is_verified_replayed_extended_and_shown(tmp_path: Path) -> None:
     out = run(tmp_path)
     assert verify(out, cells=4).damage == []
-    assert replay(out, "paper", None, 8.0, 1, 2).differ == ()
+    assert replay(out, group="paper", fmax=8.0, realization=1, start=2).differ == ()
     small = mc.open_results(out, lazy=False)
     extend(out, Growth(realizations=5, starts=4, fmax=(3.0,)))
     assert verify(out, cells=4).damage == []

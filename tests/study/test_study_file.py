@@ -8,8 +8,8 @@ import pytest
 
 from mcstudy.errors import DesignError
 from mcstudy.study.catalogue import shipped
+from mcstudy.study.instability import refuse_unstable
 from mcstudy.study.study_file import changes, parse_study, read_study
-from mcstudy.study.unstable import refuse_unstable
 
 BAD = [
     # (replace, by, field the message must name, something of what was expected)

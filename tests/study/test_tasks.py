@@ -12,12 +12,12 @@ import quick_solver
 
 from mcstudy.files.durable import tree_digest
 from mcstudy.fitting.status import Status
-from mcstudy.study import tasks
-from mcstudy.study.layout import Chunk
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import Cube, GroupStore
+from mcstudy.study.execution import tasks
+from mcstudy.study.execution.tasks import Task, fill, run_task
 from mcstudy.study.measure import Measurement
-from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.tasks import Task, fill, run_task
 
 
 def cube_of(path: Path, text: str) -> Cube:

@@ -15,14 +15,14 @@ from mcstudy.analysis.selection import best
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.durable import tree_digest
 from mcstudy.fitting.status import Status
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Study
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.plan import plan_study
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.tasks import fill
 from mcstudy.study.verify import verify
 
 MOST = 250
@@ -118,7 +118,7 @@ def test_verify_finds_starts_that_were_left_out_wrongly(cube: Path, tmp_path: Pa
 
 def test_a_start_that_was_not_needed_cannot_be_replayed(cube: Path) -> None:
     with pytest.raises(InputError, match="this one was not needed"):
-        replay(cube, None, None, None, 0, MOST - 1)
+        replay(cube, realization=0, start=MOST - 1)
 
 
 def test_the_plan_counts_the_starts_that_are_needed() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mcstudy.study import environment
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 

@@ -40,9 +40,11 @@ from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import extend, layout, run, runlog, store, submission, tasks, verify
+from mcstudy.study import extend, run, verify
+from mcstudy.study.cube import layout, run_log, store
+from mcstudy.study.cube.store import Cube, GroupStore
+from mcstudy.study.execution import submission, tasks
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
 
 STUDY = """
@@ -61,7 +63,7 @@ REALIZATIONS = 16
 """Of a study before it is extended by half; the tests take fewer, for the same code runs then."""
 ONE = ClusterOptions(workers=1)
 
-WRITERS = {m.__file__ for m in (durable, extend, run, runlog, store, submission, tasks)} | {__file__}
+WRITERS = {m.__file__ for m in (durable, extend, run, run_log, store, submission, tasks)} | {__file__}
 """Source files between whose lines a process dies: whatever decides what is written when."""
 
 KILLS = "kill -9: "
@@ -135,7 +137,7 @@ class Campaign:
         wrong = len(verify.verify(self.out, cells=0).damage)
         (whole,) = Cube.open(self.large).groups.values()
         (mine,) = cube.groups.values()
-        reported = runlog.reported(self.out, cube.study.fingerprint)
+        reported = run_log.reported(self.out, cube.study.fingerprint)
         lost = 0
         for chunk in mine.layout.chunks:
             data = mine.existing(chunk)

@@ -34,8 +34,8 @@ from mcstudy.files import durable
 from mcstudy.fitting.solvers import solvers
 from mcstudy.streams import stream
 from mcstudy.study import experiment, extend, verify
-from mcstudy.study.layout import Chunk
-from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import Cube, GroupStore
 
 SEED = 2
 """Of the faults of every sabotage: one with which each of them soon hits."""

@@ -36,8 +36,10 @@ from mcstudy.files.durable import PARTIAL, tree_digest
 from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import extend, layout, run, runlog, tasks, verify
-from mcstudy.study.store import Cube
+from mcstudy.study import extend, run, verify
+from mcstudy.study.cube import layout, run_log
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution import tasks
 from mcstudy.study.study_file import parse_study
 
 TEXT = """
@@ -130,7 +132,7 @@ def look(out: Path) -> dict[str, Any]:
             finished = store.read("status", chunk)[0] != Status.PENDING
             for r, realization in enumerate(store.layout.realizations(chunk)):
                 done[str(realization)] = int(finished[:, r].sum())
-    told = [layout.Chunk(a, b) for _, a, b in runlog.reported(out, cube.study.fingerprint)]
+    told = [layout.Chunk(a, b) for _, a, b in run_log.reported(out, cube.study.fingerprint)]
     gone = [store.layout.key("status", chunk) for chunk in told if store.pending(chunk)]
     return {"size": size, "done": done, "gone": gone}
 
@@ -296,7 +298,7 @@ class States(RuleBasedStateMachine):
 
     def reported(self) -> list[str]:
         assert self.size is not None
-        return [f"c.{a}.0.{b}.0" for _, a, b in runlog.reported(self.out, STUDIES[self.size].fingerprint)]
+        return [f"c.{a}.0.{b}.0" for _, a, b in run_log.reported(self.out, STUDIES[self.size].fingerprint)]
 
     def nameless(self, size: int) -> bool:
         """Without root and group only the log tells whose a cube is; one that cannot be told is left alone."""

@@ -40,10 +40,10 @@ amplitude = [5.0]
 # start and hear no stop request, so that there is a middle to kill it in however fast the machine is.
 PAUSES = """
 import sys, time
-import mcstudy.study.attempt as attempt
+import mcstudy.study.execution.attempt as attempt
 from dataclasses import replace
 from mcstudy.fitting.solvers import solvers
-from mcstudy.study.tasks import run_task
+from mcstudy.study.execution.tasks import run_task
 solvers()["lm"] = replace(solvers()["lm"], fits_a_chunk=(16, 16))
 ran = []
 def pausing(task):

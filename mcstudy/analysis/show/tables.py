@@ -12,7 +12,7 @@ from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.text import render
 from mcstudy.files.local_path import local_path
 from mcstudy.files.schema import validate
-from mcstudy.study.settled import settled
+from mcstudy.study.cube.replacement import settled
 
 if TYPE_CHECKING:
     import xarray as xr

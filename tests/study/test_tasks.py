@@ -31,7 +31,7 @@ def task(cube: Cube, group: str = "noisy") -> Task:
 
 def filled(store: GroupStore, chunk: Chunk) -> dict[str, np.ndarray]:
     data = store.layout.empty(chunk)
-    fill(store, chunk, data, lambda: False)
+    fill(store.experiment, store.layout, chunk, data)
     return data
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import xarray as xr
 from pydantic import TypeAdapter
 
-import mcstudy.analysis.accessors  # noqa: F401 - the result has its .mc methods
+import mcstudy.analysis.registration  # noqa: F401 - the result has its .mc methods
 from mcstudy.files.plain_errors import validated
 from mcstudy.scheduler.compiling import compile_kernels
 from mcstudy.stance.feedback import Model

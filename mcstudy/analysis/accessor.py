@@ -19,7 +19,6 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-import mcstudy.analysis.accessors  # noqa: F401 - registers it
 from mcstudy.analysis import (
     accuracy,
     basins,

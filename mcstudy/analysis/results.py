@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-import mcstudy.analysis.accessors  # noqa: F401 - results open with their .mc methods
+import mcstudy.analysis.registration  # noqa: F401 - results open with their .mc methods
 from mcstudy.errors import StoreError
 from mcstudy.files.local_path import local_path
 from mcstudy.files.plain_errors import short

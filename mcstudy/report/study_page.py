@@ -11,8 +11,8 @@ from pathlib import Path
 
 from mcstudy.analysis.kept import Look, looking
 from mcstudy.analysis.results import open_for_tables
+from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.summary import show_data
-from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.analysis.show.text import paper_title
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult, read_alternative
 from mcstudy.report.context import Context

@@ -16,7 +16,7 @@ from mcstudy.analysis.montecarlo import PlainStatistic, fraction, jackknives, qu
 from mcstudy.analysis.notes import notes
 from mcstudy.analysis.performance import WITH_ERRORS, performance
 from mcstudy.analysis.published.publication import Row, compared
-from mcstudy.analysis.show.tables import SCHEMA
+from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
 from mcstudy.fitting.status import WANTED

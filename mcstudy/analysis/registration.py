@@ -1,7 +1,7 @@
 """Registers ``.mc`` with xarray: on a Dataset, and on a node of a tree. The analysis is imported when it is first used.
 
 Whatever hands over results imports this. For a file that xarray itself has opened:
-``import mcstudy.analysis.accessors``.
+``import mcstudy.analysis.registration``.
 """
 
 from __future__ import annotations

@@ -13,6 +13,8 @@ from mcstudy.recordings.formats import accepted
 if TYPE_CHECKING:
     from mcstudy.recordings.recording import Recording
 
+TOPIC = "recordings"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -29,9 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--map",
         type=Path,
         metavar="TOML",
-        help="description of the files (`mcstudy help recordings`); options add to it",
+        help="description of the files (`mcstudy help recordings`); options override it",
     )
-    parser.add_argument("--list", action="store_true", help="list the variables of each FILE and read nothing")
+    parser.add_argument("--list", action="store_true", help="list the variables in each FILE and exit")
     what = parser.add_argument_group("which variable is which")
     for name, meaning in {
         "stimulus": "stimulus",

@@ -59,6 +59,7 @@ _FROM = {
     "design": "api.design",
     "diagnose": "api.recordings",
     "effects": "effect_library.library:LIBRARY",
+    "extend": "api.cubes",
     "fill_gaps": "recordings.soundness",
     "fit": "api.recordings",
     "fit_group": "api.groups",
@@ -70,13 +71,18 @@ _FROM = {
     "read_frf_group": "recordings.frf_group",
     "read_recording": "recordings.io",
     "read_study": "study.study_file",
+    "replay": "api.cubes",
     "run": "api.studies",
     "run_model": "own_model",
+    "run_until": "api.cubes",
     "simulate": "effect_library.simulated",
     "solve": "api.solve",
+    "status": "api.cube_status",
     "study_from": "api.groups",
     "summary": "api.studies",
+    "verify": "api.cubes",
     "write_recording": "recordings.io",
+    "write_report": "api.cubes",
 }
 """Where each name comes from, imported when it is asked for: help must not wait for xarray, Dask and numba."""
 
@@ -98,6 +104,7 @@ __all__ = [
     "design",
     "diagnose",
     "effects",
+    "extend",
     "fill_gaps",
     "fit",
     "fit_group",
@@ -109,13 +116,18 @@ __all__ = [
     "read_frf_group",
     "read_recording",
     "read_study",
+    "replay",
     "run",
     "run_model",
+    "run_until",
     "simulate",
     "solve",
+    "status",
     "study_from",
     "summary",
+    "verify",
     "write_recording",
+    "write_report",
 ]
 
 

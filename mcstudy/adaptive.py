@@ -25,10 +25,10 @@ from mcstudy.errors import InputError
 from mcstudy.files.local_path import local_path
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.ranges import Range
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Group, Study
 from mcstudy.study.extend import Growth, extend, grown_study
 from mcstudy.study.run import Outcome, run_study
-from mcstudy.study.store import Cube
 
 FACTOR = 4
 """Largest growth of the number of realizations in one step: the MCSE is uncertain when it comes from few."""
@@ -126,7 +126,7 @@ def parse_target(text: str) -> PrecisionTarget:
         target = None
     if target is None or target.statistic not in STATISTICS or target.percent not in PERCENT_RANGE:
         names = " or ".join(f"{name}=PERCENT%" for name in STATISTICS)
-        raise InputError(f"--until-mcse: expected {names} with PERCENT {PERCENT_RANGE}, such as bias=1%, got {text}")
+        raise InputError(f"target: expected {names} with PERCENT {PERCENT_RANGE}, such as bias=1%, got {text}")
     return target
 
 
@@ -187,12 +187,10 @@ def run_until(
     out = local_path(out)
     names = [name for name, group in study.groups.items() if group.noisy]
     if not names:
-        raise InputError(
-            "--until-mcse: expected a study with noise, because there is no Monte Carlo error without noise"
-        )
+        raise InputError("target: expected a study with noise, because there is no Monte Carlo error without noise")
     current = _already_grown(study, out)
     if current.fits > budget:
-        raise InputError(f"--budget-fits: expected at least {current.fits}, the fits of the study so far, got {budget}")
+        raise InputError(f"budget_fits: expected at least {current.fits}, the fits of the study so far, got {budget}")
     total = run_study(current, out, options, block, quarantine, allow_unstable=allow_unstable)
     until = Until(False, "", outcome=total)
     while True:

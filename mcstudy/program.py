@@ -124,8 +124,10 @@ def _digest(parts: tuple[str, ...] | None) -> str:
 
 def _files(parts: tuple[str, ...] | None) -> Iterator[str]:
     for name in sorted(STARTED):
-        room = name.partition("/")[0]
-        if room in parts if parts is not None else room not in _attached:
+        if parts is None:
+            if name.partition("/")[0] not in _attached:
+                yield name
+        elif any(name.startswith(f"{part}/") or name in (part, f"{part}.py") for part in parts):
             yield name
 
 

@@ -18,6 +18,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -136,11 +137,14 @@ def _compile(root: Path, target: Target, code: Path, kept: Path) -> str:
         "NUMBA_CPU_NAME": target.cpu,
         "NUMBA_CPU_FEATURES": ",".join(f"+{name}" for name in target.features),
         # Isolated builds hand their packages over in this variable too.
-        "PYTHONPATH": os.pathsep.join([str(root), *filter(None, [inherited.get("PYTHONPATH")])]),
+        "PYTHONPATH": os.pathsep.join(
+            [str(kept), str(root), str(root / "pipelines"), *filter(None, [inherited.get("PYTHONPATH")])]
+        ),
         "PYTHONDONTWRITEBYTECODE": "1",
     }
     # From an empty folder, so that nothing but the source at `root` is found as mcstudy.
     kept.mkdir()
+    _install(root, kept)
     done = subprocess.run(
         [sys.executable, "-c", COMPILE, str(code), *target.parts],
         env=inherited | variables,
@@ -151,3 +155,12 @@ def _compile(root: Path, target: Target, code: Path, kept: Path) -> str:
     if done.returncode == 0:
         return ""
     return (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
+
+
+def _install(root: Path, folder: Path) -> None:
+    """Write the entry points that solvers attach by, of which nothing is installed yet where a wheel is built."""
+    groups = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
+    lines = [f"{name} = {place}" for name, place in groups["mcstudy.solvers"].items()]
+    (folder / "mcstudy-0.dist-info").mkdir()
+    text = "\n".join(["[mcstudy.solvers]", *lines, ""])
+    (folder / "mcstudy-0.dist-info" / "entry_points.txt").write_text(text, encoding="utf-8")

@@ -19,7 +19,6 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-import mcstudy.analysis.accessors  # noqa: F401 - registers it
 from mcstudy.analysis import (
     accuracy,
     basins,
@@ -43,7 +42,7 @@ from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.fitting.standard_errors import overlap_of
 from mcstudy.stance.feedback import Model
-from mcstudy.study.readable import readable
+from mcstudy.study.cube.conversion import readable
 
 MOST_BYTES = 64 * 2**20
 """Largest result that is computed at once: tables, and the best fits of some hundred thousand cells."""

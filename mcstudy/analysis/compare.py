@@ -6,8 +6,8 @@ averaged over the common amplitudes (and parameters), with the jackknife error o
 realization that one of the two could not use is left out of both. Groups with different seeds are independent: each has
 its own realizations, and their variances add.
 
-Within a study the reference is the group with the paper's settings, or else the first group. If the paper makes a claim
-about a difference (`mcstudy.analysis.paper.published.VARIANTS`), the difference is compared with the claim.
+Within a study the reference is the group with the defaults of a study file, or else the first group. If a publication
+makes a claim about a difference (`mcstudy.analysis.published`), the difference is compared with the claim.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from mcstudy.analysis import accuracy
 from mcstudy.analysis.labels import PERCENT, labelled
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.montecarlo import Moments, Statistic, jackknife
-from mcstudy.analysis.paper.published import VARIANTS, Expectation, Variant
+from mcstudy.analysis.published.publication import publications
+from mcstudy.analysis.published.statement import Expectation, Variant
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.errors import InputError
 
@@ -67,7 +68,7 @@ class Comparison:
     amplitudes: those averaged over. realizations: number of common ones; the smaller number if independent.
     paired: whether equal realizations have the same noise in both.
     result: Dataset ``value``, ``mcse``, ``n`` with dims (measure, fmax); NaN where a measure does not exist.
-    verdicts: comparison with the paper's claims about this change.
+    verdicts: comparison with published claims about this change.
     """
 
     reference: str
@@ -289,9 +290,9 @@ def comparisons_with(study: StudyView, reference: StudyView, name: str) -> tuple
 
 
 def _verdicts(reference: GroupView, other: GroupView, result: xr.Dataset) -> Iterator[Verdict]:
-    if reference.differences or not other.comparable([], []):
+    if reference.differences:
         return
-    for claim in VARIANTS:
+    for claim in (c for p in publications() if p.claims_about(other) for c in p.claims):
         if set(claim.changes) != set(other.differences):
             continue
         for expectation in claim.expects:

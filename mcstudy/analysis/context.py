@@ -13,10 +13,10 @@ from mcstudy.errors import ModelError, StoreError
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import expected_line_covariance
+from mcstudy.study.cube.conversion import structured
 from mcstudy.study.design import Group
 from mcstudy.study.measure import kept_points, stimulus
 from mcstudy.study.models import build_model
-from mcstudy.study.readable import structured
 
 DESIGN = "design"
 """Attribute of a group that holds its resolved design."""

@@ -146,7 +146,7 @@ def _content(cube: Path) -> str:
 
 
 def _is_chunk(name: str) -> bool:
-    """Whether a file of a cube holds numbers and ends in their checksum (`mcstudy.study.layout`)."""
+    """Whether a file of a cube holds numbers and ends in their checksum (`mcstudy.study.cube.layout`)."""
     return name.startswith("c.") and not name.endswith(".checksums")
 
 

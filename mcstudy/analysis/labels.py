@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import xarray as xr
 
-from mcstudy.study.readable import PARAMETER_UNIT
+from mcstudy.study.cube.conversion import PARAMETER_UNIT
 
 T = TypeVar("T", xr.Dataset, xr.DataArray)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from mcstudy.analysis.selection import inside_bounds
 from mcstudy.analysis.view import GroupView
-from mcstudy.study.unstable import warning
+from mcstudy.study.instability import warning
 
 LEAST = 3
 """Smallest number of realizations for a Monte Carlo error."""

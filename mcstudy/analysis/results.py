@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-import mcstudy.analysis.accessors  # noqa: F401 - results open with their .mc methods
+import mcstudy.analysis.registration  # noqa: F401 - results open with their .mc methods
 from mcstudy.errors import StoreError
 from mcstudy.files.local_path import local_path
 from mcstudy.files.plain_errors import short
-from mcstudy.study.checked_store import CheckedStore
-from mcstudy.study.readable import readable, text_attributes
-from mcstudy.study.settled import settled
-from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.cube.checked_store import CheckedStore
+from mcstudy.study.cube.conversion import readable, text_attributes
+from mcstudy.study.cube.replacement import settled
+from mcstudy.study.cube.store import Cube, GroupStore
 
 FITS_A_PIECE = 50_000
 """Fits per Dask chunk: about 5 MB of estimates, several times that while the best of them are found."""

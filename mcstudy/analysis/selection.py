@@ -16,7 +16,7 @@ from xarray.core import indexing  # documented: "How to add a new backend", lazy
 from mcstudy.analysis.labels import ONE, label, labelled, relabelled
 from mcstudy.errors import InputError
 from mcstudy.fitting.status import NOT_RUN, USABLE, Status
-from mcstudy.study.readable import PARAMETER_UNIT
+from mcstudy.study.cube.conversion import PARAMETER_UNIT
 
 COMBINED: dict[str, tuple[str, ...]] = {
     "K11+Kpas1": ("K11", "Kpas1"),

@@ -1,8 +1,8 @@
-"""A whole study as the tables use it: its groups, their best fits (read once), and the group for each question."""
+"""A whole study as the tables use it: its groups and their best fits, read once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -18,8 +18,8 @@ from mcstudy.files.sections import leaves
 from mcstudy.fitting.standard_errors import overlap_of
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import FITTED, Group
+from mcstudy.study.instability import instability
 from mcstudy.study.models import with_model_values
-from mcstudy.study.unstable import instability
 
 _NEEDED = (
     "estimate",
@@ -113,9 +113,10 @@ class GroupView:
 
     @cached_property
     def differences(self) -> list[str]:
-        """Settings in which the group differs from the paper's (the defaults of a study file), ``field = value``."""
-        paper = Group(realizations=1, starts=1, fmax=self.group.fmax, amplitude=self.group.amplitude)
-        return self.differences_from(with_model_values(paper) if self.group.model.kind == paper.model.kind else paper)
+        """Settings in which the group differs from the defaults of a study file, ``field = value``."""
+        default = Group(realizations=1, starts=1, fmax=self.group.fmax, amplitude=self.group.amplitude)
+        same = self.group.model.kind == default.model.kind
+        return self.differences_from(with_model_values(default) if same else default)
 
     def differences_from(self, other: Group) -> list[str]:
         """Settings in which the group differs from ``other``, ``field = value`` of this group."""
@@ -143,16 +144,6 @@ class GroupView:
         chosen = cells.isel({dim: _run(cells.get_index(dim).get_indexer(values)) for dim, values in wanted.items()})
         return chosen.assign_coords(fmax=list(fmax), amplitude=list(amplitude))
 
-    def comparable(self, fmax: Iterable[float], amplitude: Iterable[float]) -> bool:
-        """Whether the paper's numbers at these Fmax and amplitudes apply to this group."""
-        return (
-            self.group.model.kind == "two_segment"
-            and self.group.stimulus.kind == "ankle_torque"
-            and self.group.fit.cost == "paper"
-            and all(self.fmax(f) is not None for f in fmax)
-            and all(self.amplitude(a) is not None for a in amplitude)
-        )
-
 
 def _run(positions: np.ndarray) -> slice | np.ndarray:
     """Positions as a slice where they follow one another: a view of all estimates, not a copy."""
@@ -166,20 +157,3 @@ class StudyView:
     def __init__(self, tree: xr.DataTree) -> None:
         self.attributes = dict(tree.attrs)
         self.groups = {name: GroupView(name, node.to_dataset()) for name, node in tree.children.items()}
-
-    def accuracy(self, fmax: Sequence[float], amplitude: Sequence[float]) -> GroupView | None:
-        """The comparable group with noise that is nearest to the paper's setting; of those, the most realizations."""
-        fit = [g for g in self.groups.values() if g.noisy and g.comparable(fmax, amplitude)]
-        return max(fit, key=lambda g: (-len(g.differences), g.group.realizations), default=None)
-
-    def pools(self, fmax: float, amplitude: float, least: int) -> GroupView | None:
-        """The comparable group with noise that is nearest to the paper's; of those, the most starts in every cell."""
-        fit = [g for g in self.groups.values() if g.noisy and g.comparable([fmax], [amplitude])]
-        enough = [g for g in fit if g.group.starts >= least and not g.group.until_certain]
-        return max(enough, key=lambda g: (-len(g.differences), g.group.starts), default=None)
-
-    def noise_free(self, fmax: float, least: int) -> GroupView | None:
-        """The comparable group fitted to the closed form that has the most pools of at least ``least`` starts."""
-        fit = [g for g in self.groups.values() if g.group.simulator == "none" and g.comparable([fmax], [])]
-        enough = [g for g in fit if g.group.starts >= least and not g.group.until_certain]
-        return max(enough, key=lambda g: (-len(g.differences), g.group.realizations), default=None)

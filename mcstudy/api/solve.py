@@ -10,8 +10,8 @@ from mcstudy.planning.solve import solve_study
 from mcstudy.report.with_page import SolutionWithPage
 from mcstudy.scheduler.activity import activity, doing
 from mcstudy.study.design import Study
+from mcstudy.study.instability import refuse_unstable
 from mcstudy.study.study_file import read_study
-from mcstudy.study.unstable import refuse_unstable
 
 
 def solve(

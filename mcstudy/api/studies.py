@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Unpack
 
 import xarray as xr
 
 from mcstudy.analysis.results import open_results
 from mcstudy.analysis.show.tables import report_of, show
+from mcstudy.api.where import Where, cluster_options
 from mcstudy.report.summary import StudySummary
-from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.scheduler.slurm import read_slurm_options
 from mcstudy.study.design import Study
 from mcstudy.study.plan import StudyPlan, plan_study
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import read_study
 
+StudyLike = Study | str | Path
+"""A `Study`, the path of a study file, or the name of a shipped study."""
 
-def plan(study: Study | str | Path, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
+
+def plan(study: StudyLike, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:
     """Predict run time, size and Monte Carlo error of a study from a small pilot.
 
     Parameters
@@ -39,22 +42,16 @@ def plan(study: Study | str | Path, *, workers: int | None = None, allow_unstabl
     DesignError
         The study has a mistake, or the closed loop of its true parameters is unstable.
     """
-    return plan_study(_study(study), workers=workers, allow_unstable=allow_unstable)
+    return plan_study(study_of(study), workers=workers, allow_unstable=allow_unstable)
 
 
 def run(
-    study: Study | str | Path,
+    study: StudyLike,
     out: str | Path,
     *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    tls_ca: str | Path | None = None,
-    tls_cert: str | Path | None = None,
-    tls_key: str | Path | None = None,
-    insecure: bool = False,
-    slurm: str | Path | None = None,
     quarantine: bool = False,
     allow_unstable: bool = False,
+    **where: Unpack[Where],
 ) -> xr.DataTree:
     """Run a study into a results cube, or finish what is pending in it, and open it.
 
@@ -64,26 +61,22 @@ def run(
         A `Study`, the path of a study file, or the name of a shipped study (``goodworth2018``).
     out
         Path of the cube, a ``.zarr`` folder.
-    workers
-        Threads of the local scheduler; one per core when None.
-    scheduler
-        Address of a running Dask scheduler, ``tls://HOST:PORT`` or ``tcp://HOST:PORT``.
-    tls_ca, tls_cert, tls_key
-        PEM files of a ``tls://`` scheduler: certificate authority, client certificate, its key.
-    insecure
-        Accept an unencrypted ``tcp://`` scheduler on another machine.
-    slurm
-        File of options (TOML) of the jobs that compute the study on a Slurm cluster.
     quarantine
         Move files in the cube's folder that do not belong to it to ``OUT.aside``; nothing is deleted.
     allow_unstable
         Accept true parameters whose closed loop is unstable.
+    where
+        Where to run. ``workers``: threads of this process, one per core by default. ``scheduler``: address of a
+        running Dask scheduler, ``tls://HOST:PORT`` with ``tls_ca``, ``tls_cert`` and ``tls_key`` (PEM files), or
+        ``tcp://HOST:PORT``, on another machine with ``insecure=True``. ``slurm``: file of options (TOML) of the jobs
+        that compute the study on a Slurm cluster. ``dashboard``: serve Dask's dashboard on 127.0.0.1:8787. ``block``
+        and ``block_timeout``: chunks of a task, and the seconds after which it is given up.
 
     Returns
     -------
     xarray.DataTree
         The cube as `open_results` opens it: one node per group, with its statistics as ``.mc``. Fits that failed are
-        marked in ``status``; ``mcstudy status OUT`` lists them.
+        marked in ``status``; `status` lists them.
 
     Raises
     ------
@@ -96,17 +89,8 @@ def run(
     Interrupted
         The run was stopped; the same call resumes it.
     """
-    ca, cert, key = (None if pem is None else Path(pem) for pem in (tls_ca, tls_cert, tls_key))
-    options = ClusterOptions(
-        workers=workers,
-        scheduler=scheduler,
-        insecure=insecure,
-        tls_ca=ca,
-        tls_cert=cert,
-        tls_key=key,
-        slurm=None if slurm is None else read_slurm_options(Path(slurm)),
-    )
-    run_study(_study(study), out, options, quarantine=quarantine, allow_unstable=allow_unstable)
+    block = where.get("block")
+    run_study(study_of(study), out, cluster_options(where), block, quarantine, allow_unstable=allow_unstable)
     return open_results(out, lazy=None)
 
 
@@ -140,5 +124,6 @@ def _tree(results: xr.DataTree | str | Path) -> xr.DataTree:
     return results if isinstance(results, xr.DataTree) else open_results(results, lazy=None)
 
 
-def _study(study: Study | str | Path) -> Study:
+def study_of(study: StudyLike) -> Study:
+    """The study itself, or the one that a file or a name stands for."""
     return study if isinstance(study, Study) else read_study(study)

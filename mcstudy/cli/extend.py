@@ -6,8 +6,10 @@ import argparse
 from pathlib import Path
 
 from mcstudy.cli.first_look import prepare
-from mcstudy.cli.options import add_cluster_arguments, cluster_options, tell
+from mcstudy.cli.options import add_cluster_arguments, cluster_options, named_as_options, tell
 from mcstudy.exits import Exit
+
+TOPIC = "studies"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +32,8 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.study.extend import Growth, extend
 
     growth = Growth(args.realizations, args.starts, tuple(args.fmax), tuple(args.amplitude), tuple(args.group))
-    outcome = extend(args.out, growth, cluster_options(args), args.block)
+    with named_as_options(group="group"):
+        outcome = extend(args.out, growth, cluster_options(args), args.block)
     code = tell(outcome, args.out)
     prepare(outcome, args.out)
     return code

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mcstudy.study.submission import Outcome
+    from mcstudy.study.execution.submission import Outcome
 
 LEAST_FITS = 10_000
 """A smaller study is run in less time than its statistics take; they are left to the first look."""

@@ -23,6 +23,8 @@ from mcstudy.exits import Exit
 if TYPE_CHECKING:
     from mcstudy.gap.diagnosis import Diagnosis
 
+TOPIC = "diagnosis"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb and of its sub-verbs."""
@@ -52,7 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "compare", help="compare two groups of people: what differs, where, and which parameter changed"
     )
     _compare_arguments(compare)
-    _next_arguments(verbs.add_parser("next", help="rank possible next trials by what they would tell of the cause"))
+    _next_arguments(
+        verbs.add_parser("next", help="rank possible next trials by how much they would reveal about the cause")
+    )
 
     for name, command in below("gap").items():
         command.add_arguments(verbs.add_parser(name, help=command.HELP))
@@ -90,9 +94,9 @@ def _compare_arguments(compare: argparse.ArgumentParser) -> None:
     compare.add_argument("--with-condition", metavar="NAME", help="condition of the second group")
     pairing = compare.add_mutually_exclusive_group()
     pairing.add_argument(
-        "--paired", action="store_true", default=None, help="compare people of the same name with themselves"
+        "--paired", action="store_true", default=None, help="treat recordings with the same person name as paired"
     )
-    pairing.add_argument("--unpaired", dest="paired", action="store_false", help="take all for different people")
+    pairing.add_argument("--unpaired", dest="paired", action="store_false", help="treat all people as independent")
     compare.add_argument("--permutations", type=int, default=999, metavar="N", help="relabellings of the tests (999)")
     compare.add_argument("--figure", type=Path, metavar="FILE", help="also draw both groups (.svg, .png or .pdf)")
     compare.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
@@ -256,11 +260,12 @@ def _given(args: argparse.Namespace, *own: tuple[str, Any]) -> list[str]:
 
 
 def _report(args: argparse.Namespace) -> Exit:
-    from mcstudy.cli.report import beside, write_and_tell
+    from mcstudy.cli.report import write_and_tell
+    from mcstudy.report.document import page_of
     from mcstudy.report.style import require_matplotlib
 
     require_matplotlib()
-    output = args.output or beside(args.recordings[0])
+    output = args.output or page_of(args.recordings[0])
 
     def text() -> str:
         from mcstudy.gap.planned.next_trial import next_trial

@@ -14,7 +14,7 @@ def groups_of(args: argparse.Namespace) -> list[tuple[Any, str]]:
 
     Raises `InputError` for a mixture of descriptions and recordings, and for a condition that is missing or not there.
     """
-    from mcstudy.recordings.frf_group_sheet import is_group
+    from mcstudy.recordings.sheets.frf_group_sheet import is_group
 
     sides = [
         (args.group, args.condition, "--condition"),

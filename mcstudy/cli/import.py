@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcstudy.exits import Exit
+from mcstudy.recordings.formats import accepted
 
 if TYPE_CHECKING:
     from mcstudy.recordings.recording import Recording
+
+TOPIC = "recordings"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "files",
         nargs="*",
         metavar="FILE",
-        help="MATLAB (.mat), C3D (.c3d) or text with columns; one per trial, unless --map or --split says otherwise",
+        help=f"{accepted()}; one per trial, unless --map or --split says otherwise",
     )
     parser.add_argument(
         "-o", "--out", "--output", dest="output", type=Path, metavar="REC", help="recording to write (.nc or .zarr)"
@@ -28,9 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--map",
         type=Path,
         metavar="TOML",
-        help="description of the files (`mcstudy help recordings`); options add to it",
+        help="description of the files (`mcstudy help recordings`); options override it",
     )
-    parser.add_argument("--list", action="store_true", help="list the variables of each FILE and read nothing")
+    parser.add_argument("--list", action="store_true", help="list the variables in each FILE and exit")
     what = parser.add_argument_group("which variable is which")
     for name, meaning in {
         "stimulus": "stimulus",
@@ -92,10 +95,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> Exit:
     """Read, check, print and write; returns the exit code."""
     from mcstudy.errors import InputError
-    from mcstudy.recordings.description import described
-    from mcstudy.recordings.importing import import_files, listing
     from mcstudy.recordings.io import write_recording
-    from mcstudy.recordings.sheet import Sheet
+    from mcstudy.recordings.laboratory_import import import_files, listing
+    from mcstudy.recordings.sheets.recording_sheet import Sheet
+    from mcstudy.recordings.sheets.tables import described
     from mcstudy.text_tables import escaped, folded
 
     options = _options(args)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
+    from mcstudy.api.where import Where
     from mcstudy.scheduler.cluster import ClusterOptions
     from mcstudy.study.design import Study
-    from mcstudy.study.submission import Outcome
+    from mcstudy.study.execution.submission import Outcome
 
 
 class NestedParser(argparse.ArgumentParser):
@@ -62,7 +65,7 @@ def add_unstable_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-unstable",
         action="store_true",
-        help="accept true parameters with an unstable closed loop (the body falls)",
+        help="accept true parameters with an unstable closed loop (no steady state exists)",
     )
 
 
@@ -72,8 +75,8 @@ def stable_study(args: argparse.Namespace) -> Study:
     from mcstudy.study.study_file import read_study
 
     study = read_study(args.study)
+    from mcstudy.study.instability import refuse_unstable
     from mcstudy.study.kernels import compile_for_check  # numba is slow to import; report a bad file first
-    from mcstudy.study.unstable import refuse_unstable
 
     compile_for_check(study, fits=getattr(args, "scheduler", None) is None and getattr(args, "slurm", None) is None)
     try:
@@ -85,20 +88,31 @@ def stable_study(args: argparse.Namespace) -> Study:
 
 def cluster_options(args: argparse.Namespace) -> ClusterOptions:
     """What `add_scheduler_arguments` or `add_cluster_arguments` declared."""
-    from mcstudy.scheduler.cluster import ClusterOptions
-    from mcstudy.scheduler.slurm import read_slurm_options
+    from mcstudy.api.where import cluster_options
 
-    return ClusterOptions(
-        workers=args.workers,
-        scheduler=args.scheduler,
-        dashboard=args.dashboard,
-        insecure=args.insecure,
-        tls_ca=args.tls_ca,
-        tls_cert=args.tls_cert,
-        tls_key=args.tls_key,
-        slurm=None if args.slurm is None else read_slurm_options(args.slurm),
-        block_timeout=getattr(args, "block_timeout", None),
-    )
+    return cluster_options(where(args))
+
+
+def where(args: argparse.Namespace) -> Where:
+    """The same as the functions of `mcstudy` take it."""
+    from mcstudy.api.where import Where
+
+    return Where(**{name: getattr(args, name) for name in Where.__annotations__ if hasattr(args, name)})  # type: ignore[typeddict-item]
+
+
+@contextlib.contextmanager
+def named_as_options(**options: str) -> Iterator[None]:
+    """Errors about an argument of a function name the option that states it: argument = option."""
+    from mcstudy.errors import InputError
+
+    try:
+        yield
+    except InputError as error:
+        arguments, colon, rest = str(error).partition(": ")
+        names = [options.get(name) for name in arguments.split(", ")]
+        if None in names:
+            raise
+        raise type(error)(f"{', '.join(f'--{name}' for name in names)}{colon}{rest}") from None
 
 
 def tell(outcome: Outcome, out: Path) -> Exit:
@@ -113,8 +127,8 @@ def tell(outcome: Outcome, out: Path) -> Exit:
         print(f"failed block: {line}")
     if not (outcome.failed_blocks or outcome.failed_fits):
         return Exit.DONE
+    from mcstudy.study.cube.store import Cube
     from mcstudy.study.failures import failed_fits
-    from mcstudy.study.store import Cube
 
     for line in failed_fits(Cube.open(out)):
         print(f"failed fit: {line}")

@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mcstudy.cli.options import named_as_options
 from mcstudy.exits import Exit
+
+TOPIC = "cube"
+
+
+CELL = ("group", "amplitude", "fmax", "realization", "start")
+"""Options that choose the fit, named as the arguments of `mcstudy.replay`."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,8 +33,9 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.study.replay import replay
     from mcstudy.text_tables import fill, folded, table
 
-    with activity(f"{args.out}: repeating the fit"):
-        r = replay(args.out, args.group, args.amplitude, args.fmax, args.realization, args.start)
+    cell = {name: getattr(args, name) for name in CELL}
+    with activity(f"{args.out}: repeating the fit"), named_as_options(**dict(zip(CELL, CELL, strict=True))):
+        r = replay(args.out, **cell)
     width = r.model.upper - r.model.lower
     header = ["iteration", "cost", "step", *(f"{p.name}/({p.unit})" for p in r.model.parameters)]
     rows = [

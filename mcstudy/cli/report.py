@@ -8,8 +8,7 @@ from pathlib import Path
 
 from mcstudy.exits import Exit
 
-DATA = (".zarr", ".nc", ".toml", ".csv")
-"""Endings that a page has .html instead of."""
+TOPIC = "pages"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=[],
         metavar="FILE",
-        help="alternatives to show too: cubes, or files from pipelines/examples/{two_stimuli,population}.py",
+        help="further results to include on the page: cubes, or files from "
+        "pipelines/examples/{two_stimuli,population}.py",
     )
     parser.add_argument(
         "-o", "--out", "--output", dest="output", type=Path, metavar="PAGE", help="page to write; default OUT.html"
@@ -30,14 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Write the page; returns the exit code."""
+    from mcstudy.report.document import page_of
     from mcstudy.report.page import page  # imports what it needs to draw
 
-    return write_and_tell(args.output or beside(args.out), lambda: page(args.out, args.beside))
-
-
-def beside(file: Path) -> Path:
-    """The page of a cube or a recording when no other is asked for: ``results/a.zarr`` has ``results/a.html``."""
-    return file.with_name(f"{file.stem if file.suffix in DATA else file.name}.html")
+    return write_and_tell(args.output or page_of(args.out), lambda: page(args.out, args.beside))
 
 
 def write_and_tell(file: Path, text: Callable[[], str]) -> Exit:

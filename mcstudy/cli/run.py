@@ -7,11 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcstudy.cli.first_look import prepare
-from mcstudy.cli.options import add_cluster_arguments, add_unstable_argument, cluster_options, stable_study, tell
+from mcstudy.cli.options import (
+    add_cluster_arguments,
+    add_unstable_argument,
+    cluster_options,
+    named_as_options,
+    stable_study,
+    tell,
+    where,
+)
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.study.design import Study
+
+TOPIC = "studies"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,27 +65,26 @@ def _until(args: argparse.Namespace, study: Study, out: Path) -> Exit:
     """Run, and extend until the target is reached; returns the exit code."""
     import sys
 
-    from mcstudy.adaptive import parse_target, run_until
+    from mcstudy.api.cubes import run_until
     from mcstudy.errors import InputError
 
     if args.until_mcse is None or args.budget_fits is None:
         raise InputError("--until-mcse and --budget-fits: expected both or neither")
-    target = parse_target(args.until_mcse)
 
     def say(line: str) -> None:
         print(f"extending: {line}", file=sys.stderr, flush=True)
 
-    until = run_until(
-        study,
-        out,
-        target,
-        args.budget_fits,
-        cluster_options(args),
-        args.block,
-        say,
-        args.quarantine,
-        allow_unstable=args.allow_unstable,
-    )
+    with named_as_options(target="until-mcse", budget_fits="budget-fits"):
+        until = run_until(
+            study,
+            out,
+            args.until_mcse,
+            args.budget_fits,
+            quarantine=args.quarantine,
+            allow_unstable=args.allow_unstable,
+            say=say,
+            **where(args),
+        )
     code = tell(until.outcome, out)
     for line in until.steps:
         print(f"extended: {line}")

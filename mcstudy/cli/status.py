@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import seconds
 from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
-if TYPE_CHECKING:
-    from collections import Counter
-
-    from mcstudy.fitting.status import Status
-    from mcstudy.study.store import Cube
+TOPIC = "faults"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,35 +29,26 @@ def main(args: argparse.Namespace) -> Exit:
 
 
 def _once(path: Path, as_json: bool) -> Exit:
+    from mcstudy.api.cube_status import status
     from mcstudy.files.json_files import json_text
-    from mcstudy.files.schema import identifier
     from mcstudy.fitting.status import Status
-    from mcstudy.study.failures import account
-    from mcstudy.study.settled import settled
-    from mcstudy.study.store import Cube
     from mcstudy.text_tables import table
 
-    def looked_at() -> tuple[Cube, dict[str, Counter[Status]], list[str]]:
-        cube = Cube.open(path)
-        return cube, *account(cube)
-
-    cube, by_group, failed = settled([path], looked_at)
+    now = status(path)
     if as_json:
-        groups = {name: {s.name.lower(): c[s] for s in Status} for name, c in by_group.items()}
-        study, fingerprint = cube.study.study.name, cube.study.fingerprint
-        document = {"schema": identifier("status"), "study": study, "fingerprint": fingerprint, "groups": groups}
-        print_json(json_text(document, "status", "status"))
-        return Exit.FITS_FAILED if failed else Exit.DONE
-    print(f"{cube.path}: study {cube.study.study.name}, seed {cube.study.study.seed}")
-    print(f"fingerprint {cube.study.fingerprint}")
-    shown = [s for s in Status if s is Status.PENDING or any(c[s] for c in by_group.values())]
-    header = ["", *(s.name.lower().replace("_", " ") for s in shown)]
-    print(table(header, [[name, *(str(c[s]) for s in shown)] for name, c in by_group.items()]))
-    for line in failed:
+        print_json(json_text(now.to_dict(), "status", "status"))
+        return Exit.FITS_FAILED if now.failed else Exit.DONE
+    print(f"{now.path}: study {now.study}, seed {now.seed}")
+    print(f"fingerprint {now.fingerprint}")
+    names = [s.name.lower() for s in Status]
+    shown = [s for s in names if s == "pending" or any(counts[s] for counts in now.groups.values())]
+    header = ["", *(s.replace("_", " ") for s in shown)]
+    print(table(header, [[name, *(str(counts[s]) for s in shown)] for name, counts in now.groups.items()]))
+    for line in now.failed:
         print(f"failed fit: {line}")
-    if any(c[Status.PENDING] for c in by_group.values()):
+    if now.pending:
         print("not complete: repeat the run command to resume")
-    return Exit.FITS_FAILED if failed else Exit.DONE
+    return Exit.FITS_FAILED if now.failed else Exit.DONE
 
 
 def _watch(path: Path, every: float) -> Exit:
@@ -71,8 +57,8 @@ def _watch(path: Path, every: float) -> Exit:
     from mcstudy.scheduler.display import Display
     from mcstudy.scheduler.progress import Speed, counts_line
     from mcstudy.scheduler.stopping import stop_requests
-    from mcstudy.study.settled import settled, stamp
-    from mcstudy.study.store import Cube
+    from mcstudy.study.cube.replacement import settled, stamp
+    from mcstudy.study.cube.store import Cube
     from mcstudy.study.watch import Watch
 
     watch, display, speed = Watch(Cube.open(path)), Display(sys.stdout), Speed()

@@ -8,6 +8,8 @@ from pathlib import Path
 from mcstudy.cli.options import relative
 from mcstudy.exits import Exit
 
+TOPIC = "faults"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
@@ -30,7 +32,7 @@ def main(args: argparse.Namespace) -> Exit:
     """Check a cube; returns `Exit.DIFFERS` when anything is damaged or differs by more than rounding explains."""
     from mcstudy.files.json_files import json_text
     from mcstudy.scheduler.activity import activity
-    from mcstudy.study.elsewhere import TOLERANCE
+    from mcstudy.study.cube.rounding import TOLERANCE
     from mcstudy.study.verify import verify
     from mcstudy.text_tables import folded
 

@@ -120,15 +120,14 @@ def inner(function: Callable[..., Any] | None = None, *, forceinline: bool = Fal
     return njit(error_model="numpy", **more)(function)
 
 
-def ship(folder: Path, package: str = "mcstudy") -> None:
-    """Write what this process has compiled of a package to a new folder, as `mcstudy.compiling.shipped` reads it.
+def ship(folder: Path) -> None:
+    """Write what this process has compiled to a new folder, as `mcstudy.compiling.shipped` reads it.
 
     Raises ``RuntimeError`` without `INTERNALS`: what numba keeps by itself does not say what it was made from.
     """
     if INTERNALS is None:
         raise RuntimeError("no compiled code can be shipped with a numba whose private parts are not known")
-    functions = [f for f in KEPT if f.py_func.__module__.partition(".")[0] == package]
-    shipped.write(folder, [code for function in functions for code in INTERNALS.codes(function)])
+    shipped.write(folder, [code for function in KEPT for code in INTERNALS.codes(function)])
 
 
 def _missed(seconds: float | None, function: Callable[..., Any]) -> None:

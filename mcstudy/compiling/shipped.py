@@ -1,11 +1,10 @@
 """Compiled code that came with an installed package: used when all it depends on is the same, ignored otherwise.
 
-A wheel holds folders of compiled functions beside its modules (``hatch_build.py`` makes them), one for each kind of
-processor, with an index in each. The one that asks most of the processor is looked at first. A function is found there
-by its name, the types of its arguments, the stamp of its sources and its bytecode. The index also says what the code
-was made with: the versions of Python, numba and llvmlite must be equal, and the CPU must be able to do all that the
-code uses. Nothing is ever written into the folders, and no file of them is read as code whose SHA-256 is not the one in
-the index.
+A wheel holds folders of compiled functions (``hatch_build.py`` makes them), one for each kind of processor, with an
+index in each. The one that asks most of the processor is looked at first. A function is found there by its name, the
+types of its arguments, the stamp of its sources and its bytecode. The index also says what the code was made with: the
+versions of Python, numba and llvmlite must be equal, and the CPU must be able to do all that the code uses. Nothing is
+ever written into the folders, and no file of them is read as code whose SHA-256 is not the one in the index.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-FOLDER = "_compiled"
+FOLDER = Path(__file__).parents[1] / "_compiled"
 INDEX = "index.json"
 
 
@@ -78,12 +77,11 @@ def find(function: Any, stamp: str, arguments: Iterable[Any], machine: Machine) 
 
     ``stamp``: of the sources that the function is compiled from. May raise anything when the index is damaged.
     """
-    package = sys.modules[function.__module__.partition(".")[0]]
-    if function.__closure__ is not None or not package.__file__:
+    if function.__closure__ is not None:
         return None
     made = made_with(machine)
     wanted = {"signature": signature_of(arguments), "stamp": stamp, "bytecode": bytecode_of(function)}
-    for folder, index in _indices(Path(package.__file__).parent / FOLDER):
+    for folder, index in _indices(FOLDER):
         if index["made_with"] != made or index["triple"] != machine.triple:
             continue
         if not machine.features.issuperset(index["features"]):

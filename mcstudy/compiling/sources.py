@@ -1,4 +1,4 @@
-"""Sources that a compiled function is made from: those of its module and of all modules of the package it imports."""
+"""Sources that a compiled function is made from: of its module, and of all it imports from its package and this one."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n]*)", re.MULTILINE)
 
 
 def sources(module: str) -> dict[str, str]:
-    """Source of a module and of every module of the same package that it imports, directly or not, by name."""
+    """Source of a module and of all that it imports, directly or not, from its package and from this one, by name."""
+    packages = {__name__.partition(".")[0], module.partition(".")[0]}
     texts: dict[str, str] = {}
     waiting = [module]
     while waiting:
         name = waiting.pop()
         if name not in texts:
             texts[name], imported = _source(name)
-            waiting += [other for other in imported if other.partition(".")[0] == module.partition(".")[0]]
+            waiting += [other for other in imported if other.partition(".")[0] in packages]
     return texts
 
 

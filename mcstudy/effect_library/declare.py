@@ -23,7 +23,7 @@ EffectKind = Literal["linear", "nonlinear", "nonstationary"]
 ContrastKind = Literal["amplitude", "time"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Size:
     """One parameter of an effect.
 
@@ -96,7 +96,7 @@ class Size:
         return float(np.clip(self.null + sign * scale * value, self.lower, self.upper))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
     """A shape constant of an effect that physiology leaves open: a damping ratio, an order, a split over the joints.
 
@@ -165,7 +165,7 @@ class TrialSetting:
     rng: np.random.Generator
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Effect:
     """An effect that a model may lack: one declaration of the library.
 

@@ -1,8 +1,8 @@
 """The library of effects that a model may lack, and functions that add them to a model.
 
-`LIBRARY` maps names to effects and starts with those of `mcstudy.effect_library.published`. `apply` adds any of them,
-or any pair, to a model that has the rows on which they act. `Library.register` adds a user's effect, which the whole
-diagnosis then treats like the others.
+`LIBRARY` maps names to effects and starts with those of `mcstudy.effect_library.declarations`. `apply` adds any of
+them, or any pair, to a model that has the rows on which they act. `Library.register` adds a user's effect, which the
+whole diagnosis then treats like the others.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import Any
 
 from mcstudy.effect_library.constants import with_constants
+from mcstudy.effect_library.declarations import DECLARATIONS
 from mcstudy.effect_library.declare import Effect, Size, TrialSetting
-from mcstudy.effect_library.published import DECLARATIONS
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model, Parameter
 from mcstudy.stance.joint import changed
@@ -121,7 +121,15 @@ def trace(model: Model, name: str) -> Model:
     declared = effect(name)
     if declared.rule is None:
         raise InputError(f"effect {name!r} is linear: use `apply` instead")
-    change = Size(f"gain_{name}", "", 0.0, -0.9, 2.0, (0.05, 0.4), f"change of active gains by {name}")
+    change = Size(
+        name=f"gain_{name}",
+        unit="",
+        null=0.0,
+        lower=-0.9,
+        upper=2.0,
+        published=(0.05, 0.4),
+        meaning=f"change of active gains by {name}",
+    )
     return _apply(model, [declared], [change.parameter])
 
 

@@ -66,12 +66,45 @@ class Plan(NamedTuple):
     cleared: np.ndarray
 
 
+class Scratch(NamedTuple):
+    """Slots at which parts of an evaluation begin: F frequencies at a time, of complex numbers first all real parts.
+
+    matrix: A and b by rows (12 F). group: delays times filters of each group (2 G F). direction: columns of B by row
+    (8 F). rho: their product (2 F). projection: of the residual on them (4 F). response: H (4 F). length: of the
+    columns of B (2 F). residual: (4 F). sensed: what each (row, sense) passes on (2 S F). product: of a term (2 F).
+    group_sum: of the terms of a group by row (4 G F). torque: of the parameters (4 (W + C) F). cross: those of the
+    second row times rho (2 W F). column: whole columns of the Jacobian (8 C F). tiles: of the Gram matrix. gain: of
+    each term (E). filter, slope: values of the filters and their logarithmic derivatives, which repeat after
+    ``filter_stride`` slots at the next frequency.
+    """
+
+    matrix: int
+    group: int
+    direction: int
+    rho: int
+    projection: int
+    response: int
+    length: int
+    residual: int
+    sensed: int
+    product: int
+    group_sum: int
+    torque: int
+    cross: int
+    column: int
+    tiles: int
+    gain: int
+    filter: int
+    slope: int
+    filter_stride: int
+
+
 class Workspace(NamedTuple):
     """Lanes ``w``, and the slots at which the parts begin, in their order.
 
     x, gram: parameters (P slots) of the fits, and lower triangle of [J r]^T [J r] there, (P + 1) (P + 2) / 2 slots.
     trial, gram_trial: the same of the step that is tried. held, step: (P). matrix: as ``gram``. damping: one slot.
-    data: 8 N, see `pack`. scratch: of the evaluation.
+    data: 8 N, see `pack`. at: of the evaluation.
     """
 
     w: np.ndarray
@@ -84,7 +117,7 @@ class Workspace(NamedTuple):
     step: int
     damping: int
     data: int
-    scratch: int
+    at: Scratch
 
 
 class Queue(NamedTuple):
@@ -98,15 +131,26 @@ class Queue(NamedTuple):
     starts: np.ndarray
 
 
+class Lanes(NamedTuple):
+    """Which start of a queue is in each of W lanes, and which is the next.
+
+    fit: (W,) int64, start of the queue; -1 none. problem: (W,) int64, whose data the lane holds; -1 none. next: (1,).
+    """
+
+    fit: np.ndarray
+    problem: np.ndarray
+    next: np.ndarray
+
+
 class LaneStates(NamedTuple):
     """State of the fit in each of W lanes, (W,) each; made here, since to compile what makes arrays takes a second.
 
-    fit: int64, start of the queue; -1 none. fresh: bool, whether nothing is known of the start yet. evaluations: int64,
+    lanes: see `Lanes`. fresh: bool, whether nothing is known of the start yet. evaluations: int64,
     so far. outcome: int64, status with which it ends; 0 not yet. growth: factor of the damping at the next rejection.
     floor: cost below which only rounding is left. predicted: decrease of the cost.
     """
 
-    fit: np.ndarray
+    lanes: Lanes
     fresh: np.ndarray
     evaluations: np.ndarray
     outcome: np.ndarray
@@ -117,8 +161,9 @@ class LaneStates(NamedTuple):
     @classmethod
     def idle(cls, W: int) -> LaneStates:
         """Of lanes without a fit."""
-        none, evaluations, outcome = np.full(W, -1, dtype=np.int64), np.zeros(W, np.int64), np.zeros(W, np.int64)
-        return cls(none, np.zeros(W, np.bool_), evaluations, outcome, np.full(W, 2.0), np.zeros(W), np.zeros(W))
+        lanes = Lanes(np.full(W, -1, dtype=np.int64), np.full(W, -1, dtype=np.int64), np.zeros(1, np.int64))
+        whole, numbers = [np.zeros(W, np.int64) for _ in range(2)], [np.zeros(W) for _ in range(3)]
+        return cls(lanes, np.zeros(W, np.bool_), *whole, *numbers)
 
 
 class Bounds(NamedTuple):
@@ -128,35 +173,15 @@ class Bounds(NamedTuple):
     upper: np.ndarray
 
 
-class InteriorPoint(NamedTuple):
-    """What the solver ``interior_point`` does where fmincon's documentation leaves a choice; see that module.
-
-    own_units: whether it works in the parameters' own units, or in units of the width of their bounds.
-    scaled: whether the first quasi-Newton matrix is scaled to the first change of the gradient, or is the identity.
-    difference_step: step of the forward differences, times the larger of 1 and the parameter.
-    step_tolerance: step, relative to the larger of 1 and the parameter, at which a fit ends.
-    max_evaluations: most evaluations of the cost. barrier: barrier parameter at the start.
-    """
-
-    own_units: bool = True
-    scaled: bool = False
-    difference_step: float = 2.0**-26
-    step_tolerance: float = 1e-10
-    max_evaluations: int = 3000
-    barrier: float = 0.1
-
-
-class Options(NamedTuple):
-    """Stop rules, and the choices of one solver.
+class StopRules(NamedTuple):
+    """When a fit ends.
 
     tolerance: predicted decrease of the cost below which a fit has converged, relative to the cost (in a penalised
-    fit, of the deviance itself; for ``interior_point``, first-order optimality, relative to the gradient at the start).
-    max_iterations: most evaluations of the model with its derivatives. interior_point: for that solver only.
+    fit, of the deviance itself). max_iterations: most evaluations of the model with its derivatives.
     """
 
-    tolerance: float = 1e-12
-    max_iterations: int = 1000
-    interior_point: InteriorPoint = InteriorPoint()
+    tolerance: float
+    max_iterations: int
 
 
 class Outcomes(NamedTuple):

@@ -22,10 +22,12 @@ import numpy as np
 
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.compiling.decorators import compiled, inner
-from mcstudy.fitting.arguments import Bounds, Filters, LaneStates, Options, Outcomes, Plan, Queue, Workspace
+from mcstudy.fitting.arguments import Bounds, Filters, Lanes, LaneStates, Outcomes, Plan, Queue, StopRules, Workspace
 from mcstudy.fitting.lanes import WIDTH, fma, fnma, load, nearest, negative, root, splat, store, where_less
+from mcstudy.fitting.status import Status
 
-CONVERGED, STALLED, ITERATION_LIMIT, NON_FINITE_MODEL = 1, 2, 3, 4
+CONVERGED, STALLED = int(Status.CONVERGED), int(Status.STALLED)
+ITERATION_LIMIT, NON_FINITE_MODEL = int(Status.ITERATION_LIMIT), int(Status.NON_FINITE_MODEL)
 
 BLOCK = 4
 """Frequencies worked on at a time: enough independent work to hide latencies, little enough to stay in the cache."""
@@ -181,97 +183,97 @@ def _evaluate_filters(w, x, at, slope_at, omega, filters: Filters):
 
 
 @inner(forceinline=True)
-def _gains(w, x, entry, weight, at_gain):
+def _gains(plan: Plan, work: Workspace):
     """Gain of every term, which does not depend on the frequency."""
+    w, entry = work.w, plan.entry
     for e in range(entry.shape[0]):
-        gain = splat(weight[e, 0])
+        gain = splat(plan.weight[e, 0])
         for g in range(3, 5):
             if entry[e, g] >= 0:
-                gain = gain * load(w, x + entry[e, g])
-        store(w, at_gain + e, gain)
+                gain = gain * load(w, work.trial + entry[e, g])
+        store(w, work.at.gain + e, gain)
 
 
 @inner(forceinline=True)
-def _equations(
-    w, x, n, omega, stimulus, constant, entry, weight, group_delay, group_filters, filters: Filters, at_A, at_E,
-    at_gain, at_filter, at_slope, filter_stride,
-):  # fmt: skip
-    """Equations of motion A(s) H = b(s) at ``n`` frequencies ``omega``: A and b by rows from ``at_A``.
-
-    b is that of the ``stimulus`` (n,) that evokes the line.
-
-    Leaves the product of delay and filters of every group from ``at_E``, and the filters from ``at_filter``.
-    """
+def _groups(plan: Plan, work: Workspace, first, n):
+    """Filters, delays and their products, which the terms of a group share, at ``n`` frequencies from ``first`` on."""
+    w, x, at, omega = work.w, work.trial, work.at, plan.omega
+    group_delay, group_filters = plan.group_delay, plan.group_filters
     F = BLOCK
-    stride = 2 * F
-    zero = splat(0.0)
-    # filters, delays and their products, which the terms of a group share
-    if filters.monomial.shape[0] > 0:
+    if plan.filters.monomial.shape[0] > 0:
         for f in range(n):
-            at, om = f * filter_stride, omega[f]
-            _evaluate_filters(w, x, at_filter + at, at_slope + at, om, filters)
+            move = f * at.filter_stride
+            _evaluate_filters(w, x, at.filter + move, at.slope + move, omega[first + f], plan.filters)
     for g in range(group_delay.shape[0]):
-        at = at_E + g * stride
+        to = at.group + 2 * g * F
         delay, late = group_delay[g, 0], group_delay[g, 1]
         if delay >= 0:
             value = load(w, x + delay)
             if late >= 0:
                 value = value + load(w, x + late)
             for f in range(n):
-                sine, cosine = _sin_cos(splat(omega[f]) * value)
-                store(w, at + f, cosine)
-                store(w, at + F + f, negative(sine))
+                sine, cosine = _sin_cos(splat(omega[first + f]) * value)
+                store(w, to + f, cosine)
+                store(w, to + F + f, negative(sine))
         else:
             for f in range(n):
-                store(w, at + f, splat(1.0))
-                store(w, at + F + f, zero)
+                store(w, to + f, splat(1.0))
+                store(w, to + F + f, splat(0.0))
         for c in range(4):
             k = group_filters[g, c]
             if k >= 0:
                 for f in range(n):
-                    own = at_filter + f * filter_stride + 4 * k
-                    re, im = _times(load(w, at + f), load(w, at + F + f), load(w, own), load(w, own + 1))
-                    store(w, at + f, re)
-                    store(w, at + F + f, im)
+                    own = at.filter + f * at.filter_stride + 4 * k
+                    re, im = _times(load(w, to + f), load(w, to + F + f), load(w, own), load(w, own + 1))
+                    store(w, to + f, re)
+                    store(w, to + F + f, im)
 
-    # A(s) and b(s): what does not depend on the parameters, then term by term
-    for k in range(12):
+
+@inner(forceinline=True)
+def _equations(plan: Plan, work: Workspace, first, n):
+    """Equations of motion A(s) H = b(s) at ``n`` frequencies from ``first`` on: A and b by rows.
+
+    b is that of the stimulus that evokes the line.
+    """
+    w, at, omega, entry, weight = work.w, work.at, plan.omega, plan.entry, plan.weight
+    F = BLOCK
+    for k in range(12):  # what does not depend on the parameters, then term by term
         for f in range(n):
-            store(w, at_A + k * F + f, splat(constant[f, k]))
+            store(w, at.matrix + k * F + f, splat(plan.constant[first + f, k]))
     for e in range(entry.shape[0]):
-        row, order, of, gain = entry[e, 0], entry[e, 1], at_E + entry[e, 2] * stride, load(w, at_gain + e)
+        row, order, of, gain = entry[e, 0], entry[e, 1], at.group + 2 * entry[e, 2] * F, load(w, at.gain + e)
         for c in range(2):
             if weight[e, 1 + c] != 0.0:
-                at = at_A + (4 * row + 2 * c) * F
+                to = at.matrix + (4 * row + 2 * c) * F
                 factor = splat(weight[e, 1 + c]) * gain
                 if order == 0:
                     for f in range(n):
-                        store(w, at + f, fma(factor, load(w, of + f), load(w, at + f)))
-                        store(w, at + F + f, fma(factor, load(w, of + F + f), load(w, at + F + f)))
+                        store(w, to + f, fma(factor, load(w, of + f), load(w, to + f)))
+                        store(w, to + F + f, fma(factor, load(w, of + F + f), load(w, to + F + f)))
                 elif order == 1:
                     for f in range(n):
-                        by = splat(omega[f]) * factor
-                        store(w, at + f, fnma(by, load(w, of + F + f), load(w, at + f)))
-                        store(w, at + F + f, fma(by, load(w, of + f), load(w, at + F + f)))
+                        by = splat(omega[first + f]) * factor
+                        store(w, to + f, fnma(by, load(w, of + F + f), load(w, to + f)))
+                        store(w, to + F + f, fma(by, load(w, of + f), load(w, to + F + f)))
                 else:
                     for f in range(n):
-                        re, im = _times_s(load(w, of + f), load(w, of + F + f), order, omega[f])
-                        store(w, at + f, fma(factor, re, load(w, at + f)))
-                        store(w, at + F + f, fma(factor, im, load(w, at + F + f)))
-        at = at_A + (8 + 2 * row) * F
+                        re, im = _times_s(load(w, of + f), load(w, of + F + f), order, omega[first + f])
+                        store(w, to + f, fma(factor, re, load(w, to + f)))
+                        store(w, to + F + f, fma(factor, im, load(w, to + F + f)))
+        to = at.matrix + (8 + 2 * row) * F
         for f in range(n):
-            share = weight[e, 3 + stimulus[f]]
+            share = weight[e, 3 + plan.stimulus[first + f]]
             if share != 0.0:
                 factor = splat(-share) * gain
                 re, im = load(w, of + f), load(w, of + F + f)
                 if order == 1:  # rounded as above
-                    by = splat(omega[f]) * factor
-                    store(w, at + f, fnma(by, im, load(w, at + f)))
-                    store(w, at + F + f, fma(by, re, load(w, at + F + f)))
+                    by = splat(omega[first + f]) * factor
+                    store(w, to + f, fnma(by, im, load(w, to + f)))
+                    store(w, to + F + f, fma(by, re, load(w, to + F + f)))
                 else:
-                    re, im = _times_s(re, im, order, omega[f])
-                    store(w, at + f, fma(factor, re, load(w, at + f)))
-                    store(w, at + F + f, fma(factor, im, load(w, at + F + f)))
+                    re, im = _times_s(re, im, order, omega[first + f])
+                    store(w, to + f, fma(factor, re, load(w, to + f)))
+                    store(w, to + F + f, fma(factor, im, load(w, to + F + f)))
 
 
 @inner(forceinline=True)
@@ -343,328 +345,12 @@ def _tile(w, left, right, gram, stride, n):
     store(w, gram + 8, c22)
 
 
-@compiled(allocates=False, seconds=8)
-def evaluate(plan: Plan, work: Workspace) -> None:
-    """Cost, gradient and Gram matrix at the parameters in ``work.trial``; a few frequencies at a time.
-
-    ``work.gram_trial`` receives the lower triangle, row by row, of [J r]^T [J r]: P (P + 1) / 2 slots of J^T J, then P
-    of the gradient J^T r, then the cost r^T r.
-
-    A parameter moves the residual through the torques it makes: J_p = B t_p, with B (2 x 2) the same for all. Most
-    parameters act on a single row k: J_p = b_k t_p with one complex number t_p and b_k the column of B scaled to unit
-    length (t_p takes the length). Their products are Re(conj(t_p) t_q) within a row and Re(conj(t_p) rho t_q) between
-    rows, rho = b_1^H b_0: half the work of whole columns. ``plan.single`` lists these parameters; the few others
-    (``plan.both``) and the residual are whole columns. ``plan.column`` says where t of a (parameter, row) is kept.
-    """
-    # what is handed in
-    w, x, gram, data = work.w, work.trial, work.gram_trial, work.data
-    omega, constant, entry, weight = plan.omega, plan.constant, plan.entry, plan.weight
-    sensed, sensed_weight, stimulus = plan.sensed, plan.sensed_weight, plan.stimulus
-    group_delay, group_filters = plan.group_delay, plan.group_filters
-    filter_pair, monomial, output_filter = plan.filters.pair, plan.filters.monomial, plan.filters.output
-    single, both, column, delay_first, cleared = plan.single, plan.both, plan.column, plan.delay_first, plan.cleared
-
-    # sizes, and slots of the scratch
-    P, E, G = column.shape[0], entry.shape[0], group_delay.shape[0]
-    Q, S, N = filter_pair.shape[0], sensed.shape[0], omega.shape[0]
-    W, C = single.shape[1], both.shape[0]
-    T = W // 3
-    n_triangle = (P + 1) * (P + 2) // 2
-    n_tiles = T * (2 * T + 1)
-    zero = splat(0.0)
-    F = BLOCK
-    at_A = work.scratch
-    at_E = at_A + 12 * F
-    at_B = at_E + 2 * G * F
-    at_rho = at_B + 8 * F
-    at_v = at_rho + 2 * F
-    at_H = at_v + 4 * F
-    at_norm = at_H + 4 * F
-    at_r = at_norm + 2 * F
-    at_Z = at_r + 4 * F
-    at_p = at_Z + 2 * S * F
-    at_group = at_p + 2 * F
-    at_T = at_group + 4 * G * F
-    at_cross = at_T + 4 * (W + C) * F
-    at_column = at_cross + 2 * W * F
-    at_tiles = at_column + 8 * C * F
-    at_gain = at_tiles + 9 * n_tiles
-    at_filter = at_gain + E
-    at_slope = at_filter + 4 * (monomial.shape[0] + 1)
-    filter_stride = 4 * (monomial.shape[0] + 1) + 4 * Q
-    stride = 2 * F
-
-    # sums that begin at zero, and gains, which do not depend on the frequency
-    for k in range(n_triangle):
-        store(w, gram + k, zero)
-    for k in range(9 * n_tiles):
-        store(w, at_tiles + k, zero)
-    for k in range(2 * W):
-        if single[k // W, k % W] < 0:
-            for f in range(stride):
-                store(w, at_T + k * stride + f, zero)
-                if k >= W:
-                    store(w, at_cross + (k - W) * stride + f, zero)
-    _gains(w, x, entry, weight, at_gain)
-
-    for first in range(0, N, F):
-        n = min(F, N - first)
-
-        _equations(
-            w, x, n, omega[first : first + n], stimulus[first : first + n], constant[first : first + n], entry, weight,
-            group_delay, group_filters, plan.filters, at_A, at_E, at_gain, at_filter, at_slope, filter_stride,
-        )  # fmt: skip
-
-        cost = load(w, gram + n_triangle - 1)
-        for f in range(n):
-            # H = A^-1 b; M = A^-1 with the output filters on its rows
-            ar, ai, br, bi, cr, ci, dr, di, h0r, h0i, h1r, h1i = _solved(w, at_A + f)
-            at = at_H + f
-            store(w, at, h0r)
-            store(w, at + F, h0i)
-            store(w, at + 2 * F, h1r)
-            store(w, at + 3 * F, h1i)
-            y0r, y0i, y1r, y1i = h0r, h0i, h1r, h1i
-            m00r, m00i, m01r, m01i = dr, di, negative(br), negative(bi)
-            m10r, m10i, m11r, m11i = negative(cr), negative(ci), ar, ai
-            k = output_filter[0]
-            if k >= 0:
-                at = at_filter + f * filter_stride + 4 * k
-                fr, fi = load(w, at), load(w, at + 1)
-                y0r, y0i = _times(y0r, y0i, fr, fi)
-                m00r, m00i = _times(m00r, m00i, fr, fi)
-                m01r, m01i = _times(m01r, m01i, fr, fi)
-            k = output_filter[1]
-            if k >= 0:
-                at = at_filter + f * filter_stride + 4 * k
-                fr, fi = load(w, at), load(w, at + 1)
-                y1r, y1i = _times(y1r, y1i, fr, fi)
-                m10r, m10i = _times(m10r, m10i, fr, fi)
-                m11r, m11i = _times(m11r, m11i, fr, fi)
-
-            # weighted residual W (H - y), and B = -W M, the response of the residual to a torque on each row
-            at = data + 8 * (first + f)
-            w00, w11, w10r, w10i = load(w, at + 4), load(w, at + 5), load(w, at + 6), load(w, at + 7)
-            r0r, r0i, r1r, r1i = _residual(w, at, y0r, y0i, y1r, y1i)
-            cost = fma(r1i, r1i, fma(r1r, r1r, fma(r0i, r0i, fma(r0r, r0r, cost))))
-            for row in range(2):
-                if row == 1:
-                    m00r, m00i, m10r, m10i = m01r, m01i, m11r, m11i
-                pr, pi = _times(w10r, w10i, m00r, m00i)
-                b0r, b0i = negative(w00 * m00r), negative(w00 * m00i)
-                b1r, b1i = negative(fma(w11, m10r, pr)), negative(fma(w11, m10i, pi))
-                square = fma(b1i, b1i, fma(b1r, b1r, fma(b0i, b0i, b0r * b0r)))
-                norm = root(square)
-                scale = where_less(zero, square, splat(1.0) / norm, zero)  # a padded row moves nothing
-                b0r, b0i, b1r, b1i = scale * b0r, scale * b0i, scale * b1r, scale * b1i
-                store(w, at_norm + row * F + f, norm)
-                at = at_v + row * stride + f
-                store(w, at, fma(b1i, r1i, fma(b1r, r1r, fma(b0i, r0i, b0r * r0r))))
-                store(w, at + F, fnma(b1i, r1r, fma(b1r, r1i, fnma(b0i, r0r, b0r * r0i))))
-                at = at_B + 4 * row * F + f
-                store(w, at, b0r)
-                store(w, at + F, b0i)
-                store(w, at + 2 * F, b1r)
-                store(w, at + 3 * F, b1i)
-                if row == 0:
-                    c0r, c0i, c1r, c1i = b0r, b0i, b1r, b1i
-                else:  # b_0^H b_1
-                    store(w, at_rho + f, fma(c1i, b1i, fma(c1r, b1r, fma(c0i, b0i, c0r * b0r))))
-                    store(w, at_rho + F + f, fnma(c1i, b1r, fma(c1r, b1i, fnma(c0i, b0r, c0r * b0i))))
-            if C > 0:
-                store(w, at_r + f, r0r)
-                store(w, at_r + F + f, r0i)
-                store(w, at_r + 2 * F + f, r1r)
-                store(w, at_r + 3 * F + f, r1i)
-        store(w, gram + n_triangle - 1, cost)
-
-        # what each distinct (row, sense) passes on
-        for c in range(S):
-            w0, w1 = splat(sensed_weight[c, 0]), splat(sensed_weight[c, 1])
-            for f in range(n):
-                w2 = splat(sensed_weight[c, 2 + stimulus[first + f]])
-                at, to, norm = at_H + f, at_Z + c * stride + f, load(w, at_norm + sensed[c] * F + f)
-                store(w, to, norm * fma(w0, load(w, at), fma(w1, load(w, at + 2 * F), w2)))
-                store(w, to + F, norm * fma(w0, load(w, at + F), w1 * load(w, at + 3 * F)))
-
-        # torques of the parameters: gains term by term; delays and filters through their group
-        for k in range(cleared.shape[0]):
-            for f in range(stride):
-                store(w, at_T + cleared[k] * stride + f, zero)
-        for e in range(E):
-            row, order, group, p = entry[e, 0], entry[e, 1], entry[e, 2], entry[e, 3]
-            of, z = at_E + group * stride, at_Z + entry[e, 5] * stride
-            direct = entry[e, 8] != 0 and entry[e, 4] < 0 and weight[e, 0] == 1.0
-            to = at_T + column[p, row] * stride if direct else at_p
-            if order == 0:
-                for f in range(n):
-                    pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, z + f), load(w, z + F + f))
-                    store(w, to + f, pr)
-                    store(w, to + F + f, pi)
-            else:
-                for f in range(n):
-                    pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, z + f), load(w, z + F + f))
-                    pr, pi = _times_s(pr, pi, order, omega[first + f])
-                    store(w, to + f, pr)
-                    store(w, to + F + f, pi)
-            if not direct:
-                for g in range(3, 5):
-                    p = entry[e, g]
-                    if p >= 0:
-                        factor = splat(weight[e, 0])
-                        other = entry[e, 7 - g]
-                        if other >= 0:
-                            factor = factor * load(w, x + other)
-                        _gather(w, at_T + column[p, row] * stride, to, factor, entry[e, 5 + g], n)
-            if entry[e, 6] != 0:
-                _gather(w, at_group + (2 * group + row) * stride, to, load(w, at_gain + e), entry[e, 7], n)
-        for g in range(G):
-            for row in range(2):
-                if delay_first[g, 0, row] < 0:
-                    continue
-                of = at_group + (2 * g + row) * stride
-                for k in range(2):
-                    p = group_delay[g, k]
-                    if p < 0:
-                        continue
-                    at = at_T + column[p, row] * stride
-                    if delay_first[g, k, row] == 1:
-                        for f in range(n):
-                            om = splat(omega[first + f])
-                            store(w, at + f, om * load(w, of + F + f))
-                            store(w, at + F + f, negative(om * load(w, of + f)))
-                    else:
-                        for f in range(n):
-                            om = splat(omega[first + f])
-                            store(w, at + f, fma(om, load(w, of + F + f), load(w, at + f)))
-                            store(w, at + F + f, fnma(om, load(w, of + f), load(w, at + F + f)))
-                for q in range(Q):
-                    for c in range(4):
-                        if group_filters[g, c] == filter_pair[q, 0]:
-                            at = at_T + column[filter_pair[q, 1], row] * stride
-                            for f in range(n):
-                                own = at_slope + f * filter_stride + 4 * q
-                                pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, own), load(w, own + 1))
-                                _add(w, at + f, pr)
-                                _add(w, at + F + f, pi)
-
-        # products among single-row parameters, and with the residual
-        for i in range(W):
-            if single[1, i] >= 0:
-                of, to = at_T + (W + i) * stride, at_cross + i * stride
-                for f in range(n):
-                    pr, pi = _times(load(w, at_rho + f), load(w, at_rho + F + f), load(w, of + f), load(w, of + F + f))
-                    store(w, to + f, pr)
-                    store(w, to + F + f, pi)
-        tile = at_tiles
-        for i in range(2 * T):
-            for j in range(i + 1):
-                left = at_T + 3 * i * stride
-                if i >= T and j < T:
-                    left = at_cross + 3 * (i - T) * stride
-                _tile(w, left, at_T + 3 * j * stride, tile, stride, n)
-                tile += 9
-        for k in range(2 * W):
-            j = single[k // W, k % W]
-            if j >= 0:
-                _products(w, gram + P * (P + 1) // 2 + j, at_v + (k // W) * stride, at_T + k * stride, n)
-
-        # whole columns: the parameters that act on both rows or on the output
-        for c in range(C):
-            p, whole = both[c], at_column + 8 * c * F
-            of = at_T + (2 * W + 2 * c) * stride
-            for f in range(n):
-                for k in range(2):
-                    at = at_B + 2 * k * F + f
-                    pr, pi = _times(load(w, at), load(w, at + F), load(w, of + f), load(w, of + F + f))
-                    at += 4 * F
-                    qr, qi = _times(
-                        load(w, at), load(w, at + F), load(w, of + stride + f), load(w, of + stride + F + f)
-                    )
-                    store(w, whole + k * stride + f, pr + qr)
-                    store(w, whole + k * stride + F + f, pi + qi)
-            for q in range(Q):
-                if filter_pair[q, 1] == p:
-                    for f in range(n):
-                        _filtered_output(
-                            w,
-                            whole + f,
-                            at_H + f,
-                            data + 8 * (first + f) + 4,
-                            at_filter + f * filter_stride,
-                            at_slope + f * filter_stride + 4 * q,
-                            filter_pair[q, 0],
-                            output_filter,
-                        )
-            for f in range(n):
-                c0r, c0i = load(w, whole + f), load(w, whole + F + f)
-                c1r, c1i = load(w, whole + 2 * F + f), load(w, whole + 3 * F + f)
-                for row in range(2):
-                    at = at_B + 4 * row * F + f
-                    b0r, b0i, b1r, b1i = load(w, at), load(w, at + F), load(w, at + 2 * F), load(w, at + 3 * F)
-                    to = whole + (4 + 2 * row) * F + f
-                    store(w, to, fma(b1i, c1i, fma(b1r, c1r, fma(b0i, c0i, b0r * c0r))))
-                    store(w, to + F, fnma(b1i, c1r, fma(b1r, c1i, fnma(b0i, c0r, b0r * c0i))))
-            for k in range(2 * W):
-                j = single[k // W, k % W]
-                if j >= 0:
-                    to = gram + max(p, j) * (max(p, j) + 1) // 2 + min(p, j)
-                    _products(w, to, whole + (4 + 2 * (k // W)) * F, at_T + k * stride, n)
-            for other in range(c + 1):
-                j, right = both[other], at_column + 8 * other * F
-                to = gram + max(p, j) * (max(p, j) + 1) // 2 + min(p, j)
-                _products(w, to, whole, right, n)
-                _products(w, to, whole + stride, right + stride, n)
-            _products(w, gram + P * (P + 1) // 2 + p, whole, at_r, n)
-            _products(w, gram + P * (P + 1) // 2 + p, whole + stride, at_r + stride, n)
-
-    # the tiles into their places of the lower triangle
-    tile = at_tiles
-    for i in range(2 * T):
-        for j in range(i + 1):
-            for k in range(9):
-                a, b = 3 * i + k // 3, 3 * j + k % 3
-                if a >= b:
-                    p, q = single[a // W, a % W], single[b // W, b % W]
-                    if p >= 0 and q >= 0:
-                        store(w, gram + max(p, q) * (max(p, q) + 1) // 2 + min(p, q), load(w, tile + k))
-            tile += 9
-
-
-@compiled(allocates=False, seconds=3)
-def evaluate_cost(plan: Plan, work: Workspace) -> None:
-    """The cost alone at the parameters in ``work.trial``, as `evaluate` computes it, to the last slot of its sums."""
-    w, x, data, omega, output_filter = work.w, work.trial, work.data, plan.omega, plan.filters.output
-    P, E, G, N = plan.column.shape[0], plan.entry.shape[0], plan.group_delay.shape[0], plan.omega.shape[0]
-    F = BLOCK
-    at_A = work.scratch
-    at_E = at_A + 12 * F
-    at_gain = at_E + 2 * G * F
-    at_filter = at_gain + E
-    at_slope = at_filter + 4 * (plan.filters.monomial.shape[0] + 1)
-    filter_stride = 4 * (plan.filters.monomial.shape[0] + 1) + 4 * plan.filters.pair.shape[0]
-    _gains(w, x, plan.entry, plan.weight, at_gain)
-    cost = splat(0.0)
-    for first in range(0, N, F):
-        n = min(F, N - first)
-        _equations(
-            w, x, n, omega[first : first + n], plan.stimulus[first : first + n], plan.constant[first : first + n],
-            plan.entry, plan.weight, plan.group_delay, plan.group_filters, plan.filters, at_A, at_E, at_gain,
-            at_filter, at_slope, filter_stride,
-        )  # fmt: skip
-        for f in range(n):
-            _, _, _, _, _, _, _, _, y0r, y0i, y1r, y1i = _solved(w, at_A + f)
-            k = output_filter[0]
-            if k >= 0:
-                at = at_filter + f * filter_stride + 4 * k
-                y0r, y0i = _times(y0r, y0i, load(w, at), load(w, at + 1))
-            k = output_filter[1]
-            if k >= 0:
-                at = at_filter + f * filter_stride + 4 * k
-                y1r, y1i = _times(y1r, y1i, load(w, at), load(w, at + 1))
-            r0r, r0i, r1r, r1i = _residual(w, data + 8 * (first + f), y0r, y0i, y1r, y1i)
-            cost = fma(r1i, r1i, fma(r1r, r1r, fma(r0i, r0i, fma(r0r, r0r, cost))))
-    store(w, work.gram_trial + (P + 1) * (P + 2) // 2 - 1, cost)
+@inner(forceinline=True)
+def _through(w, at, k, re, im):
+    """Product with filter ``k``, whose values begin at slot ``at``; unchanged where it is none (-1)."""
+    if k >= 0:
+        re, im = _times(re, im, load(w, at + 4 * k), load(w, at + 4 * k + 1))
+    return re, im
 
 
 @inner(forceinline=True)
@@ -690,26 +376,342 @@ def _products(w, to, left, right, n):
     store(w, to, total + more)
 
 
-@inner
-def _filtered_output(w, column, at_h, at_weight, at_filter, at_slope, number, output_filter):
-    """Add to one column, at one frequency, what a parameter does to the measured angles through an output filter."""
-    w00, w11, w10r, w10i = load(w, at_weight), load(w, at_weight + 1), load(w, at_weight + 2), load(w, at_weight + 3)
-    sr, si = load(w, at_slope), load(w, at_slope + 1)
-    if output_filter[0] == number:
-        own = at_filter + 4 * number
-        yr, yi = _times(load(w, at_h), load(w, at_h + BLOCK), load(w, own), load(w, own + 1))
+@inner(forceinline=True)
+def _filtered_output(plan: Plan, work: Workspace, first, f, q, column):
+    """Add to one column, at one frequency, what the parameter of pair ``q`` does to the angles by an output filter."""
+    w, F, number, output = work.w, BLOCK, plan.filters.pair[q, 0], plan.filters.output
+    weight, filters = work.data + 8 * (first + f) + 4, work.at.filter + f * work.at.filter_stride
+    w00, w11, w10r, w10i = load(w, weight), load(w, weight + 1), load(w, weight + 2), load(w, weight + 3)
+    slope = work.at.slope + f * work.at.filter_stride + 4 * q
+    sr, si = load(w, slope), load(w, slope + 1)
+    if output[0] == number:
+        own = work.at.response + f
+        yr, yi = _through(w, filters, number, load(w, own), load(w, own + F))
         pr, pi = _times(yr, yi, sr, si)
         qr, qi = _times(w10r, w10i, pr, pi)
         _add(w, column, w00 * pr)
-        _add(w, column + BLOCK, w00 * pi)
-        _add(w, column + 2 * BLOCK, qr)
-        _add(w, column + 3 * BLOCK, qi)
-    if output_filter[1] == number:
-        own = at_filter + 4 * number
-        yr, yi = _times(load(w, at_h + 2 * BLOCK), load(w, at_h + 3 * BLOCK), load(w, own), load(w, own + 1))
+        _add(w, column + F, w00 * pi)
+        _add(w, column + 2 * F, qr)
+        _add(w, column + 3 * F, qi)
+    if output[1] == number:
+        own = work.at.response + 2 * F + f
+        yr, yi = _through(w, filters, number, load(w, own), load(w, own + F))
         pr, pi = _times(yr, yi, sr, si)
-        _add(w, column + 2 * BLOCK, w11 * pr)
-        _add(w, column + 3 * BLOCK, w11 * pi)
+        _add(w, column + 2 * F, w11 * pr)
+        _add(w, column + 3 * F, w11 * pi)
+
+
+@inner(forceinline=True)
+def _triangle(p, q):
+    """Place of (p, q) in a lower triangle that is kept row by row."""
+    return max(p, q) * (max(p, q) + 1) // 2 + min(p, q)
+
+
+@inner(forceinline=True)
+def _cleared(plan: Plan, work: Workspace):
+    """Begin the sums over all frequencies at zero, and the places of the tiles that no parameter takes."""
+    w, at, single, P = work.w, work.at, plan.single, plan.column.shape[0]
+    W, stride, zero = single.shape[1], 2 * BLOCK, splat(0.0)
+    for k in range((P + 1) * (P + 2) // 2):
+        store(w, work.gram_trial + k, zero)
+    for k in range(9 * (W // TILE) * (2 * (W // TILE) + 1)):
+        store(w, at.tiles + k, zero)
+    for k in range(2 * W):
+        if single[k // W, k % W] < 0:
+            for f in range(stride):
+                store(w, at.torque + k * stride + f, zero)
+                if k >= W:
+                    store(w, at.cross + (k - W) * stride + f, zero)
+
+
+@inner(forceinline=True)
+def _residuals(plan: Plan, work: Workspace, first, n):
+    """Responses H, weighted residuals r = W (H - y), and B = -W A^-1, what a torque on each row does to them.
+
+    Columns of B have unit length, with the length kept by itself; rho is their product. The cost goes to its slot.
+    """
+    w, at, P, output = work.w, work.at, plan.column.shape[0], plan.filters.output
+    F, zero = BLOCK, splat(0.0)
+    stride = 2 * F
+    at_cost = work.gram_trial + (P + 1) * (P + 2) // 2 - 1
+    cost = load(w, at_cost)
+    for f in range(n):
+        # H = A^-1 b; M = A^-1 with the output filters on its rows
+        ar, ai, br, bi, cr, ci, dr, di, h0r, h0i, h1r, h1i = _solved(w, at.matrix + f)
+        store(w, at.response + f, h0r)
+        store(w, at.response + F + f, h0i)
+        store(w, at.response + 2 * F + f, h1r)
+        store(w, at.response + 3 * F + f, h1i)
+        of = at.filter + f * at.filter_stride
+        y0r, y0i = _through(w, of, output[0], h0r, h0i)
+        m00r, m00i = _through(w, of, output[0], dr, di)
+        m01r, m01i = _through(w, of, output[0], negative(br), negative(bi))
+        y1r, y1i = _through(w, of, output[1], h1r, h1i)
+        m10r, m10i = _through(w, of, output[1], negative(cr), negative(ci))
+        m11r, m11i = _through(w, of, output[1], ar, ai)
+
+        of = work.data + 8 * (first + f)
+        w00, w11, w10r, w10i = load(w, of + 4), load(w, of + 5), load(w, of + 6), load(w, of + 7)
+        r0r, r0i, r1r, r1i = _residual(w, of, y0r, y0i, y1r, y1i)
+        cost = fma(r1i, r1i, fma(r1r, r1r, fma(r0i, r0i, fma(r0r, r0r, cost))))
+        for row in range(2):
+            if row == 1:
+                m00r, m00i, m10r, m10i = m01r, m01i, m11r, m11i
+            pr, pi = _times(w10r, w10i, m00r, m00i)
+            b0r, b0i = negative(w00 * m00r), negative(w00 * m00i)
+            b1r, b1i = negative(fma(w11, m10r, pr)), negative(fma(w11, m10i, pi))
+            square = fma(b1i, b1i, fma(b1r, b1r, fma(b0i, b0i, b0r * b0r)))
+            norm = root(square)
+            scale = where_less(zero, square, splat(1.0) / norm, zero)  # a padded row moves nothing
+            b0r, b0i, b1r, b1i = scale * b0r, scale * b0i, scale * b1r, scale * b1i
+            store(w, at.length + row * F + f, norm)
+            to = at.projection + row * stride + f
+            store(w, to, fma(b1i, r1i, fma(b1r, r1r, fma(b0i, r0i, b0r * r0r))))
+            store(w, to + F, fnma(b1i, r1r, fma(b1r, r1i, fnma(b0i, r0r, b0r * r0i))))
+            to = at.direction + 4 * row * F + f
+            store(w, to, b0r)
+            store(w, to + F, b0i)
+            store(w, to + 2 * F, b1r)
+            store(w, to + 3 * F, b1i)
+            if row == 0:
+                c0r, c0i, c1r, c1i = b0r, b0i, b1r, b1i
+            else:  # b_0^H b_1
+                store(w, at.rho + f, fma(c1i, b1i, fma(c1r, b1r, fma(c0i, b0i, c0r * b0r))))
+                store(w, at.rho + F + f, fnma(c1i, b1r, fma(c1r, b1i, fnma(c0i, b0r, c0r * b0i))))
+        if plan.both.shape[0] > 0:
+            store(w, at.residual + f, r0r)
+            store(w, at.residual + F + f, r0i)
+            store(w, at.residual + 2 * F + f, r1r)
+            store(w, at.residual + 3 * F + f, r1i)
+    store(w, at_cost, cost)
+
+
+@inner(forceinline=True)
+def _sensed(plan: Plan, work: Workspace, first, n):
+    """What each distinct (row, sense) passes on, times the length of the row's column of B."""
+    w, at, sensed_weight = work.w, work.at, plan.sensed_weight
+    F = BLOCK
+    for c in range(plan.sensed.shape[0]):
+        w0, w1 = splat(sensed_weight[c, 0]), splat(sensed_weight[c, 1])
+        for f in range(n):
+            w2 = splat(sensed_weight[c, 2 + plan.stimulus[first + f]])
+            of, to = at.response + f, at.sensed + 2 * c * F + f
+            norm = load(w, at.length + plan.sensed[c] * F + f)
+            store(w, to, norm * fma(w0, load(w, of), fma(w1, load(w, of + 2 * F), w2)))
+            store(w, to + F, norm * fma(w0, load(w, of + F), w1 * load(w, of + 3 * F)))
+
+
+@inner(forceinline=True)
+def _gain_torques(plan: Plan, work: Workspace, first, n):
+    """Torques of the gains, term by term, and the sum of the terms of each group that a delay or filter shapes."""
+    w, x, at = work.w, work.trial, work.at
+    entry, weight, column, cleared = plan.entry, plan.weight, plan.column, plan.cleared
+    F = BLOCK
+    stride = 2 * F
+    for k in range(cleared.shape[0]):
+        for f in range(stride):
+            store(w, at.torque + cleared[k] * stride + f, splat(0.0))
+    for e in range(entry.shape[0]):
+        row, order, group, p = entry[e, 0], entry[e, 1], entry[e, 2], entry[e, 3]
+        of, z = at.group + group * stride, at.sensed + entry[e, 5] * stride
+        direct = entry[e, 8] != 0 and entry[e, 4] < 0 and weight[e, 0] == 1.0
+        to = at.torque + column[p, row] * stride if direct else at.product
+        if order == 0:
+            for f in range(n):
+                pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, z + f), load(w, z + F + f))
+                store(w, to + f, pr)
+                store(w, to + F + f, pi)
+        else:
+            for f in range(n):
+                pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, z + f), load(w, z + F + f))
+                pr, pi = _times_s(pr, pi, order, plan.omega[first + f])
+                store(w, to + f, pr)
+                store(w, to + F + f, pi)
+        if not direct:
+            for g in range(3, 5):
+                p = entry[e, g]
+                if p >= 0:
+                    factor = splat(weight[e, 0])
+                    other = entry[e, 7 - g]
+                    if other >= 0:
+                        factor = factor * load(w, x + other)
+                    _gather(w, at.torque + column[p, row] * stride, to, factor, entry[e, 5 + g], n)
+        if entry[e, 6] != 0:
+            _gather(w, at.group_sum + (2 * group + row) * stride, to, load(w, at.gain + e), entry[e, 7], n)
+
+
+@inner(forceinline=True)
+def _group_torques(plan: Plan, work: Workspace, first, n):
+    """Torques of delays and filters, through the sums of their groups."""
+    w, at, omega, column = work.w, work.at, plan.omega, plan.column
+    group_delay, delay_first, filter_pair = plan.group_delay, plan.delay_first, plan.filters.pair
+    F = BLOCK
+    stride = 2 * F
+    for g in range(group_delay.shape[0]):
+        for row in range(2):
+            if delay_first[g, 0, row] < 0:
+                continue
+            of = at.group_sum + (2 * g + row) * stride
+            for k in range(2):
+                p = group_delay[g, k]
+                if p < 0:
+                    continue
+                to = at.torque + column[p, row] * stride
+                if delay_first[g, k, row] == 1:
+                    for f in range(n):
+                        om = splat(omega[first + f])
+                        store(w, to + f, om * load(w, of + F + f))
+                        store(w, to + F + f, negative(om * load(w, of + f)))
+                else:
+                    for f in range(n):
+                        om = splat(omega[first + f])
+                        store(w, to + f, fma(om, load(w, of + F + f), load(w, to + f)))
+                        store(w, to + F + f, fnma(om, load(w, of + f), load(w, to + F + f)))
+            for q in range(filter_pair.shape[0]):
+                for c in range(4):
+                    if plan.group_filters[g, c] == filter_pair[q, 0]:
+                        to = at.torque + column[filter_pair[q, 1], row] * stride
+                        for f in range(n):
+                            own = at.slope + f * at.filter_stride + 4 * q
+                            pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, own), load(w, own + 1))
+                            _add(w, to + f, pr)
+                            _add(w, to + F + f, pi)
+
+
+@inner(forceinline=True)
+def _row_products(plan: Plan, work: Workspace, n):
+    """Products among parameters that act on a single row, and with the residual."""
+    w, at, single, P = work.w, work.at, plan.single, plan.column.shape[0]
+    F, W = BLOCK, single.shape[1]
+    stride, T = 2 * F, W // TILE
+    for i in range(W):
+        if single[1, i] >= 0:
+            of, to = at.torque + (W + i) * stride, at.cross + i * stride
+            for f in range(n):
+                pr, pi = _times(load(w, at.rho + f), load(w, at.rho + F + f), load(w, of + f), load(w, of + F + f))
+                store(w, to + f, pr)
+                store(w, to + F + f, pi)
+    tile = at.tiles
+    for i in range(2 * T):
+        for j in range(i + 1):
+            left = at.torque + TILE * i * stride
+            if i >= T and j < T:
+                left = at.cross + TILE * (i - T) * stride
+            _tile(w, left, at.torque + TILE * j * stride, tile, stride, n)
+            tile += 9
+    for k in range(2 * W):
+        j = single[k // W, k % W]
+        if j >= 0:
+            to = work.gram_trial + P * (P + 1) // 2 + j
+            _products(w, to, at.projection + (k // W) * stride, at.torque + k * stride, n)
+
+
+@inner(forceinline=True)
+def _column_products(plan: Plan, work: Workspace, first, n):
+    """Whole columns, of the parameters that act on both rows or on the output, and their products with all others."""
+    w, at, single, both, filter_pair = work.w, work.at, plan.single, plan.both, plan.filters.pair
+    F, W, P, gram = BLOCK, single.shape[1], plan.column.shape[0], work.gram_trial
+    stride = 2 * F
+    for c in range(both.shape[0]):
+        p, whole = both[c], at.column + 8 * c * F
+        of = at.torque + (2 * W + 2 * c) * stride
+        for f in range(n):
+            for k in range(2):
+                own = at.direction + 2 * k * F + f
+                pr, pi = _times(load(w, own), load(w, own + F), load(w, of + f), load(w, of + F + f))
+                own += 4 * F
+                qr, qi = _times(load(w, own), load(w, own + F), load(w, of + stride + f), load(w, of + stride + F + f))
+                store(w, whole + k * stride + f, pr + qr)
+                store(w, whole + k * stride + F + f, pi + qi)
+        for q in range(filter_pair.shape[0]):
+            if filter_pair[q, 1] == p:
+                for f in range(n):
+                    _filtered_output(plan, work, first, f, q, whole + f)
+        for f in range(n):
+            c0r, c0i = load(w, whole + f), load(w, whole + F + f)
+            c1r, c1i = load(w, whole + 2 * F + f), load(w, whole + 3 * F + f)
+            for row in range(2):
+                own = at.direction + 4 * row * F + f
+                b0r, b0i, b1r, b1i = load(w, own), load(w, own + F), load(w, own + 2 * F), load(w, own + 3 * F)
+                to = whole + (4 + 2 * row) * F + f
+                store(w, to, fma(b1i, c1i, fma(b1r, c1r, fma(b0i, c0i, b0r * c0r))))
+                store(w, to + F, fnma(b1i, c1r, fma(b1r, c1i, fnma(b0i, c0r, b0r * c0i))))
+        for k in range(2 * W):
+            j = single[k // W, k % W]
+            if j >= 0:
+                to = gram + _triangle(p, j)
+                _products(w, to, whole + (4 + 2 * (k // W)) * F, at.torque + k * stride, n)
+        for other in range(c + 1):
+            to, right = gram + _triangle(p, both[other]), at.column + 8 * other * F
+            _products(w, to, whole, right, n)
+            _products(w, to, whole + stride, right + stride, n)
+        _products(w, gram + P * (P + 1) // 2 + p, whole, at.residual, n)
+        _products(w, gram + P * (P + 1) // 2 + p, whole + stride, at.residual + stride, n)
+
+
+@inner(forceinline=True)
+def _placed(plan: Plan, work: Workspace):
+    """The tiles into their places of the lower triangle."""
+    w, single = work.w, plan.single
+    W = single.shape[1]
+    tile = work.at.tiles
+    for i in range(2 * W // TILE):
+        for j in range(i + 1):
+            for k in range(9):
+                a, b = TILE * i + k // TILE, TILE * j + k % TILE
+                if a >= b:
+                    p, q = single[a // W, a % W], single[b // W, b % W]
+                    if p >= 0 and q >= 0:
+                        store(w, work.gram_trial + _triangle(p, q), load(w, tile + k))
+            tile += 9
+
+
+@compiled(allocates=False, seconds=8)
+def evaluate(plan: Plan, work: Workspace) -> None:
+    """Cost, gradient and Gram matrix at the parameters in ``work.trial``; a few frequencies at a time.
+
+    ``work.gram_trial`` receives the lower triangle, row by row, of [J r]^T [J r]: P (P + 1) / 2 slots of J^T J, then P
+    of the gradient J^T r, then the cost r^T r.
+
+    A parameter moves the residual through the torques it makes: J_p = B t_p, with B (2 x 2) the same for all. Most
+    parameters act on a single row k: J_p = b_k t_p with one complex number t_p and b_k the column of B scaled to unit
+    length (t_p takes the length). Their products are Re(conj(t_p) t_q) within a row and Re(conj(t_p) rho t_q) between
+    rows, rho = b_1^H b_0: half the work of whole columns. ``plan.single`` lists these parameters; the few others
+    (``plan.both``) and the residual are whole columns. ``plan.column`` says where t of a (parameter, row) is kept.
+    """
+    _cleared(plan, work)
+    _gains(plan, work)
+    for first in range(0, plan.omega.shape[0], BLOCK):
+        n = min(BLOCK, plan.omega.shape[0] - first)
+        _groups(plan, work, first, n)
+        _equations(plan, work, first, n)
+        _residuals(plan, work, first, n)
+        _sensed(plan, work, first, n)
+        _gain_torques(plan, work, first, n)
+        _group_torques(plan, work, first, n)
+        _row_products(plan, work, n)
+        _column_products(plan, work, first, n)
+    _placed(plan, work)
+
+
+@compiled(allocates=False, seconds=3)
+def evaluate_cost(plan: Plan, work: Workspace) -> None:
+    """The cost alone at the parameters in ``work.trial``, as `evaluate` computes it, to the last slot of its sums."""
+    w, at, P, output = work.w, work.at, plan.column.shape[0], plan.filters.output
+    _gains(plan, work)
+    cost = splat(0.0)
+    for first in range(0, plan.omega.shape[0], BLOCK):
+        n = min(BLOCK, plan.omega.shape[0] - first)
+        _groups(plan, work, first, n)
+        _equations(plan, work, first, n)
+        for f in range(n):
+            _, _, _, _, _, _, _, _, y0r, y0i, y1r, y1i = _solved(w, at.matrix + f)
+            of = at.filter + f * at.filter_stride
+            y0r, y0i = _through(w, of, output[0], y0r, y0i)
+            y1r, y1i = _through(w, of, output[1], y1r, y1i)
+            r0r, r0i, r1r, r1i = _residual(w, work.data + 8 * (first + f), y0r, y0i, y1r, y1i)
+            cost = fma(r1i, r1i, fma(r1r, r1r, fma(r0i, r0i, fma(r0r, r0r, cost))))
+    store(w, work.gram_trial + (P + 1) * (P + 2) // 2 - 1, cost)
 
 
 # --- one step of eight fits ---
@@ -845,9 +847,41 @@ def _steepest(work: Workspace, lane, bounds: Bounds):
 # --- the queue of fits ---
 
 
+@inner
+def take(work: Workspace, lanes: Lanes, lane, queue: Queue):
+    """Hand a lane the next start of the queue, and its data unless it holds them; returns its index.
+
+    -1 when none is left. But a lane that had none yet is shown the last one: idle lanes, too, hold finite numbers.
+    """
+    index = lanes.next[0]
+    if index < queue.starts.shape[0]:
+        lanes.fit[lane] = index
+        lanes.next[0] = index + 1
+    else:
+        lanes.fit[lane] = -1
+        if lanes.problem[lane] >= 0:
+            return np.int64(-1)
+        index = np.int64(queue.starts.shape[0] - 1)
+    problem = queue.problem[index]
+    if problem != lanes.problem[lane]:
+        lanes.problem[lane] = problem
+        for k in range(queue.packed.shape[1]):
+            work.w[(work.data + k) * WIDTH + lane] = queue.packed[problem, k]
+    return index
+
+
+@inner
+def busy(lanes: Lanes):
+    """Whether a lane has a start."""
+    running = False
+    for lane in range(WIDTH):
+        running = running or lanes.fit[lane] >= 0
+    return running
+
+
 @compiled(allocates=False)
 def begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
-    """Put a start of the queue and its problem into a lane; returns the cost below which only rounding is left."""
+    """Put a start of the queue into a lane; returns the cost below which only rounding is left."""
     w, start, packed = work.w, queue.starts[index], queue.packed[queue.problem[index]]
     for p in range(start.size):
         w[(work.trial + p) * WIDTH + lane] = min(max(start[p], bounds.lower[p]), bounds.upper[p])
@@ -856,8 +890,6 @@ def begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
         y0r, y0i, y1r, y1i, w00, w11, w10r, w10i = packed[8 * n : 8 * n + 8]
         e1r, e1i = w11 * y1r + w10r * y0r - w10i * y0i, w11 * y1i + w10r * y0i + w10i * y0r
         norm += w00 * w00 * (y0r * y0r + y0i * y0i) + e1r * e1r + e1i * e1i
-        for k in range(8):
-            w[(work.data + 8 * n + k) * WIDTH + lane] = packed[8 * n + k]
     w[work.damping * WIDTH + lane] = LAMBDA_START
     return ROUNDING * norm
 
@@ -867,32 +899,26 @@ def levenberg_marquardt(
     evaluate: int,
     plan: Plan,
     work: Workspace,
-    lanes: LaneStates,
+    states: LaneStates,
     queue: Queue,
     bounds: Bounds,
-    options: Options,
+    rules: StopRules,
     out: Outcomes,
 ) -> None:
     """Fit every start of the queue inside bounds (P,) and fill ``out``."""
-    n_fits, P = queue.starts.shape
+    P = queue.starts.shape[1]
     w, at_x, at_trial, at_damping, at_matrix = work.w, work.x, work.trial, work.damping, work.matrix
     at_gram, at_gram_trial = work.gram, work.gram_trial
     n_triangle = (P + 1) * (P + 2) // 2
     at_cost, at_cost_trial = at_gram + n_triangle - 1, at_gram_trial + n_triangle - 1
-    fit, fresh, evaluations, outcome = lanes.fit, lanes.fresh, lanes.evaluations, lanes.outcome
-    growth, floor, predicted = lanes.growth, lanes.floor, lanes.predicted
+    lanes, fresh, evaluations, outcome = states.lanes, states.fresh, states.evaluations, states.outcome
+    fit, growth, floor, predicted = lanes.fit, states.growth, states.floor, states.predicted
     half = splat(0.5)
-    next_fit = np.int64(0)  # a literal 0 would be a type of its own: `begin` would be compiled twice
-    running = 0
-    for lane in range(WIDTH):  # every lane begins with some start, so that idle lanes hold finite numbers
-        index = min(next_fit, n_fits - 1)
-        floor[lane] = begin(work, lane, queue, index, bounds)
-        if next_fit < n_fits:
-            fit[lane], fresh[lane] = next_fit, True
-            next_fit += 1
-            running += 1
+    for lane in range(WIDTH):
+        floor[lane] = begin(work, lane, queue, take(work, lanes, lane, queue), bounds)
+        fresh[lane], growth[lane] = True, 2.0
 
-    while running > 0:
+    while busy(lanes):
         call(evaluate, plan, work)
         store(w, at_matrix, splat(0.0))
         for lane in range(WIDTH):
@@ -931,11 +957,11 @@ def levenberg_marquardt(
             if fit[lane] < 0:
                 continue
             predicted[lane] = w[at_matrix * WIDTH + lane]
-            least = options.tolerance * w[at_cost * WIDTH + lane]
+            least = rules.tolerance * w[at_cost * WIDTH + lane]
             settled = predicted[lane] <= least and w[at_damping * WIDTH + lane] <= 1.0
             if outcome[lane] == 0 and settled and _steepest(work, lane, bounds) <= least:
                 outcome[lane] = CONVERGED
-            if outcome[lane] == 0 and evaluations[lane] >= options.max_iterations:
+            if outcome[lane] == 0 and evaluations[lane] >= rules.max_iterations:
                 outcome[lane] = ITERATION_LIMIT
             if outcome[lane] == 0:
                 continue
@@ -945,10 +971,7 @@ def levenberg_marquardt(
             out.cost[index] = w[at_cost * WIDTH + lane]
             out.status[index] = outcome[lane]
             out.iterations[index] = evaluations[lane]
-            fit[lane] = -1
-            running -= 1
-            if next_fit < n_fits:  # hand the lane its next start
-                fit[lane], fresh[lane], evaluations[lane], growth[lane], outcome[lane] = next_fit, True, 0, 2.0, 0
-                floor[lane] = begin(work, lane, queue, next_fit, bounds)
-                next_fit += 1
-                running += 1
+            index = take(work, lanes, lane, queue)
+            if index >= 0:
+                fresh[lane], evaluations[lane], growth[lane], outcome[lane] = True, 0, 2.0, 0
+                floor[lane] = begin(work, lane, queue, index, bounds)

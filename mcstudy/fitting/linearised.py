@@ -27,10 +27,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.errors import ModelError
-from mcstudy.fitting.arguments import Bounds, Options
+from mcstudy.fitting.arguments import Bounds
 from mcstudy.fitting.equation_error import LinearTable, propose
 from mcstudy.fitting.problem import Problem
-from mcstudy.fitting.solvers import fit_many
+from mcstudy.fitting.solvers import Options, fit_many
 from mcstudy.fitting.starts import sobol, uniform
 from mcstudy.stance.feedback import Model, Table
 from mcstudy.stance.response import sensed_stimulus

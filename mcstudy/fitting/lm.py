@@ -6,16 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mcstudy.compiling.addresses import apart
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, LaneStates, Options, Outcomes, pack
+from mcstudy.fitting.arguments import Bounds, LaneStates, Outcomes, StopRules, pack
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.plans import kept_plan, plan, workspace
-from mcstudy.fitting.problem import Fits, Problem, queued
+from mcstudy.fitting.problem import Fits, Problem, queued, small_problem
+from mcstudy.fitting.solvers import Options
 
 
-def lm_queue(
-    problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, tolerance: float, max_iterations: int
-) -> Fits:
+def solve(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
     """Fit M starts of R problems that share model and frequencies, in one queue that keeps the lanes full.
 
     Parameters
@@ -23,23 +23,23 @@ def lm_queue(
     problems: R problems; their model and ``f`` must be the same.
     which: problem of each start, (M,) int.
     starts: (M, P).
-    tolerance: predicted relative decrease of the cost at which a fit has converged.
-    max_iterations: most evaluations of model and derivatives a fit may take.
+    options: ``tolerance`` and ``max_iterations``.
     """
     model = problems[0].model
     table = kept_plan(model, np.asarray(problems[0].f, dtype=float).tobytes())
     out = Outcomes.empty(*starts.shape)
     if len(starts):
         queue = queued(problems, which, starts)
-        bounds = Bounds(model.lower, model.upper)
-        lanes, options = LaneStates.idle(WIDTH), Options(tolerance, max_iterations)
-        kernel.levenberg_marquardt(table, workspace(table), lanes, queue, bounds, options, out)
+        bounds, rules = Bounds(model.lower, model.upper), StopRules(options.tolerance, options.max_iterations)
+        kernel.levenberg_marquardt(table, workspace(table), LaneStates.idle(WIDTH), queue, bounds, rules, out)
     return Fits.of(model, *out)
 
 
-def lm(problem: Problem, starts: np.ndarray, tolerance: float, max_iterations: int) -> Fits:
-    """Fit one problem from S starts (S, P) with the compiled kernel."""
-    return lm_queue([problem], np.zeros(len(starts), dtype=np.int64), starts, tolerance, max_iterations)
+def compile_kernel() -> None:
+    """Have the compiled code made, by the smallest fit there is."""
+    problem = small_problem()
+    with apart():
+        solve([problem], np.zeros(1, dtype=np.int64), problem.model.truth[None], Options(max_iterations=1))
 
 
 def normal_equations(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Bounds, Ends, Goal, Options, PenalisedFits, Prior, Queue, Restraint, pack
+from mcstudy.fitting.arguments import Bounds, Ends, Goal, PenalisedFits, Prior, Queue, Restraint, StopRules, pack
 from mcstudy.fitting.outermost_kernel import outermost
 from mcstudy.fitting.penalised_kernel import penalised_fits
 from mcstudy.fitting.plans import kept_plan, workspace
@@ -165,9 +165,9 @@ class Fitter:
                 for own, given in ((model.lower, lower), (model.upper, upper))
             )
         )
-        out, options = PenalisedFits.empty(*shape), Options(tolerance, max_iterations)
+        out, rules = PenalisedFits.empty(*shape), StopRules(tolerance, max_iterations)
         held = Restraint.none(shape[1]) if restraint is None else restraint
-        penalised_fits(self._plan, workspace(self._plan), queue, bounds, self.prior, held, options, out)
+        penalised_fits(self._plan, workspace(self._plan), queue, bounds, self.prior, held, rules, out)
         return out
 
     def ends(
@@ -202,8 +202,8 @@ class Fitter:
         )
         out = Ends.empty(M, P)
         if M:
-            options = Options(tolerance, max_iterations)
-            outermost(self._plan, workspace(self._plan), queue, bounds, goal, options, out)
+            rules = StopRules(tolerance, max_iterations)
+            outermost(self._plan, workspace(self._plan), queue, bounds, goal, rules, out)
         return out
 
     def best(self, data: Data, starts: np.ndarray) -> Fitted:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mcstudy.errors import ModelError
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Filters, Plan, Workspace
+from mcstudy.fitting.arguments import Filters, Plan, Scratch, Workspace
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.stance.feedback import Model, Table
 from mcstudy.stance.response import sensed_stimulus
@@ -93,15 +93,19 @@ def kept_plan(model: Model, f: bytes) -> Plan:
 
 def workspace(plan: Plan) -> Workspace:
     """Zeroed lanes for eight fits, and where in them the kernel keeps what."""
-    P, E, G = plan.column.shape[0], plan.entry.shape[0], plan.group_delay.shape[0]
-    triangle = (P + 1) * (P + 2) // 2
-    S, W, C = plan.sensed.size, plan.single.shape[1], plan.both.size
-    filters = 4 * (plan.filters.monomial.shape[0] + 1) + 4 * plan.filters.pair.shape[0]
-    a_frequency = 38 + 6 * G + 2 * S + 6 * W + 12 * C + filters
-    scratch = kernel.BLOCK * a_frequency + W * (2 * W + 3) + E
-    sizes = (P, P, triangle, triangle, P, triangle, P, 1, 8 * plan.omega.size, scratch)  # in the order of `Workspace`
-    *first, end = accumulate(sizes, initial=0)
-    return Workspace(_aligned(end * WIDTH), *first)
+    P, E, G, Q = len(plan.column), len(plan.entry), len(plan.group_delay), len(plan.filters.pair)
+    S, W, C, F = plan.sensed.size, plan.single.shape[1], plan.both.size, kernel.BLOCK
+    triangle, filters = (P + 1) * (P + 2) // 2, 4 * (len(plan.filters.monomial) + 1)
+    tiles = W * (2 * W + 3)
+    shared = (P, P, triangle, triangle, P, triangle, P, 1, 8 * plan.omega.size)  # in the order of `Workspace`
+    scratch = (  # in the order of `Scratch`; filters and their slopes take turns, frequency by frequency
+        *(12 * F, 2 * G * F, 8 * F, 2 * F, 4 * F, 4 * F, 2 * F, 4 * F, 2 * S * F, 2 * F, 4 * G * F),
+        *(4 * (W + C) * F, 2 * W * F, 8 * C * F, tiles, E, filters, F * (filters + 4 * Q) - filters),
+    )
+    *begins, end = accumulate((*shared, *scratch), initial=0)
+    n = len(shared)
+    at = Scratch._make((*begins[n:], filters + 4 * Q))
+    return Workspace._make((_aligned(end * WIDTH), *begins[:n], at))
 
 
 def _aligned(size: int) -> np.ndarray:

@@ -12,11 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from mcstudy.fitting.arguments import Queue, pack
 from mcstudy.fitting.status import Status
+from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
 
@@ -87,6 +89,13 @@ def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarra
     else:
         weight[angles] = np.nan
     return Problem(model, np.asarray(f, dtype=float), data, weight)
+
+
+@cache
+def small_problem() -> Problem:
+    """A fit of the data of the true parameters at four frequencies: what compiled functions are compiled with."""
+    model, f = two_segment(), np.array([0.1, 0.3, 1.0, 3.0])
+    return paper_cost(model, f, frf(model, model.truth, f))
 
 
 def queued(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray) -> Queue:

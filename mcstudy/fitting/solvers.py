@@ -1,29 +1,126 @@
-"""Solvers by name; each maps (problem, starts, options) to `Fits`."""
+"""Solvers of study files, each one declaration; those of other packages attach by an entry point.
+
+Nothing is compiled or loaded until a solver is used, so that to read a study file takes no time.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Options
-from mcstudy.fitting.interior_point import interior_point_queue
-from mcstudy.fitting.lm import lm_queue
+from mcstudy.fitting.attached import entries
 from mcstudy.fitting.problem import Fits, Problem
-from mcstudy.fitting.scipy_trf import trf
-from mcstudy.fitting.scipy_trust_constr import trust_constr
 from mcstudy.fitting.status import Status
 
-QUEUES: dict[str, Callable[[Sequence[Problem], np.ndarray, np.ndarray, Options], Fits]] = {
-    "lm": lambda problems, which, starts, o: lm_queue(problems, which, starts, o.tolerance, o.max_iterations),
-    "interior_point": interior_point_queue,
-}
-"""Compiled solvers, which keep their lanes full across problems: (problems, problem of each start, starts, options)."""
+if TYPE_CHECKING:
+    from mcstudy.files.sections import Section  # whose library a diagnosis does not need
 
-SINGLE: dict[str, Callable[[Problem, np.ndarray, float, int], Fits]] = {"trf": trf, "trust-constr": trust_constr}
-"""SciPy's solvers: (problem, starts, tolerance, iteration limit)."""
 
-SOLVERS = (*QUEUES, *SINGLE)
+class Part(NamedTuple):
+    """Functions that are compiled together.
+
+    Attributes
+    ----------
+    compile: ``module:function`` without arguments that has them compiled, by a call.
+    functions: number of functions compiled for them by a new process that has those of ``after`` on disk.
+    seconds: CPU time this takes (2.3 GHz Xeon, busy with other work).
+    after: parts whose functions become part of these.
+    calls: parts whose functions these call at their address (`mcstudy.compiling.addresses`): needed to run, not to
+        compile.
+    """
+
+    compile: str
+    functions: int
+    seconds: float
+    after: tuple[str, ...] = ()
+    calls: tuple[str, ...] = ()
+
+
+class Options(NamedTuple):
+    """Stop rules, and the choices of one solver.
+
+    tolerance: predicted decrease of the cost below which a fit has converged, relative to the cost.
+    max_iterations: most evaluations of the model with its derivatives.
+    settings: of the solver, an instance of its ``settings``; None for their defaults, or where it has none.
+    """
+
+    tolerance: float = 1e-12
+    max_iterations: int = 1000
+    settings: Any = None
+
+
+Solve = Callable[[Sequence[Problem], np.ndarray, np.ndarray, Options], Fits]
+"""Fits M starts (M, P), start m on problem ``which[m]`` of R problems that share model and frequencies."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solver:
+    """A solver that a study file may name. The defaults are those of a slow one, which compiles nothing.
+
+    Attributes
+    ----------
+    name
+        In a study file, and of the table ``[fit.NAME]`` of its settings.
+    solve
+        ``module:function`` of the `Solve` that does the work; finite data and weights only.
+    parts
+        Its compiled functions, by name; the one of its own name is compiled, with all it needs, before a study runs.
+    settings
+        Section of its settings in a study file, or None.
+    fits_a_chunk
+        Smallest and largest target number of fits per chunk of a cube.
+    starts_a_call
+        Starts per call: few for a slow solver, because stop requests are checked between calls.
+    fits_a_block
+        Fits that take about half a second; 0: one chunk per block.
+    pilot_fits
+        Fits that `mcstudy plan` times per group; 0: two starts per Fmax.
+    """
+
+    name: str
+    solve: str
+    parts: Mapping[str, Part] = field(default_factory=dict)
+    settings: type[Section] | None = None
+    fits_a_chunk: tuple[int, int] = (20, 500)
+    starts_a_call: int = 1
+    fits_a_block: int = 0
+    pilot_fits: int = 0
+
+
+OWN = (
+    Solver(
+        name="lm",
+        solve="mcstudy.fitting.lm:solve",
+        parts={"lm": Part("mcstudy.fitting.lm:compile_kernel", 9, 2.7, after=("steps",), calls=("gram",))},
+        # The smallest keeps its vector lanes full and makes the few milliseconds of writing negligible; the largest
+        # takes some seconds and 5 MB.
+        fits_a_chunk=(1500, 50_000),
+        starts_a_call=1024,
+        fits_a_block=2000,
+        pilot_fits=1500,
+    ),
+    Solver(name="trf", solve="mcstudy.fitting.scipy_solvers:trf"),
+    Solver(name="trust-constr", solve="mcstudy.fitting.scipy_solvers:trust_constr"),
+)
+"""Solvers of this package."""
+
+
+@cache
+def solvers() -> dict[str, Solver]:
+    """Every solver by name, those of this package first. The source of the others belongs to the program."""
+    attached = [entry.load() for entry in entries()]
+    return {solver.name: solver for solver in (*OWN, *attached)}
+
+
+def named(place: str) -> Any:
+    """What ``module:function`` names, imported now."""
+    module, _, function = place.partition(":")
+    return getattr(importlib.import_module(module), function)
 
 
 def fit(problem: Problem, starts: np.ndarray, solver: str = "lm", options: Options | None = None) -> Fits:
@@ -33,7 +130,7 @@ def fit(problem: Problem, starts: np.ndarray, solver: str = "lm", options: Optio
     ----------
     problem: see `Problem`.
     starts: (S, P), inside the model's bounds.
-    solver: one of `SOLVERS`.
+    solver: name of one of `solvers`.
     """
     return fit_queue([problem], np.zeros(len(starts), dtype=np.int64), starts, solver, options)
 
@@ -49,18 +146,13 @@ def fit_queue(
 
     The same results as `fit` start by start; the compiled solvers keep their lanes full across problems.
     """
-    options = options or Options()
     starts, which = np.ascontiguousarray(starts, dtype=float), np.asarray(which)
     out = Fits.failed(starts, Status.NON_FINITE_DATA)
-    fine = np.flatnonzero(np.array([p.finite for p in problems])[which])
-    if solver in QUEUES:
-        if fine.size:
-            used, index = np.unique(which[fine], return_inverse=True)
-            out.put(fine, QUEUES[solver]([problems[r] for r in used], index, starts[fine], options))
-        return out
-    for r in np.unique(which[fine]):
-        own = fine[which[fine] == r]
-        out.put(own, SINGLE[solver](problems[r], starts[own], options.tolerance, options.max_iterations))
+    finite = np.flatnonzero(np.array([p.finite for p in problems])[which])
+    if finite.size:
+        used, index = np.unique(which[finite], return_inverse=True)
+        solve: Solve = named(solvers()[solver].solve)
+        out.put(finite, solve([problems[r] for r in used], index, starts[finite], options or Options()))
     return out
 
 

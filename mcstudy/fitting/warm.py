@@ -8,46 +8,23 @@ nowhere yet is compiled by processes of their own (`mcstudy.fitting.compilers`),
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
 from mcstudy.compiling.addresses import apart
 from mcstudy.compiling.decorators import KEPT, NotCompiledError, only_compiled
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Options, Prior, Queue, pack
-from mcstudy.fitting.interior_point import interior_point
+from mcstudy.fitting.arguments import Bounds, Prior, Queue, pack
 from mcstudy.fitting.linearised import POOL, LinearModel
-from mcstudy.fitting.lm import lm, normal_equations
+from mcstudy.fitting.lm import normal_equations
 from mcstudy.fitting.plans import plan, workspace
-from mcstudy.fitting.problem import Problem, paper_cost
-from mcstudy.stance.body import two_segment
-from mcstudy.stance.response import frf
+from mcstudy.fitting.problem import small_problem
+from mcstudy.fitting.solvers import Part, named, solvers
 from mcstudy.stance.simulate_time import simulate
 from mcstudy.stance.stability import growth_rate
 
 EVERY_S = 0.01
 """Time between the samples of the record that is simulated."""
-
-
-class Part(NamedTuple):
-    """Functions that are compiled together.
-
-    Attributes
-    ----------
-    call: has them compiled, by a call. after: parts whose functions become part of these.
-    functions: number of functions compiled for them by a new process that has those of ``after`` on disk.
-    seconds: CPU time this takes (2.3 GHz Xeon, busy with other work).
-    calls: parts whose functions these call at their address (`mcstudy.compiling.addresses`): needed to run, not to
-        compile.
-    """
-
-    call: Callable[[], None]
-    functions: int
-    seconds: float
-    after: tuple[str, ...] = ()
-    calls: tuple[str, ...] = ()
 
 
 _ready: set[str] = set()
@@ -58,7 +35,7 @@ def load(part: str) -> bool:
     if part not in _ready:
         try:
             with only_compiled():
-                PARTS[part].call()
+                named(PARTS[part].compile)()
         except NotCompiledError:
             return False
         _ready.add(part)
@@ -76,7 +53,7 @@ def compile_here(parts: Iterable[str] = ()) -> int:
 def compile_part(part: str) -> None:
     """Compile in this process what is not compiled yet of one part, without the parts that it calls."""
     if part not in _ready:
-        PARTS[part].call()
+        named(PARTS[part].compile)()
         _ready.add(part)
 
 
@@ -103,25 +80,18 @@ def _misses() -> int:
     return sum(sum(function.stats.cache_misses.values()) for function in KEPT)
 
 
-@cache
-def _problem() -> Problem:
-    """A fit of the data of the true parameters."""
-    model, f = two_segment(), np.array([0.1, 0.3, 1.0, 3.0])
-    return paper_cost(model, f, frf(model, model.truth, f))
-
-
-def _stability() -> None:
-    model = _problem().model
+def compile_stability() -> None:
+    model = small_problem().model
     growth_rate(model, model.truth)
 
 
-def _simulation() -> None:
-    model = _problem().model
+def compile_simulation() -> None:
+    model = small_problem().model
     simulate(model, model.truth, np.zeros((64, 3)), 1 / EVERY_S)
 
 
-def _steps() -> None:
-    problem = _problem()
+def compile_steps() -> None:
+    problem = small_problem()
     table, truth = plan(problem.model, problem.f), problem.model.truth
     work, bounds = workspace(table), Bounds(problem.model.lower, problem.model.upper)
     queue = Queue(pack(problem.data, problem.weight)[None], np.zeros(1, dtype=np.int64), truth[None].copy())
@@ -129,39 +99,27 @@ def _steps() -> None:
     kernel.bounded_step(work, bounds)
 
 
-def _lm() -> None:
-    problem = _problem()
-    with apart():
-        lm(problem, problem.model.truth[None], 1e-12, 1)
-
-
-def _interior_point() -> None:
-    problem = _problem()
-    with apart():
-        interior_point(problem, problem.model.truth[None], Options(max_iterations=1))
-
-
-def _cost() -> None:
-    table = plan(_problem().model, _problem().f)
+def compile_cost() -> None:
+    table = plan(small_problem().model, small_problem().f)
     kernel.evaluate_cost(table, workspace(table))
 
 
-def _gram() -> None:
-    problem = _problem()
+def compile_gram() -> None:
+    problem = small_problem()
     normal_equations(problem, problem.model.truth[None])
 
 
-def _starts() -> None:
-    problem = _problem()
+def compile_starts() -> None:
+    problem = small_problem()
     LinearModel.of(problem.model, problem.f).steps(problem, problem.model.truth[None], POOL[-1:])
 
 
-def _diagnosis() -> None:
+def compile_diagnosis() -> None:
     # Imported here: studies need none of them, and the statistics behind the first take a second to import.
     from mcstudy.fitting.penalised import Fitter
     from mcstudy.fitting.small_linear import gaussian_factor, likelihood_ratios, orthonormal
 
-    problem = _problem()
+    problem = small_problem()
     model = problem.model
     fitter = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f)
     data = pack(problem.data, problem.weight)
@@ -172,26 +130,29 @@ def _diagnosis() -> None:
     likelihood_ratios(np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones(1))
 
 
-def _intervals() -> None:
+def compile_intervals() -> None:
     from mcstudy.fitting.penalised import Fitter
 
-    problem = _problem()
+    problem = small_problem()
     model = problem.model
     fitter, P = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f), model.truth.size
     with apart():
         fitter.ends(pack(problem.data, problem.weight), model.truth[None], np.eye(1, P), np.ones(1), np.ones(1))
 
 
+def _part(function: Callable[[], None], functions: int, seconds: float, *calls: str) -> Part:
+    return Part(f"{__name__}:{function.__name__}", functions, seconds, calls=calls)
+
+
 PARTS = {
-    "stability": Part(_stability, 16, 4.3),
-    "gram": Part(_gram, 29, 9.0),
-    "steps": Part(_steps, 10, 2.4),
-    "lm": Part(_lm, 9, 2.7, ("steps",), ("gram",)),
-    "cost": Part(_cost, 20, 2.9),
-    "interior_point": Part(_interior_point, 38, 16.0, ("steps",), ("cost",)),
-    "diagnosis": Part(_diagnosis, 32, 6.2, (), ("gram",)),
-    "intervals": Part(_intervals, 76, 10.0, (), ("gram",)),
-    "time_domain": Part(_simulation, 13, 2.4),
-    "linearised": Part(_starts, 20, 5.0),
+    "stability": _part(compile_stability, 16, 4.3),
+    "gram": _part(compile_gram, 29, 9.0),
+    "steps": _part(compile_steps, 10, 2.4),
+    "cost": _part(compile_cost, 20, 2.9),
+    "diagnosis": _part(compile_diagnosis, 32, 6.2, "gram"),
+    "intervals": _part(compile_intervals, 76, 10.0, "gram"),
+    "time_domain": _part(compile_simulation, 13, 2.4),
+    "linearised": _part(compile_starts, 20, 5.0),
+    **{name: part for solver in solvers().values() for name, part in solver.parts.items()},
 }
 """What needs which functions, by the name of the simulator, solver or kind of starts in a study file, or our own."""

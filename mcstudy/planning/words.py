@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mcstudy.planning.fits import FULL, TRUTH
 from mcstudy.planning.result import Crossing, Reading, Solution
 from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS
+from mcstudy.stance.body import STIMULI
 from mcstudy.text_tables import counted, fill, number, table
 
 CONTROL = {TRUTH: "one fit from the true values", FULL: "none"}
@@ -111,8 +112,7 @@ def _crossing(c: Crossing) -> str:
 
 
 def stimulus_unit(found: Solution) -> str:
-    kind = found.study.groups[found.group].stimulus.kind
-    return {"platform_translation": "m", "surface_tilt": "rad", "visual_tilt": "rad"}.get(kind, "N m")
+    return STIMULI[found.study.groups[found.group].stimulus.kind]
 
 
 def _value(r: Reading, value: float) -> str:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.columns import LARGEST_NUMBER
 from mcstudy.recordings.faults import stimulus_faults
+from mcstudy.recordings.formats.text import LARGEST_NUMBER
 from mcstudy.recordings.recording import (
     MINIMUM_CYCLES,
     MOST_CYCLES,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.columns import LARGEST_NUMBER
+from mcstudy.recordings.formats.text import LARGEST_NUMBER
 from mcstudy.recordings.recording import RATE_HZ
 from mcstudy.recordings.resample import at_regular_times
 

@@ -13,15 +13,15 @@ import xarray as xr
 from mcstudy.errors import RecordingError
 from mcstudy.files.delimited import NUMBER, decimal_sign, labelled, number
 from mcstudy.files.local_path import local_path
-from mcstudy.recordings.body_sheet import body_of
-from mcstudy.recordings.columns import LARGEST_FILE, content
 from mcstudy.recordings.copies import equal_rows
+from mcstudy.recordings.data_files import Files
+from mcstudy.recordings.formats.text import LARGEST_FILE
+from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.frf import GAIN
-from mcstudy.recordings.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
-from mcstudy.recordings.guards import inside
-from mcstudy.recordings.lab_files import Files
-from mcstudy.recordings.layout import Dialect
+from mcstudy.recordings.guards import content, inside
 from mcstudy.recordings.polar import response
+from mcstudy.recordings.sheets.body_sheet import body_of
+from mcstudy.recordings.sheets.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, Body
 
@@ -41,7 +41,7 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
     Parameters
     ----------
     path
-        Description, ``.toml`` (see `mcstudy.recordings.frf_group_sheet`).
+        Description, ``.toml`` (see `mcstudy.recordings.sheets.frf_group_sheet`).
     data
         Folder of the table that it names; its own folder when None.
 

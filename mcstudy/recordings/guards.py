@@ -1,7 +1,7 @@
 """Untrusted recordings: they may not name files elsewhere, or declare more memory than is allowed.
 
 Zarr stores name their codecs; TOML files name data files. These are checked before any data is read, as HDF5 files are
-in `mcstudy.recordings.hdf5_files`.
+in `mcstudy.recordings.formats.hdf5`.
 """
 
 from __future__ import annotations
@@ -38,6 +38,16 @@ def regular(path: str | Path) -> None:
         raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise RecordingError(f"{path}: expected a regular file or a Zarr folder, found a pipe, socket or device")
+
+
+def content(path: Path, most: int) -> bytes:
+    """Bytes of a file of at most ``most``; raises `RecordingError` for anything else."""
+    try:
+        return real_bytes(path, most, follow=True)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    except StoreError as error:
+        raise RecordingError(str(error)) from error
 
 
 def inside(folder: str | Path, name: str, where: str) -> Path:

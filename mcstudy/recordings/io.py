@@ -11,9 +11,9 @@ from mcstudy.files.json_files import own_folder
 from mcstudy.files.local_path import local_path
 from mcstudy.files.untrusted import json_document, real_bytes
 from mcstudy.recordings.checks import check
+from mcstudy.recordings.formats.netcdf_zarr import SHEET, read_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.guards import regular
-from mcstudy.recordings.netcdf_zarr import SHEET, read_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import EXPECTED, Recording
 
 NETCDF = (".nc", ".nc4", ".h5")
@@ -61,7 +61,7 @@ def _structure(path: Path, data: Path | None) -> Recording | FrfRecording:
         raise RecordingError(f"{path}: no such file")
     regular(path)
     if path.suffix in (".csv", ".toml"):
-        from mcstudy.recordings.described import read_sheet  # its parser takes longer to import than a file to read
+        from mcstudy.recordings.assembly import read_sheet  # its parser takes longer to import than a file to read
 
         sheet = path.with_suffix(".toml")
         if not sheet.exists():

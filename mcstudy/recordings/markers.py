@@ -15,8 +15,8 @@ import numpy as np
 from pydantic import Field
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.description import Table
-from mcstudy.recordings.variables import Picked, Source
+from mcstudy.recordings.formats.source import Picked, Source
+from mcstudy.recordings.sheets.tables import Table
 
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 

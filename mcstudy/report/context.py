@@ -10,9 +10,10 @@ from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis.paper.published import AMPLITUDES_NM, CONVERGENCE_FMAX_HZ, FMAX_HZ, STARTS
+from mcstudy.analysis.published.publication import Publication, cited
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.view import GroupView, StudyView
+from mcstudy.fitting.solvers import solvers
 from mcstudy.report.numbers import finite
 from mcstudy.text_tables import with_error
 
@@ -58,14 +59,21 @@ class Context:
         """Groups with at least one finished fit."""
         return [g for g in self.study.groups.values() if bool(g.cells["cost"].notnull().any())]
 
-    def _if_held(self, view: GroupView | None) -> GroupView | None:
+    @cached_property
+    def publication(self) -> Publication:
+        """The publication that the study is compared with."""
+        return cited(self.data["paper"]["reference"])
+
+    def _published(self, role: str) -> GroupView | None:
+        """The group of a published figure, if it has finished fits."""
+        view = self.publication.group(role, self.study)
         return view if view in self.held else None
 
     @cached_property
     def accuracy(self) -> GroupView | None:
         """The group for estimates with noise: the paper's if there is one, else the one with most conditions."""
         noisy = [g for g in self.held if g.noisy and g.group.realizations > 1]
-        return self._if_held(self.study.accuracy(FMAX_HZ, AMPLITUDES_NM)) or max(
+        return self._published("estimates") or max(
             noisy, key=lambda g: (len(g.group.fmax) * len(g.group.amplitude), g.group.realizations), default=None
         )
 
@@ -85,22 +93,18 @@ class Context:
     def theory(self) -> GroupView | None:
         """The group without noise for Fig. 3A and 4."""
         free = [g for g in self.held if not g.noisy]
-        return self._if_held(self.study.noise_free(8.0, STARTS)) or max(
-            free, key=lambda g: (g.group.fmax[-1], g.group.starts), default=None
-        )
+        return self._published("theory") or max(free, key=lambda g: (g.group.fmax[-1], g.group.starts), default=None)
 
     @cached_property
     def pools(self) -> GroupView | None:
         """The group with noise and most starts, for Fig. 3B and the waterfall."""
         noisy = [g for g in self.held if g.noisy]
-        return self._if_held(self.study.pools(CONVERGENCE_FMAX_HZ, AMPLITUDES_NM[0], 100)) or max(
-            noisy, key=lambda g: g.group.starts, default=None
-        )
+        return self._published("pools") or max(noisy, key=lambda g: g.group.starts, default=None)
 
     @cached_property
     def free_pools(self) -> GroupView | None:
         """The group without noise for Fig. 3B."""
-        return self._if_held(self.study.noise_free(CONVERGENCE_FMAX_HZ, 100)) or self.theory
+        return self._published("free_pools") or self.theory
 
     @cached_property
     def other_solvers(self) -> list[GroupView]:
@@ -112,7 +116,7 @@ class Context:
 
 def _without_solver(view: GroupView | None) -> str:
     """Everything but the solver and its settings."""
-    fit = {"solver", "tolerance", "max_iterations", "interior_point"}
+    fit = {"solver", "tolerance", "max_iterations", *solvers()}
     return json.dumps(view and view.group.model_dump(mode="json", exclude={"fit": fit}), sort_keys=True)
 
 

@@ -76,3 +76,12 @@ def _style() -> str:
 
 def _file(name: str) -> str:
     return files("mcstudy.report").joinpath(name).read_text(encoding="utf-8")
+
+
+DATA = (".zarr", ".nc", ".toml", ".csv")
+"""Endings that a page has .html instead of."""
+
+
+def page_of(file: Path) -> Path:
+    """The page of a cube or a recording when no other is asked for: ``results/a.zarr`` has ``results/a.html``."""
+    return file.with_name(f"{file.stem if file.suffix in DATA else file.name}.html")

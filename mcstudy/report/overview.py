@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from mcstudy.analysis.correlation import correlation
-from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL
+from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL
 from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.view import GroupView

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from mcstudy.analysis.kept import looking
 from mcstudy.files.local_path import local_path
-from mcstudy.study.settled import settled
+from mcstudy.study.cube.replacement import settled
 
 
 def page(path: str | Path, beside: Sequence[Path] = ()) -> str:

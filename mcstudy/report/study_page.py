@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mcstudy.analysis.kept import Look, looking
-from mcstudy.analysis.paper.published import METHODS, VARIANTS
 from mcstudy.analysis.results import open_for_tables
+from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.summary import show_data
-from mcstudy.analysis.show.tables import SCHEMA
 from mcstudy.analysis.show.text import paper_title
 from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult, read_alternative
 from mcstudy.report.context import Context
@@ -30,7 +29,7 @@ from mcstudy.report.sections.search import further_search_figures, paper_search_
 from mcstudy.report.sections.signals import signal_figures
 from mcstudy.report.sections.standard_errors import zipper_figures
 from mcstudy.report.words import beside, group_overviews, headline, introduction
-from mcstudy.study.readable import structured
+from mcstudy.study.cube.conversion import structured
 
 
 def study_page(path: Path, beside: Sequence[Path], looks: ExitStack, look: Look) -> str:
@@ -177,9 +176,9 @@ def _provenance(context: Context) -> str:
     )
     settings = [
         [name, json.dumps(value) if not isinstance(value, str) else value, unit, where]
-        for name, (value, unit, where) in METHODS.items()
+        for name, (value, unit, where) in context.publication.settings.items()
     ]
-    variants = [[v.study, v.claim, v.where] for v in VARIANTS]
+    variants = [[v.study, v.claim, v.where] for v in context.publication.claims]
     return (
         f"<pre><code>{escape(commands)}</code></pre>"
         + table(Table("This study", ["", ""], rows), "facts")

@@ -6,16 +6,15 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
-from mcstudy.analysis.paper.published import FMAX_HZ, MARGINS
-from mcstudy.analysis.paper.verdict_names import AGREES, CANNOT_TELL, DIFFERS
+from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL, DIFFERS
 from mcstudy.analysis.show.missed import missed_words
-from mcstudy.analysis.show.text import READING, incomplete, ours, verdict
+from mcstudy.analysis.show.text import incomplete, ours, verdict
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report.context import Context, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
 from mcstudy.report.numbers import short
-from mcstudy.study.unstable import warning
+from mcstudy.study.instability import warning
 from mcstudy.text_tables import counted, number
 
 CLASS = {AGREES: "yes", DIFFERS: "no", CANNOT_TELL: "none", None: "none"}
@@ -54,44 +53,32 @@ def _headline(context: Context) -> str:
     rows = list(context.published.values())
     if not rows:
         return (
-            "<p>The paper has no numbers for the groups of this study, so there is nothing to compare. A comparison "
-            "needs a group with two segments, a torque at the ankle, and the paper's cost, Fmax and amplitudes. "
-            "<code>mcstudy show OUT</code> prints the numbers of this study.</p>"
+            f"<p>The paper has no numbers for the groups of this study, so there is nothing to compare. "
+            f"{escape(context.publication.needs)} <code>mcstudy show OUT</code> prints the numbers of this study.</p>"
         )
     counts = {name: sum(r["verdict"] == name for r in rows) for name in (AGREES, DIFFERS, CANNOT_TELL)}
     notes = list(dict.fromkeys(r["explanation"] for r in rows if r["explanation"]))
     head = "".join(f'<th scope="col">{h}</th>' for h in ("What", "Verdict", "Paper", "Ours ± MCSE", "Apart", "Where"))
     body = "".join(_headline_row(r, notes) for r in rows)
-    margins = {kind: margin for kind, (margin, _) in MARGINS.items()}
     listed = "".join(f'<li id="note-{i}">{escape(with_units(n))}</li>' for i, n in enumerate(notes, 1))
     return (
         f"<p>Of {sum(counts.values())} published statements, {counts[AGREES]} agree with ours, {counts[DIFFERS]} "
         f"differ, and {counts[CANNOT_TELL]} cannot be told ({escape(context.data['paper']['reference'])}).</p>"
-        + _table_ii(rows)
+        + _as_published(context)
         + '<div class="scroll tall" role="region" tabindex="0" aria-label="All published statements">'
         '<table class="stack"><caption><span>All published statements</span></caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
         + (f'<p>Why ours differs:</p><ol class="notes">{listed}</ol>' if notes else "")
-        + "".join(f"<p>{escape(text.format(**margins))}</p>" for text in READING)
+        + "".join(f"<p>{escape(text)}</p>" for text in context.publication.reading)
         + "<p>Floor: mean |bias| expected from chance alone, for unbiased estimates from 50 realizations. "
         "<code>mcstudy show OUT</code> prints these numbers.</p>"
     )
 
 
-def _table_ii(rows: Sequence[dict[str, Any]]) -> str:
-    """Mean |bias| as the paper's Table II lays it out: sets of parameters by Fmax."""
-    values = {r["key"]: r for r in rows}
-    sets = {
-        "bias_12": "all 12 parameters",
-        "bias_10": "stiffness combined (10)",
-        "bias_2": "the 2 combined stiffnesses",
-    }
-    lines = []
-    for key, what in sets.items():
-        cells = [values.get(f"{key}_{f:g}") for f in FMAX_HZ]
-        lines.append([what, *(x for r in cells for x in ((r["paper_text"], ours(r)) if r else ("–", "–")))])
-    header = ["mean |bias| (%)", *(x for f in FMAX_HZ for x in (f"{f:g} Hz: paper", "ours ± MCSE"))]
-    return table(Table("Table II · Bias by Fmax, mean of 3 and 5 N·m", header, lines)) if values else ""
+def _as_published(context: Context) -> str:
+    """Rows laid out as the publication does."""
+    found = context.publication.table(context.published)
+    return "" if found is None else table(Table(*found))
 
 
 def _headline_row(row: dict[str, Any], notes: Sequence[str]) -> str:

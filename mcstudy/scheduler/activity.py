@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 
-from mcstudy.scheduler.beside import beside
+from mcstudy.scheduler.companion import beside
 from mcstudy.scheduler.display import Display
 from mcstudy.scheduler.progress import duration
 

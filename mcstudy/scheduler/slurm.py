@@ -28,7 +28,7 @@ from mcstudy.files.plain_errors import validated
 from mcstudy.files.sections import Section
 from mcstudy.files.toml_files import parse_toml, read_text
 from mcstudy.files.unfinished import scratch_folder
-from mcstudy.scheduler.beside import beside
+from mcstudy.scheduler.companion import beside
 
 EXTRA = "pip install dask-jobqueue cryptography"
 

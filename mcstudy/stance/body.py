@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 
 from mcstudy.errors import ModelError
@@ -161,23 +161,83 @@ class Body:
         )
 
 
-STIMULI: dict[str, str] = {
-    "ankle_torque": "N m",
-    "hip_torque": "N m",
-    "platform_translation": "m",
-    "surface_tilt": "rad",
-    "visual_tilt": "rad",
+@dataclass(frozen=True, kw_only=True)
+class StimulusKind:
+    """A kind of stimulus: all that other rooms know of it.
+
+    Attributes
+    ----------
+    unit
+        Of the stimulus; N m for a torque, else it is a motion.
+    description
+        What u is, in a sentence of a page.
+    terms
+        b(s) of what acts on the body; none for a tilt, which acts on the senses (`tilt_terms`).
+    weight
+        The sensory weight that a tilt makes visible; the other senses have the rest of 1.
+    one_segment
+        Whether it moves the single pendulum, whose hip is locked.
+    considered
+        Whether `mcstudy gap next` considers it unless others are named.
+    """
+
+    unit: str
+    description: str
+    terms: Callable[[Body], tuple[Term, ...]] = lambda body: ()  # noqa: ARG005
+    weight: Parameter | None = None
+    one_segment: bool = False
+    considered: bool = False
+
+
+KINDS: dict[str, StimulusKind] = {
+    "ankle_torque": StimulusKind(
+        unit="N m",
+        description="a torque about the ankle, in N·m",
+        terms=lambda body: (Term("ankle", "stimulus"),),  # noqa: ARG005
+        one_segment=True,
+        considered=True,
+    ),
+    "hip_torque": StimulusKind(
+        unit="N m",
+        description="a torque about the hip, in N·m",
+        terms=lambda body: (Term("hip", "stimulus"),),  # noqa: ARG005
+        considered=True,
+    ),
+    "platform_translation": StimulusKind(
+        unit="m",
+        description="the translation of the platform, in m",
+        terms=lambda body: (
+            Term("hip", "stimulus", order=2, coefficient=-body.A2),
+            Term("ankle", "stimulus", order=2, coefficient=-(body.A1 + body.A2)),
+        ),
+        considered=True,
+    ),
+    "surface_tilt": StimulusKind(
+        unit="rad",
+        description="the tilt of the support surface, in rad",
+        weight=Parameter("Wprop", "", 0.7, 0.0, 1.0, "weight of proprioception (lower body to surface)"),
+        one_segment=True,
+    ),
+    "visual_tilt": StimulusKind(
+        unit="rad",
+        description="the tilt of the visual scene, in rad",
+        weight=Parameter("Wvis", "", 0.2, 0.0, 1.0, "weight of vision (lower body to visual scene)"),
+        one_segment=True,
+    ),
 }
-"""Stimulus kinds and their units."""
+"""Kinds of stimulus by the name that study files and recordings give them."""
+
+STIMULI = {name: kind.unit for name, kind in KINDS.items()}
+"""Kinds of stimulus and their units."""
 
 TORQUES = tuple(kind for kind, unit in STIMULI.items() if unit == "N m")
 """Kinds that are torques; the others are motions."""
 
-WEIGHTS: dict[str, Parameter] = {
-    "surface_tilt": Parameter("Wprop", "", 0.7, 0.0, 1.0, "weight of proprioception (lower body to surface)"),
-    "visual_tilt": Parameter("Wvis", "", 0.2, 0.0, 1.0, "weight of vision (lower body to visual scene)"),
-}
-"""The sensory weight that a tilt makes visible, by kind of stimulus; the other senses have the rest of 1."""
+WEIGHTS = {name: kind.weight for name, kind in KINDS.items() if kind.weight is not None}
+"""The sensory weight that a tilt makes visible, by kind of stimulus."""
+
+SINGLE = tuple(name for name, kind in KINDS.items() if kind.one_segment)
+"""Kinds of stimulus of the single pendulum."""
 
 PASSIVE = {"two_segment": "Kpas1", "one_segment": "Kpas"}
 """The passive stiffness of the ankle, by model; the paper states it."""
@@ -189,18 +249,7 @@ def stimulus_terms(kind: str, body: Body, feedback: Iterable[Term] = ()) -> tupl
     Ankle torque (0, 1), hip torque (1, 0) and platform translation -s^2 (A2, A1 + A2) act on the body. A tilt acts on
     what ``feedback``, the terms of the loop, senses: see `tilt_terms`.
     """
-    if kind == "ankle_torque":
-        return (Term("ankle", "stimulus"),)
-    if kind == "hip_torque":
-        return (Term("hip", "stimulus"),)
-    if kind == "platform_translation":
-        return (
-            Term("hip", "stimulus", order=2, coefficient=-body.A2),
-            Term("ankle", "stimulus", order=2, coefficient=-(body.A1 + body.A2)),
-        )
-    if kind in WEIGHTS:
-        return tilt_terms(kind, feedback)
-    raise KeyError(kind)
+    return tilt_terms(kind, feedback) if kind in WEIGHTS else KINDS[kind].terms(body)
 
 
 def tilt_terms(kind: str, feedback: Iterable[Term], *, at_joint: bool = False) -> tuple[Term, ...]:
@@ -322,10 +371,6 @@ def one_segment(body: Body | None = None, stimulus: str = "ankle_torque") -> Mod
         Term("ankle", "theta1", ("Kpas",)),
     )
     return _model("one_segment", parameters, body, whole, feedback, stimulus)
-
-
-SINGLE = ("ankle_torque", *WEIGHTS)
-"""Stimulus kinds of the single pendulum."""
 
 
 def _model(

@@ -21,7 +21,7 @@ from mcstudy.stimulus_design.design_file import DesignFile
 from mcstudy.stimulus_design.result import DOCUMENT, StimulusDesign
 from mcstudy.stimulus_design.spectrum import designed
 from mcstudy.stimulus_design.verify import verification_of
-from mcstudy.study.repair import refuse_part
+from mcstudy.study.cube.repair import refuse_part
 from mcstudy.study.run import held, run_study
 
 CUBE = "verification.zarr"

@@ -11,8 +11,8 @@ from mcstudy.stance.body import WEIGHTS
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES
 from mcstudy.stance.response import frf_jacobian
+from mcstudy.study.cube.layout import realizations_a_chunk
 from mcstudy.study.group import GAIN_BOUND, UNTIL_CERTAIN, Group
-from mcstudy.study.layout import realizations_a_chunk
 from mcstudy.study.measure import HIGHEST_HZ, frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model
 
@@ -173,7 +173,7 @@ def check_determined(frequencies: int, model: Model, fmax: float, field: str) ->
 
 
 def _realization_bytes(group: Group, parameters: int, frequencies: int) -> int:
-    """Bytes of the results of one realization at one amplitude, uncompressed (`mcstudy.study.layout`)."""
+    """Bytes of the results of one realization at one amplitude, uncompressed (`mcstudy.study.cube.layout`)."""
     a_fit = 2 * 8 * parameters + parameters + 8 + 8 + 4 + 1
     errors = 8 * parameters if group.store.standard_errors else 0
     return (a_fit * group.starts + errors) * len(group.fmax) + (16 * 2 + 16 * 4) * frequencies

@@ -15,6 +15,7 @@ from hashlib import sha256
 from typing import Any
 
 from mcstudy import program
+from mcstudy.fitting.attached import attached_sources
 
 PACKAGES = ("mcstudy", "numpy", "scipy", "numba", "llvmlite", "zarr", "numcodecs", "dask", "distributed")
 
@@ -43,7 +44,7 @@ SETTINGS = (
 """Other variables that choose which instructions a library uses, and with them the last digits."""
 
 LAYERS = ("compiling", "stance", "files", "recordings", "spectra", "fitting", "study", "streams.py")
-"""Folders and files of this package that affect numbers."""
+"""Folders and files of this package that affect numbers; so do the solvers of others."""
 
 DIGITS = 12
 """Digits of a source's digest that a message prints."""
@@ -66,7 +67,7 @@ FIELDS: dict[str, tuple[str, ...]] = {
 
 def source() -> str:
     """SHA-256 of the source that computes numbers; that of no other process if files have changed since it started."""
-    return program.source(LAYERS) or program.MIXED
+    return program.source((*LAYERS, *attached_sources())) or program.MIXED
 
 
 def platform(packages: tuple[str, ...] = PACKAGES) -> dict[str, Any]:

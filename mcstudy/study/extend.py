@@ -20,13 +20,13 @@ from mcstudy.files.durable import locked, recover, recoverable, replace_tree, re
 from mcstudy.files.local_path import resolved
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study.checksums import OWN
+from mcstudy.study.cube.checksums import OWN
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.repair import refuse_part, repair
+from mcstudy.study.cube.store import Cube, GroupStore
 from mcstudy.study.design import Study
 from mcstudy.study.growth import Growth, grown_study
-from mcstudy.study.layout import Chunk
-from mcstudy.study.repair import refuse_part, repair
 from mcstudy.study.run import Outcome, check_scheduler, run_cube
-from mcstudy.study.store import Cube, GroupStore
 
 CELL = ("amplitude", "fmax", "realization", "start")
 

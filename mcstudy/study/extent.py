@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mcstudy.fitting.solvers import solvers
+from mcstudy.study.cube.layout import Chunk, Layout, realizations_a_chunk
 from mcstudy.study.design import Study
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.layout import Chunk, Layout, layout, realizations_a_chunk
-
-FITS_A_BLOCK = {"lm": 2000}
-"""Fits that take about half a second; SciPy's solvers get one chunk per block."""
 
 COPIES = 3
 """Copies of a chunk that a thread holds at most: its numbers, one array filled up to a whole chunk, encoded bytes."""
@@ -41,15 +39,16 @@ def extent(study: Study, threads: int) -> Extent:
 
 def chunks_a_block(layout: Layout, chunks: int, threads: int) -> int:
     """Chunks that make one task, of ``chunks`` pending ones: enough tasks for all threads to end at about one time."""
-    wanted = FITS_A_BLOCK.get(layout.group.fit.solver, 0) // max(1, layout.fits(Chunk(0, 0)))
+    fits = solvers()[layout.group.fit.solver].fits_a_block
+    wanted = fits // max(1, layout.fits(Chunk(0, 0)))
     size = max(1, min(wanted, chunks // (8 * threads)))
     together = len(layout.group.amplitude)  # they share a realization's noise
-    return size if layout.group.fit.solver != "lm" or size >= chunks else -(-size // together) * together
+    return size if not fits or size >= chunks else -(-size // together) * together
 
 
 def _layout(study: Study, name: str) -> Layout:
-    e = Experiment(study.groups[name], study.study.seed)
-    return layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, realizations_a_chunk(e.group))
+    group = study.groups[name]
+    return Experiment(group, study.study.seed).layout(realizations_a_chunk(group))
 
 
 def _files(one: Layout) -> int:

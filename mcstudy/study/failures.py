@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from mcstudy.fitting.status import Status
-from mcstudy.study.layout import Chunk
-from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import Cube, GroupStore
 
 LISTED = 20
 """Number of failed fits that are listed; further ones are only counted."""

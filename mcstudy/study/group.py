@@ -7,7 +7,8 @@ or robot needs; a value outside it is a typing error and would lead to numbers t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -15,19 +16,24 @@ from pydantic import (
     SerializerFunctionWrapHandler,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
+    create_model,
     field_validator,
     model_serializer,
     model_validator,
 )
+from pydantic_core import core_schema
 
 from mcstudy.files.sections import Name, Section
-from mcstudy.fitting.arguments import InteriorPoint, Options
+from mcstudy.fitting.solvers import Options, solvers
+from mcstudy.stance.body import KINDS
 from mcstudy.stance.ranges import AMPLITUDE, GAIN, RATE, Range
 from mcstudy.stance.truths import TRUTHS
 from mcstudy.text_tables import starts_in_words
 
 if TYPE_CHECKING:
     from mcstudy.stance.noise import Noise
+
+S = TypeVar("S", bound=Section)
 
 GAIN_BOUND = Range(1e-12, 1e15, or_zero=True, signed=True)
 """Bounds of true values."""
@@ -53,6 +59,16 @@ def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
     if len(set(values)) != len(values):
         raise ValueError("every value listed once")
     return tuple(sorted(values))
+
+
+class OneOf:
+    """Metadata of a field: the names of a registry that it may hold."""
+
+    def __init__(self, registry: Iterable[str]) -> None:
+        self.names = tuple(registry)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.literal_schema(list(self.names))
 
 
 LENGTH = Field(min_length=1, max_length=1000)
@@ -115,7 +131,7 @@ class StimulusSection(Section):
     ``lines``: the cycle of the sequence, with these lines instead of those of the sequence.
     """
 
-    kind: Literal["ankle_torque", "hip_torque", "platform_translation", "surface_tilt", "visual_tilt"] = "ankle_torque"
+    kind: Annotated[str, OneOf(KINDS)] = "ankle_torque"
     stages: int = Field(default=7, ge=2, le=9)
     state_s: Annotated[float, STATE] = 0.020
     rate_hz: Annotated[float, RATE] = 200.0
@@ -202,53 +218,38 @@ class SpectraSection(Section):
     exclude_hz: tuple[Annotated[float, FREQUENCY], ...] = ()
 
 
-class InteriorPointSection(Section):
-    """Choices of the solver ``interior_point`` that the documentation of fmincon leaves open.
-
-    Defaults: the documented ones of fmincon, and the parameters as they are (`mcstudy.fitting.interior_point`).
-    """
-
-    units: Literal["own", "bounds"] = "own"
-    hessian: Literal["identity", "scaled"] = "identity"
-    difference_step: float = Field(default=2.0**-26, ge=1e-15, le=0.1)
-    step_tolerance: float = Field(default=1e-10, gt=0, lt=1)
-    max_evaluations: int = Field(default=3000, ge=1, le=1_000_000)
-    barrier: float = Field(default=0.1, ge=1e-12, le=1000)
+def with_settings(section: type[S]) -> type[S]:
+    """The section with a table for the settings of every solver that has some."""
+    own: dict[str, Any] = {s.name: (s.settings, s.settings()) for s in solvers().values() if s.settings is not None}
+    return create_model(
+        section.__name__, __base__=section, __module__=section.__module__, __doc__=section.__doc__, **own
+    )
 
 
+@with_settings
 class FitSection(Section):
-    """Cost, solver, kind of starts and stop rules."""
+    """Cost, solver, kind of starts and stop rules; the table of a solver's own name holds its settings."""
 
     cost: Literal["paper", "ml"] = "paper"
-    solver: Literal["lm", "interior_point", "trf", "trust-constr"] = "lm"
+    solver: Annotated[str, OneOf(solvers())] = "lm"
     starts: Literal["uniform", "latin_hypercube", "sobol", "linearised"] = "uniform"
     tolerance: float = Field(default=1e-12, gt=0, lt=1)
     max_iterations: int = Field(default=1000, ge=1, le=1_000_000)
-    interior_point: InteriorPointSection = InteriorPointSection()
+
+    @property
+    def settings(self) -> Section | None:
+        """The settings of the solver."""
+        return getattr(self, self.solver, None)
 
     def options(self) -> Options:
-        """What the solvers are handed."""
-        own = self.interior_point
-        return Options(
-            self.tolerance,
-            self.max_iterations,
-            InteriorPoint(
-                own_units=own.units == "own",
-                scaled=own.hessian == "scaled",
-                difference_step=own.difference_step,
-                step_tolerance=own.step_tolerance,
-                max_evaluations=own.max_evaluations,
-                barrier=own.barrier,
-            ),
-        )
+        """What the solver is handed."""
+        return Options(self.tolerance, self.max_iterations, self.settings)
 
     @model_serializer(mode="wrap")
     def _without_unused(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Settings of a solver that is not used change no number: they do not enter the fingerprint."""
-        plain: dict[str, Any] = dump(self)
-        if self.solver != "interior_point":
-            plain.pop("interior_point", None)
-        return plain
+        unused = solvers().keys() - {self.solver}
+        return {name: value for name, value in dump(self).items() if name not in unused}
 
 
 class StoreSection(Section):

@@ -46,7 +46,7 @@ def grown_study(study: Study, growth: Growth) -> Study:
     """The larger study; raises `DesignError` if the extension is impossible or the result is no valid study."""
     for name in growth.groups:
         if name not in study.groups:
-            raise DesignError(f"--group: expected one of {', '.join(study.groups)}, got {name}")
+            raise DesignError(f"group: expected one of {', '.join(study.groups)}, got {name}")
     names = growth.groups or tuple(study.groups)
     groups = {name: _grown(f"group.{name}", g, growth) if name in names else g for name, g in study.groups.items()}
     # By way of the text of a study file, so that validity is decided in one place.

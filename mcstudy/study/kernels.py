@@ -20,7 +20,7 @@ def parts_of(groups: Iterable[Group]) -> list[str]:
 
 
 def compile_for_check(study: Study, fits: bool = True) -> None:
-    """Compile what `mcstudy.study.unstable` needs; meanwhile begin with what the ``fits`` of this process need."""
+    """Compile what `mcstudy.study.instability` needs; meanwhile begin with what the ``fits`` of this process need."""
     if fits:
         begin(parts_of(study.groups.values()))
     compile_kernels(["stability"])

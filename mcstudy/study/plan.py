@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.files.unfinished import scratch_folder
-from mcstudy.fitting.solvers import fit_many
+from mcstudy.fitting.solvers import fit_many, solvers
 from mcstudy.fitting.starts import uniform
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.activity import doing
@@ -29,16 +29,13 @@ from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.progress import duration
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import start_stream
+from mcstudy.study.cube.layout import realizations_a_chunk
+from mcstudy.study.cube.store import Cube, GroupStore
 from mcstudy.study.design import Group, Study
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.extent import Extent, extent
-from mcstudy.study.layout import realizations_a_chunk
-from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.tasks import fill
-from mcstudy.study.unstable import refuse_unstable, warnings_of
-
-PILOT_FITS = {"lm": 1500, "interior_point": 96}
-"""Fits timed per group; SciPy's solvers are timed on two starts per Fmax."""
+from mcstudy.study.instability import refuse_unstable, warnings_of
 
 PILOT_UNTIL_CERTAIN = 4
 """Realizations that tell how many starts it takes to be certain."""
@@ -218,11 +215,12 @@ class _Watch:
 
 def _pilot(group: Group) -> Group:
     """The group with few realizations and starts, all of them one chunk."""
-    if group.fit.solver not in PILOT_FITS:
+    timed = solvers()[group.fit.solver].pilot_fits
+    if not timed:
         return group.model_copy(update={"realizations": 1, "starts": min(group.starts, 2), "most_starts": None})
     if group.until_certain:  # whose number of starts is to be found out
         return group.model_copy(update={"realizations": min(group.realizations, PILOT_UNTIL_CERTAIN)})
-    most = PILOT_FITS[group.fit.solver] // len(group.fmax)
+    most = timed // len(group.fmax)
     starts = max(1, min(group.starts, most // min(2, group.realizations)))
     depth = min(max(1, most // starts), realizations_a_chunk(group))
     return group.model_copy(update={"realizations": depth, "starts": starts})
@@ -246,7 +244,7 @@ def _plan_group(name: str, study: Study, store: GroupStore, spreads: Spreads) ->
     first, again = _time_data(experiment, n)
     data = store.layout.empty(chunk)
     watch = _Watch()
-    fill(store, chunk, data, lambda: False)
+    fill(experiment, store.layout, chunk, data)
     fits_cpu = max(watch.cpu() - again * n, 0.0)
     watch = _Watch()
     store.write(chunk, data)

@@ -19,12 +19,12 @@ from mcstudy.fitting.problem import Problem
 from mcstudy.fitting.solvers import fit
 from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import Model
-from mcstudy.study.elsewhere import TOLERANCE, Compared, apart, compared
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.replacement import settled
+from mcstudy.study.cube.rounding import TOLERANCE, Compared, apart, compared
+from mcstudy.study.cube.store import Cube, GroupStore
 from mcstudy.study.environment import environment
-from mcstudy.study.layout import Chunk
-from mcstudy.study.settled import settled
-from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.tasks import again
+from mcstudy.study.execution.tasks import again
 
 
 @dataclass(frozen=True)
@@ -75,18 +75,37 @@ class _Place:
 
 
 def replay(
-    out: str | Path, group: str | None, amplitude: float | None, fmax: float | None, realization: int, start: int
+    out: str | Path,
+    *,
+    realization: int,
+    start: int,
+    group: str | None = None,
+    amplitude: float | None = None,
+    fmax: float | None = None,
 ) -> Replay:
-    """Run the fit of one cell again.
+    """Repeat one stored fit, iteration by iteration, and compare the result with the stored one bit for bit.
 
     Parameters
     ----------
-    out: the cube. group, amplitude (units of the stimulus), fmax (Hz): None where there is only one.
-    realization, start: from 0.
+    out
+        Path of a results cube.
+    realization, start
+        Which fit of the cell, both from 0.
+    group, amplitude, fmax
+        The cell: name of a group, amplitude of the stimulus (N m or m, as in the study), highest frequency (Hz). None
+        where there is only one.
+
+    Returns
+    -------
+    Replay
+        ``path`` (every iteration), ``status``, ``differ`` (arrays that differ from the stored ones), ``reproduced``.
 
     Raises
     ------
-    InputError: the cell does not exist or has not been run.
+    InputError
+        The cell does not exist or has not been run.
+    StoreError
+        The cube cannot be used.
     """
     return settled([out], lambda: _replay(out, group, amplitude, fmax, realization, start))
 
@@ -97,7 +116,7 @@ def _replay(
     cube = Cube.open(out)
     at = _place(cube, group, amplitude, fmax, realization, start)
     store, chunk = at.store, at.chunk
-    stored = {name: store.read(name, chunk) for name in store.layout.results}
+    stored = store.held(chunk)
     cell = (0, at.fmax, at.row, at.start)
     before = Status(int(stored["status"][cell]))
     if before is Status.PENDING:
@@ -134,7 +153,7 @@ def _place(
     cube: Cube, group: str | None, amplitude: float | None, fmax: float | None, realization: int, start: int
 ) -> _Place:
     if group is not None and group not in cube.groups:
-        raise InputError(f"--group: expected one of {', '.join(cube.groups)}, got {group}")
+        raise InputError(f"group: expected one of {', '.join(cube.groups)}, got {group}")
     possible = [group] if group is not None else list(cube.groups)
     axes = {name: cube.groups[name].layout.group for name in possible}
     name, only = possible[0], axes[possible[0]]
@@ -143,26 +162,26 @@ def _place(
     if fmax is None and len(only.fmax) == 1:
         fmax = only.fmax[0]
     if len(possible) > 1 or amplitude is None or fmax is None:
-        given = {"--group": group, "--amplitude": amplitude, "--fmax": fmax}
-        wanted = ", ".join(option for option, value in given.items() if value is None)
+        given = {"group": group, "amplitude": amplitude, "fmax": fmax}
+        wanted = ", ".join(name for name, value in given.items() if value is None)
         choices = "; ".join(
             f"group {name}: amplitude {_listed(g.amplitude)}, fmax {_listed(g.fmax)}" for name, g in axes.items()
         )
         raise InputError(f"{wanted}: needed to choose one fit ({choices})")
     store = cube.groups[name]
     design, depth = store.layout.group, store.layout.realizations_a_chunk
-    for option, value, size in (("realization", realization, design.realizations), ("start", start, design.starts)):
+    for name, value, size in (("realization", realization, design.realizations), ("start", start, design.starts)):
         if not 0 <= value < size:
-            raise InputError(f"--{option}: expected 0 to {size - 1}, got {value}")
+            raise InputError(f"{name}: expected 0 to {size - 1}, got {value}")
     chunk = Chunk(_index("amplitude", design.amplitude, amplitude), realization // depth)
     return _Place(store, chunk, _index("fmax", design.fmax, fmax), realization % depth, start)
 
 
-def _index(option: str, axis: tuple[float, ...], value: float) -> int:
+def _index(name: str, axis: tuple[float, ...], value: float) -> int:
     for k, x in enumerate(axis):
         if math.isclose(x, value, rel_tol=1e-9):
             return k
-    raise InputError(f"--{option}: expected one of {_listed(axis)}, got {value:g}")
+    raise InputError(f"{name}: expected one of {_listed(axis)}, got {value:g}")
 
 
 def _listed(axis: tuple[float, ...]) -> str:

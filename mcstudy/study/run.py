@@ -1,7 +1,7 @@
 """Run a study: pending chunks are submitted block by block, and every block is on disk when it is reported done.
 
 Only a limited number of blocks is submitted at any time. Therefore memory does not grow with the size of the study, and
-a stop leaves little to wait for (`mcstudy.study.submission`).
+a stop leaves little to wait for (`mcstudy.study.execution.submission`).
 """
 
 from __future__ import annotations
@@ -24,18 +24,19 @@ from mcstudy.scheduler.cluster import ClusterOptions, connect, reach
 from mcstudy.scheduler.compiling import compile_kernels
 from mcstudy.scheduler.progress import Progress
 from mcstudy.scheduler.stopping import stop_requests
-from mcstudy.study import environment, runlog, study_file
-from mcstudy.study.checksums import UNKNOWN
+from mcstudy.study import environment, study_file
+from mcstudy.study.cube import run_log
+from mcstudy.study.cube.checksums import UNKNOWN
+from mcstudy.study.cube.repair import Repairs, note_environment, refuse_part, repair, repairable
+from mcstudy.study.cube.run_log import RunLog
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Study
+from mcstudy.study.execution.submission import ATTEMPTS, Block, Outcome, Submission
+from mcstudy.study.execution.tasks import STOP
 from mcstudy.study.extent import chunks_a_block
 from mcstudy.study.growth import Growth, growths
+from mcstudy.study.instability import refuse_unstable, warnings_of
 from mcstudy.study.kernels import compile_for_check, parts_of
-from mcstudy.study.repair import Repairs, note_environment, refuse_part, repair, repairable
-from mcstudy.study.runlog import RunLog
-from mcstudy.study.store import Cube
-from mcstudy.study.submission import ATTEMPTS, Block, Outcome, Submission
-from mcstudy.study.tasks import STOP
-from mcstudy.study.unstable import refuse_unstable, warnings_of
 from mcstudy.study.watch import Watch
 
 __all__ = ["ATTEMPTS", "Block", "Outcome", "default_out", "open_or_create", "pending_blocks", "run_cube", "run_study"]
@@ -167,7 +168,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
     )
     pending = {(b.group, c.amplitude, c.block) for b in blocks for c in b.chunks}
     chunks = {(name, c.amplitude, c.block) for name, store in cube.groups.items() for c in store.layout.chunks}
-    reported = runlog.reported(out, study.fingerprint)
+    reported = run_log.reported(out, study.fingerprint)
     if gone := sorted(pending & reported):
         log.add("taken_back", chunks=gone)
     if new := sorted(chunks - pending - reported):  # of an extended cube, or of a log that lost lines

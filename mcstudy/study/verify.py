@@ -29,15 +29,16 @@ from mcstudy.files.untrusted import real_bytes
 from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.scheduler.activity import doing
 from mcstudy.streams import stream
-from mcstudy.study import environment, identity, runlog
-from mcstudy.study.checksums import LARGEST_NOTE, OTHER, OWN, TRIES, checksum, noted
-from mcstudy.study.elsewhere import TOLERANCE, Compared, alike, apart, compared
-from mcstudy.study.layout import Chunk
-from mcstudy.study.repair import skeleton
-from mcstudy.study.settled import settled
-from mcstudy.study.store import Cube, GroupStore
-from mcstudy.study.strays import NOT_PART, parts, strays
-from mcstudy.study.tasks import again, left_out
+from mcstudy.study import environment
+from mcstudy.study.cube import identity, run_log
+from mcstudy.study.cube.checksums import LARGEST_NOTE, OTHER, OWN, TRIES, checksum, noted
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.repair import skeleton
+from mcstudy.study.cube.replacement import settled
+from mcstudy.study.cube.rounding import TOLERANCE, Compared, alike, apart, compared
+from mcstudy.study.cube.store import Cube, GroupStore
+from mcstudy.study.cube.strays import NOT_PART, parts, strays
+from mcstudy.study.execution.tasks import again, left_out
 
 T = TypeVar("T")
 
@@ -135,13 +136,13 @@ def _verify(path: Path, cells: int, seed: int, tolerance: float) -> Findings:
     findings.damage += [f"{file}: {what}" for file, what in skeleton_damage]
     damaged = {file for file, _ in skeleton_damage}
     sound: list[tuple[GroupStore, Chunk]] = []
-    if lost := runlog.unreadable(path):
+    if lost := run_log.unreadable(path):
         findings.notes.append(
-            f"{runlog.file(path)}: {lost} line{'s' * (lost > 1)} cannot be read (a stop in the middle, or damage): "
+            f"{run_log.file(path)}: {lost} line{'s' * (lost > 1)} cannot be read (a stop in the middle, or damage): "
             "a chunk that was reported there alone, and is lost, counts as not run yet"
         )
-    reported = runlog.reported(path, cube.study.fingerprint)
-    with_checksums = runlog.reported(path, cube.study.fingerprint, checksums=True)
+    reported = run_log.reported(path, cube.study.fingerprint)
+    with_checksums = run_log.reported(path, cube.study.fingerprint, checksums=True)
     for name, store in cube.groups.items():
         findings.notes += _without_checksums(store, with_checksums)
         unreadable = {array for array in store.layout.results if store.path / array / "zarr.json" in damaged}
@@ -202,7 +203,7 @@ def _lost(cube: Cube, group: str, chunk: Chunk) -> bool:
     """Whether a chunk that was reported has no status, and no run that writes it again has said so meanwhile."""
     if cube.groups[group].chunk_file("status", chunk).exists():
         return False
-    return (group, chunk.amplitude, chunk.block) in runlog.reported(cube.path, cube.study.fingerprint)
+    return (group, chunk.amplitude, chunk.block) in run_log.reported(cube.path, cube.study.fingerprint)
 
 
 def _other_environments(cube: Cube, sound: list[tuple[GroupStore, Chunk]], now: dict[str, Any]) -> Iterator[str]:
@@ -347,7 +348,7 @@ def _recompute(
     """
     group, realizations = store.layout.group, store.layout.realizations(chunk)
     r = int(rng.integers(len(realizations)))
-    stored = _still(store, chunk, lambda: {name: store.read(name, chunk) for name in store.layout.results})
+    stored = _still(store, chunk, lambda: store.held(chunk))
     chosen = np.zeros(stored["status"].shape, dtype=bool)
     ran = ~np.isin(stored["status"], NOT_RUN)
     some = np.flatnonzero(ran[0, :, r].any(axis=0))

@@ -17,8 +17,8 @@ import numpy as np
 
 from mcstudy.errors import StoreError
 from mcstudy.fitting.status import USABLE, Status
-from mcstudy.study.layout import Chunk
-from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import Cube, GroupStore
 
 LEAST = 3
 """Smallest number of realizations for which the standard error of a mean is shown."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.fitting import kernel, lanes
-from mcstudy.fitting.arguments import Bounds, LaneStates, Options, Outcomes, Queue, pack
+from mcstudy.fitting.arguments import Bounds, LaneStates, Outcomes, Queue, StopRules, pack
 from mcstudy.fitting.plans import plan, workspace
 from mcstudy.fitting.problem import Problem
 
@@ -128,7 +128,7 @@ def whole(problem: Problem, starts: np.ndarray, tolerance: float, most: int) -> 
     """Operations per lane of fits from ``starts`` (multiples of eight keep the lanes busy), and passes of the lanes."""
     model, table = problem.model, plan(problem.model, problem.f)
     queue = Queue(pack(problem.data, problem.weight)[None], np.zeros(len(starts), dtype=np.int64), starts)
-    bounds, options, out = Bounds(model.lower, model.upper), Options(tolerance, most), Outcomes.empty(*starts.shape)
+    bounds, rules, out = Bounds(model.lower, model.upper), StopRules(tolerance, most), Outcomes.empty(*starts.shape)
     space, passes = counting_kernel(), [0]
 
     def counted(*arguments: Any) -> None:
@@ -137,5 +137,5 @@ def whole(problem: Problem, starts: np.ndarray, tolerance: float, most: int) -> 
 
     Counter.flops = 0
     with np.errstate(all="ignore"):
-        space.levenberg_marquardt(counted, table, workspace(table), LaneStates.idle(WIDTH), queue, bounds, options, out)
+        space.levenberg_marquardt(counted, table, workspace(table), LaneStates.idle(WIDTH), queue, bounds, rules, out)
     return Counter.flops, passes[0]

@@ -13,14 +13,14 @@ import numpy as np
 
 from mcstudy.cli import first_look, main
 from mcstudy.fitting.status import Status
-from mcstudy.study import tasks
-from mcstudy.study.layout import Chunk
-from mcstudy.study.store import GroupStore
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import GroupStore
+from mcstudy.study.execution import tasks
 from pipelines.benchmarks.invented import invented
 
 
 def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: Callable[[], bool]) -> None:
-    """Stands in for `mcstudy.study.tasks.fill`: every pending fit gets its numbers, unless ``stopped()``."""
+    """Stands in for `mcstudy.study.execution.tasks.fill`: every pending fit gets its numbers, unless ``stopped()``."""
     if stopped():
         return
     pending = data["status"] == Status.PENDING

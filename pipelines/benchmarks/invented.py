@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.fitting.status import Status
-from mcstudy.study.layout import Chunk
-from mcstudy.study.store import GroupStore
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import GroupStore
 
 MINIMA = 6
 """Local minima of a cell; a third of its starts end in the first, the others in any of the rest."""

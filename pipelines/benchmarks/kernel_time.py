@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from mcstudy.fitting.lanes import WIDTH, fma, load, splat, store
-from mcstudy.fitting.lm import lm
+from mcstudy.fitting.solvers import fit
 from mcstudy.fitting.starts import uniform
 from pipelines.benchmarks import counting
 from pipelines.benchmarks.cases import cases
@@ -56,7 +56,7 @@ def run(sizes: Sizes) -> Result:
     for _ in range(repeats):
         peaks.append(peak_flops(3))
         for k, (case, starts) in enumerate(zip(problems, pools, strict=True)):
-            fits, took = timed(lm, case.problem, starts, 1e-12, 1000)
+            fits, took = timed(fit, case.problem, starts)
             iterations[k] = int(fits.iterations.sum())
             seconds[k].append(took)
     peak = float(np.median(peaks))

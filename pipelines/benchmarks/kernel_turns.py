@@ -7,7 +7,7 @@ import sys
 import numpy as np
 
 import mcstudy
-from mcstudy.fitting.lm import lm
+from mcstudy.fitting.solvers import fit
 from mcstudy.fitting.starts import uniform
 from pipelines.benchmarks.cases import cases
 from pipelines.benchmarks.measure import timed
@@ -18,12 +18,12 @@ def main() -> None:
     problems = [case.problem for case in cases(1, 8) if case.realization == 0]
     pools = [uniform(problem.model, np.random.default_rng(1), int(sys.argv[1])) for problem in problems]
 
-    def fit() -> list[bytes]:
-        return [lm(problem, pool, 1e-12, 1000).cost.tobytes() for problem, pool in zip(problems, pools, strict=True)]
+    def fits() -> list[bytes]:
+        return [fit(problem, pool).cost.tobytes() for problem, pool in zip(problems, pools, strict=True)]
 
-    print(mcstudy.__file__, hash_of(fit()), flush=True)
+    print(mcstudy.__file__, hash_of(fits()), flush=True)
     for _ in sys.stdin:
-        print(timed(fit)[1], flush=True)
+        print(timed(fits)[1], flush=True)
 
 
 def hash_of(parts: list[bytes]) -> str:

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from mcstudy.analysis import kept
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.study_file import parse_study
 from pipelines.benchmarks.cases import study_text
 from pipelines.benchmarks.invented import invented

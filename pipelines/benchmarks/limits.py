@@ -12,9 +12,9 @@ from distributed import Client
 from mcstudy.files.durable import write
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions, connect
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.tasks import fill
 from pipelines.benchmarks.cases import study_text
 from pipelines.benchmarks.report import Result, Sizes
 from pipelines.benchmarks.studies import cluster
@@ -64,7 +64,7 @@ def _chunk(folder: Path, fits: int, repeats: int) -> dict[str, float]:
     cube = Cube.create(folder / f"chunks_{fits}.zarr", study, depths={"accuracy": depth})
     store = cube.groups["accuracy"]
     data = store.layout.empty(store.layout.chunks[0])
-    fill(store, store.layout.chunks[0], data, lambda: False)
+    fill(store.experiment, store.layout, store.layout.chunks[0], data)
     done = int((data["status"] != Status.PENDING).sum())
     seconds = []
     for chunk in store.layout.chunks:

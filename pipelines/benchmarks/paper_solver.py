@@ -13,13 +13,11 @@ import warnings
 from collections.abc import Callable
 
 import numpy as np
+from mcstudy_goodworth2018.solver import Settings
 from scipy.optimize import BFGS, Bounds, minimize
 
-from mcstudy.fitting.arguments import InteriorPoint, Options
-from mcstudy.fitting.interior_point import interior_point
-from mcstudy.fitting.lm import lm
 from mcstudy.fitting.problem import Problem
-from mcstudy.fitting.solvers import fit
+from mcstudy.fitting.solvers import Options, fit
 from mcstudy.fitting.starts import uniform
 from pipelines.benchmarks.cases import AMPLITUDE, cases
 from pipelines.benchmarks.measure import timed
@@ -29,7 +27,7 @@ SUCCESS = 1e-3
 """Relative excess over the lowest cost of 300 fits by Levenberg-Marquardt that counts as success."""
 
 VARIANTS = {
-    f"{units}_{hessian}": InteriorPoint(own_units=units == "own", scaled=hessian == "scaled", step_tolerance=1e-16)
+    f"{units}_{hessian}": Settings(units=units, hessian=hessian, step_tolerance=1e-16)
     for units in ("own", "bounds")
     for hessian in ("identity", "scaled")
 }
@@ -38,11 +36,11 @@ VARIANTS = {
 FMAX = 1.2
 
 
-def scipy_differences(problem: Problem, starts: np.ndarray, settings: InteriorPoint) -> np.ndarray:
+def scipy_differences(problem: Problem, starts: np.ndarray, settings: Settings) -> np.ndarray:
     """Costs of SciPy's trust-constr with the same differences, matrix, units and evaluations."""
     model = problem.model
     lower, width = (np.zeros_like(model.lower), np.ones_like(model.lower))
-    if not settings.own_units:
+    if settings.units == "bounds":
         lower, width = model.lower, model.upper - model.lower
     P = model.lower.size
     cost = np.empty(len(starts))
@@ -62,7 +60,7 @@ def scipy_differences(problem: Problem, starts: np.ndarray, settings: InteriorPo
                 value,
                 (start - lower) / width,
                 jac=slope,
-                hess=BFGS(init_scale="auto" if settings.scaled else 1.0, exception_strategy="damp_update"),
+                hess=BFGS(init_scale="auto" if settings.hessian == "scaled" else 1.0, exception_strategy="damp_update"),
                 method="trust-constr",
                 bounds=Bounds((model.lower - lower) / width, (model.upper - lower) / width, keep_feasible=True),
                 options={
@@ -81,15 +79,15 @@ def run(sizes: Sizes) -> Result:
     result = Result("paper_solver")
     rng = np.random.default_rng(2018)
     cells = [case for case in cases(sizes.realizations, max(2, sizes.slow_starts // 2)) if case.fmax == FMAX]
-    interior_point(cells[0].problem, cells[0].starts, Options())  # compiles
+    fit(cells[0].problem, cells[0].starts, "interior_point")  # compiles
     seconds: dict[str, list[float]] = {}
     hits: dict[str, list[np.ndarray]] = {}
     for case in cells:
-        lowest = lm(case.problem, uniform(case.problem.model, rng, 300), 1e-12, 1000).cost.min()
+        lowest = fit(case.problem, uniform(case.problem.model, rng, 300)).cost.min()
         solvers: dict[str, Callable[[Problem, np.ndarray], np.ndarray]] = {}
         for name, settings in VARIANTS.items():
             options = Options(1e-16, 1000, settings)
-            solvers[f"own {name}"] = lambda p, x, o=options: interior_point(p, x, o).cost
+            solvers[f"own {name}"] = lambda p, x, o=options: fit(p, x, "interior_point", o).cost
             solvers[f"scipy {name}"] = lambda p, x, s=settings: scipy_differences(p, x, s)
         solvers["trust-constr, exact"] = lambda p, x: fit(p, x, "trust-constr").cost
         for name, solve in solvers.items():

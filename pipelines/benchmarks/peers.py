@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import BFGS, Bounds, least_squares, minimize
 
-from mcstudy.fitting.arguments import Options
 from mcstudy.fitting.problem import Problem
-from mcstudy.fitting.solvers import fit
+from mcstudy.fitting.solvers import Options, fit
 from pipelines.benchmarks.model import Compiled
 
 TOLERANCE = 1e-12

@@ -139,7 +139,7 @@ def cluster(workers: int) -> Iterator[str]:
             with Client(address, set_as_default=False) as client:
                 client.wait_for_workers(workers, timeout=60)
                 # imports, and the kernel's compiled code from its cache, as in a cluster that has run before
-                client.run(lambda: __import__("mcstudy.study.tasks"))
+                client.run(lambda: __import__("mcstudy.study.execution.tasks"))
             yield address
         finally:
             for process in reversed(processes):  # a scheduler that is asked to end may wait for clients that are gone

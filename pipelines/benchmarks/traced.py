@@ -20,13 +20,16 @@ from typing import Any
 
 PARTS = {
     "kernel": [("mcstudy.fitting.kernel", None, "levenberg_marquardt")],
-    "stability": [("mcstudy.study.tasks", None, "growth_rate")],
+    "stability": [("mcstudy.study.execution.tasks", None, "growth_rate")],
     "data": [("mcstudy.study.experiment", "Experiment", "measure")],
     "starts": [("mcstudy.study.experiment", "Experiment", "starts")],
-    "store": [("mcstudy.study.store", "GroupStore", "write"), ("mcstudy.study.store", "GroupStore", "existing")],
+    "store": [
+        ("mcstudy.study.cube.store", "GroupStore", "write"),
+        ("mcstudy.study.cube.store", "GroupStore", "existing"),
+    ],
     "cube made": [("mcstudy.study.run", None, "open_or_create")],
-    "solver around the kernel": [("mcstudy.study.tasks", None, "fit_queue")],
-    "task around all these": [("mcstudy.study.tasks", None, "run_task")],
+    "solver around the kernel": [("mcstudy.study.execution.tasks", None, "fit_queue")],
+    "task around all these": [("mcstudy.study.execution.tasks", None, "run_task")],
 }
 
 spent: dict[str, float] = defaultdict(float)
@@ -79,13 +82,13 @@ def main() -> int:
     """Run the program and write what its parts took."""
     out, *arguments = sys.argv[1:]
     begun, before = time.perf_counter(), time.process_time()
+    import mcstudy.study.execution.tasks
     import mcstudy.study.run
-    import mcstudy.study.tasks
     from mcstudy.cli import main as program
 
     imports = time.process_time() - before
     _install()
-    mcstudy.study.run.run_task = mcstudy.study.tasks.run_task  # tasks are sent by name
+    mcstudy.study.run.run_task = mcstudy.study.execution.tasks.run_task  # tasks are sent by name
     code = program(arguments)
     whole = time.process_time()
     document = {

@@ -13,7 +13,7 @@ from mcstudy.errors import StoreError, StudyChangedError
 from mcstudy.files import json_files, schema
 from mcstudy.files.durable import PARTIAL, sync_folder
 from mcstudy.files.output import write_file
-from mcstudy.recordings.netcdf_zarr import netcdf_bytes, to_dataset
+from mcstudy.recordings.formats.netcdf_zarr import netcdf_bytes, to_dataset
 from mcstudy.recordings.recording import Recording
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.fan_out import fan_out

@@ -1,4 +1,4 @@
-"""The schema of a results cube, from the layout of its arrays (`mcstudy.study.layout`)."""
+"""The schema of a results cube, from the layout of its arrays (`mcstudy.study.cube.layout`)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.fitting.status import Status
-from mcstudy.study.metadata import describe
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.metadata import describe
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.study_file import parse_study
 
 STUDY = """

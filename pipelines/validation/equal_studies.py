@@ -15,14 +15,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from mcstudy_goodworth2018.paper.published import AMPLITUDES_NM, FMAX_HZ, REALIZATIONS
+from mcstudy_goodworth2018.paper.statements import RESULTS
+from mcstudy_goodworth2018.paper.values import fit_values
 
 import mcstudy as mc
-from mcstudy.analysis.paper.published import AMPLITUDES_NM, FMAX_HZ, REALIZATIONS, Published
-from mcstudy.analysis.paper.sampling import Value, pooled
-from mcstudy.analysis.paper.statements import RESULTS
-from mcstudy.analysis.paper.values import fit_values
-from mcstudy.analysis.paper.verdict import judge
-from mcstudy.analysis.paper.verdict_names import AGREES, DIFFERS
+from mcstudy.analysis.published.sampling import Value, pooled
+from mcstudy.analysis.published.statement import Published
+from mcstudy.analysis.published.verdict import judge
+from mcstudy.analysis.published.verdict_names import AGREES, DIFFERS
 from mcstudy.analysis.view import GroupView
 
 GROUP, SEED = "accuracy", 990017

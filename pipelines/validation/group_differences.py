@@ -28,7 +28,7 @@ from mcstudy.group_comparison.compare import compare_groups
 from mcstudy.group_comparison.detection import detect, name
 from mcstudy.group_comparison.sample import sample_of
 from mcstudy.recordings.frf_group import group_dataset
-from mcstudy.recordings.frf_group_sheet import TableSheet
+from mcstudy.recordings.sheets.frf_group_sheet import TableSheet
 from mcstudy.spectra.frf_groups import in_space
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.response import frf

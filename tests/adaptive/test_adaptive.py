@@ -18,8 +18,8 @@ from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files.durable import tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 STUDY = """
@@ -133,7 +133,7 @@ def test_realizations_follow_the_square_law_but_not_by_more_than_four_times_at_o
     ["bias", "bias=1", "bias=0%", "bias=-1%", "bias=nan%", "cv=1%", "bias=1..2%", "", "bias=1e-300%", "bias=1e300%"],
 )
 def test_a_target_that_is_none_is_refused_in_one_line(text: str) -> None:
-    with pytest.raises(InputError, match=r"^--until-mcse: expected bias=PERCENT% or mean_bias=PERCENT%.*$"):
+    with pytest.raises(InputError, match=r"^target: expected bias=PERCENT% or mean_bias=PERCENT%.*$"):
         parse_target(text)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import mcstudy.analysis.accessors  # noqa: F401 - made cubes have their .mc methods in every test
+import mcstudy.analysis.registration  # noqa: F401 - made cubes have their .mc methods in every test
 from mcstudy.fitting.status import Status
 from mcstudy.stance.response import frf
 from mcstudy.study.design import Group

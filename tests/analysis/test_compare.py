@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from mcstudy_goodworth2018.paper.published import VARIANTS
 
-import mcstudy.analysis.accessors  # noqa: F401 - registers .mc
+import mcstudy.analysis.registration  # noqa: F401 - registers .mc
 from mcstudy.analysis.compare import MEASURES, compare, comparisons
-from mcstudy.analysis.paper.published import VARIANTS
 from mcstudy.analysis.show.tables import report_of
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.errors import InputError

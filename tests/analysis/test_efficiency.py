@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from scipy.optimize import lsq_linear
 
-import mcstudy.analysis.accessors  # noqa: F401 - registers .mc
+import mcstudy.analysis.registration  # noqa: F401 - registers .mc
 from mcstudy.analysis import efficiency
 from mcstudy.analysis.selection import best, combined
 from mcstudy.errors import InputError

@@ -8,9 +8,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 from examples import module
+from mcstudy_goodworth2018.paper.statements import RESULTS
 
-from mcstudy.analysis.paper.sampling import Value
-from mcstudy.analysis.paper.statements import RESULTS
+from mcstudy.analysis.published.sampling import Value
 
 
 @pytest.fixture(scope="module", name="example")

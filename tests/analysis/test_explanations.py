@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from mcstudy_goodworth2018.paper import explanations
+from mcstudy_goodworth2018.paper.explanations import _REASONS, explain_row
+from mcstudy_goodworth2018.paper.statements import RESULTS
 
-from mcstudy.analysis.paper import explanations
-from mcstudy.analysis.paper.explanations import _REASONS, explain_row
-from mcstudy.analysis.paper.statements import RESULTS
 from mcstudy.analysis.show.text import paper_title
 from mcstudy.analysis.view import GroupView
 from mcstudy.stance.body import two_segment

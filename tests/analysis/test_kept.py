@@ -22,7 +22,7 @@ from mcstudy.errors import StoreError
 from mcstudy.exits import Exit
 from mcstudy.files import schema, sealed
 from mcstudy.files.durable import log_folder, tree_digest
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.verify import verify
 
 KIND = "challenge_answers"

@@ -268,7 +268,7 @@ def test_mc_is_there_as_soon_as_a_result_is_and_importing_the_package_stays_ligh
         "run_model(one_segment(), realizations=3, starts=1, fmax=(1.2,), amplitude=(5.0,)).mc.bias()"
     )
     file = (
-        f"{light}import xarray, mcstudy.analysis.accessors\n"
+        f"{light}import xarray, mcstudy.analysis.registration\n"
         f"xarray.open_zarr({str(cube)!r}, group='accuracy', consolidated=False).mc.bias()"
     )
     for script in (opened, own, file):

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import quick_solver
 import xarray as xr
 
 import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
@@ -13,7 +14,7 @@ from mcstudy import open_results
 from mcstudy.fitting.problem import Fits, Problem
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
+from mcstudy.study.execution import tasks
 from mcstudy.study.experiment import Experiment, Measurement
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study
@@ -68,7 +69,7 @@ def group(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
         return fit_queue(problems, which, starts, *more)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (1, 1))  # one realization a chunk
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(1, 1)))  # one realization a chunk
         patch.setattr(Experiment, "__init__", fated)
         patch.setattr(tasks, "fit_queue", fated_fit)
         outcome = run_study(parse_study(STUDY), out, ClusterOptions(workers=1), block=1)

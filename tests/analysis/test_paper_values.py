@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
+from mcstudy_goodworth2018.paper import accuracy_rows, model_rows, published
+from mcstudy_goodworth2018.paper.values import cells_of, fit_values, relation_values
 
-from mcstudy.analysis.paper import accuracy_rows, model_rows, published, sampling
-from mcstudy.analysis.paper.values import cells_of, fit_values, relation_values
+from mcstudy.analysis.published import sampling
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import NoiseSway

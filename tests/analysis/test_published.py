@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcstudy_goodworth2018.paper import published
+from mcstudy_goodworth2018.paper.statements import RESULTS
 
-from mcstudy.analysis.paper import published
-from mcstudy.analysis.paper.statements import RESULTS
 from mcstudy.stance.body import two_segment
 
 TEXT = Path(__file__).parents[3] / "shared" / "paper.txt"

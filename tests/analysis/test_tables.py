@@ -10,13 +10,13 @@ import jsonschema
 import numpy as np
 import pytest
 import xarray as xr
+from mcstudy_goodworth2018.paper.rows import Row, rows
+from mcstudy_goodworth2018.paper.statements import RESULTS
 
 import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
 from mcstudy.analysis import montecarlo
-from mcstudy.analysis.paper import sampling
-from mcstudy.analysis.paper.rows import Row, rows
-from mcstudy.analysis.paper.statements import RESULTS
-from mcstudy.analysis.paper.verdict_names import DIFFERS
+from mcstudy.analysis.published import sampling
+from mcstudy.analysis.published.verdict_names import DIFFERS
 from mcstudy.analysis.show.tables import Report, report_of
 from mcstudy.analysis.show.text import within
 from mcstudy.analysis.view import StudyView

@@ -19,7 +19,7 @@ from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.feedback import Model, Parameter, Term
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
-from mcstudy.study.readable import structured
+from mcstudy.study.cube.conversion import structured
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study
 

@@ -11,7 +11,7 @@ import pytest
 
 from mcstudy.fitting.lm import normal_equations
 from mcstudy.fitting.status import Status
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.verify import verify
 from pipelines.benchmarks import (
     counting,

@@ -13,7 +13,7 @@ from mcstudy_challenge.design_checks import check_series
 from mcstudy_challenge.truth import make_case, same_change
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.published import ACTIVATION_DAMPING, FORCE_TIME_CONSTANT, RESONANCE_DAMPING
+from mcstudy.effect_library.declarations import ACTIVATION_DAMPING, FORCE_TIME_CONSTANT, RESONANCE_DAMPING
 from mcstudy.errors import DesignError
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf

@@ -18,8 +18,8 @@ from tiny_studies import EIGHT_FITS as STUDY
 
 from mcstudy.cli import main
 from mcstudy.cli.completion import SHELLS
-from mcstudy.cli.help import OF_VERB, TOPICS, page
-from mcstudy.cli.verbs import verbs
+from mcstudy.cli.help import TOPICS, page
+from mcstudy.cli.verbs import module, verbs
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
@@ -27,7 +27,7 @@ from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.status import Status
 from mcstudy.report.document import write_page
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
+from mcstudy.study.execution import tasks
 from mcstudy.study.study_file import parse_study, read_study
 
 
@@ -43,6 +43,11 @@ def cube(study: Path, tmp_path: Path) -> Path:
     out = tmp_path / "out.zarr"
     told("run", study, "-o", out, "--workers", 1)
     return out
+
+
+def topic_of(verb: str) -> str:
+    """The topic that a verb states, or none."""
+    return str(getattr(module(verb), "TOPIC", ""))
 
 
 def test_help_and_version_import_nothing_heavy() -> None:
@@ -109,8 +114,7 @@ def test_help_prints_the_page_of_every_topic_and_of_verbs() -> None:
     for topic in TOPICS:
         assert f"\n{topic} " in listed
         assert told("help", topic).strip().endswith(f"This page: {page(topic)}")
-    assert set(OF_VERB) < set(verbs())
-    assert set(OF_VERB.values()) <= set(TOPICS)
+    assert {topic_of(verb) for verb in verbs()} - {""} <= set(TOPICS)
     assert "usage: mcstudy gap" in (text := told("help", "gap"))
     assert text.strip().endswith(f"This page: {page('diagnosis')}")
     assert "similar: diagnosis" in refused("help", "diagnosys")
@@ -136,7 +140,7 @@ def test_help_prints_the_options_of_a_verb_of_a_verb() -> None:
 
 
 def test_every_verb_that_works_on_data_has_a_page() -> None:
-    assert {*verbs()} - {*OF_VERB} - {*TOPICS} == {"warm", "help", "completion"}
+    assert {verb for verb in verbs() if not topic_of(verb)} - {*TOPICS} == {"warm", "help", "completion"}
 
 
 @pytest.mark.parametrize("shell", SHELLS)
@@ -202,12 +206,6 @@ def test_a_cube_of_another_version_is_one_line_and_exit_2(cube: Path) -> None:
     metadata.write_text(metadata.read_text().replace("study_cube:1.0.0", "study_cube:9.0.0"))
     for words in (("status", cube), ("show", cube), ("status", cube.parent)):
         assert refused(*words)
-
-
-def test_a_changed_study_file_is_one_line_and_exit_2(cube: Path, study: Path) -> None:
-    study.write_text(STUDY.replace("starts = 4", "starts = 5"))
-    expected = "was made with group.noisy.starts = 4, not 5 as in this study file; to grow it: mcstudy extend"
-    assert expected in refused("run", study, "-o", cube)
 
 
 def test_run_says_what_it_did_and_a_second_run_that_nothing_was_left(study: Path, tmp_path: Path) -> None:

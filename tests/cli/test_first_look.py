@@ -6,13 +6,14 @@ import threading
 from pathlib import Path
 
 import pytest
+from commands import told
 
 from mcstudy.analysis import kept, results
 from mcstudy.analysis.show import tables
 from mcstudy.cli import first_look, main
 from mcstudy.exits import Exit
 from mcstudy.scheduler.stopping import request_stop
-from mcstudy.study.submission import Outcome
+from mcstudy.study.execution.submission import Outcome
 
 
 @pytest.fixture
@@ -27,8 +28,7 @@ def test_the_first_look_after_a_run_computes_nothing(
     assert main(words) == Exit.DONE
     monkeypatch.setattr(results, "open_results", lambda *_, **__: pytest.fail("computed again"))
     capsys.readouterr()
-    assert main(["show", str(tmp_path / "tiny.zarr")]) == Exit.DONE
-    assert "tiny" in capsys.readouterr().out
+    assert "tiny" in told("show", str(tmp_path / "tiny.zarr"))
 
 
 def test_a_study_that_runs_in_no_time_is_not_made_longer(words: list[str], tmp_path: Path) -> None:

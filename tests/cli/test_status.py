@@ -11,8 +11,8 @@ import pytest
 
 from mcstudy.cli import main
 from mcstudy.exits import Exit
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import read_study
 
 STUDY = """

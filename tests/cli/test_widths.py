@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from commands import told
 from tiny_studies import EIGHT_FITS
 
 from mcstudy.cli import main
@@ -66,8 +67,7 @@ def test_what_a_verb_prints_fits_the_terminal(
     monkeypatch.chdir(files)
     monkeypatch.setenv("COLUMNS", str(width))
     capsys.readouterr()
-    assert main(words) == Exit.DONE
-    printed = capsys.readouterr().out
+    printed = told(*words)
     assert max(map(len, printed.splitlines())) <= width
 
 
@@ -79,8 +79,7 @@ def test_a_note_of_another_environment_fits_the_terminal(
     monkeypatch.chdir(files)
     monkeypatch.setenv("COLUMNS", str(NARROW))
     capsys.readouterr()
-    assert main(["verify", "cube.zarr", "--cells", "0"]) == Exit.DONE
-    printed = capsys.readouterr().out
+    printed = told("verify", "cube.zarr", "--cells", "0")
     assert f"source: {now['source'][:12]} -> 000000000000;" in " ".join(printed.split())
     assert "a name a name" in printed
     assert max(map(len, printed.splitlines())) <= NARROW

@@ -18,7 +18,7 @@ FITS = """
 import hashlib
 import numpy as np
 from mcstudy.compiling import decorators
-from mcstudy.fitting.lm import lm
+from mcstudy.fitting.solvers import Options, fit
 from mcstudy.fitting.problem import paper_cost
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf
@@ -26,7 +26,7 @@ from mcstudy.stance.stability import growth_rate
 
 model, f = two_segment(), np.array([0.1, 0.3, 1.0, 3.0])
 problem = paper_cost(model, f, frf(model, model.truth * 1.1, f))
-fits = lm(problem, model.truth[None] * np.array([[1.0], [0.9]]), 1e-12, 50)
+fits = fit(problem, model.truth[None] * np.array([[1.0], [0.9]]), "lm", Options(1e-12, 50))
 numbers = fits.estimate, fits.cost, growth_rate(model, fits.estimate)
 bits = b"".join(np.ascontiguousarray(x).tobytes() for x in numbers)
 print(decorators.INTERNALS is None, hashlib.sha256(bits).hexdigest())

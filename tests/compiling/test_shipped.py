@@ -30,7 +30,9 @@ Call = Callable[..., tuple[Any, int]]
 @pytest.fixture
 def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call]:
     """Calls `tiny_shipped.kernel.inner` as a new process with an empty home would: its result, and what it compiled."""
-    package, before = tmp_path / "tiny_shipped", len(KEPT)
+    package, before = tmp_path / "tiny_shipped", KEPT[:]
+    del KEPT[:]
+    monkeypatch.setattr(shipped, "FOLDER", package / "_compiled")
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "kernel.py").write_text(SOURCE)
@@ -44,17 +46,17 @@ def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call]:
         return dispatcher(x), sum(dispatcher.stats.cache_misses.values())
 
     yield once
-    del KEPT[before:]
+    KEPT[:] = before
     for name in [n for n in sys.modules if n.startswith("tiny_shipped")]:
         del sys.modules[name]
 
 
 @pytest.fixture
-def folder(tmp_path: Path, call: Call) -> Path:
+def folder(call: Call) -> Path:
     """The compiled code of the package, in it."""
     assert call(7) == (21, 1)
-    folder = tmp_path / "tiny_shipped" / shipped.FOLDER / "this"
-    ship(folder, "tiny_shipped")
+    folder = shipped.FOLDER / "this"
+    ship(folder)
     return folder
 
 

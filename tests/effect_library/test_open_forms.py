@@ -52,4 +52,4 @@ def test_a_delay_is_no_shape_constant() -> None:
 
 def test_a_form_outside_its_range_is_refused() -> None:
     with pytest.raises(InputError, match="form 'zeta': expected 0 <= low < high and nominal between"):
-        Form("zeta", "", 2.0, 0.1, 0.5, "damping", "nobody")
+        Form(name="zeta", unit="", nominal=2.0, low=0.1, high=0.5, meaning="damping", source="nobody")

@@ -10,8 +10,8 @@ import pytest
 
 from mcstudy.effect_library import edits as add
 from mcstudy.effect_library import library
+from mcstudy.effect_library.declarations import active_gain, terms
 from mcstudy.effect_library.declare import Effect, Size
-from mcstudy.effect_library.published import active_gain, terms
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.gap.diagnose import diagnose_lines
@@ -30,20 +30,38 @@ GAIN = 0.05
 """Change of the active gains, small enough for the responses to follow it linearly."""
 
 LINEAR = Effect(
-    "hip_acceleration_feedback",
-    "hip torque + Ka2 s^2 e^{-Td2 s} theta2",
-    ("hip",),
-    (Size("Ka2", "N m s^2/rad", 0.0, -4.0, 4.0, (0.5, 2.0), "acceleration gain of the hip loop"),),
-    terms(Term("hip", "theta2", ("Ka2",), 2, add.OWN, noisy=True)),
-    "made for this test",
+    name="hip_acceleration_feedback",
+    equation="hip torque + Ka2 s^2 e^{-Td2 s} theta2",
+    place=("hip",),
+    sizes=(
+        Size(
+            name="Ka2",
+            unit="N m s^2/rad",
+            null=0.0,
+            lower=-4.0,
+            upper=4.0,
+            published=(0.5, 2.0),
+            meaning="acceleration gain of the hip loop",
+        ),
+    ),
+    build=terms(Term("hip", "theta2", ("Ka2",), 2, add.OWN, noisy=True)),
+    source="made for this test",
 )
 
 
 def gain_change(name: str, **fields: object) -> Effect:
     """An effect that changes the active gains."""
-    size = Size(f"size_{name}", "", 0.0, -1.0, 1.0, (0.1, 0.4), "change")
+    size = Size(name=f"size_{name}", unit="", null=0.0, lower=-1.0, upper=1.0, published=(0.1, 0.4), meaning="change")
     rest: dict = {"order": 2, "rule": lambda *_: {}, **fields}
-    return Effect(name, "active gains change", ("ankle", "hip"), (size,), active_gain(f"gain_{name}"), "test", **rest)
+    return Effect(
+        name=name,
+        equation="active gains change",
+        place=("ankle", "hip"),
+        sizes=(size,),
+        build=active_gain(f"gain_{name}"),
+        source="test",
+        **rest,
+    )
 
 
 STRONGER = gain_change("stronger_when_larger", kind="nonlinear", contrast="amplitude", gain_sign=1)

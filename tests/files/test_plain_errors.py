@@ -13,7 +13,7 @@ from mcstudy_challenge.design import Series
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.plain_errors import short, validated
 from mcstudy.own_model import run_model
-from mcstudy.recordings.described import read_sheet
+from mcstudy.recordings.assembly import read_sheet
 from mcstudy.stance.body import one_segment
 from mcstudy.study.design import Group
 from mcstudy.study.study_file import parse_study
@@ -88,7 +88,7 @@ def test_what_json_cannot_carry_is_one_line_too() -> None:
     for _ in range(5000):
         deep = [deep]
     for value in (10**5000, deep):
-        with pytest.raises(DesignError, match=r"fewer digits|less deeply nested"):
+        with pytest.raises(DesignError, match=r"too many digits|less deeply nested"):
             validated(Group, GROUP | {"starts": value}, "group.a")
         assert short(value)
     with pytest.raises(DesignError, match=r"group\.a: expected numbers, text, lists and tables only"):

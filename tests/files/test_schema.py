@@ -19,7 +19,7 @@ from mcstudy.errors import StoreError
 from mcstudy.exits import Exit
 from mcstudy.files import json_files, schema
 from mcstudy.files.untrusted import json_document
-from mcstudy.study import store
+from mcstudy.study.cube import store
 from mcstudy.study.study_file import parse_study
 from pipelines.schemas import generated
 

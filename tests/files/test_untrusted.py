@@ -20,8 +20,8 @@ from mcstudy.errors import DesignError, StoreError
 from mcstudy.files import untrusted
 from mcstudy.files.durable import tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 

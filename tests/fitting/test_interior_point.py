@@ -8,14 +8,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from fit_problems import example
+from mcstudy_goodworth2018.solver import Settings
+from mcstudy_goodworth2018.solver.barrier_step import direct_step, logarithm, trust_region_step
+from mcstudy_goodworth2018.solver.emulation import REACH, choices
+from mcstudy_goodworth2018.solver.kernel import advance, machines, reset
 
-from mcstudy.fitting.arguments import Bounds, InteriorPoint, Options
-from mcstudy.fitting.barrier_step import direct_step, logarithm, trust_region_step
-from mcstudy.fitting.interior_point import REACH, interior_point, interior_point_queue
-from mcstudy.fitting.interior_point_kernel import advance, machines, reset
-from mcstudy.fitting.lm import lm
-from mcstudy.fitting.problem import Problem
-from mcstudy.fitting.solvers import fit, fit_many
+from mcstudy.fitting.arguments import Bounds
+from mcstudy.fitting.problem import Fits, Problem
+from mcstudy.fitting.solvers import Options, fit, fit_many, fit_queue
 from mcstudy.fitting.starts import uniform
 from mcstudy.fitting.status import Status
 from mcstudy.stance.body import two_segment
@@ -23,10 +23,15 @@ from mcstudy.stance.feedback import Parameter, Term
 from mcstudy.study.design import FitSection, Group, Study
 from mcstudy.study.kernels import parts_of
 
-PAPER = Options(1e-16, 1000, InteriorPoint(step_tolerance=1e-16))
+PAPER = Options(1e-16, 1000, Settings(step_tolerance=1e-16))
 """The paper's "resolution of 1e-16", taken as both tolerances."""
 
-PATIENT = Options(1e-8, 10_000, InteriorPoint(own_units=False, max_evaluations=100_000))
+
+def interior_point(problem: Problem, starts: np.ndarray, options: Options) -> Fits:
+    return fit(problem, starts, "interior_point", options)
+
+
+PATIENT = Options(1e-8, 10_000, Settings(units="bounds", max_evaluations=100_000))
 
 
 def rosenbrock(x: np.ndarray) -> float:
@@ -72,7 +77,7 @@ PUBLISHED: dict[str, tuple[Callable[[np.ndarray], float], list[float], list[floa
 def minimised(name: str, start: list[float] | None = None) -> tuple[float, np.ndarray, Status, int]:
     """Lowest cost found by the compiled solver driven value by value: cost, x, status, evaluations."""
     objective, given, lower, upper, _ = PUBLISHED[name]
-    options = Options(1e-6, 1000, InteriorPoint())  # fmincon's defaults
+    options = choices(Options(1e-6, 1000))  # fmincon's defaults
     bounds, m = Bounds(np.array(lower, dtype=float), np.array(upper, dtype=float)), machines(1, len(given))
     reset(m, 0, np.array(start or given, dtype=float), bounds, options)
     outcome = 0
@@ -110,10 +115,10 @@ def test_where_it_converges_the_minimum_is_that_of_levenberg_marquardt(kind: str
     """From where it converged Levenberg-Marquardt gains next to nothing, and both find the same lowest cost."""
     problem = example(kind, seed=1)
     starts = uniform(problem.model, np.random.default_rng(0), 40)
-    own, other = interior_point(problem, starts, PATIENT), lm(problem, starts, 1e-12, 1000)
+    own, other = interior_point(problem, starts, PATIENT), fit(problem, starts)
     done = own.status == Status.CONVERGED
     assert done.sum() >= 8
-    polished = lm(problem, own.estimate[done], 1e-12, 1000)
+    polished = fit(problem, own.estimate[done])
     assert (polished.cost <= own.cost[done]).all()
     assert np.median(own.cost[done] / polished.cost) < 1 + 1e-3  # forward differences limit it
     assert own.cost.min() == pytest.approx(other.cost.min(), rel=1e-4)
@@ -130,12 +135,12 @@ def test_cost_and_estimate_belong_together_and_lie_inside_the_bounds() -> None:
     np.testing.assert_array_equal(fits.at_bound == 1, fits.estimate >= model.upper - near)
 
 
-@pytest.mark.parametrize("options", [PAPER, PAPER._replace(interior_point=InteriorPoint(own_units=False, scaled=True))])
+@pytest.mark.parametrize("options", [PAPER, PAPER._replace(settings=Settings(units="bounds", hessian="scaled"))])
 def test_a_fit_does_not_depend_on_its_neighbours_in_the_lanes(options: Options) -> None:
     problems = [example("paper", seed) for seed in range(2)]
     starts = uniform(problems[0].model, np.random.default_rng(1), 13)
     which = np.arange(13) % 2
-    together = interior_point_queue(problems, which, starts, options)
+    together = fit_queue(problems, which, starts, "interior_point", options)
     for k in range(13):
         alone = interior_point(problems[which[k]], starts[k][None], options)
         assert alone.estimate.tobytes() == together.estimate[k].tobytes()
@@ -161,12 +166,12 @@ def test_a_fit_with_fewer_steps_is_the_beginning_of_one_with_more() -> None:
 def test_every_end_is_told() -> None:
     problem = example("paper")
     starts = uniform(problem.model, np.random.default_rng(0), 9)
-    few = interior_point(problem, starts, Options(1e-16, 1000, InteriorPoint(max_evaluations=100)))
+    few = interior_point(problem, starts, Options(1e-16, 1000, Settings(max_evaluations=100)))
     assert (few.status == Status.ITERATION_LIMIT).all()
     assert (few.iterations <= 8).all()  # twelve differences and a step each
-    coarse = interior_point(problem, starts, Options(1e-16, 1000, InteriorPoint(step_tolerance=0.1)))
+    coarse = interior_point(problem, starts, Options(1e-16, 1000, Settings(step_tolerance=0.1)))
     assert (coarse.status == Status.STALLED).any()
-    loose = interior_point(problem, starts, Options(1e-2, 1000, InteriorPoint(own_units=False)))
+    loose = interior_point(problem, starts, Options(1e-2, 1000, Settings(units="bounds")))
     assert (loose.status == Status.CONVERGED).all()
     integral = two_segment().with_terms(
         (Parameter("Ki", "N m/(rad s)", 10.0, 0.0, 20.0),), (Term("ankle", "theta1", ("Ki",), -1),)
@@ -227,4 +232,4 @@ def test_settings_of_a_solver_that_is_not_used_leave_the_fingerprint_alone() -> 
     emulated = study(solver="interior_point", interior_point={"units": "bounds"})
     assert emulated.fingerprint != study(solver="interior_point").fingerprint
     assert Study.from_json(emulated.to_json()).fingerprint == emulated.fingerprint
-    assert not emulated.groups["g"].fit.options().interior_point.own_units
+    assert emulated.groups["g"].fit.options().settings == Settings(units="bounds")

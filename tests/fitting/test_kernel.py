@@ -13,7 +13,8 @@ from numba import njit
 
 from mcstudy.fitting import kernel
 from mcstudy.fitting.lanes import WIDTH, load, store
-from mcstudy.fitting.lm import lm, lm_queue, normal_equations
+from mcstudy.fitting.lm import normal_equations
+from mcstudy.fitting.solvers import Options, fit, fit_queue
 from mcstudy.fitting.starts import uniform
 
 KINDS = ["paper", "ml", "rich", "one_segment", "late_tilt"]
@@ -55,9 +56,9 @@ def test_sine_and_cosine_are_right_to_two_units_in_the_last_place() -> None:
 def test_a_fit_does_not_depend_on_its_neighbours_in_the_lanes(kind: str) -> None:
     problem = example(kind)
     starts = uniform(problem.model, np.random.default_rng(1), 21)
-    together = lm(problem, starts, 1e-12, 300)
-    reverse = lm(problem, starts[::-1], 1e-12, 300)
-    alone = [lm(problem, x[None], 1e-12, 300) for x in starts]
+    together = fit(problem, starts, "lm", Options(1e-12, 300))
+    reverse = fit(problem, starts[::-1], "lm", Options(1e-12, 300))
+    alone = [fit(problem, x[None], "lm", Options(1e-12, 300)) for x in starts]
     for name in ("estimate", "cost", "status", "iterations", "at_bound"):
         expected = getattr(together, name)
         np.testing.assert_array_equal(getattr(reverse, name)[::-1], expected)
@@ -68,8 +69,9 @@ def test_many_problems_in_one_queue_equal_one_problem_at_a_time() -> None:
     problems = [example("ml", seed) for seed in range(5)]
     starts = np.stack([uniform(p.model, np.random.default_rng(k), 7) for k, p in enumerate(problems)])
     shuffled = np.random.default_rng(9).permutation(35)
-    queue = lm_queue(problems, np.repeat(np.arange(5), 7)[shuffled], starts.reshape(35, -1)[shuffled], 1e-12, 300)
-    alone = [lm(p, x0, 1e-12, 300).estimate for p, x0 in zip(problems, starts, strict=True)]
+    which, options = np.repeat(np.arange(5), 7)[shuffled], Options(1e-12, 300)
+    queue = fit_queue(problems, which, starts.reshape(35, -1)[shuffled], "lm", options)
+    alone = [fit(p, x0, "lm", Options(1e-12, 300)).estimate for p, x0 in zip(problems, starts, strict=True)]
     np.testing.assert_array_equal(queue.estimate, np.concatenate(alone)[shuffled])
 
 
@@ -78,17 +80,17 @@ import hashlib, sys
 sys.path.insert(0, {folder!r})
 import numpy as np
 from fit_problems import example
-from mcstudy.fitting.lm import lm
+from mcstudy.fitting.solvers import Options, fit
 from mcstudy.fitting.starts import uniform
 p = example("ml")
-q = lm(p, uniform(p.model, np.random.default_rng(3), 20), 1e-12, 300)
+q = fit(p, uniform(p.model, np.random.default_rng(3), 20), "lm", Options(1e-12, 300))
 print(hashlib.sha256(q.estimate.tobytes() + q.cost.tobytes() + q.iterations.tobytes()).hexdigest())
 """
 
 
 def test_the_same_bits_come_out_on_another_cpu_target(tmp_path: Path) -> None:
     problem = example("ml")
-    fits = lm(problem, uniform(problem.model, np.random.default_rng(3), 20), 1e-12, 300)
+    fits = fit(problem, uniform(problem.model, np.random.default_rng(3), 20), "lm", Options(1e-12, 300))
     here = hashlib.sha256(fits.estimate.tobytes() + fits.cost.tobytes() + fits.iterations.tobytes()).hexdigest()
     generic = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)}
     code = DIGEST.format(folder=str(Path(__file__).parents[1] / "helpers"))

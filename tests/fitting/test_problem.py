@@ -5,7 +5,7 @@ import pytest
 from fit_problems import F, covariances, example, measured
 
 from mcstudy.fitting.problem import ml_cost, paper_cost
-from mcstudy.fitting.solvers import SOLVERS, fit
+from mcstudy.fitting.solvers import fit, solvers
 from mcstudy.fitting.starts import uniform
 from mcstudy.fitting.status import Status
 from mcstudy.stance.body import one_segment, two_segment
@@ -42,7 +42,7 @@ def test_one_segment_costs_ignore_the_angle_that_does_not_exist() -> None:
     assert ml_cost(model, F, data, C).cost(model.truth) == pytest.approx(error.sum(), rel=1e-13)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("solver", solvers())
 def test_data_that_are_not_finite_are_an_outcome_not_an_exception(solver: str) -> None:
     problem = example("paper")
     problem.data[3, 1] = np.nan

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from fit_problems import F, example, measured
 
-from mcstudy.fitting.arguments import Options
 from mcstudy.fitting.problem import Problem, paper_cost
-from mcstudy.fitting.solvers import fit, fit_many
+from mcstudy.fitting.solvers import Options, fit, fit_many
 from mcstudy.fitting.starts import uniform
 from mcstudy.fitting.status import Status
 from mcstudy.stance.body import WEIGHTS, two_segment

@@ -1,8 +1,8 @@
 """Which tests are quick, and in which order and on which worker tests run that are distributed (pytest-xdist).
 
-``tests/durations.txt`` holds what a test or a fixture costs if that is more than `QUICK_S`: its seconds, and its name.
-``python -m tests --note-durations`` runs everything and writes it. What stands there, and whatever needs a fixture
-that stands there, has the marker ``slow``, which ``--quick`` leaves out. Tests of one file run on one worker, for they
+``tests/durations.txt`` holds the seconds that a test takes with all its parameters, or a fixture, and its name;
+``python -m tests --note-durations`` runs everything and writes it. What takes more than `QUICK_S`, and whatever needs a
+fixture that does, has the marker ``slow``, which ``--quick`` leaves out. Tests of one file run on one worker, for they
 share what it sets up, unless the file takes long and they do not; those that take longest begin first.
 """
 
@@ -20,13 +20,16 @@ from xdist.scheduler import LoadScopeScheduling
 FILE = Path(__file__).parents[1] / "durations.txt"
 
 QUICK_S = 0.3
-"""What is longer is slow."""
+"""What takes longer is slow."""
+
+NOTED_S = 0.05
+"""What takes less is not noted."""
 
 LONG_S = 40.0
-"""A file that takes longer is spread over workers, if no fixture of its own is slow."""
+"""A file that takes longer is spread over workers."""
 
-SHARED_S = 20.0
-"""A folder whose fixtures take longer runs on one worker."""
+SHARED_S = 10.0
+"""Tests whose file or folder has fixtures that take longer run on one worker."""
 
 WAITS = 0.2
 """Share of processor time in elapsed time below which elapsed time counts: a busy machine has its time."""
@@ -68,7 +71,7 @@ def unit(nodeid: str) -> str:
     folder = file.rpartition("/")[0]
     if FIXTURES.get(folder, 0.0) > SHARED_S:
         return folder
-    return nodeid if TESTS.get(file, 0.0) > LONG_S and file not in FIXTURES else file
+    return nodeid if TESTS.get(file, 0.0) > LONG_S and FIXTURES.get(file, 0.0) < SHARED_S else file
 
 
 class LongestFirst(LoadScopeScheduling):
@@ -90,7 +93,7 @@ def slow_fixtures(item: pytest.Item) -> list[str]:
     """Fixtures that a test needs and that take long."""
     known = getattr(item, "_fixtureinfo", None)
     definitions = [d for several in known.name2fixturedefs.values() for d in several] if known else []
-    return [key for d in definitions if (key := f"fixture {d.baseid}::{d.argname}") in KNOWN]
+    return [key for d in definitions if KNOWN.get(key := f"fixture {d.baseid}::{d.argname}", 0.0) > QUICK_S]
 
 
 class Clock:
@@ -109,8 +112,9 @@ TAKEN: dict[str, float] = {}
 
 
 def note(name: str, seconds: float) -> None:
-    """Keep the longest of several."""
-    TAKEN[name] = max(TAKEN.get(name, 0.0), seconds)
+    """Add what a test took; a fixture is made several times, but needed once."""
+    longest = name.startswith("fixture ")
+    TAKEN[name] = max(TAKEN.get(name, 0.0), seconds) if longest else TAKEN.get(name, 0.0) + seconds
 
 
 @pytest.hookimpl(wrapper=True)
@@ -137,7 +141,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     fixtures = {item.nodeid: slow_fixtures(item) for item in items}
     for item in items:
-        if fixtures[item.nodeid] or name_of(item.nodeid) in KNOWN:
+        if fixtures[item.nodeid] or KNOWN.get(name_of(item.nodeid), 0.0) > QUICK_S:
             item.add_marker("slow")
     if config.getoption("--quick"):
         kept = [item for item in items if item.get_closest_marker("slow") is None]
@@ -145,8 +149,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = kept
     if hasattr(config, "workerinput"):
         seconds: dict[str, float] = defaultdict(float)
-        for item in items:
-            seconds[unit(item.nodeid)] += KNOWN.get(name_of(item.nodeid), 0.0)
+        for key, name in {(unit(item.nodeid), name_of(item.nodeid)) for item in items}:
+            seconds[key] += KNOWN.get(name, 0.0)
         for key in {key for keys in fixtures.values() for key in keys}:
             seconds[file_of(key)] += KNOWN[key]
         items.sort(key=lambda item: (-seconds[unit(item.nodeid)], unit(item.nodeid)))
@@ -165,5 +169,5 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     elif session.config.getoption("--note-durations"):
         ran = {file_of(name) for name in TAKEN}
         kept = {name: s for name, s in KNOWN.items() if file_of(name) not in ran}
-        noted = kept | {name: s for name, s in TAKEN.items() if s > QUICK_S}
-        FILE.write_text("".join(f"{s:.1f} {name}\n" for name, s in sorted(noted.items())), encoding="utf-8")
+        noted = kept | {name: s for name, s in TAKEN.items() if s > NOTED_S}
+        FILE.write_text("".join(f"{s:.2f} {name}\n" for name, s in sorted(noted.items())), encoding="utf-8")

@@ -14,8 +14,9 @@ from typing import Any
 
 import pytest
 
-from mcstudy.study import repair, verify
-from mcstudy.study.store import Cube
+from mcstudy.study import verify
+from mcstudy.study.cube import repair
+from mcstudy.study.cube.store import Cube
 
 
 @contextmanager

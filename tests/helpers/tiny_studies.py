@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+import quick_solver
 
 from mcstudy.files.durable import log_folder
 
@@ -41,7 +42,7 @@ amplitude = [5.0]
 """
 
 
-SMALL = ("mcstudy.study.layout.FITS_A_CHUNK", (24, 24))
+SMALL = quick_solver.lm(fits_a_chunk=(24, 24))
 """What makes chunks of about 24 fits."""
 
 
@@ -62,7 +63,7 @@ def tiny_file(tmp_path: Path) -> Path:
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Chunks of about 24 fits, so that a tiny study has many."""
-    monkeypatch.setattr(*SMALL)
+    monkeypatch.setitem(*SMALL)
 
 
 @pytest.fixture(scope="session")
@@ -74,7 +75,7 @@ def tiny_cube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     out = tmp_path_factory.mktemp("tiny") / "out.zarr"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(*SMALL)
+        patch.setitem(*SMALL)
         run_study(parse_study(TINY), out, ClusterOptions(workers=1))
     return out
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import quick_solver
 
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution import tasks
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 TWO_CHUNKS = parse_study("""
@@ -31,7 +32,7 @@ def two_chunks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of that study; a copy of it is what is damaged."""
     out = tmp_path_factory.mktemp("two_chunks") / "out.zarr"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(4, 4)))
         tasks.open_group.cache_clear()
         run_study(TWO_CHUNKS, out, ONE)
     (group,) = Cube.open(out).groups.values()

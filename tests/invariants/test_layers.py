@@ -129,7 +129,7 @@ def test_recordings_estimate_nothing_and_spectra_alone_estimate() -> None:
 
 
 def test_the_source_that_a_cube_notes_is_all_that_its_numbers_come_from() -> None:
-    found, todo = set(), {"study.tasks"}
+    found, todo = set(), {"study.execution.tasks"}
     while todo:
         found |= todo
         todo = {other for name in todo for other in imported(MODULES[name])} - found

@@ -31,9 +31,9 @@ from mcstudy_goodworth2018.lost_table.result import RESULT, opened
 from mcstudy_goodworth2018.lost_table.rows import KEYS, ROWS, columns, folded, rounding, shown, stated
 from mcstudy_goodworth2018.lost_table.simulate import Moments, damped, reduced, simulate, study_of, sway_rms
 from mcstudy_goodworth2018.lost_table.unknowns import Prior
+from mcstudy_goodworth2018.paper.values import cells_of, fit_values
 
 from mcstudy import program
-from mcstudy.analysis.paper.values import cells_of, fit_values
 from mcstudy.cli import main
 from mcstudy.errors import DesignError
 from mcstudy.exits import Exit

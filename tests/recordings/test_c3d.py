@@ -10,8 +10,8 @@ import pytest
 from c3d_writer import write_c3d
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings import c3d_file
-from mcstudy.recordings.c3d_file import variables_of
+from mcstudy.recordings.formats import c3d
+from mcstudy.recordings.formats.c3d import variables_of
 
 RATE = 100.0
 
@@ -229,6 +229,6 @@ def test_ezc3d_and_this_reader_agree(tmp_path: Path, count: int, per_frame: int)
 
 
 def test_more_variables_than_allowed_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(c3d_file, "MOST_VARIABLES", 7)
+    monkeypatch.setattr(c3d, "MOST_VARIABLES", 7)
     write_c3d(tmp_path / "a.c3d", points(40), channels(40), RATE)
     assert "at most 7 points and channels" in refusal(tmp_path / "a.c3d")

@@ -10,7 +10,7 @@ import pytest
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.clock import clock_of, rate_of
-from mcstudy.recordings.importing import Imported, import_files
+from mcstudy.recordings.laboratory_import import Imported, import_files
 
 RATE, N = 100.0, 2000
 

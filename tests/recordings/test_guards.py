@@ -22,8 +22,8 @@ from hypothesis import strategies as st
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.files.untrusted import ZSTD_MAGIC
 from mcstudy.recordings import recording as limits
+from mcstudy.recordings.formats.netcdf_zarr import ANGLES, read_dataset, to_dataset
 from mcstudy.recordings.io import read_recording, write_recording
-from mcstudy.recordings.netcdf_zarr import ANGLES, read_dataset, to_dataset
 from mcstudy.recordings.recording import Recording, Trial
 
 FORMATS = ("a.nc", "a.zarr", "a")

@@ -19,10 +19,10 @@ from mcstudy.cli import main
 from mcstudy.effect_library.simulate import Protocol, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
-from mcstudy.recordings.importing import import_files
+from mcstudy.recordings.formats import open_source
+from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.io import read_recording
-from mcstudy.recordings.lab_files import open_source
-from mcstudy.recordings.layout import Dialect
+from mcstudy.recordings.laboratory_import import import_files
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stimulus import Prts

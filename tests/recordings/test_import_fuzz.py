@@ -21,7 +21,7 @@ from mat5 import HEADER, array, tagged
 from scipy.io import savemat
 
 from mcstudy.errors import InputError
-from mcstudy.recordings.importing import import_files
+from mcstudy.recordings.laboratory_import import import_files
 
 SHEET = {
     "rate_hz": 100.0,
@@ -141,7 +141,7 @@ READ_ALL = """
 import resource, sys
 from pathlib import Path
 from mcstudy.errors import InputError
-from mcstudy.recordings.importing import import_files
+from mcstudy.recordings.laboratory_import import import_files
 resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
 sheet = {"rate_hz": 100.0, "units": {"angle": "deg", "stimulus": "N m"}, "body": {"height": 1.8, "weight": 75.0},
          "channels": {"stimulus": "x", "theta1": "x", "theta2": "x"}}

@@ -14,7 +14,7 @@ from scipy.io import savemat
 from mcstudy.cli import main
 from mcstudy.errors import RecordingError
 from mcstudy.exits import Exit
-from mcstudy.recordings.importing import Imported, import_files
+from mcstudy.recordings.laboratory_import import Imported, import_files
 from mcstudy.recordings.resample import filled, resampled
 
 RATE = 100.0

@@ -17,9 +17,9 @@ from scipy.io import loadmat, savemat
 from mcstudy.cli import main
 from mcstudy.errors import RecordingError
 from mcstudy.exits import Exit
-from mcstudy.recordings.columns import Dialect
-from mcstudy.recordings.importing import listing
-from mcstudy.recordings.lab_files import open_source
+from mcstudy.recordings.formats import open_source
+from mcstudy.recordings.formats.text_layout import Dialect
+from mcstudy.recordings.laboratory_import import listing
 
 CLASSES = {
     "table": "S = table2struct(T, 'ToScalar', true); save('numbers.mat', 'S')",

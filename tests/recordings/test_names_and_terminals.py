@@ -17,8 +17,8 @@ from mcstudy.exits import Exit
 from mcstudy.files.delimited import labelled
 from mcstudy.identification.people.members import read_people
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.importing import import_files
 from mcstudy.recordings.io import read_recording, write_recording
+from mcstudy.recordings.laboratory_import import import_files
 from mcstudy.recordings.recording import Recording
 from mcstudy.text_tables import escaped, fill, folded, table
 

@@ -22,7 +22,7 @@ from fuzzing import MANY
 
 from mcstudy.errors import InputError
 from mcstudy.files import reading_process
-from mcstudy.recordings.netcdf_zarr import read_dataset, to_dataset
+from mcstudy.recordings.formats.netcdf_zarr import read_dataset, to_dataset
 from mcstudy.recordings.recording import Recording, Trial
 
 COUNT = int(os.environ.get("MCSTUDY_FUZZ", "25"))

@@ -20,9 +20,9 @@ from mcstudy.gap.diagnose import detect
 from mcstudy.gap.settings import FAST, DiagnosisSettings
 from mcstudy.lines.labels import NOTED
 from mcstudy.lines.readings import READINGS
+from mcstudy.recordings.formats.netcdf_zarr import BODY
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording, write_recording
-from mcstudy.recordings.netcdf_zarr import BODY
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import SEGMENTS, two_segment
 from mcstudy.stance.stimulus import Prts

@@ -20,14 +20,13 @@ from mcstudy.files.reading_process import Answer, answer
 from mcstudy.lines.checked_recording import checked_recording
 from mcstudy.lines.readings import READINGS
 from mcstudy.lines.settings import LineSettings
-from mcstudy.recordings import netcdf_zarr
+from mcstudy.recordings.assembly import read_sheet
 from mcstudy.recordings.checks import check
-from mcstudy.recordings.columns import text_source
-from mcstudy.recordings.described import read_sheet
+from mcstudy.recordings.formats import netcdf_zarr, text
+from mcstudy.recordings.formats.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
+from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.guards import check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
-from mcstudy.recordings.layout import Dialect
-from mcstudy.recordings.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.recording import Recording, Trial
 from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
 from mcstudy.stance.noise import SensorNoise
@@ -415,7 +414,7 @@ def test_every_function_that_takes_a_path_takes_its_name(tmp_path: Path, monkeyp
         assert read_dataset(name).cycles == (3,)
     sheet_path = write_csv(SWAY, "b")
     assert isinstance(read_sheet(str(sheet_path), "b"), Recording)
-    assert text_source(Path("b/trial1.csv"), Dialect()).numbered[0] == "time"
+    assert text.source(Path("b/trial1.csv"), Dialect()).numbered[0] == "time"
     assert inside("b", "trial1.csv", "b.toml").is_file()
 
 

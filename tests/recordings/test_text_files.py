@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.importing import Imported, import_files, listing
-from mcstudy.recordings.lab_files import open_source
-from mcstudy.recordings.layout import Dialect
+from mcstudy.recordings.formats import open_source
+from mcstudy.recordings.formats.text_layout import Dialect
+from mcstudy.recordings.laboratory_import import Imported, import_files, listing
 from mcstudy.recordings.units import at_end, factor, kind_of
 
 RATE, N = 100.0, 400

@@ -20,8 +20,9 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
+from mcstudy_goodworth2018.paper.rows import rows
+
 from mcstudy import open_results, program
-from mcstudy.analysis.paper.rows import rows
 from mcstudy.analysis.view import StudyView
 from mcstudy.api.studies import summary
 from mcstudy.cli import main
@@ -34,8 +35,8 @@ from mcstudy.report.typeset import typeset
 from mcstudy.report.words import headline
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.body import two_segment
+from mcstudy.study.cube.conversion import structured
 from mcstudy.study.design import Study
-from mcstudy.study.readable import structured
 from mcstudy.study.run import run_study
 from mcstudy.text_tables import with_error
 

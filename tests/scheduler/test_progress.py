@@ -15,8 +15,8 @@ from mcstudy.scheduler import progress as module
 from mcstudy.scheduler.activity import activity, doing
 from mcstudy.scheduler.display import Display
 from mcstudy.scheduler.progress import LEAST_STEPS, Progress, duration
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.watch import Watch
 

@@ -8,7 +8,7 @@ import xarray as xr
 
 from mcstudy.errors import InputError
 from mcstudy.recordings.frf_group import group_dataset
-from mcstudy.recordings.frf_group_sheet import TableSheet
+from mcstudy.recordings.sheets.frf_group_sheet import TableSheet
 from mcstudy.spectra.frf_groups import as_complex, as_real, model_points, model_points_jacobian, scatter
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.response import frf

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import refused
 
 import mcstudy as mc
 from mcstudy.cli import main
@@ -166,16 +167,15 @@ def test_the_files_hold_one_design(written: tuple[Path, str]) -> None:
 
 
 @pytest.mark.parametrize("verified", [True, False])
-def test_another_design_is_refused_before_it_replaces_a_verified_one(
-    written: tuple[Path, str], verified: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_design_is_refused_before_it_replaces_a_verified_one(written: tuple[Path, str], verified: bool) -> None:
     folder, _ = written
     other = folder.parent / "other.toml"
     text = (folder.parent / "small.toml").read_text(encoding="utf-8")
     other.write_text(text.replace("seed = 3", "seed = 4"), encoding="utf-8")
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    assert main(["design", str(other), "-o", str(folder), *([] if verified else ["--no-verify"])]) == Exit.BAD_INPUT
-    assert "was made with another study file" in capsys.readouterr().err
+    assert "was made with another study file" in refused(
+        "design", str(other), "-o", str(folder), *([] if verified else ["--no-verify"])
+    )
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 

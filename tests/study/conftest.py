@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mcstudy.study import tasks
+from mcstudy.study.execution import tasks
 
 
 @pytest.fixture(autouse=True)

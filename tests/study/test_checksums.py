@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import quick_solver
 from two_chunks import ONE, TWO_CHUNKS
 
 from mcstudy.analysis.results import open_results
@@ -22,14 +23,15 @@ from mcstudy.fitting.status import Status
 from mcstudy.report.context import Context
 from mcstudy.report.page import page
 from mcstudy.report.words import headline
-from mcstudy.study import checksums, tasks
-from mcstudy.study.checked_store import CheckedStore
+from mcstudy.study.cube import checksums
+from mcstudy.study.cube.checked_store import CheckedStore
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.cube.strays import aside_folder
+from mcstudy.study.execution import tasks
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.failures import counts
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
-from mcstudy.study.strays import aside_folder
 from mcstudy.study.verify import verify
 
 
@@ -141,7 +143,7 @@ def test_a_missing_chunk_is_refused_by_replay(copy: Path) -> None:
     file = chunk_file(copy, "initial", 0)
     file.unlink()
     with pytest.raises(StoreError, match=f"{file}: missing"):
-        replay(copy, None, 5.0, 0.41, 0, 0)
+        replay(copy, amplitude=5.0, fmax=0.41, realization=0, start=0)
 
 
 def test_swapped_chunks_are_not_taken_over_when_the_study_grows(copy: Path, tmp_path: Path) -> None:
@@ -157,9 +159,9 @@ def test_a_cube_can_be_read_at_every_step_of_a_run_and_holds_right_numbers_or_pe
 ) -> None:
     """Of a run that writes its chunks after every other fit, and of one that repairs a cube."""
     final = open_results(sound, lazy=False)["noisy"].to_dataset()
-    monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
+    monkeypatch.setitem(*quick_solver.lm(fits_a_chunk=(4, 4)))
     monkeypatch.setattr(tasks, "CHECKPOINT_S", 0.0)
-    monkeypatch.setattr(tasks, "STARTS_A_CALL", {"lm": 2})
+    monkeypatch.setitem(*quick_solver.lm(starts_a_call=2))
     out = tmp_path / "out.zarr"
     seen: set[int] = set()
 
@@ -196,7 +198,7 @@ def test_a_cube_can_be_read_at_every_step_of_a_run_and_holds_right_numbers_or_pe
         look()  # what was reported complete has been taken back: no error, but pending fits
         return found
 
-    monkeypatch.setattr("mcstudy.study.store.GroupStore.taken_up", watched_taken_up)
+    monkeypatch.setattr("mcstudy.study.cube.store.GroupStore.taken_up", watched_taken_up)
     run_study(TWO_CHUNKS, out, ONE)
     assert min(seen) == TWO_CHUNKS.fits // 2
     assert tree_digest(out) == tree_digest(sound)
@@ -309,7 +311,7 @@ def test_paths_may_be_text(copy: Path, sound: Path, tmp_path: Path) -> None:
     assert verify(text, cells=0).damage == []
     assert Cube.open(text).study.fingerprint == TWO_CHUNKS.fingerprint
     assert Cube.create(str(tmp_path / "new.zarr"), TWO_CHUNKS).path == tmp_path / "new.zarr"
-    assert replay(text, None, 5.0, 0.41, 0, 0).differ == ()
+    assert replay(text, amplitude=5.0, fmax=0.41, realization=0, start=0).differ == ()
     assert tree_digest(copy) == tree_digest(sound)
     assert extend(text, Growth(realizations=5), ONE).fits == 2
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import zarr
 
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.study_file import parse_study
 
 

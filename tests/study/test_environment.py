@@ -9,10 +9,10 @@ import pytest
 
 from mcstudy.files.durable import tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.repair import repair
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.environment import THREADS, differences, environment
-from mcstudy.study.repair import repair
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 

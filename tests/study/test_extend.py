@@ -9,14 +9,15 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import quick_solver
 
 from mcstudy.errors import DesignError, Interrupted, StoreError, StudyChangedError
 from mcstudy.files import durable
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.store import Cube, GroupStore
 from mcstudy.study.extend import Growth, extend, grow, grown_study
 from mcstudy.study.growth import growths
 from mcstudy.study.run import open_or_create, run_study
-from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 
@@ -44,7 +45,7 @@ fit.cost = "ml"
 def small() -> Iterator[None]:
     """Chunks of about 24 fits, so that a tiny study has many."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (24, 24))
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(24, 24)))
         yield
 
 
@@ -166,7 +167,7 @@ def test_an_interrupted_extension_loses_nothing_and_resumes(
 
     with monkeypatch.context() as patch:
         if moment == "create":
-            patch.setattr("mcstudy.study.store.sync_tree", stop)
+            patch.setattr("mcstudy.study.cube.store.sync_tree", stop)
         elif moment == "copy":
             patch.setattr(GroupStore, "write", stop_after_two)
         elif moment == "replace":
@@ -234,7 +235,7 @@ def test_growing_by_nothing_changes_nothing(out: Path) -> None:
         (Growth(fmax=(1e300,)), r"group\.noisy\.fmax\.2: expected a number from"),
         (Growth(amplitude=(1e308,)), r"group\.noisy\.amplitude\.2: expected a number from"),
         (Growth(amplitude=(1e-30,)), r"group\.noisy\.amplitude\.0: expected a number from"),
-        (Growth(groups=("loud",)), r"--group: expected one of noisy, ideal, got loud"),
+        (Growth(groups=("loud",)), r"group: expected one of noisy, ideal, got loud"),
         (Growth(fmax=(0.001,)), r"group\.noisy\.fmax: expected at least"),
         (Growth(amplitude=(-1.0,)), r"group\.noisy\.amplitude"),
         (Growth(fmax=(float("nan"),)), r"fmax"),

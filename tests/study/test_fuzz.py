@@ -16,9 +16,9 @@ from refusals import or_refused
 from tiny_studies import copied
 
 from mcstudy.analysis.results import open_results
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import FitSection, Group, ModelSection, NoiseSection, SpectraSection, StimulusSection
 from mcstudy.study.failures import counts
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study, read_study
 from mcstudy.study.verify import verify
 

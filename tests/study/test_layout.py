@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mcstudy.fitting.solvers import solvers
+from mcstudy.study.cube.layout import Layout, realizations_a_chunk
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.layout import FITS_A_CHUNK, Layout, layout, realizations_a_chunk
 from mcstudy.study.study_file import parse_study, read_study
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"
 
 
 def layout_of(group: Group) -> Layout:
-    e = Experiment(group, 1)
-    return layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, realizations_a_chunk(group))
+    return Experiment(group, 1).layout(realizations_a_chunk(group))
 
 
 @pytest.mark.usefixtures("small_chunks")
@@ -51,12 +51,12 @@ def test_a_chunk_holds_a_sane_number_of_fits(realizations: int, starts: int, n_f
     depth = realizations_a_chunk(group)
     assert 1 <= depth <= realizations
     # At least one realization, else never more than about the largest chunk that is wanted.
-    assert depth == 1 or depth * starts * n_fmax <= 1.5 * FITS_A_CHUNK[1]
+    assert depth == 1 or depth * starts * n_fmax <= 1.5 * solvers()["lm"].fits_a_chunk[1]
 
 
 def test_chunks_of_slow_solvers_are_small_enough_to_share_out_and_to_lose() -> None:
-    solvers = read_study(PIPELINES / "solvers.toml").groups
-    for name, group in solvers.items():
+    groups = read_study(PIPELINES / "solvers.toml").groups
+    for name, group in groups.items():
         fits = realizations_a_chunk(group) * group.starts * len(group.fmax)
         assert fits == (group.fits if name == "lm" else group.starts)
 

@@ -26,9 +26,9 @@ from mcstudy.analysis.results import open_results
 from mcstudy.errors import InputError, StoreError
 from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.study import verify
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution.tasks import Task, run_task
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
-from mcstudy.study.tasks import Task, run_task
 
 
 @pytest.fixture(scope="module")

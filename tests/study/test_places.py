@@ -18,9 +18,9 @@ from mcstudy.exits import Exit
 from mcstudy.files import durable
 from mcstudy.files.durable import tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.store import Cube, GroupStore
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 
@@ -179,7 +179,7 @@ def test_a_write_that_fails_anywhere_in_a_run_is_resumable(
             patch.setattr(GroupStore, "annotate", fails)
         elif place == "repair":
             (out / "zarr.json").write_bytes((out / "zarr.json").read_bytes() + b" ")
-            patch.setattr("mcstudy.study.repair.write", fails)
+            patch.setattr("mcstudy.study.cube.repair.write", fails)
         else:
             patch.setattr(f"mcstudy.study.extend.{'replace_tree' if place == 'extension' else place}", fails)
         work = partial(extend, out, Growth(realizations=6), ONE)

@@ -9,11 +9,11 @@ import pytest
 
 import mcstudy
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import runlog
+from mcstudy.study.cube import run_log
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.extent import Extent, extent
 from mcstudy.study.plan import plan_study
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 STUDY = """
@@ -47,7 +47,7 @@ def test_files_and_tasks_are_exactly_those_of_the_run(tmp_path: Path, tiny: str,
     out = tmp_path / "out.zarr"
     run_study(study, out, ClusterOptions(workers=threads))
     assert planned.files == sum(file.is_file() for file in out.rglob("*"))
-    assert planned.tasks == sum(event["event"] == "block" for event in runlog.events(out))
+    assert planned.tasks == sum(event["event"] == "block" for event in run_log.events(out))
     assert planned.chunks == sum(len(store.layout.chunks) for store in Cube.open(out).groups.values())
 
 

@@ -18,16 +18,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+import quick_solver
 
 from mcstudy.files import durable
 from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import tasks
+from mcstudy.study.cube.run_log import reported
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Study
+from mcstudy.study.execution import tasks
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.run import run_study
-from mcstudy.study.runlog import reported
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 
 TEXT = """
@@ -162,7 +163,7 @@ def recorded(root: Path, out: Path, study: Study) -> Iterator[list[Cut]]:
 @pytest.fixture(autouse=True)
 def tiny_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     tasks.open_group.cache_clear()
-    monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
+    monkeypatch.setitem(*quick_solver.lm(fits_a_chunk=(4, 4)))
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +171,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Cubes of both studies that nothing ever happened to, by fingerprint."""
     folder = tmp_path_factory.mktemp("whole")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (4, 4))
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(4, 4)))
         cubes = {study.fingerprint: folder / f"{study.fits}.zarr" for study in (SMALL, LARGE)}
         for study in (SMALL, LARGE):
             run_study(study, cubes[study.fingerprint], ONE)
@@ -274,8 +275,8 @@ def unsynced_write(path: Path, content: bytes | memoryview) -> None:
     ("place", "broken"),
     [
         ("mcstudy.files.durable.write", unsynced_write),
-        ("mcstudy.study.store.sync_folder", lambda _: None),
-        ("mcstudy.study.store.sync_tree", lambda _: None),
+        ("mcstudy.study.cube.store.sync_folder", lambda _: None),
+        ("mcstudy.study.cube.store.sync_tree", lambda _: None),
     ],
 )
 def test_a_sync_left_out_would_be_noticed(

@@ -11,7 +11,8 @@ from mcstudy.analysis.results import open_results
 from mcstudy.analysis.view import GroupView
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.truths import TRUTHS
-from mcstudy.study import models, store
+from mcstudy.study import models
+from mcstudy.study.cube import store
 from mcstudy.study.group import Group
 from mcstudy.study.models import build_model, earlier_provenance
 from mcstudy.study.run import run_study

@@ -18,11 +18,11 @@ from mcstudy.analysis.show.tables import show
 from mcstudy.errors import InputError
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.ranges import Range
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Group, Study, StudySection
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.plan import plan_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.tasks import fill
 
 Place = tuple[str, ...]
 
@@ -167,7 +167,7 @@ def test_a_study_at_the_ends_of_what_is_accepted_plans_runs_and_shows(
         for store in cube.groups.values():
             for chunk in store.layout.chunks:
                 data = store.layout.empty(chunk)
-                fill(store, chunk, data, lambda: False)
+                fill(store.experiment, store.layout, chunk, data)
                 store.write(chunk, data)
         shown = show(cube.path)
         assert "Group g" in shown.text()

@@ -15,8 +15,8 @@ from tiny_studies import copied
 from mcstudy.errors import StoreError
 from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 
@@ -166,7 +166,7 @@ def test_blocks_of_another_environment_are_warned_of_and_recorded(
     here = json.loads((copy / "zarr.json").read_text())["attributes"]["environment"]
     threads = {**here["threads"], "OMP_NUM_THREADS": "64"}
     other = {**here, "versions": {**here["versions"], "numpy": "1.0"}, "machine": "abacus", "threads": threads}
-    monkeypatch.setattr("mcstudy.study.attempt.environment", lambda: other)  # the worker's, not the client's
+    monkeypatch.setattr("mcstudy.study.execution.attempt.environment", lambda: other)  # the worker's, not the client's
     assert run_study(parse_study(tiny), copy, ONE).fits == 8
     warned = capsys.readouterr().err
     expected = [

@@ -9,14 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import told
 
 from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.scheduler.cluster import ClusterOptions
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study, read_study
 
 OTHERS = """
@@ -66,7 +67,7 @@ def test_the_path_goes_down_from_the_stored_start_to_the_stored_estimate(
 ) -> None:
     store = Cube.open(sound).groups[group]
     fmax, amplitude = store.layout.group.fmax[-1], 5.0
-    again = replay(sound, group, amplitude, fmax, realization, start)
+    again = replay(sound, group=group, amplitude=amplitude, fmax=fmax, realization=realization, start=start)
     assert again.differ == ()
     assert again.status is again.stored_status
     (chunk,) = [c for c in store.layout.chunks if realization in store.layout.realizations(c)][-1:]
@@ -84,7 +85,7 @@ def test_the_path_goes_down_from_the_stored_start_to_the_stored_estimate(
 def test_the_path_of_the_emulated_solver_leads_to_the_stored_estimate(sound: Path) -> None:
     """Its merit falls, not its cost: the barrier pushes away from the bounds at first."""
     store = Cube.open(sound).groups["emulated"]
-    again = replay(sound, "emulated", None, None, 1, 2)
+    again = replay(sound, group="emulated", realization=1, start=2)
     assert again.differ == ()
     assert len(again.path) == 41
     stored = store.read("estimate", store.layout.chunks[-1])
@@ -92,9 +93,8 @@ def test_the_path_of_the_emulated_solver_leads_to_the_stored_estimate(sound: Pat
     assert again.path[-1].cost < again.path[0].cost
 
 
-def test_the_command_prints_the_path_and_says_that_it_is_equal(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(sound), *CELL]) == Exit.DONE
-    printed = capsys.readouterr().out
+def test_the_command_prints_the_path_and_says_that_it_is_equal(sound: Path) -> None:
+    printed = told("replay", str(sound), *CELL)
     assert "equal to the stored fit, bit for bit" in printed
     assert printed.count("\n") >= 5
 
@@ -121,28 +121,28 @@ def test_the_command_in_the_readme_chooses_one_fit_of_the_papers_study(
 
 
 def test_what_there_is_only_one_of_need_not_be_given(sound: Path) -> None:
-    assert replay(sound, "data", None, None, 1, 1).differ == ()
+    assert replay(sound, group="data", realization=1, start=1).differ == ()
 
 
 def test_a_fit_that_was_not_run_and_a_cell_that_does_not_exist_are_one_line(copy: Path, tiny: str) -> None:
     new = Cube.create(copy.with_name("new.zarr"), parse_study(tiny)).path
     with pytest.raises(InputError, match="has not been run yet"):
-        replay(new, "noisy", 5.0, 1.2, 0, 0)
+        replay(new, group="noisy", amplitude=5.0, fmax=1.2, realization=0, start=0)
     for where, expected in (
         (
             (None, 5.0, 1.2, 0, 0),
-            r"--group: needed to choose one fit \(group noisy: amplitude 3, 5",
+            r"group: needed to choose one fit \(group noisy: amplitude 3, 5",
         ),
-        ((None, None, None, 0, 0), "--group, --amplitude, --fmax: needed"),
+        ((None, None, None, 0, 0), "group, amplitude, fmax: needed"),
         (
             ("noisy", None, None, 0, 0),
-            r"--amplitude, --fmax: needed.*\(group noisy: amplitude 3, 5, fmax 0.41, 1.2\)",
+            r"amplitude, fmax: needed.*\(group noisy: amplitude 3, 5, fmax 0.41, 1.2\)",
         ),
-        (("loud", 5.0, 1.2, 0, 0), "--group: expected one of noisy"),
-        (("noisy", 4.0, 1.2, 0, 0), "--amplitude: expected one of 3, 5, got 4"),
-        (("noisy", 5.0, 1.3, 0, 0), "--fmax: expected one of"),
-        (("noisy", 5.0, 1.2, 5, 0), "--realization: expected 0 to 4"),
-        (("noisy", 5.0, 1.2, 0, -1), "--start: expected 0 to 5"),
+        (("loud", 5.0, 1.2, 0, 0), "group: expected one of noisy"),
+        (("noisy", 4.0, 1.2, 0, 0), "amplitude: expected one of 3, 5, got 4"),
+        (("noisy", 5.0, 1.3, 0, 0), "fmax: expected one of"),
+        (("noisy", 5.0, 1.2, 5, 0), "realization: expected 0 to 4"),
+        (("noisy", 5.0, 1.2, 0, -1), "start: expected 0 to 5"),
     ):
         with pytest.raises(InputError, match=expected):
-            replay(copy, *where)
+            replay(copy, **dict(zip(("group", "amplitude", "fmax", "realization", "start"), where, strict=True)))

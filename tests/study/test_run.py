@@ -7,17 +7,20 @@ import threading
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import numpy as np
 import psutil
 import pytest
+import quick_solver
 
 from mcstudy.errors import InputError, Interrupted, StoreError, StudyChangedError
 from mcstudy.files.durable import locked, tree_digest
-from mcstudy.scheduler.cluster import ClusterOptions, connect
-from mcstudy.study import tasks
+from mcstudy.scheduler.cluster import ClusterOptions, connect, dashboard_url
+from mcstudy.study.cube.store import Cube, GroupStore
+from mcstudy.study.execution import tasks
 from mcstudy.study.run import ATTEMPTS, run_study
-from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
 
 pytestmark = pytest.mark.usefixtures("small_chunks")
@@ -89,15 +92,6 @@ def test_two_runs_on_one_store_are_refused(tmp_path: Path, tiny: str) -> None:
     assert not out.exists()
 
 
-def test_a_folder_that_is_not_a_cube_is_left_alone(tmp_path: Path, tiny: str) -> None:
-    out = tmp_path / "thesis"
-    out.mkdir()
-    (out / "chapter1.tex").write_text("precious")
-    with pytest.raises(StoreError, match="expected a results cube"):
-        run_study(parse_study(tiny), out, ONE)
-    assert (out / "chapter1.tex").read_text() == "precious"
-
-
 def test_a_block_that_always_fails_is_reported_and_the_rest_finishes(
     tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -132,7 +126,7 @@ def test_fits_whose_report_is_lost_with_a_worker_are_counted(
             raise RuntimeError("gone")
         return report
 
-    monkeypatch.setattr("mcstudy.study.attempt.run_task", loses_the_first)
+    monkeypatch.setattr("mcstudy.study.execution.attempt.run_task", loses_the_first)
     study = parse_study(tiny)
     outcome = run_study(study, tmp_path / "a.zarr", ClusterOptions(workers=1))
     assert len(lost) == 1
@@ -224,10 +218,17 @@ def test_a_run_can_be_started_from_another_thread(tmp_path: Path, tiny: str) -> 
 
 
 @pytest.mark.parametrize("dashboard", [False, True])
-def test_a_local_run_listens_on_this_machine_only(dashboard: bool) -> None:
+def test_a_local_run_listens_on_this_machine_only_with_its_dashboard_where_asked(
+    dashboard: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mcstudy.scheduler.cluster.DASHBOARD_PORT", 0)  # the usual one is soon another test's
     with connect(ClusterOptions(workers=1, dashboard=dashboard)) as client:
         assert client.submit(sum, [1, 2]).result() == 3
         listening = [c for c in psutil.Process().net_connections("inet") if c.status == psutil.CONN_LISTEN]
+        if dashboard:
+            with urlopen(url := dashboard_url(client), timeout=60) as answer:
+                assert b"Dask" in answer.read()
+            assert urlsplit(url).port in {c.laddr.port for c in listening}
     assert listening
     assert {c.laddr.ip for c in listening} == {"127.0.0.1"}
 
@@ -237,7 +238,10 @@ def test_a_local_run_listens_on_this_machine_only(dashboard: bool) -> None:
     [
         (ClusterOptions(scheduler="localhost"), "expected tcp://HOST:PORT or tls://HOST:PORT"),
         (ClusterOptions(scheduler="http://localhost:1"), "expected tcp://HOST:PORT or tls://HOST:PORT"),
-        (ClusterOptions(scheduler="tcp://192.0.2.1:8786"), "expected tls:// for 192.0.2.1"),
+        (
+            ClusterOptions(scheduler="tcp://192.0.2.1:8786"),
+            "expected tls:// for 192.0.2.1.*--insecure accepts",
+        ),
         (ClusterOptions(scheduler="tls://localhost:8786", tls_ca=Path("/none.pem")), "--tls-ca: expected a readable"),
     ],
 )
@@ -262,7 +266,7 @@ def test_a_cube_keeps_its_chunks_when_the_program_would_choose_others_now(
 ) -> None:
     store = Cube.open(tiny_copy).groups["noisy"]
     store.chunk_file("status", store.layout.chunks[0]).unlink()
-    monkeypatch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (500, 5000))
+    monkeypatch.setitem(*quick_solver.lm(fits_a_chunk=(500, 5000)))
     run_study(parse_study(tiny), tiny_copy, ONE)
     assert tree_digest(tiny_copy) == tree_digest(tiny_cube)
 
@@ -279,7 +283,7 @@ def test_a_block_that_hangs_is_given_up_and_the_rest_finishes(
 
     out, study = tmp_path / "out.zarr", parse_study(tiny)
     with monkeypatch.context() as patch:
-        patch.setattr("mcstudy.study.attempt.run_task", hang)
+        patch.setattr("mcstudy.study.execution.attempt.run_task", hang)
         outcome = run_study(study, out, ClusterOptions(workers=1, block_timeout=5.0))  # an ordinary block stays below
         assert released == []  # the run did not wait
         release.set()
@@ -310,7 +314,7 @@ def test_a_chunk_that_two_workers_wrote_at_once_gets_a_second_look(
 
     out, study = tmp_path / "out.zarr", parse_study(tiny)
     with monkeypatch.context() as patch:
-        patch.setattr("mcstudy.study.attempt.run_task", first_time_torn)
+        patch.setattr("mcstudy.study.execution.attempt.run_task", first_time_torn)
         assert run_study(study, out, ONE).failed_blocks == []
     assert torn
     assert tree_digest(out) == tree_digest(tiny_cube)
@@ -322,7 +326,7 @@ def test_an_error_that_cannot_be_sent_is_still_reported(
     def broken(_: tasks.Task) -> tasks.TaskReport:
         raise ValueError(threading.Lock(), "cannot be pickled")
 
-    monkeypatch.setattr("mcstudy.study.attempt.run_task", broken)
+    monkeypatch.setattr("mcstudy.study.execution.attempt.run_task", broken)
     outcome = run_study(parse_study(tiny), tmp_path / "out.zarr", ONE, 100)
     assert len(outcome.failed_blocks) == 2
     assert all("cannot be pickled" in line for line in outcome.failed_blocks)

@@ -16,9 +16,9 @@ from mcstudy.analysis.results import open_results
 from mcstudy.errors import Interrupted, StoreError
 from mcstudy.files import durable, schema
 from mcstudy.fitting.status import Status
-from mcstudy.study.layout import Chunk
-from mcstudy.study.metadata import describe
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.metadata import describe
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.study_file import parse_study
 
 
@@ -46,7 +46,7 @@ def test_a_cube_that_cannot_be_completed_leaves_nothing(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(f"mcstudy.study.store.{fails}", full)
+    monkeypatch.setattr(f"mcstudy.study.cube.store.{fails}", full)
     with pytest.raises(Interrupted, match="No space left on device"):
         Cube.create(tmp_path / "out.zarr", parse_study(tiny))
     assert list(tmp_path.iterdir()) == []
@@ -96,7 +96,7 @@ def test_status_is_written_after_everything_else_is_on_disk(cube: Cube, monkeypa
     events: list[str] = []
     write, sync = durable.write, durable.sync_folder
     monkeypatch.setattr(durable, "write", lambda p, c: (write(p, c), events.append(f"write {p.parent.name}")))
-    monkeypatch.setattr("mcstudy.study.store.sync_folder", lambda p: (sync(p), events.append(f"sync {p.name}")))
+    monkeypatch.setattr("mcstudy.study.cube.store.sync_folder", lambda p: (sync(p), events.append(f"sync {p.name}")))
     store = cube.groups["noisy"]
     chunk = store.layout.chunks[0]
     store.write(chunk, fake(cube, "noisy", chunk))
@@ -131,7 +131,7 @@ def test_a_cube_appears_whole_or_not_at_all(tmp_path: Path, tiny: str, monkeypat
     def power_cut(_: Path) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mcstudy.study.store.sync_tree", power_cut)
+    monkeypatch.setattr("mcstudy.study.cube.store.sync_tree", power_cut)
     with pytest.raises(KeyboardInterrupt):
         Cube.create(tmp_path / "out.zarr", parse_study(tiny))
     assert not (tmp_path / "out.zarr").exists()

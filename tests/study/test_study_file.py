@@ -8,8 +8,8 @@ import pytest
 
 from mcstudy.errors import DesignError
 from mcstudy.study.catalogue import shipped
+from mcstudy.study.instability import refuse_unstable
 from mcstudy.study.study_file import changes, parse_study, read_study
-from mcstudy.study.unstable import refuse_unstable
 
 BAD = [
     # (replace, by, field the message must name, something of what was expected)
@@ -35,7 +35,7 @@ BAD = [
     ("[group.noisy]", "[group.'../../etc']", "group.../../etc", "pattern"),
     ('"none"', '"quantum"', "group.ideal.simulator", "'none', 'spectral'"),
     ("seed = 7", "seed = 7\n[fit]\ncost = 'ml'", "group.ideal.fit.cost", "expected 'paper'"),
-    ("seed = 7", "seed = 7\n[fit]\nsolver = 'magic'", "fit.solver", "'lm', 'interior_point', 'trf' or 'trust-constr'"),
+    ("seed = 7", "seed = 7\n[fit]\nsolver = 'magic'", "fit.solver", "'lm', 'trf', 'trust-constr' or 'interior_point'"),
     ("seed = 7", "seed = 7\n[fit]\ntolerance = 2.0", "fit.tolerance", "less than 1"),
     ("seed = 7", "seed = 7\n[model]\nkind = 'os:system'", "model.kind", "'two_segment' or 'one_segment'"),
     ("seed = 7", "seed = 7\n[model.truth]\nK99 = 1.0", "group.noisy.model.truth.K99", "unknown parameter"),

@@ -5,18 +5,20 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import quick_solver
 
 from mcstudy.files.durable import tree_digest
 from mcstudy.fitting.status import Status
-from mcstudy.study import tasks
-from mcstudy.study.layout import Chunk
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import Cube, GroupStore
+from mcstudy.study.execution import tasks
+from mcstudy.study.execution.tasks import Task, fill, run_task
 from mcstudy.study.measure import Measurement
-from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.tasks import Task, fill, run_task
 
 
 def cube_of(path: Path, text: str) -> Cube:
@@ -30,7 +32,7 @@ def task(cube: Cube, group: str = "noisy") -> Task:
 
 def filled(store: GroupStore, chunk: Chunk) -> dict[str, np.ndarray]:
     data = store.layout.empty(chunk)
-    fill(store, chunk, data, lambda: False)
+    fill(store.experiment, store.layout, chunk, data)
     return data
 
 
@@ -59,7 +61,7 @@ def test_without_noise_the_truth_is_found(tmp_path: Path, tiny: str) -> None:
 def test_a_stopped_chunk_is_completed_to_the_same_bytes(
     tmp_path: Path, tiny: str, calls: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(tasks.STARTS_A_CALL, "lm", 4)
+    monkeypatch.setitem(*quick_solver.lm(starts_a_call=4))
     whole, stopped = cube_of(tmp_path / "a.zarr", tiny), cube_of(tmp_path / "b.zarr", tiny)
     run_task(task(whole))
     left = iter(range(calls))
@@ -80,7 +82,7 @@ def test_a_stopped_chunk_is_completed_to_the_same_bytes(
 def test_a_slow_chunk_is_written_before_it_is_complete(
     tmp_path: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(tasks.STARTS_A_CALL, "lm", 4)
+    monkeypatch.setitem(*quick_solver.lm(starts_a_call=4))
     monkeypatch.setattr(tasks, "CHECKPOINT_S", 0.0)
     whole, killed = cube_of(tmp_path / "a.zarr", tiny), cube_of(tmp_path / "b.zarr", tiny)
     run_task(task(whole))
@@ -106,7 +108,7 @@ def test_a_fit_does_not_depend_on_its_neighbours(
 ) -> None:
     store = cube_of(tmp_path / "a.zarr", tiny.replace("starts = 6", "starts = 21")).groups["noisy"]
     reference = filled(store, store.layout.chunks[0])
-    monkeypatch.setitem(tasks.STARTS_A_CALL, "lm", batch)
+    monkeypatch.setitem(*quick_solver.lm(starts_a_call=batch))
     for name, values in filled(store, store.layout.chunks[0]).items():
         assert values.tobytes() == reference[name].tobytes(), name
 
@@ -204,7 +206,8 @@ def test_a_damaged_chunk_killed_while_it_is_made_again_is_not_taken_for_done(
     damaged = store.chunk_file("estimate", chunk)
     damaged.write_bytes(damaged.read_bytes()[:-1])
 
-    def killed(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], _: object) -> None:
+    def killed(*given: Any) -> None:
+        data = given[3]
         for name in store.layout.results[:-1]:
             store.put(name, chunk, data[name])
         raise KeyboardInterrupt

@@ -15,14 +15,14 @@ from mcstudy.analysis.selection import best
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.durable import tree_digest
 from mcstudy.fitting.status import Status
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Study
+from mcstudy.study.execution.tasks import fill
 from mcstudy.study.extend import Growth, extend
 from mcstudy.study.plan import plan_study
 from mcstudy.study.replay import replay
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
-from mcstudy.study.tasks import fill
 from mcstudy.study.verify import verify
 
 MOST = 250
@@ -84,12 +84,12 @@ def test_a_stopped_chunk_is_completed_with_the_same_decisions(cube: Path) -> Non
     store = Cube.open(cube).groups["noisy"]
     (chunk, *_) = store.layout.chunks
     whole = store.layout.empty(chunk)
-    fill(store, chunk, whole, lambda: False)
+    fill(store.experiment, store.layout, chunk, whole)
     data = store.layout.empty(chunk)
     for stop in (1, 2, 3):  # each call gets one call of the solver further
         calls = iter(range(10))
-        fill(store, chunk, data, lambda calls=calls, stop=stop: next(calls) >= min(stop, 2))
-    fill(store, chunk, data, lambda: False)
+        fill(store.experiment, store.layout, chunk, data, lambda calls=calls, stop=stop: next(calls) >= min(stop, 2))
+    fill(store.experiment, store.layout, chunk, data)
     for name, values in whole.items():
         np.testing.assert_array_equal(data[name], values, err_msg=name)
         np.testing.assert_array_equal(store.read(name, chunk), values, err_msg=name)
@@ -118,7 +118,7 @@ def test_verify_finds_starts_that_were_left_out_wrongly(cube: Path, tmp_path: Pa
 
 def test_a_start_that_was_not_needed_cannot_be_replayed(cube: Path) -> None:
     with pytest.raises(InputError, match="this one was not needed"):
-        replay(cube, None, None, None, 0, MOST - 1)
+        replay(cube, realization=0, start=MOST - 1)
 
 
 def test_the_plan_counts_the_starts_that_are_needed() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from mcstudy import open_results
 from mcstudy.analysis import accuracy, selection
-from mcstudy.study.store import Cube
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.watch import RunningErrors, Watch
 
 

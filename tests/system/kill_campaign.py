@@ -25,6 +25,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,11 +37,14 @@ from forked import DONE, MEMORY, REFUSED, STOPPED, DieAtLine, answer, ended, for
 
 from mcstudy.files import durable
 from mcstudy.files.durable import log_folder, tree_digest
+from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import extend, layout, run, runlog, store, submission, tasks, verify
+from mcstudy.study import extend, run, verify
+from mcstudy.study.cube import layout, run_log, store
+from mcstudy.study.cube.store import Cube, GroupStore
+from mcstudy.study.execution import submission, tasks
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.store import Cube, GroupStore
 from mcstudy.study.study_file import parse_study
 
 STUDY = """
@@ -59,7 +63,7 @@ REALIZATIONS = 16
 """Of a study before it is extended by half; the tests take fewer, for the same code runs then."""
 ONE = ClusterOptions(workers=1)
 
-WRITERS = {m.__file__ for m in (durable, extend, run, runlog, store, submission, tasks)} | {__file__}
+WRITERS = {m.__file__ for m in (durable, extend, run, run_log, store, submission, tasks)} | {__file__}
 """Source files between whose lines a process dies: whatever decides what is written when."""
 
 KILLS = "kill -9: "
@@ -79,7 +83,7 @@ class Campaign:
         group = self.study.groups["noisy"]
         compiled = GroupStore(folder, "noisy", Experiment(group, self.study.study.seed), 1, self.study.fingerprint)
         first = layout.Chunk(0, 0)
-        tasks.fill(compiled, first, compiled.layout.empty(first), lambda: False)
+        tasks.fill(compiled.experiment, compiled.layout, first, compiled.layout.empty(first))
         self.small, self.large = folder / "small.zarr", folder / "large.zarr"
         for study, path in ((self.study, self.small), (larger, self.large)):
             begun = time.monotonic()
@@ -133,7 +137,7 @@ class Campaign:
         wrong = len(verify.verify(self.out, cells=0).damage)
         (whole,) = Cube.open(self.large).groups.values()
         (mine,) = cube.groups.values()
-        reported = runlog.reported(self.out, cube.study.fingerprint)
+        reported = run_log.reported(self.out, cube.study.fingerprint)
         lost = 0
         for chunk in mine.layout.chunks:
             data = mine.existing(chunk)
@@ -183,7 +187,8 @@ class Campaign:
         pauses = self.random.choice((0.0, tasks.CHECKPOINT_S))
 
         def dying() -> None:
-            tasks.CHECKPOINT_S, tasks.STARTS_A_CALL = pauses, {"lm": 1}
+            tasks.CHECKPOINT_S = pauses
+            solvers()["lm"] = replace(solvers()["lm"], starts_a_call=1)
             with DieAtLine(WRITERS, at):
                 work()
 
@@ -325,7 +330,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="faults whose name contains this; --kills then counts those")
     args = parser.parse_args()
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    layout.FITS_A_CHUNK = (8, 8)
+    solvers()["lm"] = replace(solvers()["lm"], fits_a_chunk=(8, 8))
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         campaign = Campaign(Path(folder), args.seed, args.realizations)
         try:

@@ -18,6 +18,7 @@ import tempfile
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,11 @@ from hypothesis import settings
 from kill_campaign import KILLS, Campaign
 
 from mcstudy.files import durable
+from mcstudy.fitting.solvers import solvers
 from mcstudy.streams import stream
-from mcstudy.study import experiment, extend, layout, verify
-from mcstudy.study.layout import Chunk
-from mcstudy.study.store import Cube, GroupStore
+from mcstudy.study import experiment, extend, verify
+from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.store import Cube, GroupStore
 
 SEED = 2
 """Of the faults of every sabotage: one with which each of them soon hits."""
@@ -168,7 +170,7 @@ def states() -> int:
 def main() -> int:
     """Try every sabotage; the number of those that went unnoticed."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    layout.FITS_A_CHUNK = (8, 8)
+    solvers()["lm"] = replace(solvers()["lm"], fits_a_chunk=(8, 8))
     kill_campaign.WRITERS.add(__file__)
     if "--states" in sys.argv[1:]:
         return states()

@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,10 +33,13 @@ from kill_campaign import WRITERS
 from mcstudy.errors import StoreError
 from mcstudy.files import durable
 from mcstudy.files.durable import PARTIAL, tree_digest
+from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import extend, layout, run, runlog, tasks, verify
-from mcstudy.study.store import Cube
+from mcstudy.study import extend, run, verify
+from mcstudy.study.cube import layout, run_log
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution import tasks
 from mcstudy.study.study_file import parse_study
 
 TEXT = """
@@ -87,7 +91,7 @@ class Whole:
         self.skeleton = {p.relative_to(warm.path) for p in warm.path.rglob("*") if p.is_file()}
         (store,) = warm.groups.values()
         chunk = store.layout.chunks[0]
-        tasks.fill(store, chunk, store.layout.empty(chunk), lambda: False)  # compiled once, before any fork
+        tasks.fill(store.experiment, store.layout, chunk, store.layout.empty(chunk))  # compiled once, before any fork
         self.digests = []
         for k, study in enumerate(STUDIES):
             out = folder / f"{k}.zarr"
@@ -128,7 +132,7 @@ def look(out: Path) -> dict[str, Any]:
             finished = store.read("status", chunk)[0] != Status.PENDING
             for r, realization in enumerate(store.layout.realizations(chunk)):
                 done[str(realization)] = int(finished[:, r].sum())
-    told = [layout.Chunk(a, b) for _, a, b in runlog.reported(out, cube.study.fingerprint)]
+    told = [layout.Chunk(a, b) for _, a, b in run_log.reported(out, cube.study.fingerprint)]
     gone = [store.layout.key("status", chunk) for chunk in told if store.pending(chunk)]
     return {"size": size, "done": done, "gone": gone}
 
@@ -294,7 +298,7 @@ class States(RuleBasedStateMachine):
 
     def reported(self) -> list[str]:
         assert self.size is not None
-        return [f"c.{a}.0.{b}.0" for _, a, b in runlog.reported(self.out, STUDIES[self.size].fingerprint)]
+        return [f"c.{a}.0.{b}.0" for _, a, b in run_log.reported(self.out, STUDIES[self.size].fingerprint)]
 
     def nameless(self, size: int) -> bool:
         """Without root and group only the log tells whose a cube is; one that cannot be told is left alone."""
@@ -335,7 +339,8 @@ class States(RuleBasedStateMachine):
 
         def dying() -> None:
             if often:  # a write after every fit
-                tasks.CHECKPOINT_S, tasks.STARTS_A_CALL = 0.0, {"lm": 1}
+                tasks.CHECKPOINT_S = 0.0
+                solvers()["lm"] = replace(solvers()["lm"], starts_a_call=1)
             with DieAtLine(WRITERS, moment):
                 work()
 
@@ -361,7 +366,7 @@ class States(RuleBasedStateMachine):
 def try_histories(how: settings, aim: str | None = None) -> None:
     """Raises for the first history that loses something or ends wrong; dies at lines of the file ``aim`` if reached."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    layout.FITS_A_CHUNK = (8, 8)
+    solvers()["lm"] = replace(solvers()["lm"], fits_a_chunk=(8, 8))
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         try:
             States.whole = Whole(Path(folder))

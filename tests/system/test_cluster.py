@@ -15,6 +15,7 @@ from pathlib import Path
 import dask_processes
 import psutil
 import pytest
+import quick_solver
 from certificates import certificates
 from chunks import complete_chunks
 from dask_processes import Cluster, cluster
@@ -25,9 +26,9 @@ from mcstudy.errors import InputError, Interrupted
 from mcstudy.files.durable import tree_digest
 from mcstudy.scheduler.cluster import ClusterOptions, reach
 from mcstudy.scheduler.fan_out import fan_out
-from mcstudy.study import submission
+from mcstudy.study.cube.store import Cube
+from mcstudy.study.execution import submission
 from mcstudy.study.run import Outcome, run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study, read_study
 
 STUDY = """
@@ -54,8 +55,8 @@ STUDY_FITS = 60 * 4 + 4 * 2
 # do worse.
 PRELOAD = """
 import os, time
-import mcstudy.study.attempt as attempt
-from mcstudy.study.tasks import run_task  # this file may be loaded twice
+import mcstudy.study.execution.attempt as attempt
+from mcstudy.study.execution.tasks import run_task  # this file may be loaded twice
 def slow(task):
     time.sleep(0.05)
     if task.group == "odd":
@@ -67,8 +68,8 @@ attempt.run_task = slow
 # Loaded by a worker that, after some blocks, waits for another one to join.
 WAITS = """
 import os, time
-import mcstudy.study.attempt as attempt
-from mcstudy.study.tasks import run_task
+import mcstudy.study.execution.attempt as attempt
+from mcstudy.study.execution.tasks import run_task
 ran = []
 def waits(task):
     ran.append(task)
@@ -83,7 +84,7 @@ attempt.run_task = waits
 @pytest.fixture(autouse=True, scope="module")
 def small_chunks() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mcstudy.study.layout.FITS_A_CHUNK", (8, 8))
+        patch.setitem(*quick_solver.lm(fits_a_chunk=(8, 8)))
         yield
 
 
@@ -312,8 +313,8 @@ def test_a_worker_that_lies_is_found_out_and_the_next_run_completes_the_cube(
     value, reason = LIES[lie]
     preload = folder / "lies.py"
     preload.write_text(
-        "import mcstudy.study.attempt as attempt\nfrom collections import Counter\n"
-        f"from mcstudy.study.tasks import TaskReport\nattempt.run_task = lambda task: {value}\n"
+        "import mcstudy.study.execution.attempt as attempt\nfrom collections import Counter\n"
+        f"from mcstudy.study.execution.tasks import TaskReport\nattempt.run_task = lambda task: {value}\n"
     )
     out = folder / f"{lie.replace(' ', '_')}.zarr"
     with cluster(folder / f"lies {lie}") as made:

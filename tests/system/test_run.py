@@ -14,9 +14,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from urllib.parse import urlsplit
 
-import psutil
 import pytest
 from chunks import complete_chunks
 from cubes import numbers
@@ -42,10 +40,11 @@ amplitude = [5.0]
 # start and hear no stop request, so that there is a middle to kill it in however fast the machine is.
 PAUSES = """
 import sys, time
-import mcstudy.study.attempt as attempt
-from mcstudy.study import layout
-from mcstudy.study.tasks import run_task
-layout.FITS_A_CHUNK = (16, 16)
+import mcstudy.study.execution.attempt as attempt
+from dataclasses import replace
+from mcstudy.fitting.solvers import solvers
+from mcstudy.study.execution.tasks import run_task
+solvers()["lm"] = replace(solvers()["lm"], fits_a_chunk=(16, 16))
 ran = []
 def pausing(task):
     ran.append(task)
@@ -187,29 +186,6 @@ def test_a_run_goes_on_after_the_machine_slept(folder: Path, whole: str, monkeyp
     assert tree_digest(out) == whole
 
 
-def test_the_dashboard_of_a_run_is_on_this_machine_only(folder: Path) -> None:
-    process = start(folder, folder / "shown.zarr", "--dashboard", pause_s=FOR_EVER_S)
-    assert process.stderr is not None
-    while not (line := process.stderr.readline()).startswith("dashboard: "):
-        assert process.poll() is None
-    listening = [c for c in psutil.Process(process.pid).net_connections("inet") if c.status == psutil.CONN_LISTEN]
-    process.kill()
-    process.communicate()
-    assert {c.laddr.ip for c in listening} == {"127.0.0.1"}
-    assert urlsplit(line.split()[1]).port in {c.laddr.port for c in listening}
-
-
-def test_a_scheduler_on_another_machine_without_tls_is_one_line_and_exit_2(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = command(folder, folder / "elsewhere.zarr", "--scheduler", "tcp://192.0.2.1:8786")
-    assert main(words[3:]) == Exit.BAD_INPUT
-    errors = capsys.readouterr().err
-    assert "--scheduler: expected tls:// for 192.0.2.1, which is another machine" in errors
-    assert "--insecure accepts this risk" in errors
-    assert errors.count("\n") == 1
-
-
 @pytest.mark.usefixtures("whole")
 def test_other_thread_settings_are_warned_of_and_noted_and_a_cube_keeps_those_it_was_made_with(folder: Path) -> None:
     out = folder / "threads.zarr"
@@ -230,19 +206,6 @@ def test_other_thread_settings_are_warned_of_and_noted_and_a_cube_keeps_those_it
     assert last["environment"]["threads"]["OMP_NUM_THREADS"] == "2"
     assert [e for e in events if e["event"] == "block"][-1]["other_environment"] == differ
     assert numbers(out) == numbers(folder / "whole.zarr")  # other files say which chunk was computed where
-
-
-def test_a_second_run_on_a_store_in_use_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = folder / "shared.zarr"
-    process = start(folder, out, pause_s=FOR_EVER_S)
-    wait_for_chunks(process, out, 1)
-    code = main(command(folder, out)[3:])
-    process.kill()
-    process.communicate()
-    assert code == Exit.BAD_INPUT
-    errors = capsys.readouterr().err
-    assert "another run is writing" in errors
-    assert errors.count("\n") == 1
 
 
 def without_override() -> None:
@@ -286,9 +249,3 @@ def test_a_read_only_target_is_one_line_and_exit_2(folder: Path, whole: str, ver
             (folder / "whole.zarr" / "noisy" / "status" / "c.0.0.1.0").read_bytes()
         )
         assert tree_digest(target / "out.zarr") == whole
-
-
-def test_the_log_tells_every_run(folder: Path, whole: str) -> None:
-    assert whole
-    text = (log_folder(folder / "whole.zarr") / "runs.jsonl").read_text()
-    assert text.count('"event": "begin"') == text.count('"event": "end"') == 1

@@ -48,8 +48,8 @@ prologue = ["export DASK_DISTRIBUTED__WORKER__PRELOAD={preload}"]
 # Loaded by workers: every block takes a moment; after some blocks all wait for a file.
 PRELOAD = """
 import os, time
-import mcstudy.study.attempt as attempt
-from mcstudy.study.tasks import run_task  # this file may be loaded twice
+import mcstudy.study.execution.attempt as attempt
+from mcstudy.study.execution.tasks import run_task  # this file may be loaded twice
 ran = []
 def waits(task):
     ran.append(task)

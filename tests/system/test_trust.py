@@ -10,10 +10,10 @@ from dask_processes import cluster
 
 from mcstudy.errors import Interrupted
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.study import submission
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.environment import label
+from mcstudy.study.execution import submission
 from mcstudy.study.run import run_study
-from mcstudy.study.store import Cube
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
 
@@ -31,7 +31,7 @@ amplitude = [2.0, 3.0, 4.0, 5.0]
 
 # Loaded by workers, which then report another environment.
 OTHER_CPU = """
-import mcstudy.study.attempt as attempt
+import mcstudy.study.execution.attempt as attempt
 from mcstudy.study.environment import environment as own  # this file may be loaded twice
 attempt.environment = lambda: {**own(), "cpu": "another"}
 """
@@ -45,7 +45,7 @@ OTHER_BITS = (
     OTHER_CPU
     + """
 import numpy as np
-import mcstudy.study.tasks as tasks, mcstudy.study.trust as trust
+import mcstudy.study.execution.tasks as tasks, mcstudy.study.execution.trust as trust
 from mcstudy.fitting.solvers import fit_queue as fit
 def inexact(*args):
     fits = fit(*args)

@@ -14,13 +14,12 @@ from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.montecarlo import PlainStatistic, fraction, jackknives, quantiles
 from mcstudy.analysis.notes import notes
-from mcstudy.analysis.paper.published import PAPER
-from mcstudy.analysis.paper.rows import Row, rows
 from mcstudy.analysis.performance import WITH_ERRORS, performance
-from mcstudy.analysis.show.tables import SCHEMA
+from mcstudy.analysis.published.publication import Row, compared
+from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
-from mcstudy.fitting.precision import WANTED
+from mcstudy.fitting.status import WANTED
 
 _BESIDE = ("floor", "lower", "upper", "box", "box_mcse", "used")
 """Further numbers of a result that the tables hold."""
@@ -40,10 +39,11 @@ def show_data(study: StudyView, reference: StudyView | None = None, name: str = 
     """
     attributes = study.attributes
     found, without = (comparisons(study), {}) if reference is None else comparisons_with(study, reference, name)
+    publication, rows = compared(study)
     return {
         "schema": identifier(SCHEMA),
         "study": {key: attributes.get(key) for key in ("title", "fingerprint", "seed")},
-        "paper": {"reference": PAPER, "rows": [_row(r) for r in rows(study)]},
+        "paper": {"reference": publication.reference, "rows": [_row(r) for r in rows]},
         "comparisons": [_comparison(c) for c in found],
         "not_compared": without,
         "groups": {name: _group(view) for name, view in study.groups.items()},

@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcstudy.analysis.kept import kept
+from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.text import render
 from mcstudy.files.local_path import local_path
 from mcstudy.files.schema import validate
-from mcstudy.study.settled import settled
+from mcstudy.study.cube.replacement import settled
 
 if TYPE_CHECKING:
     import xarray as xr
-
-SCHEMA = "show"
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from mcstudy.analysis.measures import MEASURES
-from mcstudy.analysis.paper.published import MARGINS
-from mcstudy.analysis.paper.verdict_names import AGREES, LIMIT
+from mcstudy.analysis.published.publication import cited
+from mcstudy.analysis.published.verdict_names import AGREES, LIMIT
 from mcstudy.analysis.show.missed import missed_words
 from mcstudy.stance.provenance import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
@@ -56,20 +56,6 @@ def verdict(row: dict[str, Any]) -> str:
     return (row["verdict"] or "-") + (f" ({limit})" if limit else "")
 
 
-READING = (
-    "apart: difference, minus the rounding of the paper's number, in standard errors of both studies. Ours is the mean "
-    "over blocks of the paper's 50 realizations; the paper's error is that of one such block.",
-    "agrees: the 90 % interval of the difference is within {bias:g} % of the truth for a bias, {spread:g} percentage "
-    "points for a reduction of SD or CV, {ratio:.2g} for a ratio, {sway:g} deg for sway, {starts:g} starts. differs: "
-    "more than 3 errors apart (3.75 from fewer than 20 blocks, whose error is itself an estimate).",
-    "cannot tell: neither; n is the number of realizations that would settle it if our value stays. (paper's error): "
-    "none would, because the paper's own error does not shrink. (definition): the paper does not say how it counts.",
-    "'> 0', '> 50' and the like: a ranking or a majority; ours is the margin or the share, and 'agrees' means that it "
-    "holds. (reading): the same words, read in another way. '-': the paper gives nothing to compare with.",
-)
-"""How the table is to be read, for `str.format` with the margins."""
-
-
 def within(rows: list[dict[str, Any]]) -> str:
     """How many of the rows that can be compared are within `LIMIT` errors of both studies; exact ones if they agree."""
     compared = [row for row in rows if row["verdict"]]
@@ -93,7 +79,6 @@ def _paper(data: dict[str, Any]) -> str:
                 notes.append(row["explanation"])
             mark += f" [{notes.index(row['explanation']) + 1}]"
         body.append([row["label"], row["paper_text"], ours(row), number(row["distance"], 2), mark])
-    margins = {kind: margin for kind, (margin, _) in MARGINS.items()}
     lines = [
         f"{paper_title(data)} ({paper['reference']})",
         "± is one Monte Carlo standard error (MCSE)",
@@ -101,7 +86,7 @@ def _paper(data: dict[str, Any]) -> str:
         table(["", "paper", "ours ± MCSE", "apart", "verdict"], body),
         "",
         within(paper["rows"]),
-        *(fill(text.format(**margins)) for text in READING),
+        *map(fill, cited(paper["reference"]).reading),
     ]
     floors = [
         f"{number(r['floor'], 2)} ({r['label'].removeprefix('mean |bias|, ')})" for r in paper["rows"] if r["floor"]

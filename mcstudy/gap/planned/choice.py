@@ -20,12 +20,12 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint import JointRecording
 from mcstudy.recordings.recording import AMPLITUDE, Recording
 from mcstudy.spectra.lines import Lines
-from mcstudy.stance.body import STIMULI
+from mcstudy.stance.body import KINDS, STIMULI
 from mcstudy.stance.joint import members, under
 from mcstudy.stance.response import frf
 from mcstudy.streams import stream
 
-KINDS = ("ankle_torque", "hip_torque", "platform_translation")
+CONSIDERED = tuple(name for name, kind in KINDS.items() if kind.considered)
 """Kinds of stimulus that are considered unless others are named, beside those recorded."""
 
 TRIALS = (1, 2)
@@ -172,7 +172,7 @@ def possible_trials(
     """
     given = dict(amplitudes or {})
     require_possible(kinds, given, spectra, trials, cycles)
-    chosen = tuple(kinds) or tuple(dict.fromkeys((*KINDS, *now.amplitudes)))
+    chosen = tuple(kinds) or tuple(dict.fromkeys((*CONSIDERED, *now.amplitudes)))
     alone = [
         PlannedTrial(kind, a, spectrum, 1, cycles, 1, now.fmax)
         for kind in chosen

@@ -32,7 +32,20 @@ from mcstudy.gap.questions.other_forms import in_other_forms
 from mcstudy.short_repr import Summary
 from mcstudy.stance.response import frf
 
-NONE, SINGLE, PAIR, UNKNOWN, BESIDE = 0.30, 0.52, 0.03, 0.11, 0.04
+NONE = 0.30
+"""Prior probability that no effect is missing: an assumption, no measurement of real bodies.
+
+It equals the share of cases without a missing effect in the benchmark of the diagnosis (pipelines/gap_challenge.toml),
+whose calibration is therefore that of a prior that is right. ``--prior-none`` replaces it; a score of the
+benchmark says what the same answers are worth where the share is 0.1 or 0.5 (`other_shares`).
+"""
+
+SINGLE, PAIR, UNKNOWN, BESIDE = 0.52, 0.03, 0.11, 0.04
+"""Prior probabilities of the other kinds of hypotheses (`MEANINGS`): assumptions as well.
+
+One effect is taken to be most likely by far, two at once and a cause beside an effect to be rare, and a cause outside
+the library to be a fifth as likely as one in it.
+"""
 
 MEANINGS = {
     "none": "no missing effect",

@@ -7,7 +7,6 @@ from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis.paper.published import FMAX_HZ
 from mcstudy.analysis.sensitivity import RANGES
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
@@ -110,7 +109,7 @@ def _amplitude_keys(view: GroupView) -> list[tuple[str, str]]:
 
 
 def _fig_5(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
-    held_hz = [f"{f:g}" for f in FMAX_HZ]
+    held_hz = [f"{f:g}" for f in context.publication.fmax]
     spread = ("spread_fmax", *(f"spread_amplitude_{f}" for f in held_hz))
     trade = ("together_1", "together_2")
     names = view.model.names

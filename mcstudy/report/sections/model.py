@@ -8,15 +8,7 @@ from mcstudy.report.context import Context
 from mcstudy.report.equations import diagram, equations
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import with_units
-from mcstudy.stance.body import Body
-
-STIMULI = {
-    "ankle_torque": "a torque about the ankle, in N·m",
-    "hip_torque": "a torque about the hip, in N·m",
-    "platform_translation": "the translation of the platform, in m",
-    "surface_tilt": "the tilt of the support surface, in rad",
-    "visual_tilt": "the tilt of the visual scene, in rad",
-}
+from mcstudy.stance.body import KINDS, Body
 
 
 def model_html(context: Context) -> str:
@@ -27,8 +19,9 @@ def model_html(context: Context) -> str:
     angles = "θ1 is the angle of the body from upright"
     if not one:
         angles = "θ1 is the angle of the lower body from upright, θ2 the hip angle, θ2s = θ1 + θ2"
+    stimulus = KINDS[view.group.stimulus.kind].description
     text = (
-        f"u is {STIMULI[view.group.stimulus.kind]}; {angles}. Active feedback is delayed and sees sensor noise; "
+        f"u is {stimulus}; {angles}. Active feedback is delayed and sees sensor noise; "
         "passive feedback is neither delayed nor noisy. s is the Laplace variable; units are N·m, kg, m, rad and s."
     )
     heading = "Fig. 1B · Model and feedback" if not one else "Model and feedback"

@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from mcstudy.analysis.paper.published import METHODS
 from mcstudy.report import figures
 from mcstudy.report.context import Context
 from mcstudy.report.figure import Figure, Missing, Panel
@@ -27,11 +26,11 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
     peak = f"{s.amplitude:g} {unit(view)} ({view.group.stimulus.convention.replace('_', ' ')})"
     what = "Sum of cosines" if view.group.stimulus.lines.harmonic else "Pseudorandom ternary stimulus"
     rms = np.degrees(s.noise_sway).std(axis=0)
-    paper = METHODS["noise-evoked sway RMS"][0]
+    stated = context.publication.settings.get("noise-evoked sway RMS", ((), "", ""))[0]
+    paper = [f"about {x:g}" for x in stated] or ["-"] * len(s.angles)
     f, error = s.frf_error(view.group.stimulus.discard)
     _, early = s.frf_error(0)
     sampling = s.sampling_error(f)
-    assert isinstance(paper, tuple)
     angles = "θ1 is the lower body in space, θ2 the joint above it" if len(s.angles) == 2 else "θ1 is the body in space"
     return [
         Figure(
@@ -43,7 +42,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
                 "that is added to the sensed angles (low-pass filtered pink noise); and the sway that this noise alone "
                 "evokes.",
                 "RMS of that sway in this realization: "
-                + ", ".join(f"{n} {short(rms[i], 2)}° (paper about {paper[i]:g}°)" for i, n in enumerate(s.angles))
+                + ", ".join(f"{n} {short(rms[i], 2)}° (paper {paper[i]}°)" for i, n in enumerate(s.angles))
                 + ".",
             ],
             [
@@ -55,7 +54,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
                 Table(
                     "RMS of the noise-evoked sway, this realization (°)",
                     ["angle", "ours", "paper"],
-                    [[n, short(rms[i], 2), f"about {paper[i]:g}"] for i, n in enumerate(s.angles)],
+                    [[n, short(rms[i], 2), paper[i]] for i, n in enumerate(s.angles)],
                 )
             ],
             published=("sway_1", "sway_1_cycle", "sway_2", "sway_2_cycle"),

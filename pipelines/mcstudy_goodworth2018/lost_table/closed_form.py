@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.analysis.paper.model_rows import sensitivity_values, sway_values
-from mcstudy.analysis.paper.statements import RESULTS
-from mcstudy.analysis.paper.verdict import judge
-from mcstudy.analysis.paper.verdict_names import DIFFERS, LIMIT
+from mcstudy.analysis.published.verdict import judge
+from mcstudy.analysis.published.verdict_names import DIFFERS, LIMIT
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.models import build_model
 from mcstudy_goodworth2018.lost_table.simulate import CYCLE_S, CYCLES, PARAMETERS, PSD, RATE_HZ, study_of
+from mcstudy_goodworth2018.paper.model_rows import sensitivity_values, sway_values
+from mcstudy_goodworth2018.paper.statements import RESULTS
 
 
 def misses(values: np.ndarray) -> np.ndarray:

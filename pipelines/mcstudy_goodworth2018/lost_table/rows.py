@@ -2,8 +2,8 @@
 
 Biases and RMS values enter as logarithms, reductions of the spread as logarithms of the ratio of spreads, rankings as
 logarithms of the ratio between the last parameter that should rank first and the first that should rank behind. All
-functions take moments with any leading dims and return one column per row. `mcstudy.analysis.paper.rows` computes the
-same numbers from a cube (held equal by a test); here they are needed for thousands of predicted studies at a time.
+functions take moments with any leading dims and return one column per row. `mcstudy_goodworth2018.paper.rows` computes
+the same numbers from a cube (held equal by a test); here they are needed for thousands of predicted studies at a time.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtr
 
-from mcstudy.analysis.paper import published
-from mcstudy.analysis.paper.published import FMAX_HZ
-from mcstudy.analysis.paper.statements import RESULTS
 from mcstudy_goodworth2018.lost_table.simulate import PARAMETERS, Moments
+from mcstudy_goodworth2018.paper import published
+from mcstudy_goodworth2018.paper.published import FMAX_HZ
+from mcstudy_goodworth2018.paper.statements import RESULTS
 
 Kind = Literal["equal", "above", "told"]
 """equal: the paper states a number. above: it states that the row is above zero. told: compared, not used."""

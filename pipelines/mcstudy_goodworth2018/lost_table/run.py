@@ -25,7 +25,7 @@ from mcstudy.files.json_files import ensure_folder, own_folder, read_document, w
 from mcstudy.files.local_path import resolved
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.streams import stream
-from mcstudy.study.repair import refuse_part
+from mcstudy.study.cube.repair import refuse_part
 from mcstudy_goodworth2018.lost_table.bank import Bank, prior_points, simulated
 from mcstudy_goodworth2018.lost_table.calibration import POWERS, Calibration, calibrate
 from mcstudy_goodworth2018.lost_table.checks import WAVE_OF_STAND_IN, Checked, repeated, stand_in_point

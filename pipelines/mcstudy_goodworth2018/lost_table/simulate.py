@@ -12,11 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.analysis.paper.published import AMPLITUDES_NM, FMAX_HZ
 from mcstudy.analysis.sensitivity import influence
-from mcstudy.fitting.arguments import Options
 from mcstudy.fitting.linearised import linearised_many
-from mcstudy.fitting.solvers import fit_many
+from mcstudy.fitting.solvers import Options, fit_many
 from mcstudy.fitting.starts import uniform
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
@@ -36,6 +34,7 @@ from mcstudy.study.design import (
 )
 from mcstudy.study.experiment import Experiment
 from mcstudy_goodworth2018.lost_table.unknowns import CONVENTIONS, DELAYS, GAINS, SLOWEST, SOLVERS, WIDTHS
+from mcstudy_goodworth2018.paper.published import AMPLITUDES_NM, FMAX_HZ
 
 EARLY = 12
 """Evaluations of the model with its derivatives after which an early end stops a fit."""

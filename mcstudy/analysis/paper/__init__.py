@@ -1,1 +1,0 @@
-"""The published numbers of Goodworth & Peterka (2018) and the comparison with them."""

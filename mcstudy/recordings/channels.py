@@ -1,0 +1,385 @@
+"""From a description and its files to trials: variables are picked, converted, split and brought to one rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mcstudy.errors import RecordingError
+from mcstudy.recordings.clock import SAME_RATE, Clock, clock_of
+from mcstudy.recordings.data_files import Files
+from mcstudy.recordings.faults import angle_faults
+from mcstudy.recordings.formats.source import Picked
+from mcstudy.recordings.markers import space_angles
+from mcstudy.recordings.recording import MOST_TRIALS, RATE_HZ, Trial, refuse_size
+from mcstudy.recordings.resample import METHOD, filled, resampled, whole_samples
+from mcstudy.recordings.sheets.recording_sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
+from mcstudy.recordings.soundness import FILLABLE, without_gaps
+from mcstudy.recordings.units import agreed, factor
+from mcstudy.stance.body import STIMULI
+
+CHANNELS = ("stimulus", "theta1", "theta2")
+
+SAME_LENGTH = 1.5
+"""Largest difference in length of the channels of a trial after resampling, in samples; the excess is cut off."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One channel of one trial.
+
+    Attributes: channel; variable, its name in the file; unit, declared or stated by the file, or ``assumed`` to be
+    ours; factor from that unit to ours; values (n,) in our unit, rad, N m or m; rate_hz; missing, how many values were
+    interpolated; remark, what was done to its times.
+    """
+
+    channel: str
+    variable: str
+    unit: str
+    factor: float
+    values: np.ndarray
+    rate_hz: float
+    missing: int = 0
+    remark: str = ""
+    assumed: bool = False
+
+
+@dataclass(frozen=True)
+class Read:
+    """One trial as it was read: ``parts`` are its channels before they are resampled."""
+
+    file: str
+    parts: tuple[Series, ...]
+    trial: Trial
+    rate_hz: float
+
+
+def trials_of(sheet: Sheet, files: Files, where: str) -> tuple[tuple[Read, ...], tuple[str, ...]]:
+    """All trials of a description, with one rate, and what was done to them in words.
+
+    Raises `RecordingError`, one line that names ``where``, the trial and the channel.
+    """
+    refuse_size(len(sheet.trials), 0, where)
+    found: list[tuple[TrialSheet, tuple[Series, ...]]] = []
+    for k, trial in enumerate(sheet.trials, start=1):
+        for parts in _series(sheet, trial, files, f"{where}: trial {k}"):
+            found.append((trial, parts))
+            if len(found) > MOST_TRIALS:
+                raise RecordingError(f"{where}: trials: expected at most {MOST_TRIALS}, got more")
+            refuse_size(len(found), sum(p[0].values.size for _, p in found), where)
+    rate = _common_rate(sheet, [parts for _, parts in found], where)
+    done = [
+        Read(trial.file or "", parts, _trial(sheet, trial, parts, rate, f"{where}: trial {k}"), rate)
+        for k, (trial, parts) in enumerate(found, start=1)
+    ]
+    return tuple(done), (*files.remarks(), *_notes(sheet, [parts for _, parts in found], rate))
+
+
+def _common_rate(sheet: Sheet, trials: Sequence[tuple[Series, ...]], where: str) -> float:
+    rates = [s.rate_hz for parts in trials for s in parts]
+    for rate in rates:
+        if fault := RATE_HZ.fault(rate):
+            raise RecordingError(f"{where}: rate_hz: {fault}")
+    if sheet.resample_hz is not None:
+        if fault := RATE_HZ.fault(sheet.resample_hz):
+            raise RecordingError(f"{where}: resample_hz: {fault}")
+        return sheet.resample_hz
+    lowest = min(rates)
+    # Rates that are read from time columns differ in the last digits; without a stated one their median holds.
+    if max(rates) / lowest - 1 <= SAME_RATE:
+        return sheet.rate_hz or float(np.median(rates))
+    first = trials[0]
+    if len({s.rate_hz for s in first}) == 1:
+        for k, parts in enumerate(trials, start=1):
+            own = parts[0].rate_hz
+            if len({s.rate_hz for s in parts}) == 1 and abs(own / first[0].rate_hz - 1) > SAME_RATE:
+                raise RecordingError(
+                    f"{where}: trial {k}: time: {own:g} Hz, but the first trials have {first[0].rate_hz:g} Hz; "
+                    "to bring them to one rate, state resample_hz"
+                )
+    return lowest
+
+
+def _notes(sheet: Sheet, trials: Sequence[tuple[Series, ...]], rate: float) -> tuple[str, ...]:
+    notes = list(dict.fromkeys(s.remark for parts in trials for s in parts if s.remark))
+    changed = {(s.channel, s.rate_hz) for parts in trials for s in parts if abs(s.rate_hz / rate - 1) > SAME_RATE}
+    for channel, own in sorted(changed):
+        notes.append(f"{channel} resampled from {own:g} to {rate:g} Hz by a {METHOD}")
+    if sheet.upper_body == "space":
+        notes.append("theta2 is the upper body's angle in space minus theta1")
+    if sheet.markers is not None:
+        m = sheet.markers
+        notes.append(
+            f"theta1 from markers {' + '.join(m.ankle)} to {' + '.join(m.hip)}, theta2 from {' + '.join(m.hip)} to "
+            f"{' + '.join(m.shoulder)} minus theta1; forward {m.forward}, up {m.up}"
+        )
+    if gaps := sum(s.missing for parts in trials for s in parts):
+        notes.append(
+            f"{gaps} missing, held or jumping values interpolated (monotone cubic, gaps up to {sheet.fill_gaps_s:g} s)"
+        )
+    if sheet.units.stated == "ignored":
+        notes.append("units that the files state are ignored, as declared")
+    return tuple(notes)
+
+
+def _trial(sheet: Sheet, trial: TrialSheet, parts: tuple[Series, ...], rate: float, where: str) -> Trial:
+    """A trial at the common rate; all channels begin at the same instant."""
+    done = []
+    for s in parts:
+        same = abs(s.rate_hz / rate - 1) <= SAME_RATE
+        if not same and s.channel != "stimulus":
+            _require_whole(s, where)
+        done.append(s.values if same else resampled(s.values, s.rate_hz, rate, f"{where}: {s.channel}"))
+    shortest = min(v.size for v in done)
+    for s, values in zip(parts, done, strict=True):
+        if values.size - shortest > SAME_LENGTH:
+            lasts = ", ".join(f"{p.channel} {p.values.size / p.rate_hz:g} s" for p in parts)
+            raise RecordingError(f"{where}: {s.channel}: expected channels of one duration, got {lasts}")
+    stimulus, theta1, theta2 = (v[:shortest] for v in done)
+    hip = theta2 - theta1 if sheet.upper_body == "space" or sheet.markers is not None else theta2
+    target = STIMULI[sheet.stimulus]
+    per = factor(sheet.units.stimulus or parts[0].unit, target, f"{where}: amplitude")
+    return Trial(stimulus, np.column_stack([theta1, hip]), None if trial.amplitude is None else per * trial.amplitude)
+
+
+def _require_whole(series: Series, where: str) -> None:
+    """Raise `RecordingError` for an angle with a gap or a jump: a filter would spread it, and nobody could see it."""
+    if not np.isfinite(series.values).all():
+        return
+    found = angle_faults(series.values, series.rate_hz)
+    if not found:
+        return
+    first, longest = found[0], max((f.stop - f.start) / series.rate_hz for f in found)
+    fill = all(f.kind in FILLABLE for f in found)
+    raise RecordingError(
+        f"{where}: {series.channel}: {len(found)} gaps or jumps (held values, spikes, steps), the first at "
+        f"t = {first.start / series.rate_hz:.4g} s, the longest of {longest:.2g} s, which resampling would spread; "
+        + (f"state fill_gaps_s (--fill-gaps {np.ceil(100 * longest) / 100:g})" if fill else "import at one common rate")
+    )
+
+
+def _series(sheet: Sheet, trial: TrialSheet, files: Files, where: str) -> list[tuple[Series, ...]]:
+    """The channels of every trial in one file, split but each at its own rate."""
+    given = {n: _given(sheet, trial, n) for n in CHANNELS}
+    markers = sheet.markers
+    if markers is not None and sheet.split.by is not None:
+        raise RecordingError(f"{where}: split.by: expected no markers, which are read one trial per file")
+    columns: dict[str, list[Picked]] = {}
+    for name in CHANNELS:
+        if name == "stimulus" or markers is None:
+            columns[name] = _arranged(sheet, given[name], trial, name, files, where)
+    if markers is not None:
+        if trial.file is None:
+            raise RecordingError(f"{where}: markers: expected a file")
+        source = files.source(trial.file)
+
+        def fill(p: Picked) -> Picked:
+            rate = p.rate_hz or sheet.rate_hz or 1.0
+            longest = whole_samples(sheet.fill_gaps_s, rate)
+            return replace(p, values=filled(p.values, longest, f"{where}: {p.name}", rate)[0])
+
+        lower, upper = space_angles(markers, source, fill, where)
+        columns |= {"theta1": [lower], "theta2": [upper]}
+    counts = {name: len(found) for name, found in columns.items()}
+    if len(set(counts.values())) > 1:
+        told = ", ".join(f"{name} {n}" for name, n in counts.items())
+        raise RecordingError(f"{where}: split.by: expected as many trials in every channel, got {told}")
+    out = []
+    for k in range(counts["stimulus"]):
+        picked = {name: columns[name][k] for name in CHANNELS}
+        out += _pieces(sheet, trial, given, picked, files, where)
+    return out
+
+
+def _given(sheet: Sheet, trial: TrialSheet, name: str) -> Channel:
+    """What is stated of a channel: of the trial, else of all trials."""
+    return getattr(trial if name in trial.model_fields_set else sheet.channels, name)
+
+
+def _pick_from(channel: Channel, trial: TrialSheet, name: str, where: str) -> tuple[str, str | int]:
+    file = channel.file or trial.file
+    if file is None:
+        raise RecordingError(f"{where}: {name}: expected a file")
+    return file, name if channel.column is None else channel.column
+
+
+def _arranged(sheet: Sheet, channel: Channel, trial: TrialSheet, name: str, files: Files, where: str) -> list[Picked]:
+    """One (n,) series per trial in the file."""
+    file, key = _pick_from(channel, trial, name, where)
+    source = files.source(file)
+    by = sheet.split.by
+    if by == "elements":
+        return [_flat(p, f"{source.path}: {p.name}") for p in source.elements(str(key))]
+    found = source.pick(key)
+    values = found.values
+    if by is None or values.ndim != 2:
+        return [_flat(found, f"{source.path}: {found.name}")]
+    table = values if by == "columns" else values.T
+    if table.shape[1] > MOST_TRIALS:
+        raise RecordingError(
+            f"{source.path}: {found.name}: expected at most {MOST_TRIALS} trials, got {table.shape[1]} {by}; "
+            "is it the other way round?"
+        )
+    return [replace(found, values=table[:, k]) for k in range(table.shape[1])]
+
+
+def _flat(found: Picked, where: str) -> Picked:
+    values = found.values
+    if sum(n > 1 for n in values.shape) > 1:
+        shape = " x ".join(map(str, values.shape))
+        raise RecordingError(
+            f"{where}: expected one row or column, got {shape}; name a column as {found.name}[:,0], or state that "
+            'trials are its columns (split by = "columns", --split columns)'
+        )
+    return replace(found, values=values.ravel())
+
+
+def _pieces(
+    sheet: Sheet,
+    trial: TrialSheet,
+    given: dict[str, Channel],
+    picked: dict[str, Picked],
+    files: Files,
+    where: str,
+) -> list[tuple[Series, ...]]:
+    """Channels in our units, cut where trials start."""
+    clock = _clock(sheet, trial, picked["stimulus"], files, where)
+    parts = [_converted(sheet, name, given[name], picked[name], clock, where) for name in CHANNELS]
+    for s in parts[1:]:
+        if s.rate_hz == parts[0].rate_hz and s.values.size != parts[0].values.size:
+            raise RecordingError(
+                f"{where}: {s.channel}: {s.values.size} rows, but the stimulus has {parts[0].values.size}"
+            )
+    starts = _starts(sheet, trial, parts[0], files, where)
+    if starts is None:
+        return [tuple(parts)]
+    return [tuple(_cut(s, begin, end, where) for s in parts) for begin, end in starts]
+
+
+def _converted(sheet: Sheet, name: str, channel: Channel, found: Picked, clock: _Timed | None, where: str) -> Series:
+    where = f"{where}: {name}"
+    target = STIMULI[sheet.stimulus] if name == "stimulus" else "rad"
+    if abs(channel.scale) < 1 / LARGEST_SCALE:
+        raise RecordingError(
+            f"{where}.scale: expected a size from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}, got {channel.scale:g}"
+        )
+    unit = _unit(sheet, name, channel, found, target, where)
+    scale = channel.scale * factor(unit or target, target, where)
+    timed = clock if clock is not None and found.rate_hz in (None, clock.stated) and channel.rate_hz is None else None
+    values = found.values if timed is None or found.values.size != timed.samples else timed.clock.regular(found.values)
+    rate = _rate(sheet, channel, found, timed, where)
+    values, missing = values if scale == 1.0 else values * scale, 0
+    if sheet.fill_gaps_s:
+        values, missing = filled(values, whole_samples(sheet.fill_gaps_s, rate), where, rate)
+        if name != "stimulus":
+            values, more = without_gaps(values, rate, sheet.fill_gaps_s)
+            missing += more
+    remark = timed.clock.remark if timed else ""
+    return Series(name, found.name, unit or target, scale, values, rate, missing, remark, assumed=unit is None)
+
+
+def _unit(sheet: Sheet, name: str, channel: Channel, found: Picked, target: str, where: str) -> str | None:
+    """The unit of a channel, before its scale: declared, or stated by its file, and never of another kind."""
+    general = sheet.units.stimulus if name == "stimulus" else sheet.units.angle
+    from_markers = sheet.markers is not None and name != "stimulus"
+    declared = None if from_markers else channel.unit or general
+    stated = found.unit or (found.angle_unit if target == "rad" else None)
+    calibrated = abs(channel.scale) != 1.0  # the unit is that of the product: volts times N m per volt
+    if sheet.units.stated == "ignored" or (calibrated and declared is not None):
+        stated = None
+    unit = agreed(declared, stated, target, where, found.name)
+    return "rad" if from_markers else unit
+
+
+def _rate(sheet: Sheet, channel: Channel, found: Picked, timed: _Timed | None, where: str) -> float:
+    if timed is not None:
+        return timed.clock.rate_hz
+    declared = channel.rate_hz or sheet.rate_hz
+    if found.rate_hz is not None:
+        if declared is not None and abs(found.rate_hz / declared - 1) > SAME_RATE:
+            raise RecordingError(
+                f"{where}: rate_hz: declared {declared:g} Hz, but the file states {found.rate_hz:g} Hz for {found.name}"
+            )
+        return found.rate_hz
+    if declared is None:
+        raise RecordingError(
+            f"{where.rsplit(': ', 1)[0]}: rate_hz: expected a rate or a time column (numbers, or time stamps)"
+        )
+    return declared
+
+
+@dataclass(frozen=True)
+class _Timed:
+    """The clock of a file's time stamps: ``samples``, their number; ``stated``, the rate that the file states."""
+
+    clock: Clock
+    samples: int
+    stated: float | None
+
+
+def _clock(sheet: Sheet, trial: TrialSheet, stimulus: Picked, files: Files, where: str) -> _Timed | None:
+    """The clock of a time column, None without one."""
+    channel = trial.time or sheet.channels.time
+    if channel is None:
+        column = None if trial.file is None or sheet.split.by is not None else files.source(trial.file).time()
+        if column is None:
+            return None
+        channel = Channel(column=column)
+    file, key = _pick_from(channel, trial, "time", where)
+    found = _flat(files.source(file).pick(key), f"{where}: time")
+    if found.values.size != stimulus.values.size:
+        raise RecordingError(f"{where}: time: {found.values.size} rows, but the stimulus has {stimulus.values.size}")
+    declared = channel.unit or (sheet.units.time if "time" in sheet.units.model_fields_set else None)
+    stated = None if sheet.units.stated == "ignored" or abs(channel.scale) != 1.0 else found.unit
+    unit = agreed(declared, stated, "s", f"{where}: time", found.name) or "s"
+    scale = channel.scale * factor(unit, "s", f"{where}: time")
+    rate = sheet.rate_hz or found.rate_hz
+    clock = clock_of(found.values * scale, rate, sheet.resample_hz, sheet.fill_gaps_s, where)
+    return _Timed(clock, found.values.size, found.rate_hz)
+
+
+def _starts(
+    sheet: Sheet, trial: TrialSheet, first: Series, files: Files, where: str
+) -> list[tuple[float, float]] | None:
+    """Begin and end of every trial in s from the first sample, None when the file holds one trial."""
+    given, lasts = sheet.split.starts, first.values.size / first.rate_hz
+    if given is None:
+        return None
+    where = f"{where}: split.starts"
+    if isinstance(given, Starts):
+        times = _event_times(given, first, trial, files, where)
+    else:
+        times = np.array(given, dtype=float)
+    if times.size == 0:
+        raise RecordingError(f"{where}: expected times at which trials start, found none")
+    if not np.isfinite(times).all() or times.min() < 0 or times.max() >= lasts:
+        raise RecordingError(f"{where}: expected times from 0 to {lasts:g} s, got {times.min():g} to {times.max():g} s")
+    times = np.sort(times)
+    ends = np.append(times[1:], lasts) if sheet.split.length_s is None else times + sheet.split.length_s
+    if (over := np.flatnonzero(ends > lasts + 1 / first.rate_hz)).size:
+        raise RecordingError(
+            f"{where}: the trial at {times[over[0]]:g} s ends at {ends[over[0]]:g} s, after {lasts:g} s"
+        )
+    return [(float(a), float(b)) for a, b in zip(times, ends, strict=True)]
+
+
+def _event_times(given: Starts, first: Series, trial: TrialSheet, files: Files, where: str) -> np.ndarray:
+    if trial.file is None:
+        raise RecordingError(f"{where}: expected a file")
+    found = _flat(files.source(trial.file).pick(given.column), where)
+    if given.above is None:
+        return found.values * factor(given.unit, "s", where)
+    rate = found.rate_hz or first.rate_hz
+    if found.rate_hz is None and found.values.size != first.values.size:
+        raise RecordingError(f"{where}: {found.values.size} rows, but the stimulus has {first.values.size}")
+    return (np.flatnonzero(np.diff((found.values > given.above).astype(np.int8)) > 0) + 1) / rate
+
+
+def _cut(series: Series, begin: float, end: float, where: str) -> Series:
+    a, b = round(begin * series.rate_hz), round(end * series.rate_hz)
+    values = series.values[a:b]
+    if values.size == 0:
+        raise RecordingError(f"{where}: {series.channel}: no samples from {begin:g} to {end:g} s")
+    return replace(series, values=values)

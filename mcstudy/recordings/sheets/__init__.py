@@ -1,0 +1,1 @@
+"""Descriptions of recordings and of groups as TOML files: what each may state, as strict tables."""

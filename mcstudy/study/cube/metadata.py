@@ -1,0 +1,126 @@
+"""The metadata documents of a cube (``zarr.json``), read without Zarr and compared with the expected content."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numcodecs import zstd
+
+from mcstudy.errors import StoreError
+from mcstudy.files.plain_errors import short
+from mcstudy.files.untrusted import LARGEST_METADATA, check_chunk, real_bytes, refuse_links, zstd_claim
+from mcstudy.study.cube.layout import ArraySpec, Layout
+
+KEYS: Any = {"name": "default", "configuration": {"separator": "."}}
+"""Naming of chunk files: one folder per array, so that a chunk needs one file and one folder entry to be synced."""
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """The metadata documents of a cube as one JSON value, as the schema describes it.
+
+    ``{"attributes": ..., "groups": {name: {"attributes": ..., "arrays": {name: document}}}}``
+    """
+    root = own_document(path)
+    refuse_links(path)
+    groups = {}
+    for folder in folders(path):
+        arrays = {array.name: own_document(array) for array in folders(folder)}
+        groups[folder.name] = {"attributes": own_document(folder).get("attributes"), "arrays": arrays}
+    return {"attributes": root.get("attributes", {}), "groups": groups}
+
+
+def folders(path: Path) -> list[Path]:
+    """The folders of a folder, by name."""
+    return sorted(p for p in path.iterdir() if p.is_dir())
+
+
+def own_document(path: Path) -> dict[str, Any]:
+    """The metadata document of a folder of a cube, without its consolidated copy; raises `StoreError`."""
+    found = whole_document(path)
+    found.pop("consolidated_metadata", None)
+    return found
+
+
+def whole_document(path: Path) -> dict[str, Any]:
+    """The metadata document of a folder of a cube; raises `StoreError`."""
+    try:
+        document = json.loads(real_bytes(path / "zarr.json", LARGEST_METADATA))
+    except NotADirectoryError:
+        packed = f"; unpack it first: unzip {path} -d {path.with_suffix('.zarr')}" if path.suffix == ".zip" else ""
+        raise StoreError(f"{path}: expected the folder of a results cube, found a file{packed}") from None
+    except OSError as error:
+        raise StoreError(f"{path / 'zarr.json'}: expected a results cube ({error.strerror})") from None
+    except (ValueError, RecursionError):
+        raise StoreError(f"{path / 'zarr.json'}: expected a JSON document") from None
+    if not isinstance(document, dict) or not isinstance(document.get("attributes", {}), dict):
+        raise StoreError(f"{path / 'zarr.json'}: expected Zarr metadata")
+    return document
+
+
+def depth_votes(path: Path) -> dict[str, int]:
+    """Realizations per chunk for each group of a cube that may be damaged, by majority of its documents."""
+    votes = {folder.name: Counter(_votes(folder)) for folder in folders(path)}
+    return {name: found.most_common(1)[0][0] for name, found in votes.items() if found}
+
+
+def _votes(folder: Path) -> Iterator[int]:
+    with contextlib.suppress(StoreError, KeyError, TypeError, ValueError):
+        yield _positive(own_document(folder)["attributes"]["realizations_a_chunk"])
+    for name in ("status", "cost", "estimate", "frf", "growth_rate"):
+        try:
+            found = own_document(folder / name)
+            axis = found["dimension_names"].index("realization")
+            yield _positive(found["chunk_grid"]["configuration"]["chunk_shape"][axis])
+        except (StoreError, KeyError, TypeError, ValueError, IndexError, AttributeError):
+            continue
+
+
+def _positive(value: Any) -> int:
+    if int(value) < 1:
+        raise ValueError
+    return int(value)
+
+
+def chunk_bytes(layout: Layout) -> int:
+    """Bytes of a chunk, all results together, uncompressed."""
+    specs = [layout.arrays[name] for name in layout.results]
+    return sum(math.prod(spec.chunks) * np.dtype(spec.dtype).itemsize for spec in specs)
+
+
+def check_array(path: Path, found: dict[str, Any], spec: ArraySpec) -> None:
+    """Check what the schema leaves open: shape, chunks, chunk file names. `StoreError` names array and field."""
+    expected = {
+        "shape": list(spec.shape),
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(spec.chunks)}},
+        "chunk_key_encoding": KEYS,
+        "storage_transformers": [],
+    }
+    for field, value in expected.items():
+        if found.get(field, value) != value:
+            raise StoreError(f"{path / 'zarr.json'}: {field}: expected {value}, found {short(found[field], 100)}")
+    if spec.values is None:
+        return
+    file = path / ".".join(["c", *("0" for _ in spec.dims)])
+    if not file.is_file():
+        raise StoreError(f"{file}: missing")  # Zarr would return fill values
+    if spec.dtype == "string":
+        _check_strings(file, math.prod(spec.shape))
+
+
+def _check_strings(file: Path, expected: int) -> None:
+    """Check the number of strings in an array of text, because its decoder allocates memory by that number."""
+    try:
+        content = real_bytes(file, LARGEST_METADATA)
+        check_chunk(file, content)
+        decoded = bytes(zstd.decompress(content[:-4])) if zstd_claim(content) is not None else b""
+    except (OSError, RuntimeError, ValueError):
+        return  # missing or damaged, which is found when it is read
+    if decoded and int.from_bytes(decoded[:4], "little") != expected:
+        raise StoreError(f"{file}: expected {expected} strings")

@@ -1,0 +1,1 @@
+"""Tasks of a run: on workers, and handed out to them."""

@@ -12,6 +12,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
+from typing import NamedTuple
 
 PROSE = 118
 """Longest line of prose, in characters."""
@@ -21,6 +22,16 @@ NARROWEST = 16
 
 GAP = "  "
 """Between two columns."""
+
+
+class Table(NamedTuple):
+    """One table; the first column names its rows. ``note``: explanation of entries that need one."""
+
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+    note: str = ""
+
 
 _folds: ContextVar[bool] = ContextVar("folds", default=True)
 

@@ -6,7 +6,7 @@ to them and tested, and the questions are answered from this test.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -23,8 +23,9 @@ from mcstudy.gap.questions.location import locations, missing_torque
 from mcstudy.gap.questions.mislabelling import Labels, mislabelled
 from mcstudy.gap.questions.nearest import nearest, with_likeness
 from mcstudy.gap.questions.parameters import shifts
-from mcstudy.gap.questions.posterior import Cause, Explanation, explain, prior
-from mcstudy.gap.questions.power import undetectable
+from mcstudy.gap.questions.posterior import Cause, explain, prior
+from mcstudy.gap.questions.power import detection_limits
+from mcstudy.gap.questions.question import Answer, Inquiry
 from mcstudy.gap.settings import DiagnosisMethod, DiagnosisSettings
 from mcstudy.lines.base_fit import BaseFit, base_fit
 from mcstudy.lines.checked_recording import CheckedRecording
@@ -38,7 +39,8 @@ from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 from mcstudy.text_tables import p_words
 
-CREDIBLE = 0.95
+QUESTIONS: tuple[Callable[[Inquiry], Answer | None], ...] = (detection_limits,)
+"""Further questions, in the order of the verdict: each is a file of `mcstudy.gap.questions`."""
 
 
 def diagnose(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: DiagnosisSettings) -> Diagnosis:
@@ -106,7 +108,8 @@ def _answers(
     if asked.nearest and detected and detection.p_value < LEVEL:
         causes = with_likeness(base, causes, data, _space(test.scores), detection, seed)
         near = nearest(base, causes, data, lines, seed)
-    leading = causes[0] if detected and causes else None
+    inquiry = Inquiry(lines, test, explanation, causes, detected, settings)
+    leading = inquiry.leading
     added = None if leading is None or leading.advice else leading
     closes = added if asked.closed and added is not None and added.changes(base) else None
     place, abstained = locations(explanation)
@@ -122,10 +125,9 @@ def _answers(
         causes=causes,
         none_probability=explanation.none,
         unknown_probability=explanation.unknown,
-        credible_set=credible_set(explanation),
+        credible_set=inquiry.credible_set,
         closed=None if closes is None else _closed(base, closes, data, lines, test.scores, belief, seed),
         sway_rms_deg=_sway(base, added, data, lines),
-        undetectable=undetectable(test.signatures, compared, trials),
         detection=detection,
         contrasts=tuple(compared),
         shifts=shifts(base, None if leading is None else leading.fitted),
@@ -147,6 +149,7 @@ def _answers(
         hypotheses=explanation.hypotheses,
         nearest=near,
         asked=asked,
+        answers=tuple(answer for ask in QUESTIONS if (answer := ask(inquiry)) is not None),
     )
 
 
@@ -178,20 +181,6 @@ def _other_axes(lines: Lines) -> list[str]:
         f"power at even lines is {ratio[int(p.argmin())]:.2g} times the noise level ({p_words(p.min())}), "
         "which indicates an even nonlinearity"
     ]
-
-
-def credible_set(explanation: Explanation) -> tuple[int | str, ...]:
-    """Smallest set of causes (by index), "unknown" and "none" whose posterior probability is at least `CREDIBLE`."""
-    entries: list[tuple[float, int | str]] = [(c.probability, k) for k, c in enumerate(explanation.causes)]
-    entries += [(explanation.unknown, "unknown"), (explanation.none, "none")]
-    out: list[int | str] = []
-    total = 0.0
-    for p, entry in sorted(entries, key=lambda e: -e[0]):
-        out.append(entry)
-        total += p
-        if total >= CREDIBLE:
-            break
-    return tuple(out)
 
 
 def _closed(

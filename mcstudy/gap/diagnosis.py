@@ -20,7 +20,8 @@ from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.gap.questions.nearest import SHOWN, Nearest
 from mcstudy.gap.questions.parameters import Shift
 from mcstudy.gap.questions.posterior import Cause
-from mcstudy.gap.questions.power import Undetectable
+from mcstudy.gap.questions.power import DetectionLimits, Undetectable
+from mcstudy.gap.questions.question import Answer
 from mcstudy.gap.settings import EVERYTHING, Asked, DiagnosisMethod
 from mcstudy.lines.checked_recording import discarded
 from mcstudy.lines.part_fits import parts_dict
@@ -69,8 +70,6 @@ class Diagnosis(Summary):
     sway_rms_deg
         RMS error of predicted sway of the base model ("before") and with the leading cause ("after"), and its noise
         floor, deg.
-    undetectable
-        Effects that this recording could not have shown (`Undetectable`).
     detection
         Tests, residual map and bands (`Detection`).
     contrasts
@@ -106,6 +105,8 @@ class Diagnosis(Summary):
         in the mean response, or when no mechanism comes near with a size that a body can have.
     asked
         Which of the slow questions were answered (`Asked`); None in ``closed`` or ``nearest`` may mean not asked.
+    answers
+        Answers to further questions (`mcstudy.gap.questions.question.Answer`), in the order of the verdict.
     """
 
     name: str
@@ -120,7 +121,6 @@ class Diagnosis(Summary):
     credible_set: tuple[int | str, ...]
     closed: Closure | None
     sway_rms_deg: dict[str, float | None]
-    undetectable: tuple[Undetectable, ...]
     detection: Detection
     contrasts: tuple[Contrast, ...]
     shifts: tuple[Shift, ...]
@@ -137,6 +137,7 @@ class Diagnosis(Summary):
     hypotheses: tuple[tuple[Hypothesis, float], ...] = field(default=(), repr=False)
     nearest: Nearest | None = None
     asked: Asked = EVERYTHING
+    answers: tuple[Answer, ...] = ()
 
     more: ClassVar[str] = "verdict(), to_xarray(), to_dict()"
     """Further methods, named in the representation at a prompt."""
@@ -145,6 +146,11 @@ class Diagnosis(Summary):
     def leading(self) -> Cause | None:
         """The most probable named cause, which was added to the model; None when no gap was detected."""
         return self.causes[0] if self.detected and self.causes else None
+
+    @property
+    def undetectable(self) -> tuple[Undetectable, ...]:
+        """Effects that this recording could not have shown (`Undetectable`)."""
+        return next((a.effects for a in self.answers if isinstance(a, DetectionLimits)), ())
 
     @property
     def added(self) -> Fitted | None:
@@ -238,7 +244,7 @@ class Diagnosis(Summary):
 
     def to_dict(self) -> dict[str, Any]:
         """All results as plain JSON data, valid under ``results_schema/1.1.0/diagnosis.json``."""
-        d, closed = self.detection, self.closed
+        d, closed, answers = self.detection, self.closed, {a.name: a.to_dict() for a in self.answers}
         return plain(
             {
                 "schema": schema.identifier("diagnosis"),
@@ -272,7 +278,7 @@ class Diagnosis(Summary):
                 },
                 "sway_rms_deg": self.sway_rms_deg,
                 "sway_noise_deg": self.sway_noise_deg,
-                "undetectable": [_of(u, "effect reason size_needed unit trials_needed") for u in self.undetectable],
+                "undetectable": answers.pop(DetectionLimits.name, []),
                 "fit": {
                     "chi2": d.chi2,
                     "expected": d.expected_chi2,
@@ -294,6 +300,7 @@ class Diagnosis(Summary):
                 **_of(self, "groups warnings"),
                 "method": self.method.to_dict(),
                 **parts_dict(part_labels(self.recording, len(d.parts)), d.parts),
+                **({"answers": answers} if answers else {}),
             }
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from html import escape
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from mcstudy import text_tables
 from mcstudy.effect_library import library
@@ -13,9 +13,8 @@ from mcstudy.gap import nearest_words
 from mcstudy.gap.questions.contrasts import DRAWS
 from mcstudy.gap.questions.parameters import PRIOR_EXPLAINED, SOURCES, SOURCES_EXPLAINED
 from mcstudy.gap.questions.posterior import MEANINGS, Cause
-from mcstudy.gap.questions.power import FOUND
-from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, shown_causes, undetected
-from mcstudy.text_tables import number, with_error
+from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, shown_causes
+from mcstudy.text_tables import Table, number, with_error
 
 if TYPE_CHECKING:
     from mcstudy.gap.diagnosis import Diagnosis
@@ -25,9 +24,6 @@ SHOWN = 0.01
 
 FACTOR_SHOWN = 6 * math.log(10)
 """ln of the largest Bayes factor, and of the reciprocal of the smallest, that is written out: evidence is no better."""
-
-MOST_TRIALS = 100
-"""Larger numbers of trials are not written out."""
 
 MEASURES_EXPLAINED = (
     "The share counts every line by its precision, minus the noise. The error of predicted sway counts every line by "
@@ -50,20 +46,11 @@ RESPONSES_HZ = (0.1, 0.3, 1.0, 3.0)
 """Frequencies at which a transfer function is tabulated."""
 
 
-class Table(NamedTuple):
-    """One table; the first column names its rows. ``note``: explanation of entries that need one."""
-
-    title: str
-    header: list[str]
-    rows: list[list[str]]
-    note: str = ""
-
-
 def tables(d: Diagnosis) -> list[Table]:
     """The tables of a diagnosis that are not empty."""
     found = [evidence(d), _causes(d), _sizes(d), _locations(d), closing(d), _nearest(d), _parameters(d), _contrasts(d)]
-    found.append(_undetectable(d))
-    return [t for t in found if t.rows]
+    answered = [table for answer in d.answers if (table := answer.table()) is not None]
+    return [t for t in (*found, *answered) if t.rows]
 
 
 def text(d: Diagnosis) -> str:
@@ -301,28 +288,4 @@ def _contrasts(d: Diagnosis) -> Table:
         "Change of the active gains between amplitudes and over time",
         ["contrast, effect", "change of gain (%)", "z", "p-value"],
         rows,
-    )
-
-
-def _undetectable(d: Diagnosis) -> Table:
-    def trials(needed: int | None) -> str:
-        return "-" if needed is None else f"> {MOST_TRIALS}" if needed > MOST_TRIALS else str(needed)
-
-    rows = [
-        [
-            u.effect,
-            u.reason,
-            "-" if u.size_needed is None else f"{number(u.size_needed, 2)} {u.unit}".rstrip(),
-            trials(u.trials_needed),
-        ]
-        for u in undetected(d)
-    ]
-    return Table(
-        "Effects below the detection limit of these data",
-        ["below the detection limit", "expected z, or why not", "size needed", "trials needed"],
-        rows,
-        f"expected z: usual size of the effect (middle of its range), divided by the standard error with which these "
-        f"data would estimate it. At z = {FOUND:g} an effect is detected in about 80 % of recordings. size needed: the "
-        f"smallest size with z = {FOUND:g} in these data. trials needed: how many trials like these, in all (now: "
-        f"{d.method.trials}), give the usual size z = {FOUND:g}. -: none within the bounds would do.",
     )

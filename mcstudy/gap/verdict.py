@@ -11,10 +11,10 @@ from mcstudy import text_tables
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap import nearest_words
+from mcstudy.gap.questions import question
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.parameters import sources
 from mcstudy.gap.questions.posterior import Cause
-from mcstudy.gap.questions.power import Undetectable
 from mcstudy.lines.part_fits import told
 from mcstudy.recordings.joint import part_labels
 from mcstudy.text_tables import fill, number, with_error
@@ -114,9 +114,7 @@ def sentences(d: Diagnosis) -> list[str]:
             parts.append(f"The active gains change {what} by {change} %.")
     if len(d.detection.parts) > 1:
         parts.append(told(part_labels(d.recording, len(d.detection.parts)), d.detection.parts))
-    missed = [u.effect for u in undetected(d)]
-    if missed:
-        parts.append(f"These data can neither confirm nor rule out: {', '.join(missed)}.")
+    parts += [answer.sentence() for answer in d.answers]
     parts += [f"Note: {w}." for w in d.warnings]
     return [part for part in parts if part]
 
@@ -139,19 +137,9 @@ def differing_tests(d: Diagnosis) -> str:
     )
 
 
-def undetected(d: Diagnosis) -> list[Undetectable]:
-    """Effects below the detection limit, except those of the leading cause and of the 95 % set, which these data show.
-
-    Without a gap nothing is shown, so every effect below the limit is meant.
-    """
-    shown = {e for c in shown_causes(d) for group in c.alternatives for e in group} if d.detected else set()
-    return [u for u in d.undetectable if u.effect not in shown]
-
-
 def shown_causes(d: Diagnosis) -> list[Cause]:
     """The leading cause and the other named ones of the 95 % set."""
-    inside = [d.causes[k] for k in d.credible_set if isinstance(k, int)]
-    return inside if d.leading is None or any(c is d.leading for c in inside) else [d.leading, *inside]
+    return question.shown_causes(d.causes, d.credible_set, d.leading)
 
 
 def nearest(d: Diagnosis) -> str:

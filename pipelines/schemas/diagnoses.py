@@ -288,7 +288,7 @@ class Diagnosis(TypedDict):
     so; null: the number does not exist."""
 
     schema: Literal["mcstudy:diagnosis:1.1.0", "mcstudy:diagnosis:1.0.0"]
-    """Files of version 1.0.0 conform too: likeness and nearest are all that was added."""
+    """Files of version 1.0.0 conform too: likeness, nearest and answers are all that was added."""
     name: str
     verdict: str
     """One paragraph in plain words."""
@@ -335,6 +335,8 @@ class Diagnosis(TypedDict):
     nearest: NotRequired[Nearest | None]
     """The nearest mechanism of the library, whatever the verdict, and what it leaves; null without a gap in the mean
     response, or when no mechanism comes near with a size that a body can have. Absent in files of version 1.0.0."""
+    answers: NotRequired[dict[str, Any]]
+    """Answers to further questions by name, each in its own form; absent where there are none."""
 
 
 @closed

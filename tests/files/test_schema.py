@@ -60,7 +60,7 @@ def test_a_diagnosis_of_version_1_0_can_still_be_read() -> None:
     """The newer schema demands nothing that the older one did not have; both refuse what neither knows."""
     old, new = (json.loads((FOLDER / v / "diagnosis.json").read_text()) for v in ("1.0.0", "1.1.0"))
     assert sorted(new["required"]) == sorted(old["required"])
-    assert {"likeness", "nearest", "none_log_bayes_factor", "prior"} == (
+    assert {"answers", "likeness", "nearest", "none_log_bayes_factor", "prior"} == (
         set(new["properties"]) - set(old["properties"])
     ) | (set(new["$defs"]["Cause"]["properties"]) - set(old["properties"]["causes"]["items"]["properties"]))
     document = json.loads((Path(__file__).parent / "diagnosis_1_0_0.json").read_text())
@@ -96,7 +96,7 @@ class Unsound:
 def test_a_diagnosis_that_does_not_conform_is_neither_written_nor_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(gap_verb, "_diagnosed", lambda _, **__: Unsound())
+    monkeypatch.setattr(gap_verb, "_diagnosed", lambda *_, **__: Unsound())
     monkeypatch.setattr("mcstudy.gap.tables.text", lambda _: "")
     for more in (["-o", str(tmp_path / "out")], ["--json"]):
         assert main(["gap", "diagnose", "a.nc", *more]) == Exit.BAD_INPUT

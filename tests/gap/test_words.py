@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,10 @@ from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose, diagnose_lines
 from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.questions.detection import Band
-from mcstudy.gap.questions.power import Undetectable
+from mcstudy.gap.questions.power import DetectionLimits, Undetectable
 from mcstudy.gap.settings import FAST
 from mcstudy.gap.tables import Table, closing, evidence, tables, text
-from mcstudy.gap.verdict import ON_BOUNDS, sway, undetected, unusual, verdict, wrapped
+from mcstudy.gap.verdict import ON_BOUNDS, shown_causes, sway, unusual, verdict, wrapped
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stimulus import Prts
@@ -49,15 +50,22 @@ def found(with_effects: Callable[..., Lines]) -> dict[str, Diagnosis]:
 def variants(found: dict[str, Diagnosis]) -> Variants:
     """Every diagnosis, and the same with other outcomes of its questions."""
     everything = tuple(Undetectable(e, "1.0 at 1", None, "", None) for e in LIBRARY)
+
+    def nothing_can_be_shown(d: Diagnosis, **outcome: Any) -> Diagnosis:
+        changed = replace(d, **outcome)
+        groups = [c.alternatives for c in shown_causes(changed)] if changed.detected else []
+        shown = tuple(effect for group in groups for names in group for effect in names)
+        return replace(changed, answers=(DetectionLimits(everything, shown, changed.method.trials),))
+
     out = []
     for case, d in found.items():
         wide = tuple(range(min(4, len(d.causes))))
         out += [
             (case, d),
-            (f"{case}, nothing can be shown", replace(d, undetectable=everything)),
-            (f"{case}, large set", replace(d, undetectable=everything, credible_set=(*wide, "unknown", "none"))),
-            (f"{case}, unknown", replace(d, undetectable=everything, unknown_probability=0.999)),
-            (f"{case}, not detected", replace(d, detected=False, closed=None, undetectable=everything)),
+            (f"{case}, nothing can be shown", nothing_can_be_shown(d)),
+            (f"{case}, large set", nothing_can_be_shown(d, credible_set=(*wide, "unknown", "none"))),
+            (f"{case}, unknown", nothing_can_be_shown(d, unknown_probability=0.999)),
+            (f"{case}, not detected", nothing_can_be_shown(d, detected=False, closed=None)),
             (f"{case}, no sway", replace(d, sway_rms_deg=dict.fromkeys(d.sway_rms_deg))),
         ]
     return out
@@ -78,7 +86,7 @@ def test_the_cases_are_what_their_names_say(found: dict[str, Diagnosis]) -> None
 
 def test_no_cause_is_both_shown_and_not_showable(variants: Variants) -> None:
     for case, d in variants:
-        listed = {u.effect for u in undetected(d)}
+        listed = {u.effect for a in d.answers if isinstance(a, DetectionLimits) for u in a.missed}
         said = verdict(d).partition("neither confirm nor rule out: ")[2].partition(".")[0]
         assert {name for name in said.split(", ") if name} == listed, case
         if d.leading is not None:

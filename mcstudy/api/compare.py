@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from mcstudy.api.recordings import AnyRecording
+from mcstudy.api.recordings import RecordingLike
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.group_comparison.compare import compare_groups
 from mcstudy.recordings.copies import equal_rows, refuse_copies
@@ -26,8 +26,8 @@ PERMUTATIONS = Range(19, 1_000_000)
 
 
 def compare(
-    a: xr.Dataset | Sequence[AnyRecording],
-    b: xr.Dataset | Sequence[AnyRecording],
+    a: xr.Dataset | Sequence[RecordingLike],
+    b: xr.Dataset | Sequence[RecordingLike],
     *,
     paired: bool | None = None,
     names: tuple[str, str] = ("a", "b"),
@@ -85,7 +85,7 @@ def compare(
     return ComparisonWithFigure.of(replace(found, notes=tuple(notes)))
 
 
-def _recordings(given: xr.Dataset | Sequence[AnyRecording], where: str) -> xr.Dataset | list[Recording | FrfRecording]:
+def _recordings(given: xr.Dataset | Sequence[RecordingLike], where: str) -> xr.Dataset | list[Recording | FrfRecording]:
     if isinstance(given, xr.Dataset):
         if missing := [name for name in ("frf", "average") if name not in given]:
             raise InputError(f"{where}: expected what read_frf_group returns, {', '.join(missing)} missing")

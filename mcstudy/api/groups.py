@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from mcstudy.api.recordings import AnyRecording
+from mcstudy.api.recordings import RecordingLike
 from mcstudy.files.local_path import local_path
 from mcstudy.identification.people.fits import Known, fit_members
 from mcstudy.identification.people.group_result import GroupResult
@@ -19,7 +19,7 @@ from mcstudy.study.design import Study
 
 
 def fit_group(
-    recordings: Sequence[AnyRecording | FitResult],
+    recordings: Sequence[RecordingLike | FitResult],
     *,
     person: Sequence[str],
     condition: Sequence[str] | None = None,

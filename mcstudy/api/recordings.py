@@ -23,11 +23,12 @@ from mcstudy.report.with_page import NextTrialWithPage
 from mcstudy.scheduler.compiling import DIAGNOSIS, PERSON, compile_kernels
 from mcstudy.stance.feedback import Model
 
-AnyRecording = Recording | FrfRecording | str | Path
+RecordingLike = Recording | FrfRecording | str | Path
+"""A recording, or the path of one."""
 
 
 def diagnose(
-    recording: AnyRecording | Sequence[AnyRecording],
+    recording: RecordingLike | Sequence[RecordingLike],
     *,
     fast: bool = False,
     bootstrap: int | None = None,
@@ -91,7 +92,7 @@ def diagnose(
 
 
 def next_trial(
-    recording: AnyRecording | Sequence[AnyRecording],
+    recording: RecordingLike | Sequence[RecordingLike],
     *,
     kinds: Sequence[str] = (),
     amplitudes: Mapping[str, Sequence[float]] | None = None,
@@ -143,7 +144,7 @@ def next_trial(
 
 
 def fit(
-    recording: AnyRecording | Sequence[AnyRecording],
+    recording: RecordingLike | Sequence[RecordingLike],
     *,
     effects: Sequence[str] = (),
     quantities: Sequence[str] | Mapping[str, Any] = (),
@@ -215,7 +216,7 @@ def fit(
 
 def import_recording(
     files: str | Path | Sequence[str | Path],
-    map: str | Path | None = None,
+    description: str | Path | None = None,
     **fields: Any,
 ) -> Recording:
     """A recording from a laboratory's files: MATLAB, C3D or text with columns.
@@ -223,11 +224,11 @@ def import_recording(
     Parameters
     ----------
     files
-        One path, or one per trial; an empty list when the map names them.
-    map
-        Description of the files (.toml), or None.
+        One path, or one per trial; an empty list when the description names them.
+    description
+        Path of a description of the files (.toml), or None; also accepted as ``map``.
     fields
-        Fields of a description, which replace those of the map: ``channels={"stimulus": "torque"}``,
+        Fields of a description, which replace those of the file: ``channels={"stimulus": "torque"}``,
         ``units={"angle": "deg"}``, ``rate_hz=100.0``, ``body={"height": 1.80, "weight": 75.0}``, ...
 
     Returns
@@ -241,9 +242,9 @@ def import_recording(
         The recording cannot be used; one line that names file and field.
     """
     given = [files] if isinstance(files, str | Path) else list(files)
-    return import_files(given, map, fields).recording
+    return import_files(given, fields.pop("map", None) if description is None else description, fields).recording
 
 
-def _read(recording: AnyRecording | Sequence[AnyRecording]) -> list[Recording | FrfRecording]:
-    given = [recording] if isinstance(recording, AnyRecording) else list(recording)
+def _read(recording: RecordingLike | Sequence[RecordingLike]) -> list[Recording | FrfRecording]:
+    given = [recording] if isinstance(recording, RecordingLike) else list(recording)
     return [read_recording(r) if isinstance(r, str | Path) else r for r in given]

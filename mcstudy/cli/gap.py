@@ -52,7 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "compare", help="compare two groups of people: what differs, where, and which parameter changed"
     )
     _compare_arguments(compare)
-    _next_arguments(verbs.add_parser("next", help="rank possible next trials by what they would tell of the cause"))
+    _next_arguments(
+        verbs.add_parser("next", help="rank possible next trials by how much they would reveal about the cause")
+    )
 
     for name, command in below("gap").items():
         command.add_arguments(verbs.add_parser(name, help=command.HELP))
@@ -90,9 +92,9 @@ def _compare_arguments(compare: argparse.ArgumentParser) -> None:
     compare.add_argument("--with-condition", metavar="NAME", help="condition of the second group")
     pairing = compare.add_mutually_exclusive_group()
     pairing.add_argument(
-        "--paired", action="store_true", default=None, help="compare people of the same name with themselves"
+        "--paired", action="store_true", default=None, help="treat recordings with the same person name as paired"
     )
-    pairing.add_argument("--unpaired", dest="paired", action="store_false", help="take all for different people")
+    pairing.add_argument("--unpaired", dest="paired", action="store_false", help="treat all people as independent")
     compare.add_argument("--permutations", type=int, default=999, metavar="N", help="relabellings of the tests (999)")
     compare.add_argument("--figure", type=Path, metavar="FILE", help="also draw both groups (.svg, .png or .pdf)")
     compare.add_argument("--seed", type=int, default=0, help="random seed (default 0)")

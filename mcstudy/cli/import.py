@@ -29,9 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--map",
         type=Path,
         metavar="TOML",
-        help="description of the files (`mcstudy help recordings`); options add to it",
+        help="description of the files (`mcstudy help recordings`); options override it",
     )
-    parser.add_argument("--list", action="store_true", help="list the variables of each FILE and read nothing")
+    parser.add_argument("--list", action="store_true", help="list the variables in each FILE and exit")
     what = parser.add_argument_group("which variable is which")
     for name, meaning in {
         "stimulus": "stimulus",

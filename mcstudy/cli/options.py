@@ -65,7 +65,7 @@ def add_unstable_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-unstable",
         action="store_true",
-        help="accept true parameters with an unstable closed loop (the body falls)",
+        help="accept true parameters with an unstable closed loop (no steady state exists)",
     )
 
 

@@ -18,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=[],
         metavar="FILE",
-        help="alternatives to show too: cubes, or files from pipelines/examples/{two_stimuli,population}.py",
+        help="further results to include on the page: cubes, or files from "
+        "pipelines/examples/{two_stimuli,population}.py",
     )
     parser.add_argument(
         "-o", "--out", "--output", dest="output", type=Path, metavar="PAGE", help="page to write; default OUT.html"

@@ -32,7 +32,7 @@ def validated(model: Any, value: Any, where: str = "", whole: str = "file") -> A
     except ValidationError as error:
         raise DesignError(one_line(error, model, where, whole)) from None
     except (ValueError, RecursionError):  # pydantic's own error is a ValueError too, and came first
-        raise DesignError(f"{where or whole}: expected numbers of fewer digits, and less deep nesting") from None
+        raise DesignError(f"{where or whole}: a number has too many digits, or tables are nested too deeply") from None
 
 
 def _plain(value: Any) -> Any:

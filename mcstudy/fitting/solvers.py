@@ -9,18 +9,16 @@ import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from mcstudy import program
-from mcstudy.files.sections import Section
+from mcstudy.fitting.attached import entries
 from mcstudy.fitting.problem import Fits, Problem
 from mcstudy.fitting.status import Status
 
-GROUP = "mcstudy.solvers"
-"""Entry points of this group name `Solver`s of other packages."""
+if TYPE_CHECKING:
+    from mcstudy.files.sections import Section  # whose library a diagnosis does not need
 
 
 class Part(NamedTuple):
@@ -115,22 +113,8 @@ OWN = (
 @cache
 def solvers() -> dict[str, Solver]:
     """Every solver by name, those of this package first. The source of the others belongs to the program."""
-    attached = [entry.load() for entry in _entries()]
+    attached = [entry.load() for entry in entries()]
     return {solver.name: solver for solver in (*OWN, *attached)}
-
-
-def attached_sources() -> tuple[str, ...]:
-    """Folders or modules of other packages that solvers come from, by their path, as `program.source` knows them."""
-    return tuple(dict.fromkeys(entry.module.replace(".", "/") for entry in _entries()))
-
-
-@cache
-def _entries() -> list[EntryPoint]:
-    entries = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
-    for entry in entries:
-        name = entry.module.partition(".")[0]
-        program.attach(name, importlib.import_module(name).__path__[0])
-    return entries
 
 
 def named(place: str) -> Any:

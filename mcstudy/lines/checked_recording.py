@@ -35,7 +35,7 @@ def pooled(recording: AnyRecording | Sequence[Recording | FrfRecording]) -> AnyR
         return recording[0]
     several = [r for r in recording if isinstance(r, Recording)]
     if len(several) < len(recording):
-        raise RecordingError("recordings: expected time series only when there are several, got a published FRF")
+        raise RecordingError("recordings: a published FRF cannot be combined with other recordings")
     for r in several[1:]:
         refuse_other_body(several[0], r)
     groups: dict[tuple[object, ...], list[Recording]] = {}

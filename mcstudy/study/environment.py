@@ -15,7 +15,7 @@ from hashlib import sha256
 from typing import Any
 
 from mcstudy import program
-from mcstudy.fitting.solvers import attached_sources
+from mcstudy.fitting.attached import attached_sources
 
 PACKAGES = ("mcstudy", "numpy", "scipy", "numba", "llvmlite", "zarr", "numcodecs", "dask", "distributed")
 

@@ -38,6 +38,7 @@ from mcstudy.analysis import correlation as correlations
 from mcstudy.analysis import performance as performances
 from mcstudy.analysis import sensitivity as sensitivities
 from mcstudy.analysis.labels import PERCENT, labelled
+from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.fitting.standard_errors import overlap_of
@@ -386,6 +387,11 @@ class MonteCarlo:
         """
         needed = self._cube[["initial", "cost", "status"]].compute()
         return self._result(stable_starts.hit_rate_by_start(needed, self.model))
+
+
+for _declared in CELL_STATISTICS:
+    if not hasattr(MonteCarlo, _declared.key):
+        setattr(MonteCarlo, _declared.key, _of_cells(_declared.load()))
 
 
 class MonteCarloOfNode(MonteCarlo):

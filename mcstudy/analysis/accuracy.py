@@ -16,6 +16,7 @@ import xarray as xr
 
 from mcstudy.analysis.labels import ONE, PERCENT, labelled, units_of
 from mcstudy.analysis.montecarlo import A, Moments, PlainStatistic, Statistic, fraction, jackknife, jackknives, moments
+from mcstudy.analysis.selection import inside_bounds
 
 
 def statistic_of(cells: xr.Dataset, statistic: Statistic, name: str = "statistic", units: str = ONE) -> xr.Dataset:
@@ -153,3 +154,9 @@ def unstable(cells: xr.Dataset) -> xr.Dataset:
     """
     out = fraction(cells["growth_rate"] > 0, cells["growth_rate"].notnull())
     return labelled(out, cells, "fraction of best fits that are unstable")
+
+
+def share_inside_bounds(cells: xr.Dataset) -> xr.Dataset:
+    """Fraction of best fits that touch no bound: dims (amplitude, fmax), with a 95 % Wilson interval."""
+    out = fraction(inside_bounds(cells), cells["cost"].notnull())
+    return labelled(out, cells, "fraction of best fits that touch no bound")

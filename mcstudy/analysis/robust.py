@@ -52,6 +52,12 @@ def median_bias(cells: xr.Dataset) -> xr.Dataset:
     return labelled(found, cells, "median bias (median estimate minus truth)", units_of(cells))
 
 
+def median_cost(cells: xr.Dataset) -> xr.Dataset:
+    """Median cost of the best fits over realizations: dims (amplitude, fmax), with a 95 % interval."""
+    found = quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True)
+    return labelled(found, cells, "median cost of the best fits")
+
+
 def mad(cells: xr.Dataset) -> xr.Dataset:
     """Median absolute deviation of the estimates from their median; ``mcse`` by a bootstrap with a fixed stream.
 

@@ -7,7 +7,6 @@ with the same random streams, data, fits and arrays. The result is a Dataset in 
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import xarray as xr
@@ -20,7 +19,6 @@ from mcstudy.stance.feedback import Model
 from mcstudy.study.checks import check_group
 from mcstudy.study.cube.conversion import readable
 from mcstudy.study.cube.layout import Chunk
-from mcstudy.study.cube.store import GroupStore
 from mcstudy.study.design import Group
 from mcstudy.study.execution.tasks import fill
 from mcstudy.study.experiment import Experiment
@@ -78,15 +76,14 @@ def run_model(
     compile_kernels(parts_of([group]))
     refuse_unstable_model(model, group.simulator, allow_unstable)
     experiment = Experiment(group, seed, model)
-    # Used only for its layout: a store touches the disk only when it is written to.
-    store = GroupStore(Path(), model.name, experiment, group.realizations, "")
-    arrays = store.layout.arrays
+    cells = experiment.layout(group.realizations)
+    arrays = cells.arrays
     parts = []
     for position in range(len(group.amplitude)):
         chunk = Chunk(position, 0)
-        data = store.layout.empty(chunk)
-        fill(store, chunk, data, stopped=lambda: False)
-        parts.append(xr.Dataset({name: (arrays[name].dims, data[name]) for name in store.layout.results}))
+        data = cells.empty(chunk)
+        fill(experiment, cells, chunk, data)
+        parts.append(xr.Dataset({name: (arrays[name].dims, data[name]) for name in cells.results}))
     out = xr.concat(parts, dim="amplitude")
     for name, spec in arrays.items():
         if spec.values is not None:

@@ -9,6 +9,8 @@ from mcstudy.cli.first_look import prepare
 from mcstudy.cli.options import add_cluster_arguments, cluster_options, named_as_options, tell
 from mcstudy.exits import Exit
 
+TOPIC = "studies"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from mcstudy.identification.result import FitResult
     from mcstudy.identification.settings import FitSettings
 
+TOPIC = "parameters"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""

@@ -23,6 +23,8 @@ from mcstudy.exits import Exit
 if TYPE_CHECKING:
     from mcstudy.gap.diagnosis import Diagnosis
 
+TOPIC = "diagnosis"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb and of its sub-verbs."""

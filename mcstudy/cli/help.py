@@ -30,24 +30,6 @@ TOPICS = {
 }
 """What a topic is about, and its page below the package or one of the folders that a wheel holds inside it."""
 
-OF_VERB = {
-    "run": "studies",
-    "plan": "studies",
-    "extend": "studies",
-    "status": "faults",
-    "verify": "faults",
-    "show": "statistics",
-    "replay": "cube",
-    "performance": "statistics",
-    "report": "pages",
-    "simulate": "diagnosis",
-    "import": "recordings",
-    "fit": "parameters",
-    "study-from": "parameters",
-    "gap": "diagnosis",
-}
-"""Topic whose page belongs to a verb."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
@@ -64,7 +46,7 @@ def main(args: argparse.Namespace) -> Exit:
 
     from mcstudy.cli import parser_of
     from mcstudy.cli.markdown import as_text
-    from mcstudy.cli.verbs import verbs
+    from mcstudy.cli.verbs import module, verbs
     from mcstudy.errors import InputError
     from mcstudy.text_tables import fill, table
 
@@ -74,7 +56,7 @@ def main(args: argparse.Namespace) -> Exit:
         print(fill(f"Verbs: {', '.join(verbs())}"))
         return Exit.DONE
     word, *below = args.topic
-    topic = OF_VERB.get(word, word)
+    topic = getattr(module(word), "TOPIC", word) if word in verbs() else word
     if word not in verbs() and (below or topic not in TOPICS):
         near = ", ".join(difflib.get_close_matches(word, [*TOPICS, *verbs()], n=3))
         hint = f"similar: {near}" if near else "mcstudy help lists them"

@@ -13,6 +13,8 @@ from mcstudy.recordings.formats import accepted
 if TYPE_CHECKING:
     from mcstudy.recordings.recording import Recording
 
+TOPIC = "recordings"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""

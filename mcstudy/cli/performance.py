@@ -13,6 +13,9 @@ from mcstudy.exits import Exit
 if TYPE_CHECKING:
     import xarray as xr
 
+TOPIC = "statistics"
+
+
 PERCENT = ("coverage", "bias_eliminated_coverage")
 """Measures that are fractions and are printed in percent with their interval."""
 

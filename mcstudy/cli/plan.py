@@ -9,6 +9,8 @@ from pathlib import Path
 from mcstudy.cli.options import add_unstable_argument, positive, stable_study
 from mcstudy.exits import Exit
 
+TOPIC = "studies"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""

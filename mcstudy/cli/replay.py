@@ -8,6 +8,9 @@ from pathlib import Path
 from mcstudy.cli.options import named_as_options
 from mcstudy.exits import Exit
 
+TOPIC = "cube"
+
+
 CELL = ("group", "amplitude", "fmax", "realization", "start")
 """Options that choose the fit, named as the arguments of `mcstudy.replay`."""
 

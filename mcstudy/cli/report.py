@@ -8,6 +8,8 @@ from pathlib import Path
 
 from mcstudy.exits import Exit
 
+TOPIC = "pages"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""

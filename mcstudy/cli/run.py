@@ -21,6 +21,8 @@ from mcstudy.exits import Exit
 if TYPE_CHECKING:
     from mcstudy.study.design import Study
 
+TOPIC = "studies"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""

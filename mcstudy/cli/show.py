@@ -8,6 +8,8 @@ from pathlib import Path
 from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
+TOPIC = "statistics"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""

@@ -12,6 +12,8 @@ from mcstudy.exits import Exit
 if TYPE_CHECKING:
     from mcstudy.stance.line_stimulus import Stimulus
 
+TOPIC = "diagnosis"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""

@@ -9,6 +9,8 @@ from mcstudy.cli.options import seconds
 from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
+TOPIC = "faults"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""

@@ -10,6 +10,8 @@ from mcstudy.cli.options import positive
 from mcstudy.cli.recording_options import add_recording_arguments, read_recordings, with_names
 from mcstudy.exits import Exit
 
+TOPIC = "parameters"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""

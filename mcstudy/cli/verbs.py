@@ -1,6 +1,7 @@
 """The verbs of the command line: those of this package, and those that other packages add.
 
-A verb is a module with ``add_arguments(parser)`` and ``main(args)``, imported only when the verb is used. Another
+A verb is a module with ``add_arguments(parser)`` and ``main(args)``, imported only when the verb is used; its ``TOPIC``
+is the page that `mcstudy help VERB` prints too. Those of this package are listed in `VERBS`, and in `RESUMED`. Another
 package names its module in the entry point group ``mcstudy.commands``, by the words that call it: ``infer``, or
 ``gap challenge`` for a verb below a verb. Such a module also states ``HELP`` (one line) and, where they apply,
 ``RESUMABLE`` (words of the verbs below it that continue from where they were stopped, "" for itself) and ``SHIPPED``
@@ -39,6 +40,9 @@ VERBS = {
 }
 """Verbs of this package and their one-line help; ``x-y`` lives in ``mcstudy.cli.x_y``."""
 
+RESUMED = ("run", "extend", "design")
+"""Those that continue from where they were stopped when they are given again."""
+
 _added: dict[str, Any] = {}
 
 
@@ -75,7 +79,7 @@ def is_verb(word: str) -> bool:
 
 def resumable(words: tuple[str, ...]) -> bool:
     """Whether a command continues from where it was stopped when it is given again."""
-    if words[:1] in (("run",), ("extend",), ("design",)):
+    if words[:1] and words[0] in RESUMED:
         return True
     return any(
         words[: len(call)] == call

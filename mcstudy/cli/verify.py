@@ -8,6 +8,8 @@ from pathlib import Path
 from mcstudy.cli.options import relative
 from mcstudy.exits import Exit
 
+TOPIC = "faults"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""

@@ -6,7 +6,6 @@ It is used for study files, challenge files, recording sheets and the settings o
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Mapping
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -14,6 +13,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from mcstudy.errors import DesignError
 
@@ -63,7 +63,7 @@ def one_line(error: ValidationError, model: type[BaseModel], where: str = "", wh
     if first["type"] == "missing":
         return f"{field}: missing{more}"
     # A union has one error per member, all of the same field.
-    expected = dict.fromkeys(_expected(e["type"], e["msg"]) for e in errors if e not in others)
+    expected = dict.fromkeys(_expected(e) for e in errors if e not in others)
     first_of, *alternatives = expected
     words = " or ".join([first_of, *(a.removeprefix("expected ") for a in alternatives)])
     return f"{field}: {words}, got {short(first['input'])}{more}"
@@ -92,33 +92,48 @@ _BY_TYPE = {
     "dict_type": "expected a table",
     "tuple_type": "expected a list",
     "list_type": "expected a list",
+    "int_type": "expected a whole number",
+    "float_type": "expected a number",
+    "string_type": "expected a string",
+    "bool_type": "expected a boolean",
+    "finite_number": "expected a finite number",
     "json_invalid": "expected text that UTF-8 can hold, and tables less deeply nested",
 }
 
-_WORDING = (
-    (r"^(?:Input|String|Tuple|List|Dictionary) should be(?: a valid| an?(?= ))? ", "expected a "),
-    (r"^(?:Tuple|List) should have ", "expected a list with "),
-    (r"^Dictionary should have ", "expected a table with "),
-    (r"^(?:Input|String) should have ", "expected "),
-    (r"^String should match ", "expected text matching "),
-    (r"^expected a (?=greater|less|'|\"|finite)", "expected "),
-    (r"^expected a integer", "expected a whole number"),
-    (r" after validation, not \d+$", ""),
-    (r"greater than or equal to", "at least"),
-    (r"less than or equal to", "at most"),
-    (r"^expected finite", "expected a finite"),
-)
+_BY_LIMIT = {
+    "greater_than_equal": "expected at least {ge}",
+    "less_than_equal": "expected at most {le}",
+    "greater_than": "expected greater than {gt}",
+    "less_than": "expected less than {lt}",
+    "literal_error": "expected {expected}",
+    "string_pattern_mismatch": "expected text matching pattern '{pattern}'",
+    "string_too_short": "expected at least {min_length} character{s}",
+    "string_too_long": "expected at most {max_length} character{s}",
+    "too_short": "expected a {kind} with at least {min_length} item{s}",
+    "too_long": "expected a {kind} with at most {max_length} item{s}",
+}
+"""What is expected, with the limits that an error states."""
 
 
-def _expected(kind: str, message: str) -> str:
+def _expected(error: ErrorDetails) -> str:
+    """From the type of an error and its limits; never from pydantic's words, which may change."""
+    kind, limits = error["type"], error.get("ctx", {})
     if kind in _BY_TYPE:
         return _BY_TYPE[kind]
     if kind == "value_error":  # our own validators give the expected value
-        text = message.removeprefix("Value error, ")
+        text = str(limits["error"])
         return text if text.startswith("expected") else f"expected {text[0].lower()}{text[1:]}"
-    for theirs, ours in _WORDING:
-        message = re.sub(theirs, ours, message)
-    return message if message.startswith("expected") else f"expected {message[0].lower()}{message[1:]}"
+    if kind in _BY_LIMIT:
+        counted = limits.get("min_length", limits.get("max_length"))
+        words = {name: _shown(value) for name, value in limits.items()}
+        collection = "table" if limits.get("field_type") == "Dictionary" else "list"
+        return _BY_LIMIT[kind].format(**words, kind=collection, s="" if counted == 1 else "s")
+    return f"expected another value ({kind.replace('_', ' ')})"
+
+
+def _shown(limit: Any) -> str:
+    """A limit with all its digits."""
+    return np.format_float_positional(limit, trim="-") if isinstance(limit, float) else str(limit)
 
 
 def _place(model: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[tuple[str, ...], type[BaseModel] | None]:

@@ -131,15 +131,26 @@ class Queue(NamedTuple):
     starts: np.ndarray
 
 
+class Lanes(NamedTuple):
+    """Which start of a queue is in each of W lanes, and which is the next.
+
+    fit: (W,) int64, start of the queue; -1 none. problem: (W,) int64, whose data the lane holds; -1 none. next: (1,).
+    """
+
+    fit: np.ndarray
+    problem: np.ndarray
+    next: np.ndarray
+
+
 class LaneStates(NamedTuple):
     """State of the fit in each of W lanes, (W,) each; made here, since to compile what makes arrays takes a second.
 
-    fit: int64, start of the queue; -1 none. fresh: bool, whether nothing is known of the start yet. evaluations: int64,
+    lanes: see `Lanes`. fresh: bool, whether nothing is known of the start yet. evaluations: int64,
     so far. outcome: int64, status with which it ends; 0 not yet. growth: factor of the damping at the next rejection.
     floor: cost below which only rounding is left. predicted: decrease of the cost.
     """
 
-    fit: np.ndarray
+    lanes: Lanes
     fresh: np.ndarray
     evaluations: np.ndarray
     outcome: np.ndarray
@@ -150,8 +161,9 @@ class LaneStates(NamedTuple):
     @classmethod
     def idle(cls, W: int) -> LaneStates:
         """Of lanes without a fit."""
-        none, evaluations, outcome = np.full(W, -1, dtype=np.int64), np.zeros(W, np.int64), np.zeros(W, np.int64)
-        return cls(none, np.zeros(W, np.bool_), evaluations, outcome, np.full(W, 2.0), np.zeros(W), np.zeros(W))
+        lanes = Lanes(np.full(W, -1, dtype=np.int64), np.full(W, -1, dtype=np.int64), np.zeros(1, np.int64))
+        whole, numbers = [np.zeros(W, np.int64) for _ in range(2)], [np.zeros(W) for _ in range(3)]
+        return cls(lanes, np.zeros(W, np.bool_), *whole, *numbers)
 
 
 class Bounds(NamedTuple):

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from mcstudy.fitting.precision import WANTED
 from mcstudy.fitting.proportions import score_interval
+from mcstudy.fitting.status import WANTED
 
 MISSED = "chance that as many new starts miss the lowest minimum"
 """What `missed` is, for readers; it stands beside every best fit of several starts."""

@@ -22,7 +22,7 @@ import numpy as np
 
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.compiling.decorators import compiled, inner
-from mcstudy.fitting.arguments import Bounds, Filters, LaneStates, Outcomes, Plan, Queue, StopRules, Workspace
+from mcstudy.fitting.arguments import Bounds, Filters, Lanes, LaneStates, Outcomes, Plan, Queue, StopRules, Workspace
 from mcstudy.fitting.lanes import WIDTH, fma, fnma, load, nearest, negative, root, splat, store, where_less
 from mcstudy.fitting.status import Status
 
@@ -847,9 +847,41 @@ def _steepest(work: Workspace, lane, bounds: Bounds):
 # --- the queue of fits ---
 
 
+@inner
+def take(work: Workspace, lanes: Lanes, lane, queue: Queue):
+    """Hand a lane the next start of the queue, and its data unless it holds them; returns its index.
+
+    -1 when none is left. But a lane that had none yet is shown the last one: idle lanes, too, hold finite numbers.
+    """
+    index = lanes.next[0]
+    if index < queue.starts.shape[0]:
+        lanes.fit[lane] = index
+        lanes.next[0] = index + 1
+    else:
+        lanes.fit[lane] = -1
+        if lanes.problem[lane] >= 0:
+            return np.int64(-1)
+        index = np.int64(queue.starts.shape[0] - 1)
+    problem = queue.problem[index]
+    if problem != lanes.problem[lane]:
+        lanes.problem[lane] = problem
+        for k in range(queue.packed.shape[1]):
+            work.w[(work.data + k) * WIDTH + lane] = queue.packed[problem, k]
+    return index
+
+
+@inner
+def busy(lanes: Lanes):
+    """Whether a lane has a start."""
+    running = False
+    for lane in range(WIDTH):
+        running = running or lanes.fit[lane] >= 0
+    return running
+
+
 @compiled(allocates=False)
 def begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
-    """Put a start of the queue and its problem into a lane; returns the cost below which only rounding is left."""
+    """Put a start of the queue into a lane; returns the cost below which only rounding is left."""
     w, start, packed = work.w, queue.starts[index], queue.packed[queue.problem[index]]
     for p in range(start.size):
         w[(work.trial + p) * WIDTH + lane] = min(max(start[p], bounds.lower[p]), bounds.upper[p])
@@ -858,8 +890,6 @@ def begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
         y0r, y0i, y1r, y1i, w00, w11, w10r, w10i = packed[8 * n : 8 * n + 8]
         e1r, e1i = w11 * y1r + w10r * y0r - w10i * y0i, w11 * y1i + w10r * y0i + w10i * y0r
         norm += w00 * w00 * (y0r * y0r + y0i * y0i) + e1r * e1r + e1i * e1i
-        for k in range(8):
-            w[(work.data + 8 * n + k) * WIDTH + lane] = packed[8 * n + k]
     w[work.damping * WIDTH + lane] = LAMBDA_START
     return ROUNDING * norm
 
@@ -869,32 +899,26 @@ def levenberg_marquardt(
     evaluate: int,
     plan: Plan,
     work: Workspace,
-    lanes: LaneStates,
+    states: LaneStates,
     queue: Queue,
     bounds: Bounds,
     rules: StopRules,
     out: Outcomes,
 ) -> None:
     """Fit every start of the queue inside bounds (P,) and fill ``out``."""
-    n_fits, P = queue.starts.shape
+    P = queue.starts.shape[1]
     w, at_x, at_trial, at_damping, at_matrix = work.w, work.x, work.trial, work.damping, work.matrix
     at_gram, at_gram_trial = work.gram, work.gram_trial
     n_triangle = (P + 1) * (P + 2) // 2
     at_cost, at_cost_trial = at_gram + n_triangle - 1, at_gram_trial + n_triangle - 1
-    fit, fresh, evaluations, outcome = lanes.fit, lanes.fresh, lanes.evaluations, lanes.outcome
-    growth, floor, predicted = lanes.growth, lanes.floor, lanes.predicted
+    lanes, fresh, evaluations, outcome = states.lanes, states.fresh, states.evaluations, states.outcome
+    fit, growth, floor, predicted = lanes.fit, states.growth, states.floor, states.predicted
     half = splat(0.5)
-    next_fit = np.int64(0)  # a literal 0 would be a type of its own: `begin` would be compiled twice
-    running = 0
-    for lane in range(WIDTH):  # every lane begins with some start, so that idle lanes hold finite numbers
-        index = min(next_fit, n_fits - 1)
-        floor[lane] = begin(work, lane, queue, index, bounds)
-        if next_fit < n_fits:
-            fit[lane], fresh[lane] = next_fit, True
-            next_fit += 1
-            running += 1
+    for lane in range(WIDTH):
+        floor[lane] = begin(work, lane, queue, take(work, lanes, lane, queue), bounds)
+        fresh[lane], growth[lane] = True, 2.0
 
-    while running > 0:
+    while busy(lanes):
         call(evaluate, plan, work)
         store(w, at_matrix, splat(0.0))
         for lane in range(WIDTH):
@@ -947,10 +971,7 @@ def levenberg_marquardt(
             out.cost[index] = w[at_cost * WIDTH + lane]
             out.status[index] = outcome[lane]
             out.iterations[index] = evaluations[lane]
-            fit[lane] = -1
-            running -= 1
-            if next_fit < n_fits:  # hand the lane its next start
-                fit[lane], fresh[lane], evaluations[lane], growth[lane], outcome[lane] = next_fit, True, 0, 2.0, 0
-                floor[lane] = begin(work, lane, queue, next_fit, bounds)
-                next_fit += 1
-                running += 1
+            index = take(work, lanes, lane, queue)
+            if index >= 0:
+                fresh[lane], evaluations[lane], growth[lane], outcome[lane] = True, 0, 2.0, 0
+                floor[lane] = begin(work, lane, queue, index, bounds)

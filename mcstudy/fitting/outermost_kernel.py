@@ -15,7 +15,8 @@ from numba import njit
 
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Ends, Goal, Plan, Queue, StopRules, Workspace
+from mcstudy.fitting.arguments import Bounds, Ends, Goal, Lanes, Plan, Queue, StopRules, Workspace
+from mcstudy.fitting.kernel import busy, take
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.small_linear import factor, solve_factored
 
@@ -145,12 +146,10 @@ def outermost(
 
     Fills ``out``. Converged when a step predicts less than ``rules.tolerance`` of the half-width of the interval.
     """
-    w, packed, problem, starts = work.w, queue.packed, queue.problem, queue.starts
+    w, starts = work.w, queue.starts
     low, high, scale = bounds.lower, bounds.upper, goal.scale
-    S, P = starts.shape
-    n_data = packed.shape[1]
-    fit = np.full(WIDTH, -1, dtype=np.int64)
-    loaded = np.full(WIDTH, -1, dtype=np.int64)
+    P = starts.shape[1]
+    lanes = Lanes(np.full(WIDTH, -1), np.full(WIDTH, -1), np.zeros(1, np.int64))
     fresh = np.ones(WIDTH, dtype=np.bool_)
     held = np.zeros((WIDTH, P), dtype=np.bool_)
     x, trial, p = np.zeros((WIDTH, P)), np.zeros((WIDTH, P)), np.zeros((WIDTH, P))
@@ -161,25 +160,17 @@ def outermost(
     count = np.zeros(WIDTH, dtype=np.int64)
     G, A, u, v, q = np.empty((P, P)), np.empty((P, P)), np.empty(P), np.empty(P), np.empty(P)
     move, miss, new_g = np.empty(P), np.empty(P), np.empty(P)
-    next_fit, running = 0, 0
     for lane in range(WIDTH):
-        index = min(next_fit, S - 1)
-        for k in range(n_data):
-            w[(work.data + k) * WIDTH + lane] = packed[problem[index], k]
+        index = take(work, lanes, lane, queue)
         for i in range(P):
             trial[lane, i] = min(max(starts[index, i], low[i]), high[i])
-        loaded[lane] = problem[index]
-        if next_fit < S:
-            fit[lane] = next_fit
-            next_fit += 1
-            running += 1
-    while running > 0:
+    while busy(lanes):
         for lane in range(WIDTH):
             for i in range(P):
                 w[(work.trial + i) * WIDTH + lane] = trial[lane, i]
         call(evaluate, plan, work)
         for lane in range(WIDTH):
-            index = fit[lane]
+            index = lanes.fit[lane]
             if index < 0:
                 continue
             count[lane] += 1
@@ -233,9 +224,8 @@ def outermost(
             for again in range(HALVINGS + 1):
                 if kappa >= 0.0:
                     break
-                secant[lane] *= (
-                    0.5 if again < HALVINGS else 0.0
-                )  # until the sum is positive definite, as Gauss-Newton's is
+                # until the sum is positive definite, as Gauss-Newton's is
+                secant[lane] *= 0.5 if again < HALVINGS else 0.0
                 for i in range(P):
                     for j in range(P):
                         G[i, j] = gram[lane, i, j] + secant[lane, i, j]
@@ -276,19 +266,12 @@ def outermost(
             for i in range(P):
                 out.estimate[index, i] = x[lane, i]
             out.chi2[index], out.status[index], out.iterations[index] = chi2[lane], done, count[lane]
-            fit[lane] = -1
-            running -= 1
-            if next_fit < S:
-                fit[lane], fresh[lane], stopped[lane], count[lane] = next_fit, True, False, 0
+            index = take(work, lanes, lane, queue)
+            if index >= 0:
+                fresh[lane], stopped[lane], count[lane] = True, False, 0
                 secant[lane], held[lane], weight[lane], reach[lane] = 0.0, False, 0.0, LONGEST
-                if problem[next_fit] != loaded[lane]:
-                    loaded[lane] = problem[next_fit]
-                    for k in range(n_data):
-                        w[(work.data + k) * WIDTH + lane] = packed[problem[next_fit], k]
                 for i in range(P):
-                    trial[lane, i] = min(max(starts[next_fit, i], low[i]), high[i])
-                next_fit += 1
-                running += 1
+                    trial[lane, i] = min(max(starts[index, i], low[i]), high[i])
 
 
 @njit(nogil=True)

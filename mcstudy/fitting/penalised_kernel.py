@@ -14,7 +14,8 @@ from numba import njit
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.compiling.decorators import compiled
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, PenalisedFits, Plan, Prior, Queue, Restraint, StopRules, Workspace
+from mcstudy.fitting.arguments import Bounds, Lanes, PenalisedFits, Plan, Prior, Queue, Restraint, StopRules, Workspace
+from mcstudy.fitting.kernel import busy, take
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.small_linear import solve
 
@@ -104,36 +105,28 @@ def penalised_fits(
 
     Fills ``out``; ``out.information`` is the matrix J^T J of chi2 alone at the estimate.
     """
-    w, packed, problem, starts = work.w, queue.packed, queue.problem, queue.starts
+    w, starts = work.w, queue.starts
     lower, upper, mean, scale, tolerance = bounds.lower, bounds.upper, prior.mean, prior.scale, rules.tolerance
-    S, P = starts.shape
+    P = starts.shape[1]
     restrained = restraint.target.size > 0
-    n_data = packed.shape[1]
-    fit = np.full(WIDTH, -1, dtype=np.int64)
+    lanes = Lanes(np.full(WIDTH, -1), np.full(WIDTH, -1), np.zeros(1, np.int64))
     fresh = np.ones(WIDTH, dtype=np.bool_)
     x, goal = np.zeros((WIDTH, P)), np.zeros((WIDTH, P))
     gram, gradient = np.zeros((WIDTH, P, P)), np.zeros((WIDTH, P))
     total, value, predicted = np.zeros(WIDTH), np.zeros(WIDTH), np.zeros(WIDTH)
     damping, growth, ridge = np.full(WIDTH, DAMPING), np.full(WIDTH, 2.0), np.empty(P)
     count = np.zeros(WIDTH, dtype=np.int64)
-    next_fit, running = 0, 0
     for lane in range(WIDTH):
-        index = min(next_fit, S - 1)
-        for k in range(n_data):
-            w[(work.data + k) * WIDTH + lane] = packed[problem[index], k]
+        index = take(work, lanes, lane, queue)
         for p in range(P):
             goal[lane, p] = min(max(starts[index, p], lower[index, p]), upper[index, p])
-        if next_fit < S:
-            fit[lane] = next_fit
-            next_fit += 1
-            running += 1
-    while running > 0:
+    while busy(lanes):
         for lane in range(WIDTH):
             for p in range(P):
                 w[(work.trial + p) * WIDTH + lane] = goal[lane, p]
         call(evaluate, plan, work)
         for lane in range(WIDTH):
-            index = fit[lane]
+            index = lanes.fit[lane]
             if index < 0:
                 continue
             count[lane] += 1
@@ -201,15 +194,9 @@ def penalised_fits(
                     for j in range(P):
                         out.information[index, i, j] = gram[lane, i, j]
                 out.chi2[index], out.penalty[index] = value[lane], total[lane] - value[lane]
-                fit[lane] = -1
-                running -= 1
-                if next_fit < S:
-                    fit[lane], fresh[lane], count[lane] = next_fit, True, 0
+                index = take(work, lanes, lane, queue)
+                if index >= 0:
+                    fresh[lane], count[lane] = True, 0
                     damping[lane], growth[lane] = DAMPING, 2.0
-                    if problem[next_fit] != problem[index]:
-                        for k in range(n_data):
-                            w[(work.data + k) * WIDTH + lane] = packed[problem[next_fit], k]
                     for p in range(P):
-                        goal[lane, p] = min(max(starts[next_fit, p], lower[next_fit, p]), upper[next_fit, p])
-                    next_fit += 1
-                    running += 1
+                        goal[lane, p] = min(max(starts[index, p], lower[index, p]), upper[index, p])

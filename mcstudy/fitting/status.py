@@ -54,3 +54,6 @@ USABLE = tuple(int(s) for s in Status if s.usable)
 
 NOT_RUN = tuple(int(s) for s in Status if not s.ran)
 """Statuses, as a cube holds them, of fits that were not attempted: not yet, or never because others sufficed."""
+
+WANTED = 0.01
+"""Chance of a missed minimum below which no more starts are drawn."""

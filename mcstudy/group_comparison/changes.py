@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.fitting.together import minimised
+from mcstudy.fitting.batch_least_squares import minimised
 from mcstudy.group_comparison.base import GroupModel
 from mcstudy.group_comparison.sample import Sample
 from mcstudy.spectra.frf_groups import as_real

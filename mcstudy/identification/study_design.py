@@ -16,6 +16,7 @@ from mcstudy.spectra.measure import highest
 from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd, polarity
 from mcstudy.stance.stimulus import RECURRENCES, Prts
 from mcstudy.study.design import Study
+from mcstudy.study.measure import HIGHEST_HZ
 
 LIKE = 0.05
 """Largest relative difference of the lines of a recorded stimulus from those of a pseudorandom ternary sequence."""
@@ -28,9 +29,6 @@ LINES_UPTO_HZ = 20.0
 
 STATES, STAGES = 8, 2
 """States of the shortest sequence, whose cycle lasts as long as that of any stimulus, and its stages."""
-
-HIGHEST_HZ = 8.0
-"""Highest frequency of the fits of a study."""
 
 
 def study_of(fitted: FitResult, name: str, *, realizations: int = 100, starts: int = 10, seed: int = 1) -> Study:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcstudy.fitting.precision import WANTED
+from mcstudy.fitting.status import WANTED
 from mcstudy.gap import verdict
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.identification.minimum import SEARCHES

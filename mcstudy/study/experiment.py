@@ -11,6 +11,7 @@ import numpy as np
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 from mcstudy.streams import start_stream
+from mcstudy.study.cube.layout import Layout, layout
 from mcstudy.study.design import Group
 from mcstudy.study.measure import SIMULATORS, Measurement, kept_points
 from mcstudy.study.models import build_model
@@ -38,6 +39,10 @@ class Experiment:
         self.n_frequencies = tuple(self._points[fmax] for fmax in group.fmax)
         self.true_frf = frf(self.model, self.model.truth, self.f)
         self.measure = SIMULATORS[group.simulator](group, self.model, self.bands, seed)
+
+    def layout(self, depth: int) -> Layout:
+        """The arrays of the group in a cube, with ``depth`` realizations a chunk."""
+        return layout(self.group, self.model, self.f, self.n_frequencies, self.true_frf, depth)
 
     def problem(self, data: Measurement, fmax: float) -> Problem:
         """The fit problem of a measurement on the frequencies up to ``fmax``, one of the group's."""

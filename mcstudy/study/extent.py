@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.fitting.solvers import solvers
-from mcstudy.study.cube.layout import Chunk, Layout, layout, realizations_a_chunk
+from mcstudy.study.cube.layout import Chunk, Layout, realizations_a_chunk
 from mcstudy.study.design import Study
 from mcstudy.study.experiment import Experiment
 
@@ -47,8 +47,8 @@ def chunks_a_block(layout: Layout, chunks: int, threads: int) -> int:
 
 
 def _layout(study: Study, name: str) -> Layout:
-    e = Experiment(study.groups[name], study.study.seed)
-    return layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, realizations_a_chunk(e.group))
+    group = study.groups[name]
+    return Experiment(group, study.study.seed).layout(realizations_a_chunk(group))
 
 
 def _files(one: Layout) -> int:

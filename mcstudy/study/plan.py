@@ -244,7 +244,7 @@ def _plan_group(name: str, study: Study, store: GroupStore, spreads: Spreads) ->
     first, again = _time_data(experiment, n)
     data = store.layout.empty(chunk)
     watch = _Watch()
-    fill(store, chunk, data, lambda: False)
+    fill(experiment, store.layout, chunk, data)
     fits_cpu = max(watch.cpu() - again * n, 0.0)
     watch = _Watch()
     store.write(chunk, data)

@@ -116,7 +116,7 @@ def _replay(
     cube = Cube.open(out)
     at = _place(cube, group, amplitude, fmax, realization, start)
     store, chunk = at.store, at.chunk
-    stored = {name: store.read(name, chunk) for name in store.layout.results}
+    stored = store.held(chunk)
     cell = (0, at.fmax, at.row, at.start)
     before = Status(int(stored["status"][cell]))
     if before is Status.PENDING:

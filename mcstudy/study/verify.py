@@ -348,7 +348,7 @@ def _recompute(
     """
     group, realizations = store.layout.group, store.layout.realizations(chunk)
     r = int(rng.integers(len(realizations)))
-    stored = _still(store, chunk, lambda: {name: store.read(name, chunk) for name in store.layout.results})
+    stored = _still(store, chunk, lambda: store.held(chunk))
     chosen = np.zeros(stored["status"].shape, dtype=bool)
     ran = ~np.isin(stored["status"], NOT_RUN)
     some = np.flatnonzero(ran[0, :, r].any(axis=0))

@@ -64,7 +64,7 @@ def _chunk(folder: Path, fits: int, repeats: int) -> dict[str, float]:
     cube = Cube.create(folder / f"chunks_{fits}.zarr", study, depths={"accuracy": depth})
     store = cube.groups["accuracy"]
     data = store.layout.empty(store.layout.chunks[0])
-    fill(store, store.layout.chunks[0], data, lambda: False)
+    fill(store.experiment, store.layout, store.layout.chunks[0], data)
     done = int((data["status"] != Status.PENDING).sum())
     seconds = []
     for chunk in store.layout.chunks:

@@ -45,6 +45,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     score.add_argument("-o", "--out", type=Path, metavar="FILE", help="also write the score (JSON)")
     score.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
     score.add_argument("--figure", type=Path, metavar="SVG", help="also draw the reliability of stated probabilities")
+    score.add_argument(
+        "--share-none",
+        nargs="+",
+        type=float,
+        metavar="P",
+        help="weight the cases as if this share of them lacked nothing (default 0.1 0.3 0.5)",
+    )
     score.set_defaults(run=_score)
 
     run = verbs.add_parser("run", help="make, answer and score in one command; resumes where it was stopped")
@@ -106,14 +113,19 @@ def _answer(args: argparse.Namespace) -> Exit:
 
 def _score(args: argparse.Namespace) -> Exit:
     from mcstudy.cli.figure_file import check_figure, write_figure
+    from mcstudy.errors import InputError
     from mcstudy.files.json_files import json_text, write_json
     from mcstudy.text_tables import folded
+    from mcstudy_challenge.scores.other_shares import SHARES
     from mcstudy_challenge.scores.reliability import reliability_svg
     from mcstudy_challenge.scores.score import exit_code, score_files
     from mcstudy_challenge.scores.table import score_text
 
+    shares = args.share_none or SHARES
+    if not all(0 < p < 1 for p in shares):
+        raise InputError(f"--share-none: expected shares above 0 and below 1, got {' '.join(map(str, shares))}")
     check_figure(args.figure)
-    score = score_files(args.data, args.key, args.answers)
+    score = score_files(args.data, args.key, args.answers, shares)
     if args.out:
         write_json(args.out, score, "challenge_score")
     if args.figure:

@@ -262,6 +262,7 @@ class OtherShare(TypedDict):
     nulls: Annotated[float, Field(gt=0, lt=1)]
     first: Figure
     none: Figure
+    log_loss: NotRequired[Figure]
 
 
 @open_ended
@@ -321,8 +322,8 @@ class ChallengeScore(TypedDict):
     true"""
     other_shares: NotRequired[list[OtherShare]]
     """the same cases weighted so that those without a missing effect have the share nulls: mean stated probability of
-    the most probable hypothesis minus how often it is right (first), and mean probability of nothing missing minus
-    that share (none); empty without cases of both kinds, absent in older files"""
+    the most probable hypothesis minus how often it is right (first), mean probability of nothing missing minus
+    that share (none), and mean log loss; empty without cases of both kinds, absent in older files"""
     targets: list[Target]
     false_alarms: list[Target]
     figures: dict[str, Figure]

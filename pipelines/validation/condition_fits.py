@@ -1,8 +1,8 @@
 """Search for the lowest minima of `pipelines.validation.conditions`: many problems and starts at once.
 
-Errors of points correlate, so the fits are those of `mcstudy.fitting.together`. A test compares their minima with those
-of `scipy.optimize.least_squares`. People stand, so a fit must be stable in every condition: an unstable minimum is led
-to the limit of stability by a barrier.
+Errors of points correlate, so the fits are those of `mcstudy.fitting.batch_least_squares`. A test compares their minima
+with those of `scipy.optimize.least_squares`. People stand, so a fit must be stable in every condition: an unstable
+minimum is led to the limit of stability by a barrier.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcstudy.fitting.together import minimised
+from mcstudy.fitting.batch_least_squares import minimised
 from pipelines.validation.conditions import Conditions, part
 
 BARRIERS = (10.0, 100.0)

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from mcstudy.fitting.certainty import COST_FLOOR, HIT_TOLERANCE, certain, looks, missed
-from mcstudy.fitting.precision import WANTED
 from mcstudy.fitting.solvers import fit_many
+from mcstudy.fitting.status import WANTED
 from mcstudy.streams import stream
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import Experiment

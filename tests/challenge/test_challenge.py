@@ -405,6 +405,10 @@ def test_the_command_makes_and_scores(
     assert printed == json.loads((tmp_path / "s.json").read_text())
     assert main(words) == 0
     assert "false alarms" in capsys.readouterr().out
+    assert main([*words, "--json", "--share-none", "0.2"]) == 0
+    assert [s["nulls"] for s in json.loads(capsys.readouterr().out)["other_shares"]] == [0.2]
+    assert main([*words, "--share-none", "0.2", "1"]) == 2
+    assert "--share-none: expected shares above 0 and below 1, got 0.2 1.0" in capsys.readouterr().err
     assert main(["gap", "challenge", "make", "nowhere.toml", "--data", "d", "--key", "k"]) == 2
     assert "nowhere.toml: expected a challenge file (.toml) or the name of a challenge" in capsys.readouterr().err
 

@@ -19,7 +19,8 @@ def cases(nulls: int, n: int, prior: float, rng: np.random.Generator) -> list[An
         odds = prior / (1 - prior) * np.exp(0.5 * ((x - 1.5) ** 2 - x**2))
         p = odds / (1 + odds)
         kind = "none" if null else "known"
-        out.append(SimpleNamespace(kind=kind, none=p, stated=max(p, 1 - p), top=null == (p > 0.5)))
+        loss = -np.log(p if null else 1 - p)
+        out.append(SimpleNamespace(kind=kind, none=p, stated=max(p, 1 - p), top=null == (p > 0.5), log_loss=loss))
     return out
 
 
@@ -46,6 +47,14 @@ def test_an_interval_holds_the_expected_difference_as_often_as_it_says() -> None
         f = other_shares(cases(60, 200, 0.3, rng))[2]["none"]
         inside.append(f["low"] <= expected <= f["high"])
     assert np.mean(inside) == pytest.approx(0.95, abs=0.06)
+
+
+def test_the_log_loss_is_the_one_of_both_kinds_in_the_given_shares() -> None:
+    main = cases(300, 1000, 0.3, np.random.default_rng(5))
+    nulls, others = (float(np.mean([j.log_loss for j in part])) for part in (main[:300], main[300:]))
+    losses = [s["log_loss"]["value"] for s in other_shares(main, (0.2, 0.3, 0.9))]
+    expected = [0.2 * nulls + 0.8 * others, np.mean([j.log_loss for j in main]), 0.9 * nulls + 0.1 * others]
+    assert losses == pytest.approx(expected, abs=1e-5)
 
 
 def test_cases_of_one_kind_say_nothing_of_other_shares() -> None:

@@ -96,7 +96,7 @@ class Unsound:
 def test_a_diagnosis_that_does_not_conform_is_neither_written_nor_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(gap_verb, "_diagnosed", lambda _: Unsound())
+    monkeypatch.setattr(gap_verb, "_diagnosed", lambda _, **__: Unsound())
     monkeypatch.setattr("mcstudy.gap.tables.text", lambda _: "")
     for more in (["-o", str(tmp_path / "out")], ["--json"]):
         assert main(["gap", "diagnose", "a.nc", *more]) == Exit.BAD_INPUT

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binomtest
 
 from mcstudy.fitting.certainty import COST_FLOOR, FIRST_LOOK, HIT_TOLERANCE, certain, looks
-from mcstudy.fitting.precision import WANTED
+from mcstudy.fitting.status import WANTED
 
 
 @pytest.mark.parametrize("starts", [FIRST_LOOK, 2 * FIRST_LOOK])

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mcstudy.fitting.solvers import solvers
-from mcstudy.study.cube.layout import Layout, layout, realizations_a_chunk
+from mcstudy.study.cube.layout import Layout, realizations_a_chunk
 from mcstudy.study.design import Group
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.study_file import parse_study, read_study
@@ -20,8 +20,7 @@ PIPELINES = Path(__file__).parents[2] / "pipelines"
 
 
 def layout_of(group: Group) -> Layout:
-    e = Experiment(group, 1)
-    return layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, realizations_a_chunk(group))
+    return Experiment(group, 1).layout(realizations_a_chunk(group))
 
 
 @pytest.mark.usefixtures("small_chunks")

@@ -167,7 +167,7 @@ def test_a_study_at_the_ends_of_what_is_accepted_plans_runs_and_shows(
         for store in cube.groups.values():
             for chunk in store.layout.chunks:
                 data = store.layout.empty(chunk)
-                fill(store, chunk, data, lambda: False)
+                fill(store.experiment, store.layout, chunk, data)
                 store.write(chunk, data)
         shown = show(cube.path)
         assert "Group g" in shown.text()

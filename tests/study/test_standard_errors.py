@@ -81,13 +81,13 @@ def test_a_chunk_filled_in_pieces_holds_the_same_standard_errors(tmp_path: Path)
     store = Cube.create(tmp_path / "a.zarr", parse_study(STUDY)).groups["paper"]
     chunk = Chunk(0, 0)
     whole = store.layout.empty(chunk)
-    fill(store, chunk, whole, lambda: False)
+    fill(store.experiment, store.layout, chunk, whole)
     free = whole["at_bound"][0].any(axis=(2, 3))
     assert np.isfinite(whole["standard_error"][0][~free]).all()
     for stop in range(1, 5):
         pieces, calls = store.layout.empty(chunk), iter(range(100))
-        fill(store, chunk, pieces, lambda calls=calls, stop=stop: next(calls) >= stop)
-        fill(store, chunk, pieces, lambda: False)
+        fill(store.experiment, store.layout, chunk, pieces, lambda calls=calls, stop=stop: next(calls) >= stop)
+        fill(store.experiment, store.layout, chunk, pieces)
         assert all(pieces[name].tobytes() == whole[name].tobytes() for name in whole)
 
 
@@ -139,7 +139,7 @@ def test_standard_errors_of_maximum_likelihood_are_the_scatter_of_the_estimates(
     store = Cube(Path(), study, {}, {"ml": 60}).groups["ml"]
     chunk = store.layout.chunks[0]
     data = store.layout.empty(chunk)
-    fill(store, chunk, data, lambda: False)
+    fill(store.experiment, store.layout, chunk, data)
     free = ~data["at_bound"][0, 0, :, 0].any(axis=0)
     assert free.sum() >= 8
     x, se = (v[..., free] for v in (data["estimate"][0, 0, :, 0], data["standard_error"][0, 0]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def task(cube: Cube, group: str = "noisy") -> Task:
 
 def filled(store: GroupStore, chunk: Chunk) -> dict[str, np.ndarray]:
     data = store.layout.empty(chunk)
-    fill(store, chunk, data, lambda: False)
+    fill(store.experiment, store.layout, chunk, data)
     return data
 
 
@@ -205,7 +206,8 @@ def test_a_damaged_chunk_killed_while_it_is_made_again_is_not_taken_for_done(
     damaged = store.chunk_file("estimate", chunk)
     damaged.write_bytes(damaged.read_bytes()[:-1])
 
-    def killed(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], _: object) -> None:
+    def killed(*given: Any) -> None:
+        data = given[3]
         for name in store.layout.results[:-1]:
             store.put(name, chunk, data[name])
         raise KeyboardInterrupt

@@ -84,12 +84,12 @@ def test_a_stopped_chunk_is_completed_with_the_same_decisions(cube: Path) -> Non
     store = Cube.open(cube).groups["noisy"]
     (chunk, *_) = store.layout.chunks
     whole = store.layout.empty(chunk)
-    fill(store, chunk, whole, lambda: False)
+    fill(store.experiment, store.layout, chunk, whole)
     data = store.layout.empty(chunk)
     for stop in (1, 2, 3):  # each call gets one call of the solver further
         calls = iter(range(10))
-        fill(store, chunk, data, lambda calls=calls, stop=stop: next(calls) >= min(stop, 2))
-    fill(store, chunk, data, lambda: False)
+        fill(store.experiment, store.layout, chunk, data, lambda calls=calls, stop=stop: next(calls) >= min(stop, 2))
+    fill(store.experiment, store.layout, chunk, data)
     for name, values in whole.items():
         np.testing.assert_array_equal(data[name], values, err_msg=name)
         np.testing.assert_array_equal(store.read(name, chunk), values, err_msg=name)

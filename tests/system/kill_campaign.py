@@ -83,7 +83,7 @@ class Campaign:
         group = self.study.groups["noisy"]
         compiled = GroupStore(folder, "noisy", Experiment(group, self.study.study.seed), 1, self.study.fingerprint)
         first = layout.Chunk(0, 0)
-        tasks.fill(compiled, first, compiled.layout.empty(first), lambda: False)
+        tasks.fill(compiled.experiment, compiled.layout, first, compiled.layout.empty(first))
         self.small, self.large = folder / "small.zarr", folder / "large.zarr"
         for study, path in ((self.study, self.small), (larger, self.large)):
             begun = time.monotonic()

@@ -91,7 +91,7 @@ class Whole:
         self.skeleton = {p.relative_to(warm.path) for p in warm.path.rglob("*") if p.is_file()}
         (store,) = warm.groups.values()
         chunk = store.layout.chunks[0]
-        tasks.fill(store, chunk, store.layout.empty(chunk), lambda: False)  # compiled once, before any fork
+        tasks.fill(store.experiment, store.layout, chunk, store.layout.empty(chunk))  # compiled once, before any fork
         self.digests = []
         for k, study in enumerate(STUDIES):
             out = folder / f"{k}.zarr"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from mcstudy.fitting.precision import WANTED
+from mcstudy.fitting.status import WANTED
 from mcstudy.text_tables import number, with_error
 
 

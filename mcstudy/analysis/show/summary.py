@@ -20,7 +20,7 @@ from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
-from mcstudy.fitting.precision import WANTED
+from mcstudy.fitting.status import WANTED
 
 _BESIDE = ("floor", "lower", "upper", "box", "box_mcse", "used")
 """Further numbers of a result that the tables hold."""

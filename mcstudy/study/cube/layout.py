@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from mcstudy.fitting.certainty import certain
+from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.solvers import solvers
-from mcstudy.fitting.status import Status
+from mcstudy.fitting.status import USABLE, Status
 from mcstudy.stance.feedback import ANGLES, Model
 from mcstudy.study.group import Group
 
@@ -45,6 +47,52 @@ class Chunk:
     block: int
 
 
+class ChunkData(dict[str, np.ndarray]):
+    """Results of a chunk by array, each (1, ...): the axis of amplitudes has one entry.
+
+    Fits of a chunk are counted by position: ``k`` of Fmax, ``rows`` of realizations, starts.
+    """
+
+    @property
+    def pending(self) -> np.ndarray:
+        """Fits that have not been run, (fmax, realization, start) bool."""
+        return np.asarray(self["status"][0] == Status.PENDING)
+
+    @property
+    def unfinished(self) -> np.ndarray:
+        """Cells with pending fits, or without the standard errors that they should have, (fmax, realization) bool."""
+        unfinished = self.pending.any(axis=2)
+        if "standard_error" in self:  # a stop may have come before them
+            usable = np.isin(self["status"][0], USABLE).any(axis=2)
+            unfinished = unfinished | np.isnan(self["standard_error"][0]).all(axis=2) & usable
+        return np.asarray(unfinished)
+
+    def best(self, k: int, row: int) -> int | None:
+        """The start of lowest cost of a cell, of equal costs the first (as in the analysis); None without a fit."""
+        cost, status = self["cost"][0, k, row], self["status"][0, k, row]
+        usable = np.isin(status, USABLE) & np.isfinite(cost)
+        return int(np.where(usable, cost, np.inf).argmin()) if usable.any() else None
+
+    def put(self, k: int, rows: np.ndarray, starts: np.ndarray, fits: Fits, growth: np.ndarray) -> None:
+        """Results of fits at (M,) ``rows`` and ``starts``, with the growth rates (M,) of their estimates."""
+        place = (0, k, rows, starts)
+        self["growth_rate"][place] = growth
+        for name in ("estimate", "cost", "iterations", "at_bound", "status"):
+            self[name][place] = getattr(fits, name)
+
+    def leave_out(self, k: int, first: int) -> None:
+        """Mark pending starts as not needed where the ``first`` starts of a realization suffice."""
+        status, cost = self["status"][0, k], self["cost"][0, k]
+        pending = status == Status.PENDING
+        rows = np.flatnonzero(pending.any(axis=1) & ~pending[:, :first].any(axis=1))
+        enough = rows[certain(np.where(np.isin(status[rows, :first], USABLE), cost[rows, :first], np.inf))]
+        status[enough] = np.where(pending[enough], Status.NOT_NEEDED, status[enough])
+
+    def copy(self) -> ChunkData:
+        """With arrays of its own."""
+        return ChunkData({name: values.copy() for name, values in self.items()})
+
+
 @dataclass(frozen=True)
 class Layout:
     """All arrays of one group.
@@ -73,9 +121,9 @@ class Layout:
         """Number of fits of a chunk."""
         return len(self.group.fmax) * self.group.starts * len(self.realizations(chunk))
 
-    def empty(self, chunk: Chunk) -> dict[str, np.ndarray]:
+    def empty(self, chunk: Chunk) -> ChunkData:
         """Results of a chunk before any fit: every array at its fill value."""
-        out = {}
+        out = ChunkData()
         for name in self.results:
             spec = self.arrays[name]
             size = {"amplitude": 1, "realization": len(self.realizations(chunk))}

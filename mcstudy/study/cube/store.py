@@ -30,7 +30,7 @@ from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, real_end, refuse_
 from mcstudy.fitting.status import USABLE, Status
 from mcstudy.study.cube.checksums import LARGEST_NOTE, Checked, checksum, environments_of, note, noted
 from mcstudy.study.cube.encoding import codecs, decoded, encoded
-from mcstudy.study.cube.layout import ArraySpec, Chunk, Layout, layout, realizations_a_chunk
+from mcstudy.study.cube.layout import ArraySpec, Chunk, ChunkData, Layout, realizations_a_chunk
 from mcstudy.study.cube.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, own_document
 from mcstudy.study.design import Study
 from mcstudy.study.environment import environment
@@ -53,8 +53,7 @@ class GroupStore:
 
     def __init__(self, path: Path, name: str, experiment: Experiment, depth: int, fingerprint: str) -> None:
         self.path, self.name, self.experiment, self.fingerprint = path / name, name, experiment, fingerprint
-        e = experiment
-        self.layout: Layout = layout(e.group, e.model, e.f, e.n_frequencies, e.true_frf, depth)
+        self.layout: Layout = experiment.layout(depth)
 
     def write(self, chunk: Chunk, data: dict[str, np.ndarray], environments: Iterable[str] = ()) -> None:
         """Write one chunk: arrays, folders, status, checksums, in this order; on return all of it is on disk.
@@ -182,22 +181,23 @@ class GroupStore:
             return self.layout.fits(chunk)
         return int(np.count_nonzero(self.read("status", chunk) == Status.PENDING))
 
-    def existing(self, chunk: Chunk) -> dict[str, np.ndarray]:
+    def existing(self, chunk: Chunk) -> ChunkData:
         """Present content of a chunk, or all fill values when any part of it is missing or damaged."""
-        return self._held(chunk) if self.complete(chunk) else self.layout.empty(chunk)
+        return self.held(chunk) if self.complete(chunk) else self.layout.empty(chunk)
 
-    def taken_up(self, chunk: Chunk) -> dict[str, np.ndarray]:
+    def taken_up(self, chunk: Chunk) -> ChunkData:
         """Like `existing`, for a chunk that will be written again: damaged content is removed first.
 
         Otherwise a kill between two arrays could leave an old status together with unfinished new arrays.
         """
         if self.complete(chunk):
-            return self._held(chunk)
+            return self.held(chunk)
         self.forget(chunk)
         return self.layout.empty(chunk)
 
-    def _held(self, chunk: Chunk) -> dict[str, np.ndarray]:
-        return {name: self.read(name, chunk) for name in self.layout.results}
+    def held(self, chunk: Chunk) -> ChunkData:
+        """Every array of a chunk as it is on disk."""
+        return ChunkData({name: self.read(name, chunk) for name in self.layout.results})
 
     def forget(self, chunk: Chunk) -> None:
         """Set all fits of a chunk back to pending, on disk."""

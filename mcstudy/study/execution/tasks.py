@@ -16,17 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
-from mcstudy.fitting.certainty import certain, looks
-from mcstudy.fitting.problem import Fits, Problem
+from mcstudy.fitting.certainty import looks
+from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.solvers import fit_queue, solvers
 from mcstudy.fitting.status import NOT_RUN, USABLE, Status
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.cube.checksums import OWN, UNKNOWN
-from mcstudy.study.cube.layout import Chunk
+from mcstudy.study.cube.layout import Chunk, ChunkData, Layout
 from mcstudy.study.cube.store import GroupStore
 from mcstudy.study.design import Group, Study
 from mcstudy.study.experiment import Experiment
-from mcstudy.study.measure import Measurement
 
 CHECKPOINT_S = 20.0
 """Longest time between two writes of a slow chunk, seconds; a kill loses at most this work and the current fit."""
@@ -86,21 +85,20 @@ def run_task(task: Task) -> TaskReport:
             complete = False
             break
         data, environments = _taken_up(store, chunk, task)
-        before = data["status"] != Status.PENDING
-        fill(store, chunk, data, _pause(store, chunk, data, environments, stop))
-        new = data["status"][~before]
-        counts.update(new[new != Status.PENDING].tolist())
-        complete = complete and bool((data["status"] != Status.PENDING).all())
+        before = data.pending
+        fill(store.experiment, store.layout, chunk, data, _pause(store, chunk, data, environments, stop))
+        counts.update(data["status"][0][before & ~data.pending].tolist())
+        complete = complete and not data.pending.any()
         store.write(chunk, data, environments)
     return TaskReport(counts, complete, time.perf_counter() - begun)
 
 
-def _taken_up(store: GroupStore, chunk: Chunk, task: Task) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+def _taken_up(store: GroupStore, chunk: Chunk, task: Task) -> tuple[ChunkData, tuple[str, ...]]:
     """The arrays of a chunk, and the environments that it names when this one has completed it."""
     there, named = store.annotated(chunk), store.environments(chunk)
     data = store.taken_up(chunk)
     made: set[str] = {task.here}
-    if (data["status"] != Status.PENDING).any():
+    if not data.pending.all():
         made |= set(named or [OWN if there or task.here == OWN else UNKNOWN])
     return data, () if made == {OWN} else tuple(sorted(made))
 
@@ -108,7 +106,7 @@ def _taken_up(store: GroupStore, chunk: Chunk, task: Task) -> tuple[dict[str, np
 def _pause(
     store: GroupStore,
     chunk: Chunk,
-    data: dict[str, np.ndarray],
+    data: ChunkData,
     environments: tuple[str, ...],
     stop: threading.Event,
 ) -> Callable[[], bool]:
@@ -125,73 +123,75 @@ def _pause(
     return stopped
 
 
-def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: Callable[[], bool]) -> None:
+def fill(
+    experiment: Experiment, layout: Layout, chunk: Chunk, data: ChunkData, stopped: Callable[[], bool] = lambda: False
+) -> None:
     """Run every pending fit of a chunk, in place in ``data``, until done or ``stopped()``."""
-    experiment, group = store.experiment, store.experiment.group
-    amplitude, realizations = group.amplitude[chunk.amplitude], store.layout.realizations(chunk)
-    options = group.fit.options()
-    step = solvers()[group.fit.solver].starts_a_call
-    unfinished = (data["status"][0] == Status.PENDING).any(axis=2)  # (fmax, realization)
-    if "standard_error" in data:  # a stop may have come before them
-        unfinished |= np.isnan(data["standard_error"][0]).all(axis=2) & np.isin(data["status"][0], USABLE).any(axis=2)
-    wanted = np.flatnonzero(unfinished.any(axis=0))
-    measured = {r: experiment.measure(amplitude, realizations[r]) for r in wanted}
+    group = experiment.group
+    amplitude, realizations = group.amplitude[chunk.amplitude], layout.realizations(chunk)
+    options, step = group.fit.options(), solvers()[group.fit.solver].starts_a_call
+    unfinished = data.unfinished
+    measured = {
+        r: experiment.measure(amplitude, realizations[r]) for r in np.flatnonzero(unfinished.any(axis=0)).tolist()
+    }
     for r, measurement in measured.items():
         data["frf"][0, r] = measurement.frf
         if measurement.covariance is not None:
             data["noise_covariance"][0, r] = measurement.covariance
     for k, fmax in enumerate(group.fmax):
         rows = np.flatnonzero(unfinished[k])
-        problems = [experiment.problem(measured[r], fmax) for r in rows]
+        problems = [experiment.problem(measured[r], fmax) for r in rows.tolist()]
         if stopped():
             return
         for last in looks(group.starts) if group.until_certain else [group.starts]:
-            going = np.flatnonzero((data["status"][0, k, rows] == Status.PENDING).any(axis=1))
+            going = np.flatnonzero(data.pending[k, rows].any(axis=1))
             if going.size:
                 drawn = experiment.starts([problems[i] for i in going], [realizations[rows[i]] for i in going], last)
                 data["initial"][0, k, rows[going], :last] = drawn
-            row, start = np.nonzero(data["status"][0, k, rows, :last] == Status.PENDING)
+            row, start = np.nonzero(data.pending[k, rows, :last])
             for begin in range(0, row.size, step):
                 if stopped():
                     return
                 which, at = row[begin : begin + step], start[begin : begin + step]
-                place = (0, k, rows[which], at)
-                fits = fit_queue(problems, which, data["initial"][place], group.fit.solver, options)
-                _put(data, place, fits, experiment)
+                initial = data["initial"][0, k, rows[which], at]
+                fits = fit_queue(problems, which, initial, group.fit.solver, options)
+                data.put(k, rows[which], at, fits, _growth(experiment, fits))
             if group.until_certain:
-                _leave_out(data["status"][0, k], data["cost"][0, k], last)
+                data.leave_out(k, last)
         if "standard_error" in data:
-            for r, problem in zip(rows, problems, strict=True):
-                data["standard_error"][0, k, r] = _errors_of_best(data, k, int(r), problem, measured[r], experiment)
+            for i, problem in zip(rows.tolist(), problems, strict=True):
+                error, best = data["standard_error"][0, k, i], data.best(k, i)
+                estimate = None if best is None else data["estimate"][0, k, i, best]
+                error[:] = np.nan if estimate is None else experiment.standard_errors(problem, estimate, measured[i])
 
 
-def _leave_out(status: np.ndarray, cost: np.ndarray, first: int) -> None:
-    """Mark pending starts (R, starts) as not needed where the ``first`` starts of the realization suffice; in place."""
-    pending = status == Status.PENDING
-    rows = np.flatnonzero(pending.any(axis=1) & ~pending[:, :first].any(axis=1))
-    enough = rows[certain(np.where(np.isin(status[rows, :first], USABLE), cost[rows, :first], np.inf))]
-    status[enough] = np.where(pending[enough], Status.NOT_NEEDED, status[enough])
+def _growth(experiment: Experiment, fits: Fits) -> np.ndarray:
+    """Growth rate of each fit's closed loop; NaN for a fit without an estimate."""
+    usable, growth = np.isin(fits.status, USABLE), np.full(len(fits.cost), np.nan)
+    if usable.any():
+        growth[usable] = growth_rate(experiment.model, fits.estimate[usable])
+    return growth
 
 
 def left_out(group: Group, status: np.ndarray, cost: np.ndarray) -> np.ndarray:
     """Status (1, fmax, realization, start) of finished fits with those starts marked as not needed that should be."""
-    out = np.where(status == Status.NOT_NEEDED, Status.PENDING, status)
+    out = ChunkData(status=np.where(status == Status.NOT_NEEDED, Status.PENDING, status), cost=cost)
     for last in looks(group.starts) if group.until_certain else ():
-        for k in range(out.shape[1]):
-            _leave_out(out[0, k], cost[0, k], last)
-    return out
+        for k in range(status.shape[1]):
+            out.leave_out(k, last)
+    return out["status"]
 
 
-def again(store: GroupStore, chunk: Chunk, stored: dict[str, np.ndarray], chosen: np.ndarray) -> dict[str, np.ndarray]:
+def again(store: GroupStore, chunk: Chunk, stored: ChunkData, chosen: np.ndarray) -> ChunkData:
     """The arrays of a chunk with the ``chosen`` finished fits run again; whatever has not been run stays as stored.
 
     ``chosen``: of the shape of ``stored["status"]``, bool.
     """
-    data = {name: values.copy() for name, values in stored.items()}
+    data = stored.copy()
     waiting = np.isin(stored["status"], NOT_RUN)
     data["status"][waiting] = Status.SOLVER_ERROR  # `fill` must skip them
     data["status"][chosen] = Status.PENDING
-    fill(store, chunk, data, lambda: False)
+    fill(store.experiment, store.layout, chunk, data)
     for name in store.layout.results:
         dims = store.layout.arrays[name].dims
         if "start" in dims:  # one value or row per fit
@@ -199,27 +199,3 @@ def again(store: GroupStore, chunk: Chunk, stored: dict[str, np.ndarray], chosen
         elif "fmax" in dims:  # of the best of all starts
             data[name][waiting.any(axis=3)] = stored[name][waiting.any(axis=3)]
     return data
-
-
-def _errors_of_best(
-    data: dict[str, np.ndarray], k: int, row: int, problem: Problem, measured: Measurement, experiment: Experiment
-) -> np.ndarray:
-    """Standard errors (P,) of the best fit of a cell: of lowest cost, of equal costs the first (as in the analysis)."""
-    cell = (0, k, row)
-    cost = np.where(np.isin(data["status"][cell], USABLE) & np.isfinite(data["cost"][cell]), data["cost"][cell], np.inf)
-    best = int(cost.argmin())
-    if np.isinf(cost[best]):
-        return np.full(data["estimate"].shape[-1], np.nan)
-    return experiment.standard_errors(problem, data["estimate"][cell][best], measured)
-
-
-def _put(
-    data: dict[str, np.ndarray], place: tuple[int, int, np.ndarray, np.ndarray], fits: Fits, experiment: Experiment
-) -> None:
-    usable = np.isin(fits.status, USABLE)
-    growth = np.full(len(fits.cost), np.nan)
-    if usable.any():
-        growth[usable] = growth_rate(experiment.model, fits.estimate[usable])
-    data["growth_rate"][place] = growth
-    for name in ("estimate", "cost", "iterations", "at_bound", "status"):
-        data[name][place] = getattr(fits, name)

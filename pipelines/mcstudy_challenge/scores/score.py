@@ -19,7 +19,7 @@ from mcstudy_challenge.challenge_file import resolved
 from mcstudy_challenge.design import KINDS, MAIN, OTHER_FORM, OUTSIDE
 from mcstudy_challenge.scores.calibration import calibration
 from mcstudy_challenge.scores.grade import ANSWERED, CONFIDENT, SCORES, SET_SIZES, WRONG, Judged, judge, true_name
-from mcstudy_challenge.scores.other_shares import other_shares
+from mcstudy_challenge.scores.other_shares import SHARES, other_shares
 from mcstudy_challenge.scores.rates import Estimate, mean, rate
 from mcstudy_challenge.scores.targets import (
     AT_MOST_5,
@@ -43,8 +43,8 @@ EDGES = (0.0, 2.0, 3.0, 3.5, 4.5, 5.5, 6.5, 8.0, 10.0, 15.0, math.inf)
 Score = dict[str, Any]
 
 
-def score_files(data: Path, key: Path, answers: Path) -> Score:
-    """Score answers to a data folder with its key.
+def score_files(data: Path, key: Path, answers: Path, shares: Sequence[float] = SHARES) -> Score:
+    """Score answers to a data folder with its key; ``shares``: see `other_shares`.
 
     Raises `StoreError` when the key is not the one whose digest was published with the data, or when the answers belong
     to other data, omit a case, or contradict themselves.
@@ -55,7 +55,7 @@ def score_files(data: Path, key: Path, answers: Path) -> Score:
     truth, given = _read_key(key, manifest), files.read_answers(answers)
     if given["manifest_sha256"] != sha:
         raise StoreError(f"{answers}: answers to other data than {data}")
-    result = score(truth, given, str(answers))
+    result = score(truth, given, str(answers), shares)
     result["key_sha256"], result["answers_sha256"] = manifest["key_sha256"], json_files.digest(answers)
     schema.validate("challenge_score", result, "score")
     return result
@@ -73,7 +73,9 @@ def _read_key(path: Path, manifest: Mapping[str, Any]) -> dict[str, Any]:
     return key
 
 
-def score(key: Mapping[str, Any], answers: Mapping[str, Any], where: str = "answers") -> Score:
+def score(
+    key: Mapping[str, Any], answers: Mapping[str, Any], where: str = "answers", shares: Sequence[float] = SHARES
+) -> Score:
     """Score answers with a key, both as their schemas describe them.
 
     Raises `StoreError`, one line that starts with ``where``, for answers that break the rules or omit a case.
@@ -92,7 +94,7 @@ def score(key: Mapping[str, Any], answers: Mapping[str, Any], where: str = "answ
         "seconds_per_case": round(sum(j.seconds for j in judged) / len(judged), 3),
         "proper": _proper(main),
         "calibration": _calibration(main),
-        "other_shares": other_shares(main),
+        "other_shares": other_shares(main, shares),
         "targets": [_target(t.name, t.goal, t.figure(main), t.percent) for t in TARGETS],
         "false_alarms": [
             _target(s, AT_MOST_5, false_alarms([j for j in judged if j.case["series"] == s])) for s in (MAIN, *series)

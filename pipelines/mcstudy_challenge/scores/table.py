@@ -77,10 +77,15 @@ def _reliability(score: Mapping[str, Any]) -> Rows:
 def _shares(score: Mapping[str, Any]) -> Rows:
     """What another share of cases without a missing effect would make of the probabilities."""
     rows: Rows = [
-        ("were so many of the cases nulls", "first: stated minus right [95 %]", "nothing missing: stated minus share")
+        (
+            "were so many of the cases nulls",
+            "first: stated minus right [95 %]",
+            "nothing missing: stated minus share",
+            "log loss",
+        )
     ]
     return rows + [
-        (f"{100 * s['nulls']:.0f} %", _value(s["first"], False), _value(s["none"], False))
+        (f"{100 * s['nulls']:g} %", *(_value(s[k], False) if k in s else "" for k in ("first", "none", "log_loss")))
         for s in score.get("other_shares", ())
     ]
 

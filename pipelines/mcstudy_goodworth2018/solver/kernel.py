@@ -17,8 +17,8 @@ from numba import njit
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.compiling.decorators import compiled
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Outcomes, Plan, Queue, Workspace
-from mcstudy.fitting.kernel import CONVERGED, ITERATION_LIMIT, NON_FINITE_MODEL, STALLED, begin
+from mcstudy.fitting.arguments import Bounds, Lanes, Outcomes, Plan, Queue, Workspace
+from mcstudy.fitting.kernel import CONVERGED, ITERATION_LIMIT, NON_FINITE_MODEL, STALLED, busy, take
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy_goodworth2018.solver.barrier_step import (
     barrier_gradient,
@@ -311,7 +311,7 @@ def interior_point(
     out: Outcomes,
 ) -> None:
     """Fit every start of the queue inside bounds (P,) and fill ``out``."""
-    n_fits, P = queue.starts.shape
+    P = queue.starts.shape[1]
     w, at_trial = work.w, work.trial
     at_cost = work.gram_trial + (P + 1) * (P + 2) // 2 - 1
     offset, unit = np.zeros(P), np.ones(P)
@@ -319,25 +319,18 @@ def interior_point(
         for p in range(P):
             offset[p], unit[p] = bounds.lower[p], bounds.upper[p] - bounds.lower[p]
     inner = Bounds((bounds.lower - offset) / unit, (bounds.upper - offset) / unit)
-    fit = np.full(WIDTH, -1, dtype=np.int64)
-    next_fit = np.int64(0)  # a literal 0 would be a type of its own: `begin` would be compiled twice
-    running = 0
-    for lane in range(WIDTH):  # every lane begins with some start, so that idle lanes hold finite numbers
-        index = min(next_fit, n_fits - 1)
-        begin(work, lane, queue, index, bounds)
+    lanes = Lanes(np.full(WIDTH, -1), np.full(WIDTH, -1), np.zeros(1, np.int64))
+    for lane in range(WIDTH):
+        index = take(work, lanes, lane, queue)
         reset(m, lane, (queue.starts[index] - offset) / unit, inner, choices)
-        if next_fit < n_fits:
-            fit[lane] = next_fit
-            next_fit += 1
-            running += 1
-    while running > 0:
+    while busy(lanes):
         for lane in range(WIDTH):
             for p in range(P):
                 at = offset[p] + unit[p] * m.trial[lane, p]
                 w[(at_trial + p) * WIDTH + lane] = min(max(at, bounds.lower[p]), bounds.upper[p])
         call(evaluate_cost, plan, work)
         for lane in range(WIDTH):
-            index = fit[lane]
+            index = lanes.fit[lane]
             if index < 0:
                 continue
             outcome = advance(m, lane, w[at_cost * WIDTH + lane], inner, choices)
@@ -348,11 +341,6 @@ def interior_point(
                 out.estimate[index, p] = min(max(at, bounds.lower[p]), bounds.upper[p])
             out.cost[index], out.status[index] = m.value[lane], outcome
             out.iterations[index] = m.iterations[lane]
-            fit[lane] = -1
-            running -= 1
-            if next_fit < n_fits:  # hand the lane its next start
-                fit[lane] = next_fit
-                begin(work, lane, queue, next_fit, bounds)
-                reset(m, lane, (queue.starts[next_fit] - offset) / unit, inner, choices)
-                next_fit += 1
-                running += 1
+            index = take(work, lanes, lane, queue)
+            if index >= 0:
+                reset(m, lane, (queue.starts[index] - offset) / unit, inner, choices)

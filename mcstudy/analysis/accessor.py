@@ -11,21 +11,18 @@ is computed at once; a larger one, and every result of ``dataset.mc.lazy``, stay
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cached_property
-from inspect import getdoc
-from typing import TypeVar
+from inspect import Parameter, getdoc, signature
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import (
     accuracy,
-    basins,
-    by_starts,
     context,
     convergence,
-    correlation,
     efficiency,
     minimum_curve,
     neural,
@@ -34,10 +31,14 @@ from mcstudy.analysis import (
     stable_starts,
 )
 from mcstudy.analysis import atlas as atlases
+from mcstudy.analysis import basins as minima
+from mcstudy.analysis import by_starts as first_starts
 from mcstudy.analysis import compare as comparing
+from mcstudy.analysis import correlation as correlations
 from mcstudy.analysis import performance as performances
 from mcstudy.analysis import sensitivity as sensitivities
 from mcstudy.analysis.labels import PERCENT, labelled
+from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.fitting.standard_errors import overlap_of
@@ -51,6 +52,32 @@ _OF_A_GROUP = ("estimate", "cost", "status", "truth", "initial")
 """Variables by which a group of a cube is recognized."""
 
 T = TypeVar("T", xr.Dataset, xr.DataArray)
+P = ParamSpec("P")
+
+
+def _of_cells(function: Callable[Concatenate[xr.Dataset, P], T]) -> Callable[Concatenate[MonteCarlo, P], T]:
+    """The method that applies ``function`` to the best fits."""
+    return _method(function, lambda group: group._cells)
+
+
+def _of_cube(function: Callable[Concatenate[xr.Dataset, P], T]) -> Callable[Concatenate[MonteCarlo, P], T]:
+    """The method that applies ``function`` to all starts."""
+    return _method(function, lambda group: group._cube)
+
+
+def _method(function: Callable[..., T], data: Callable[[MonteCarlo], xr.Dataset]) -> Callable[..., T]:
+    """A method that says of itself what ``function`` does; its first argument is ``data`` of a group."""
+
+    def method(self: MonteCarlo, *args: Any, **settings: Any) -> T:
+        return self._result(function(data(self), *args, **settings))
+
+    declared = signature(function)
+    _, *others = declared.parameters.values()
+    its = Parameter("self", Parameter.POSITIONAL_OR_KEYWORD)
+    method.__name__, method.__doc__ = function.__name__, function.__doc__
+    method.__qualname__ = f"MonteCarlo.{function.__name__}"
+    setattr(method, "__signature__", declared.replace(parameters=[its, *others]))  # noqa: B010 - read by inspect
+    return method
 
 
 class MonteCarlo:
@@ -147,110 +174,22 @@ class MonteCarlo:
         theirs = getattr(other, "mc")._cube  # noqa: B009 - registered, which types do not show
         return comparing.difference(GroupView("this", self._cube), GroupView("the other", theirs)).dataset()
 
-    def only(self, mask: xr.DataArray) -> xr.Dataset:
-        """Best fits where ``mask`` holds, the rest left out: conditional statistics.
-
-        Parameters
-        ----------
-        mask
-            bool (amplitude, fmax, realization), e.g. `stable` or `inside_bounds`.
-
-        Returns
-        -------
-        xarray.Dataset
-            As `best`; estimates where the mask does not hold are NaN, and are counted in ``left_out``.
-        """
-        return self._result(selection.only(self._cells, mask))
-
-    def stable(self) -> xr.DataArray:
-        """Mask of cells whose best fit is a stable loop: bool (amplitude, fmax, realization)."""
-        return self._result(selection.stable(self._cells))
-
-    def inside_bounds(self) -> xr.DataArray:
-        """Mask of cells whose best fit touches no bound: bool (amplitude, fmax, realization)."""
-        return self._result(selection.inside_bounds(self._cells))
-
-    def combined(self) -> xr.Dataset:
-        """Best fits with active and passive stiffness of each joint summed: the paper's 10 numbers.
-
-        ``parameter`` then has ``"K11+Kpas1"`` and ``"K22+Kpas2"``; ``combined().mc`` has the statistics. Bounds of a
-        sum are not defined. Raises `InputError` when the model has no such pair.
-        """
-        return self._result(selection.combined(self._cells))
-
-    def outcomes(self) -> xr.DataArray:
-        """Counts of fits by status: dims (outcome, amplitude, fmax). Needs all starts."""
-        return self._result(selection.outcomes(self._cube))
-
-    def realizations(self) -> xr.Dataset:
-        """Counts of realizations used, not run, with data not finite, diverged, failed. Needs all starts.
-
-        Dims (amplitude, fmax): ``used``, one start is usable; ``not_run``, none is, and one is still pending;
-        ``non_finite``, nothing could be fitted to the data; ``diverged``, the model was not finite from any start;
-        ``failed``, the rest.
-        """
-        return self._result(selection.realizations(self._cube))
-
-    def bias(self) -> xr.Dataset:
-        """Mean estimate minus truth, in the unit of the parameter."""
-        return self._result(accuracy.bias(self._cells))
-
-    def absolute_bias_percent(self) -> xr.Dataset:
-        """The paper's bias, ``100 |mean estimate - truth| / |truth|``, in percent, with ``floor``.
-
-        An absolute value does not average to zero: ``floor`` = sqrt(2/pi) SD / sqrt(n), in percent of the truth, is its
-        expectation for an unbiased estimator. Compare every value with its floor. NaN where the truth is zero. Source:
-        Goodworth & Peterka 2018, note to Table II.
-        """
-        return self._result(accuracy.absolute_bias_percent(self._cells))
-
-    def mean_absolute_bias_percent(self) -> xr.Dataset:
-        """The paper's bias averaged over parameters, in percent: dims (amplitude, fmax), with ``floor``.
-
-        ``floor`` is the expectation when every parameter is unbiased. The standard error accounts for the correlation
-        of the parameters of a realization.
-        """
-        return self._result(accuracy.mean_absolute_bias_percent(self._cells))
-
-    def mean_spread_percent(self) -> xr.Dataset:
-        """Standard deviation in percent of the truth, averaged over parameters: the paper's variability.
-
-        Dims (amplitude, fmax). Source: Goodworth & Peterka 2018, Results.
-        """
-        return self._result(accuracy.mean_spread_percent(self._cells))
-
-    def sd(self) -> xr.Dataset:
-        """Standard deviation over realizations (divisor n - 1), in the unit of the parameter."""
-        return self._result(accuracy.sd(self._cells))
-
-    def cv(self) -> xr.Dataset:
-        """Coefficient of variation: standard deviation over absolute mean estimate, dimensionless."""
-        return self._result(accuracy.cv(self._cells))
-
-    def rmse(self) -> xr.Dataset:
-        """Root mean squared error about the truth, in the unit of the parameter."""
-        return self._result(accuracy.rmse(self._cells))
-
-    def median_bias(self) -> xr.Dataset:
-        """Median estimate minus truth, with a 95 % interval; for parameters whose estimates lie on bounds.
-
-        The interval (``lower``, ``upper``) is between order statistics and assumes no distribution.
-        """
-        return self._result(robust.median_bias(self._cells))
-
-    def mad(self) -> xr.Dataset:
-        """Median absolute deviation of the estimates from their median; ``mcse`` by a bootstrap with a fixed stream."""
-        return self._result(robust.mad(self._cells))
-
-    def quantiles(self, q: tuple[float, ...] = robust.QUANTILES) -> xr.Dataset:
-        """Quantiles of the estimates over realizations: dims (amplitude, fmax, parameter, quantile), with interval.
-
-        Parameters
-        ----------
-        q
-            The quantiles, 0 to 1.
-        """
-        return self._result(robust.estimate_quantiles(self._cells, q))
+    only = _of_cells(selection.only)
+    stable = _of_cells(selection.stable)
+    inside_bounds = _of_cells(selection.inside_bounds)
+    combined = _of_cells(selection.combined)
+    outcomes = _of_cube(selection.outcomes)
+    realizations = _of_cube(selection.realizations)
+    bias = _of_cells(accuracy.bias)
+    absolute_bias_percent = _of_cells(accuracy.absolute_bias_percent)
+    mean_absolute_bias_percent = _of_cells(accuracy.mean_absolute_bias_percent)
+    mean_spread_percent = _of_cells(accuracy.mean_spread_percent)
+    sd = _of_cells(accuracy.sd)
+    cv = _of_cells(accuracy.cv)
+    rmse = _of_cells(accuracy.rmse)
+    median_bias = _of_cells(robust.median_bias)
+    mad = _of_cells(robust.mad)
+    quantiles = _of_cells(robust.estimate_quantiles)
 
     def performance(self, level: float = 0.95) -> xr.Dataset:
         """Bias, empirical SE and MSE with the formulas of Morris et al. (2019), and how true the standard errors are.
@@ -296,25 +235,9 @@ class MonteCarlo:
         gain = performances.relative_precision(mine, reference).drop_vars(["lower", "upper"])
         return self._result(labelled(gain, self._data, performances.PRECISION.meaning, PERCENT))
 
-    def correlation(self) -> xr.Dataset:
-        """Correlation of every pair of estimates over realizations. Reads the best fits at once."""
-        return self._result(correlation.correlation(self._cells))
-
-    def at_bound(self) -> xr.Dataset:
-        """Fraction of best fits with a parameter on a bound, by ``side``.
-
-        Dims (amplitude, fmax, parameter, side), with a 95 % Wilson interval (``lower``, ``upper``). If it is large, the
-        bias of that parameter has little meaning: bounds centred on the truth hide bias.
-        """
-        return self._result(accuracy.at_bound(self._cells))
-
-    def unstable(self) -> xr.Dataset:
-        """Fraction of best fits whose loop is unstable: dims (amplitude, fmax).
-
-        With a 95 % Wilson interval (``lower``, ``upper``). Unstable: the rightmost characteristic root has a positive
-        real part.
-        """
-        return self._result(accuracy.unstable(self._cells))
+    correlation = _of_cells(correlations.correlation)
+    at_bound = _of_cells(accuracy.at_bound)
+    unstable = _of_cells(accuracy.unstable)
 
     def j_nc(self) -> xr.DataArray:
         """Error of the neural controllers of every fit held (all starts, or the best), at all frequencies.
@@ -366,22 +289,7 @@ class MonteCarlo:
         bounds = efficiency.bounds_on_sd(cells, model, covariance, overlap)
         return self._result(efficiency.efficiency(cells, bounds))
 
-    def starts_needed(self, confidence: float = 0.95) -> xr.Dataset:
-        """New starts that find the lowest cost of their cell, per realization. Needs all starts.
-
-        Parameters
-        ----------
-        confidence
-            Probability with which one of them finds it.
-
-        Returns
-        -------
-        xarray.Dataset
-            Dims (amplitude, fmax, realization): ``value``, for new starts, with ``mcse``, ``lower``, ``upper``;
-            ``from_pool``, exact, for starts drawn from those of the cell, which cannot exceed them; ``missed``, the
-            chance that as many new starts miss that cost; ``hit_rate``, ``hits``, ``starts``.
-        """
-        return self._result(convergence.starts_needed(self._cube, confidence))
+    starts_needed = _of_cube(convergence.starts_needed)
 
     def starts_needed_quantiles(self, q: tuple[float, ...] = (0.5, 0.9)) -> xr.Dataset:
         """Quantiles over realizations of the new starts needed, median and 90th percentile. Needs all starts.
@@ -430,21 +338,7 @@ class MonteCarlo:
         """
         return self._result(minimum_curve.asymptote(minimum_curve.minimum_curve(self._cube), tolerance))
 
-    def basins(self, most: int = 10) -> xr.Dataset:
-        """The lowest local minima of every cell, and how often they are reached. Needs all starts.
-
-        Parameters
-        ----------
-        most
-            Number of minima kept per cell.
-
-        Returns
-        -------
-        xarray.Dataset
-            Dims (amplitude, fmax, realization, basin): ``value``, probability that a start ends there, with ``mcse``,
-            ``lower``, ``upper``; ``cost``; ``estimate``; ``stable``; and per cell ``n_basins`` and ``n``, the starts.
-        """
-        return self._result(basins.basins(self._cube, most))
+    basins = _of_cube(minima.basins)
 
     def atlas(self, amplitude: float | None = None, fmax: float | None = None, most: int = 10) -> xr.Dataset:
         """Local minima of all realizations in clusters, most often reached first. Needs all starts.
@@ -483,27 +377,7 @@ class MonteCarlo:
             raise InputError(f"{name}: expected one of {', '.join(f'{x:g}' for x in held)}, got {value:g}")
         return found
 
-    def by_starts(
-        self,
-        statistic: Callable[[xr.Dataset], xr.Dataset] = by_starts.mean_cv,
-        counts: Iterable[int] = by_starts.COUNTS,
-    ) -> xr.Dataset:
-        """A statistic as a function of the number of starts (dim ``drawn``). Needs all starts.
-
-        Parameters
-        ----------
-        statistic
-            Function of best fits; the coefficient of variation averaged over parameters by default.
-        counts
-            Numbers of starts; all there are is always the last.
-
-        Returns
-        -------
-        xarray.Dataset
-            What the statistic returns, with the dim ``drawn``: the best of the first so many starts. ``missed``: the
-            chance that as many new starts miss the lowest minimum, mean over realizations.
-        """
-        return self._result(by_starts.by_starts(self._cube, statistic, counts))
+    by_starts = _of_cube(first_starts.by_starts)
 
     def hit_rate_by_start(self) -> xr.Dataset:
         """Fraction of starts that reach the lowest cost, for stable and unstable loops at the start. Needs all starts.
@@ -513,6 +387,11 @@ class MonteCarlo:
         """
         needed = self._cube[["initial", "cost", "status"]].compute()
         return self._result(stable_starts.hit_rate_by_start(needed, self.model))
+
+
+for _declared in CELL_STATISTICS:
+    if not hasattr(MonteCarlo, _declared.key):
+        setattr(MonteCarlo, _declared.key, _of_cells(_declared.load()))
 
 
 class MonteCarloOfNode(MonteCarlo):

@@ -16,6 +16,7 @@ import xarray as xr
 
 from mcstudy.analysis.labels import ONE, PERCENT, labelled, units_of
 from mcstudy.analysis.montecarlo import A, Moments, PlainStatistic, Statistic, fraction, jackknife, jackknives, moments
+from mcstudy.analysis.selection import inside_bounds
 
 
 def statistic_of(cells: xr.Dataset, statistic: Statistic, name: str = "statistic", units: str = ONE) -> xr.Dataset:
@@ -32,48 +33,62 @@ def _plain(
 
 
 def bias(cells: xr.Dataset) -> xr.Dataset:
-    """Mean estimate minus truth."""
+    """Mean estimate minus truth, in the unit of the parameter."""
     return _plain(cells, bias_of, "bias (mean estimate minus truth)", units_of(cells))
 
 
 def sd(cells: xr.Dataset) -> xr.Dataset:
-    """Standard deviation over realizations (divisor n - 1)."""
+    """Standard deviation over realizations (divisor n - 1), in the unit of the parameter."""
     return _plain(cells, sd_of, "standard deviation over realizations", units_of(cells))
 
 
 def cv(cells: xr.Dataset) -> xr.Dataset:
-    """Coefficient of variation: standard deviation over absolute mean estimate."""
+    """Coefficient of variation: standard deviation over absolute mean estimate, dimensionless."""
     return _plain(cells, cv_of, "coefficient of variation")
 
 
 def rmse(cells: xr.Dataset) -> xr.Dataset:
-    """Root mean squared error about the truth."""
+    """Root mean squared error about the truth, in the unit of the parameter."""
     return _plain(cells, rmse_of, "root mean squared error", units_of(cells))
 
 
 def absolute_bias_percent(cells: xr.Dataset) -> xr.Dataset:
-    """The paper's bias, ``100 |mean estimate - truth| / |truth|``, with ``floor``.
+    """The paper's bias, ``100 |mean estimate - truth| / |truth|``, in percent, with ``floor``.
 
-    An absolute value does not average to zero: for an unbiased estimator its expectation is ``floor`` =
-    sqrt(2/pi) SD / sqrt(n) (in percent of the truth; the folded normal). Compare every value with its floor.
+    An absolute value does not average to zero: ``floor`` = sqrt(2/pi) SD / sqrt(n), in percent of the truth, is its
+    expectation for an unbiased estimator. Compare every value with its floor. NaN where the truth is zero. Source:
+    Goodworth & Peterka 2018, note to Table II.
     """
     name = "absolute bias, in percent of the truth"
     return _plain(cells, absolute_bias_of, name, PERCENT, floor=floor_percent(cells))
 
 
 def mean_absolute_bias_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
-    """The paper's bias averaged over the dims ``over`` (parameters, and amplitudes if wanted), with its ``floor``.
+    """The paper's bias averaged over parameters, in percent: dims (amplitude, fmax), with ``floor``.
 
-    ``floor`` is the expectation of the average if every parameter is unbiased. The standard error accounts for the
-    correlation of parameters and amplitudes within a realization. It is too large where the true biases are far below
-    their errors, because an absolute value varies less than its argument.
+    ``floor`` is the expectation when every parameter is unbiased. The standard error accounts for the correlation
+    of the parameters of a realization; it is too large where the true biases are far below their errors, because an
+    absolute value varies less than its argument.
+
+    Parameters
+    ----------
+    over
+        The dims averaged over: ``parameter``, and ``amplitude`` if wanted.
     """
     name, floor = f"absolute bias, in percent of the truth, {_mean_over(over)}", floor_percent(cells).mean(list(over))
     return _plain(cells, lambda m: absolute_bias_of(m).mean(list(over)), name, PERCENT, floor=floor)
 
 
 def mean_spread_percent(cells: xr.Dataset, over: Sequence[str] = ("parameter",)) -> xr.Dataset:
-    """Standard deviation in percent of the truth, averaged over parameters: the paper's 'average variability'."""
+    """Standard deviation in percent of the truth, averaged over parameters: the paper's variability.
+
+    Dims (amplitude, fmax). Source: Goodworth & Peterka 2018, Results.
+
+    Parameters
+    ----------
+    over
+        The dims averaged over: ``parameter``, and ``amplitude`` if wanted.
+    """
     name = f"standard deviation, in percent of the truth, {_mean_over(over)}"
     return _plain(cells, lambda m: relative_sd_of(m).mean(list(over)), name, PERCENT)
 
@@ -119,10 +134,10 @@ def floor_percent(cells: xr.Dataset) -> xr.DataArray:
 
 
 def at_bound(cells: xr.Dataset) -> xr.Dataset:
-    """Fraction of best fits in which a parameter ended on a bound, by ``side`` (lower, upper), with Wilson interval.
+    """Fraction of best fits with a parameter on a bound, by ``side``.
 
-    Bounds centred on the truth hide bias: a parameter that the data do not determine scatters between its bounds and
-    averages to the truth. If this fraction is large, the bias of that parameter has little meaning.
+    Dims (amplitude, fmax, parameter, side), with a 95 % Wilson interval (``lower``, ``upper``). If it is large, the
+    bias of that parameter has little meaning: bounds centred on the truth hide bias.
     """
     used = cells["estimate"].notnull()
     sides = xr.DataArray(["lower", "upper"], dims="side", name="side")
@@ -132,9 +147,16 @@ def at_bound(cells: xr.Dataset) -> xr.Dataset:
 
 
 def unstable(cells: xr.Dataset) -> xr.Dataset:
-    """Fraction of best fits whose loop is unstable (growth rate above zero), dims (amplitude, fmax), Wilson interval.
+    """Fraction of best fits whose loop is unstable: dims (amplitude, fmax).
 
-    A fit without a growth rate counts as left out.
+    With a 95 % Wilson interval (``lower``, ``upper``). Unstable: the rightmost characteristic root has a positive
+    real part. A fit without a growth rate counts as left out.
     """
     out = fraction(cells["growth_rate"] > 0, cells["growth_rate"].notnull())
     return labelled(out, cells, "fraction of best fits that are unstable")
+
+
+def share_inside_bounds(cells: xr.Dataset) -> xr.Dataset:
+    """Fraction of best fits that touch no bound: dims (amplitude, fmax), with a 95 % Wilson interval."""
+    out = fraction(inside_bounds(cells), cells["cost"].notnull())
+    return labelled(out, cells, "fraction of best fits that touch no bound")

@@ -61,13 +61,21 @@ def basins(
     cost_tolerance: float = COST_TOLERANCE,
     width_tolerance: float = WIDTH_TOLERANCE,
 ) -> xr.Dataset:
-    """The ``most`` lowest local minima of every cell.
+    """The lowest local minima of every cell, and how often they are reached. Needs all starts.
+
+    Parameters
+    ----------
+    most
+        Number of minima kept per cell.
+    cost_tolerance, width_tolerance
+        Starts ended in the same minimum if their costs differ by at most this, relative, and their estimates by at
+        most this, in units of the distance between the bounds.
 
     Returns
     -------
-    Dataset with dims (amplitude, fmax, realization, basin): ``value`` (probability that a start ends there) with
-    ``mcse``, ``lower``, ``upper`` (Wilson), ``cost``, ``estimate`` (…, parameter), ``stable`` (1, 0, or NaN where there
-    is no such basin); and ``n_basins``, ``n`` (starts attempted) per cell.
+    xarray.Dataset
+        Dims (amplitude, fmax, realization, basin): ``value``, probability that a start ends there, with ``mcse``,
+        ``lower``, ``upper``; ``cost``; ``estimate``; ``stable``; and per cell ``n_basins`` and ``n``, the starts.
     """
     cost, z = _minima(cube)
     growth = cube["growth_rate"]

@@ -22,13 +22,29 @@ COUNTS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500)
 """Numbers of starts that are evaluated, up to the number in the cube."""
 
 
-def by_starts(
-    cube: xr.Dataset, statistic: Callable[[xr.Dataset], xr.Dataset], counts: Iterable[int] = COUNTS
-) -> xr.Dataset:
-    """A statistic of cells, such as `mean_cv`, with the dim ``drawn``: the best of that many starts.
+def mean_cv(cells: xr.Dataset) -> xr.Dataset:
+    """Coefficient of variation averaged over parameters, dims (amplitude, fmax)."""
+    name = "coefficient of variation, mean over every parameter"
+    return accuracy.statistic_of(cells, lambda m: accuracy.cv_of(m).mean("parameter"), name)
 
-    The largest count is always the number of starts the cube has. ``missed``, with dims (amplitude, fmax, drawn): see
-    `missed_by`.
+
+def by_starts(
+    cube: xr.Dataset, statistic: Callable[[xr.Dataset], xr.Dataset] = mean_cv, counts: Iterable[int] = COUNTS
+) -> xr.Dataset:
+    """A statistic as a function of the number of starts (dim ``drawn``). Needs all starts.
+
+    Parameters
+    ----------
+    statistic
+        Function of best fits; the coefficient of variation averaged over parameters by default.
+    counts
+        Numbers of starts; all there are is always the last.
+
+    Returns
+    -------
+    xarray.Dataset
+        What the statistic returns, with the dim ``drawn``: the best of the first so many starts. ``missed``: the
+        chance that as many new starts miss the lowest minimum, mean over realizations.
     """
     cells = best_of_first(cube, counts)
     parts = [statistic(cells.isel(drawn=i, drop=True)) for i in range(cells.sizes["drawn"])]
@@ -52,9 +68,3 @@ def best_of_first(cube: xr.Dataset, counts: Iterable[int] = COUNTS) -> xr.Datase
     number = xr.DataArray(drawn, dims="drawn", attrs={"long_name": "number of starts", "units": ONE})
     first = xr.DataArray(np.arange(held), dims="start") < number
     return best(cube[needed], first).assign_coords(drawn=number)
-
-
-def mean_cv(cells: xr.Dataset) -> xr.Dataset:
-    """Coefficient of variation averaged over parameters, dims (amplitude, fmax)."""
-    name = "coefficient of variation, mean over every parameter"
-    return accuracy.statistic_of(cells, lambda m: accuracy.cv_of(m).mean("parameter"), name)

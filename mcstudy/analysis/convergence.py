@@ -85,16 +85,23 @@ def fewest_independent_starts(p: np.ndarray, confidence: float) -> np.ndarray:
 def starts_needed(
     cube: xr.Dataset, confidence: float = 0.95, tolerance: float = HIT_TOLERANCE, floor: float = COST_FLOOR
 ) -> xr.Dataset:
-    """New starts that find the pool's minimum with the given confidence, per realization.
+    """New starts that find the lowest cost of their cell, per realization. Needs all starts.
+
+    Parameters
+    ----------
+    confidence
+        Probability with which one of them finds it.
+    tolerance, floor
+        A start finds the lowest cost if its own is above it by at most this, relative and absolute.
 
     Returns
     -------
-    Dataset with dims (amplitude, fmax, realization): ``value``, for independent starts, with ``mcse`` (by the delta
-    method from the hit rate), ``lower`` and ``upper`` (from the hit rate's Wilson interval); ``from_pool`` (exact, for
-    starts drawn from the pool without replacement, so never more than the pool has); ``missed`` (chance that a new
-    pool of as many starts misses this minimum, and so an estimate of the chance that this pool missed a lower one,
-    right in the mean over realizations), ``missed_upper`` (the same from the lower end of the hit rate's interval, the
-    criterion of ``starts = "until certain"``), ``hit_rate``, ``hits``, ``starts``.
+    xarray.Dataset
+        Dims (amplitude, fmax, realization): ``value``, for new starts, with ``mcse`` (delta method), ``lower``,
+        ``upper`` (Wilson); ``from_pool``, exact, for starts drawn from those of the cell, which cannot exceed them;
+        ``missed``, the chance that as many new starts miss that cost, and so that these missed a lower one (right in
+        the mean over realizations); ``missed_upper``, the same from the lower end of the interval of the hit rate, the
+        criterion of ``starts = "until certain"``; ``hit_rate``, ``hits``, ``starts``.
     """
     pool = hits(cube, tolerance, floor)
     rate = wilson(pool["hits"], pool["starts"])

@@ -14,16 +14,10 @@ from mcstudy.analysis.montecarlo import NUMBERS_A_PIECE, REALIZATION
 
 
 def correlation(cells: xr.Dataset) -> xr.Dataset:
-    """Pearson's correlation of every pair of estimates over realizations, with its Monte Carlo standard error.
+    """Correlation of every pair of estimates over realizations. Reads the best fits at once.
 
-    Parameters
-    ----------
-    cells: best fits with ``estimate`` (..., realization, parameter); NaN marks realizations that are left out.
-
-    Returns
-    -------
-    Dataset ``value``, ``mcse`` (..., parameter, parameter_2), ``n``, ``left_out`` (...). The error is that of the
-    delete-one jackknife. NaN where an estimate does not vary; ``mcse`` is NaN for fewer than four realizations.
+    Pearson's, with the error of the delete-one jackknife: dims (..., parameter, parameter_2). NaN where an estimate
+    does not vary; ``mcse`` is NaN for fewer than four realizations.
     """
     x = cells["estimate"].transpose(..., REALIZATION, "parameter").load()
     values = np.asarray(x.values, dtype=float)

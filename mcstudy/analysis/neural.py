@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.labels import label
+from mcstudy.analysis.context import model_of
+from mcstudy.analysis.labels import label, labelled
+from mcstudy.analysis.montecarlo import quantiles
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import neural_controllers
 
@@ -39,6 +41,12 @@ def j_nc_within(fits: xr.Dataset, model: Model) -> xr.DataArray:
     layers = [every.isel(_n=i, fmax=i) for i in range(fits.sizes["fmax"])]
     out = xr.concat(layers, dim=fits["fmax"]).transpose(*(d for d in fits["estimate"].dims if d != "parameter"))
     return label(out, "error of the neural controllers at the fitted frequencies, J_NC").rename("j_nc_within")
+
+
+def median_j_nc(cells: xr.Dataset) -> xr.Dataset:
+    """Median of `j_nc` of the best fits over realizations: dims (amplitude, fmax), with a 95 % interval."""
+    found = quantiles(j_nc(cells, model_of(cells)), (0.5,)).isel(quantile=0, drop=True)
+    return labelled(found, cells, "median error of the neural controllers, J_NC")
 
 
 def _errors(fits: xr.Dataset, model: Model, counts: xr.DataArray) -> xr.DataArray:

@@ -30,21 +30,39 @@ FEWEST = 3
 
 
 def estimate_quantiles(cells: xr.Dataset, q: tuple[float, ...] = QUANTILES) -> xr.Dataset:
-    """Quantiles of the estimates over realizations, dims (amplitude, fmax, parameter, quantile), with 95 % interval."""
+    """Quantiles of the estimates over realizations: dims (amplitude, fmax, parameter, quantile), with interval.
+
+    Parameters
+    ----------
+    q
+        The quantiles, 0 to 1.
+    """
     found = quantiles(cells["estimate"], q)
     return labelled(found, cells, "quantile of the estimates over realizations", units_of(cells))
 
 
 def median_bias(cells: xr.Dataset) -> xr.Dataset:
-    """Median estimate minus truth, with 95 % interval; dims (amplitude, fmax, parameter)."""
+    """Median estimate minus truth, with a 95 % interval; for parameters whose estimates lie on bounds.
+
+    The interval (``lower``, ``upper``) is between order statistics and assumes no distribution.
+    """
     found = quantiles(cells["estimate"], (0.5,)).isel(quantile=0, drop=True)
     for name in ("value", "lower", "upper"):
         found[name] = found[name] - cells["truth"]
     return labelled(found, cells, "median bias (median estimate minus truth)", units_of(cells))
 
 
+def median_cost(cells: xr.Dataset) -> xr.Dataset:
+    """Median cost of the best fits over realizations: dims (amplitude, fmax), with a 95 % interval."""
+    found = quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True)
+    return labelled(found, cells, "median cost of the best fits")
+
+
 def mad(cells: xr.Dataset) -> xr.Dataset:
-    """Median absolute deviation from the median, not scaled to a normal SD; dims (amplitude, fmax, parameter)."""
+    """Median absolute deviation of the estimates from their median; ``mcse`` by a bootstrap with a fixed stream.
+
+    It is not scaled to the SD of a normal distribution.
+    """
     x = cells["estimate"]
     if x.chunks is not None:
         x = x.chunk({REALIZATION: -1})

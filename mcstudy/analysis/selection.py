@@ -120,20 +120,18 @@ def _take_block(values: np.ndarray, index: np.ndarray) -> np.ndarray:
 
 
 def outcomes(cube: xr.Dataset) -> xr.DataArray:
-    """Number of fits per (amplitude, fmax, outcome); outcomes are the names of `Status`, all of them kept apart."""
+    """Counts of fits by status: dims (outcome, amplitude, fmax). Needs all starts."""
     counts = [(cube["status"] == int(s)).sum(["realization", "start"]) for s in Status]
     names = xr.DataArray([s.name.lower() for s in Status], dims="outcome", name="outcome")
     return label(xr.concat(counts, dim=names), "number of fits").rename("fits")
 
 
 def realizations(cube: xr.Dataset) -> xr.Dataset:
-    """What became of the realizations, dims (amplitude, fmax): a count each of those
+    """Counts of realizations used, not run, with data not finite, diverged, failed. Needs all starts.
 
-    - ``used``: one start is usable;
-    - ``not_run``: none is, and a start is still pending;
-    - ``non_finite``: the data or weights were not finite, so that nothing was fitted;
-    - ``diverged``: the model was not finite from any start;
-    - ``failed``: the rest, where the solver raised an error or came back without a finite cost.
+    Dims (amplitude, fmax): ``used``, one start is usable; ``not_run``, none is, and one is still pending;
+    ``non_finite``, nothing could be fitted to the data; ``diverged``, the model was not finite from any start;
+    ``failed``, the rest.
     """
     status = cube["status"]
     used = usable(cube).any("start")
@@ -148,20 +146,28 @@ def realizations(cube: xr.Dataset) -> xr.Dataset:
 
 
 def stable(cells: xr.Dataset) -> xr.DataArray:
-    """Which cells' best fit is a stable loop (rightmost root left of zero): a mask for conditional statistics."""
+    """Mask of cells whose best fit is a stable loop: bool (amplitude, fmax, realization)."""
     return label(cells["growth_rate"] < 0, "whether the best fit is a stable loop").rename("stable")
 
 
 def inside_bounds(cells: xr.Dataset) -> xr.DataArray:
-    """Which cells' best fit touches no bound: a mask for conditional statistics."""
+    """Mask of cells whose best fit touches no bound: bool (amplitude, fmax, realization)."""
     inside = cells[INSIDE] if INSIDE in cells else (cells["at_bound"] == 0).all("parameter")
     return label(inside, "whether the best fit touches no bound").rename(INSIDE)
 
 
 def only(cells: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
-    """The cells where ``mask`` holds; the others' estimates become NaN and are counted as left out.
+    """Best fits where ``mask`` holds, the rest left out: conditional statistics.
 
-    Statistics of the result are *conditional* on the mask, those of ``cells`` itself are over all replicates.
+    Parameters
+    ----------
+    mask
+        bool (amplitude, fmax, realization), e.g. `stable` or `inside_bounds`.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `best`; estimates where the mask does not hold are NaN, and are counted in ``left_out``.
     """
     out = cells.copy()
     for name in _CONDITIONAL:
@@ -171,14 +177,11 @@ def only(cells: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
 
 
 def combined(cells: xr.Dataset) -> xr.Dataset:
-    """Cells with the active and passive stiffness of each joint replaced by their sum: 12 parameters become 10.
+    """Best fits with active and passive stiffness of each joint summed: the paper's 10 numbers.
 
-    Keeps ``estimate`` and ``truth`` (and the other variables without parameters); bounds of a sum are not defined, but
-    ``inside_bounds`` says whether the fit touched any.
-
-    Raises
-    ------
-    InputError: when the model has no such pair.
+    ``parameter`` then has ``"K11+Kpas1"`` and ``"K22+Kpas2"``; ``combined().mc`` has the statistics. Bounds of a
+    sum are not defined; ``inside_bounds`` says whether the fit touched any. Raises `InputError` when the model has no
+    such pair.
     """
 
     def total(x: xr.DataArray, members: list[list[int]]) -> xr.Variable:

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from mcstudy.fitting.proportions import score_interval
 from mcstudy.fitting.status import WANTED
 
 MISSED = "chance that as many new starts miss the lowest minimum"
@@ -55,5 +54,7 @@ def certain(cost: np.ndarray) -> np.ndarray:
     cost = np.where(np.isfinite(cost), cost, np.inf)
     lowest, n = cost.min(axis=-1), cost.shape[-1]
     hits = (cost <= (lowest * (1 + HIT_TOLERANCE) + COST_FLOOR)[..., None]).sum(axis=-1)
+    from mcstudy.fitting.proportions import score_interval  # SciPy, which those who count fits do not need
+
     centre, half = score_interval(hits / n, n)
     return np.isfinite(lowest) & (missed(np.maximum(centre - half, 0.0), n) < WANTED)

@@ -7,7 +7,8 @@ nowhere yet is compiled by processes of their own (`mcstudy.fitting.compilers`),
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from functools import cache
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from mcstudy.fitting.linearised import POOL, LinearModel
 from mcstudy.fitting.lm import normal_equations
 from mcstudy.fitting.plans import plan, workspace
 from mcstudy.fitting.problem import small_problem
-from mcstudy.fitting.solvers import Part, named, solvers
+from mcstudy.fitting.solvers import OWN, Part, named, solvers
 from mcstudy.stance.simulate_time import simulate
 from mcstudy.stance.stability import growth_rate
 
@@ -61,7 +62,7 @@ def with_called(parts: Iterable[str]) -> list[str]:
     """These parts and those that they call, in the order of `PARTS`."""
     wanted = set(parts)
     wanted.update(*(PARTS[part].calls for part in wanted))
-    return [part for part in PARTS if part in wanted]
+    return PARTS.in_order(wanted)
 
 
 def missing(parts: Iterable[str]) -> list[str]:
@@ -73,7 +74,7 @@ def missing(parts: Iterable[str]) -> list[str]:
         if part not in found and not load(part):
             found.add(part)
             waiting += PARTS[part].after
-    return [part for part in PARTS if part in found]
+    return PARTS.in_order(found)
 
 
 def _misses() -> int:
@@ -144,7 +145,7 @@ def _part(function: Callable[[], None], functions: int, seconds: float, *calls: 
     return Part(f"{__name__}:{function.__name__}", functions, seconds, calls=calls)
 
 
-PARTS = {
+_PARTS = {
     "stability": _part(compile_stability, 16, 4.3),
     "gram": _part(compile_gram, 29, 9.0),
     "steps": _part(compile_steps, 10, 2.4),
@@ -153,6 +154,35 @@ PARTS = {
     "intervals": _part(compile_intervals, 76, 10.0, "gram"),
     "time_domain": _part(compile_simulation, 13, 2.4),
     "linearised": _part(compile_starts, 20, 5.0),
-    **{name: part for solver in solvers().values() for name, part in solver.parts.items()},
+    **{name: part for solver in OWN for name, part in solver.parts.items()},
 }
+"""Those of this package."""
+
+
+class _Parts(Mapping[str, Part]):
+    """`_PARTS`, and those of attached solvers, which are loaded when one of theirs is asked for, or all."""
+
+    def __getitem__(self, name: str) -> Part:
+        return _PARTS[name] if name in _PARTS else _attached()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        yield from _PARTS
+        yield from _attached()
+
+    def __len__(self) -> int:
+        return len(_PARTS) + len(_attached())
+
+    def in_order(self, names: Collection[str]) -> list[str]:
+        """These parts in order."""
+        every = _PARTS if _PARTS.keys() >= set(names) else self
+        return [name for name in every if name in names]
+
+
+@cache
+def _attached() -> dict[str, Part]:
+    parts = {name: part for solver in solvers().values() for name, part in solver.parts.items()}
+    return {name: part for name, part in parts.items() if name not in _PARTS}
+
+
+PARTS = _Parts()
 """What needs which functions, by the name of the simulator, solver or kind of starts in a study file, or our own."""

@@ -22,7 +22,12 @@ from mcstudy.report.html import Table, details, escape, table
 from mcstudy.report.overview import overview
 from mcstudy.report.sections.alternatives import one_start, population, two_stimuli
 from mcstudy.report.sections.compare import comparison_html
-from mcstudy.report.sections.estimates import efficiency_figure, estimates, paper_estimate_figures
+from mcstudy.report.sections.estimates import (
+    efficiency_figure,
+    estimates,
+    paper_estimate_figures,
+    statistic_figures,
+)
 from mcstudy.report.sections.model import model_html
 from mcstudy.report.sections.pairs import pairs_figure
 from mcstudy.report.sections.search import further_search_figures, paper_search_figures
@@ -82,7 +87,7 @@ def _page(context: Context, beside: Sequence[_Beside]) -> str:
     paper = signal_figures(context) + paper_search_figures(context) + paper_estimate_figures(context)
     beyond = [pairs_figure(context), *further_search_figures(context)]
     if main is not None:
-        beyond += [efficiency_figure(main), *zipper_figures(main)]
+        beyond += [efficiency_figure(main), *zipper_figures(main), *statistic_figures(main)]
     parts = [
         ("model", "The model", model_html(context)),
         ("paper", paper_title(context.data), headline(context)),
@@ -138,6 +143,7 @@ def _other_groups(context: Context) -> list[tuple[str, str, str]]:
     out = []
     for i, view in enumerate(context.others):
         items = [*estimates(context, view, f"-{i}"), efficiency_figure(view, f"-{i}"), *zipper_figures(view, f"-{i}")]
+        items += statistic_figures(view, f"-{i}")
         stripped = [f if isinstance(f, Missing) else _without_paper(f) for f in items]
         differs = "".join(f"<li>{escape(d)}</li>" for d in view.differences)
         intro = f"<p>Differs from the paper's setting in:</p><ul>{differs}</ul>" if differs else ""

@@ -9,6 +9,7 @@ from typing import Any
 from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL, DIFFERS
 from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.show.text import incomplete, ours, verdict
+from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report.context import Context, stat
 from mcstudy.report.html import Table, escape, table
@@ -122,6 +123,11 @@ def beside(context: Context, keys: Sequence[str]) -> str:
     return f'<ul class="beside">{lines}</ul>'
 
 
+def _columns(statistic: CellStatistic, entry: dict[str, Any]) -> list[str]:
+    floor = short(statistic.factor * (entry.get("floor") or float("nan")), 2)
+    return [stat(entry, statistic.factor), *[floor] * statistic.floor]
+
+
 def group_overviews(context: Context) -> str:
     """Every group: its size, what became of its fits, and the quality of its best fits by condition."""
     parts = []
@@ -129,25 +135,13 @@ def group_overviews(context: Context) -> str:
         g, data = view.group, context.data["groups"][name]
         fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in data["fits"].items() if n)
         size = f"{counted(g.realizations, 'realization' if view.noisy else 'pool')} of {g.starts_in_words}"
-        header = [
-            "condition",
-            "used",
-            "mean |bias| (%)",
-            "floor",
-            "mean SD (%)",
-            "unstable (%)",
-            "on no bound (%)",
-            f"{MISSED} (%)",
-        ]
+        columns = [s for s in CELL_STATISTICS if s.page]
+        heads = [head for s in columns for head in (s.page, *["floor"] * s.floor)]
         rows = [
             [
                 cell_label(view, c["amplitude"], c["fmax"]),
                 f"{c['realizations']['used']}/{sum(c['realizations'].values())}",
-                stat(c["mean_absolute_bias_percent"]),
-                short(c["mean_absolute_bias_percent"]["floor"] or float("nan"), 2),
-                stat(c["mean_spread_percent"]),
-                stat(c["unstable"], 100.0),
-                stat(c["inside_bounds"], 100.0),
+                *(text for s in columns for text in _columns(s, c[s.key])),
                 missed_words(c, error=True),
             ]
             for c in data["cells"]
@@ -156,7 +150,7 @@ def group_overviews(context: Context) -> str:
             f"<h3>{escape(name)}</h3><p>{escape(size)}; "
             f"model {escape(g.model.kind)}, "
             f"cost {escape(g.fit.cost)}, solver {escape(g.fit.solver)}. Fits: {escape(fits)}.</p>"
-            + table(Table(f"Group {name}: best fits, ± MCSE", header, rows))
+            + table(Table(f"Group {name}: best fits, ± MCSE", ["condition", "used", *heads, f"{MISSED} (%)"], rows))
             + (
                 "<p>Differs from the paper's setting in: " + escape("; ".join(view.differences)) + ".</p>"
                 if view.differences

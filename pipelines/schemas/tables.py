@@ -6,7 +6,7 @@ from typing import Literal, NotRequired
 
 from typing_extensions import TypedDict
 
-from pipelines.schemas.kinds import Count, NonNegative, Number, closed
+from pipelines.schemas.kinds import Count, NonNegative, Number, closed, open_ended
 
 
 @closed
@@ -232,9 +232,9 @@ class Parameter(TypedDict):
     quantile_95: NotRequired[Statistic]
 
 
-@closed
-class GroupCell(TypedDict):
-    """The fits of one amplitude and Fmax."""
+@open_ended
+class GroupCell(TypedDict, extra_items=Statistic):
+    """The fits of one amplitude and Fmax; further keys are statistics that later programs have."""
 
     amplitude: float
     fmax: float

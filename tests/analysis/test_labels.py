@@ -60,6 +60,8 @@ STATISTICS: dict[str, dict[str, str]] = {
     "stable": {},
     "inside_bounds": {},
     "j_nc": {},
+    "median_cost": {},
+    "median_j_nc": {},
     "j_nc_within": {},
     "sensitivity": {},
     "efficiency": {"cramer_rao_sd": EACH, "paper_cost_sd": EACH, "box_rmse": EACH},

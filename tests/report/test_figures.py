@@ -46,6 +46,7 @@ GROUP_FIGURES: dict[str, Callable[[xr.DataTree, Axes], Axes]] = {
     "bias_bars": lambda t, ax: figures.bias_bars(t["accuracy"], ax=ax),
     "cv_bars": lambda t, ax: figures.cv_bars(t["accuracy"], ax=ax),
     "sensitivity_bars": lambda t, ax: figures.sensitivity_bars(t["accuracy"], "mid", ax),
+    "statistic_by_fmax": lambda t, ax: figures.statistic_by_fmax(t["accuracy"], "unstable", ax),
     "efficiency_dots": lambda t, ax: figures.efficiency_dots(t["accuracy"], ax=ax),
     "correlation_map": lambda t, ax: figures.correlation_map(t["accuracy"], ax=ax),
     "estimate_scatter": lambda t, ax: figures.estimate_scatter(t["accuracy"], "K11", "Kpas1", ax=ax),
@@ -108,6 +109,15 @@ def test_a_zipper_has_a_line_per_interval_and_shows_which_miss_the_truth(paper_t
     assert zipper_figures(GroupView("accuracy", paper_tree["accuracy"].to_dataset())) == []
     with pytest.raises(InputError, match="standard_error: the group has none"):
         figures.zipper(paper_tree["accuracy"], "K11")
+
+
+def test_a_statistic_by_fmax_is_that_of_the_best_fits(paper_tree: xr.DataTree, ax: Axes) -> None:
+    figures.statistic_by_fmax(paper_tree["accuracy"], "unstable", ax)
+    expected = 100 * paper_tree["accuracy"].mc.unstable()["value"]
+    drawn = [np.asarray(c.lines[0].get_ydata()) for c in ax.containers]  # type: ignore[attr-defined]
+    np.testing.assert_allclose(drawn, expected.transpose("amplitude", "fmax"))
+    with pytest.raises(InputError, match="statistic: expected one of mean_absolute_bias_percent"):
+        figures.statistic_by_fmax(paper_tree["accuracy"], "bias")
 
 
 @pytest.mark.parametrize("name", SIGNAL_FIGURES)

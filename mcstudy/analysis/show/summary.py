@@ -8,15 +8,16 @@ from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis import accuracy, neural, robust, selection
+from mcstudy.analysis import accuracy, robust, selection
 from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
 from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
-from mcstudy.analysis.montecarlo import PlainStatistic, fraction, jackknives, quantiles
+from mcstudy.analysis.montecarlo import PlainStatistic, jackknives
 from mcstudy.analysis.notes import notes
 from mcstudy.analysis.performance import WITH_ERRORS, performance
 from mcstudy.analysis.published.publication import Row, compared
 from mcstudy.analysis.show import SCHEMA
+from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
 from mcstudy.fitting.status import WANTED
@@ -149,21 +150,15 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
     account = view.counts.drop_vars("fits").drop_dims("outcome", errors="ignore")
     needed = view.needed
     quantile = starts_needed_quantiles(needed)
-    whole = {
-        "mean_absolute_bias_percent": accuracy.mean_absolute_bias_percent(cells),
-        "mean_spread_percent": accuracy.mean_spread_percent(cells),
-        "unstable": accuracy.unstable(cells),
-        "inside_bounds": fraction(selection.inside_bounds(cells), cells["cost"].notnull()),
-        "median_cost": quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True),
-        "median_j_nc": quantiles(neural.j_nc(cells, view.model), (0.5,)).isel(quantile=0, drop=True),
+    whole = {s.key: s.load()(cells) for s in CELL_STATISTICS}
+    whole |= {
         "missed_minimum": _mean_over_realizations(needed["missed"]),
         "missed_minimum_upper": _mean_over_realizations(needed["missed_upper"].clip(min=WANTED)),
         "starts_needed_median": quantile.sel(quantile=0.5, drop=True),
         "starts_needed_90th": quantile.sel(quantile=0.9, drop=True),
     }
     if view.combined is not None:
-        whole["mean_absolute_bias_percent_combined"] = accuracy.mean_absolute_bias_percent(view.combined)
-        whole["mean_spread_percent_combined"] = accuracy.mean_spread_percent(view.combined)
+        whole |= {f"{s.key}_combined": s.load()(view.combined) for s in CELL_STATISTICS if s.summed}
     axes = ("amplitude", "fmax")
     readers = {name: _reader(result, *axes) for name, result in whole.items()}
     hit_rate = needed["hit_rate"].mean("realization").transpose(*axes).values

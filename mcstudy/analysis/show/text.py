@@ -8,6 +8,7 @@ from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.published.publication import cited
 from mcstudy.analysis.published.verdict_names import AGREES, LIMIT
 from mcstudy.analysis.show.missed import missed_words
+from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
 from mcstudy.stance.provenance import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
 
@@ -175,38 +176,36 @@ def _starts(quantile: dict[str, Any]) -> str:
 
 
 def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
-    def stat(s: dict[str, Any], factor: float = 1.0) -> str:
-        return with_error(*(None if s[k] is None else factor * s[k] for k in ("value", "mcse")))
-
+    shown = [s for s in CELL_STATISTICS if s.head]
     rows = []
     for cell in cells:
         r = cell["realizations"]
-        bias = cell["mean_absolute_bias_percent"]
         rows.append(
             [
                 f"{cell['amplitude']:g} {design['amplitude_unit']}, {cell['fmax']:g} Hz",
                 f"{r['used']}/{sum(r.values())}",
-                stat(bias),
-                number(bias["floor"], 2),
-                stat(cell["mean_spread_percent"]),
-                stat(cell["unstable"], 100.0),
-                stat(cell["inside_bounds"], 100.0),
-                number(cell["median_cost"]["value"]),
-                number(cell["median_j_nc"]["value"]),
+                *(column for s in shown for column in _columns(s, cell[s.key])),
                 number(cell["hit_rate"], 2),
                 missed_words(cell),
                 *(_starts(cell[f"starts_needed_{q}"]) for q in ("median", "90th")),
             ]
         )
-    header = ["", "used", "|bias| %", "floor", "SD %", "unstable %", "no bound %", "cost", "J_NC", "success"]
-    header += ["missed %", "starts", "90th"]
-    return table(header, rows) + (
+    heads = [head for s in shown for head in (s.head, *["floor"] * s.floor)]
+    further = "".join("\n" + fill(f"{s.head}: {s.meaning}.") for s in shown if s.meaning)
+    return table(["", "used", *heads, "success", "missed %", "starts", "90th"], rows) + (
         "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, no bound: % of best "
         "fits that\nare unstable, that touch no bound. cost, J_NC: medians. success: fraction of starts that reach "
         "the lowest cost.\nmissed: chance that as many new starts miss that cost, and so that these missed a lower "
         "one (mean); it is\nnot known better than to 1 %. starts, 90th: new starts needed for 95 % certainty, median "
         "and 90th percentile\nover realizations [95 % interval; -: an end that so few realizations cannot bound]."
+        + further
     )
+
+
+def _columns(statistic: CellStatistic, entry: dict[str, Any]) -> list[str]:
+    value, mcse = (_scaled(entry[k], statistic.factor) for k in ("value", "mcse"))
+    text = with_error(value, mcse) if statistic.error else number(value)
+    return [text, *[number(_scaled(entry.get("floor"), statistic.factor), 2)] * statistic.floor]
 
 
 def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:

@@ -12,6 +12,7 @@ require_matplotlib()
 
 from mcstudy.report.figures.accuracy import bias_bars, cv_bars, influence_shares, sensitivity_bars  # noqa: E402 - after the check
 from mcstudy.report.figures.alternatives import controller_off, hit_rate_bars, population_bias  # noqa: E402
+from mcstudy.report.figures.by_fmax import statistic_by_fmax  # noqa: E402
 from mcstudy.report.figures.efficiency import efficiency_dots  # noqa: E402
 from mcstudy.report.figures.estimates import parameter_bars  # noqa: E402
 from mcstudy.report.figures.optimiser import basin_atlas, bias_by_starts, cv_by_starts  # noqa: E402
@@ -64,6 +65,7 @@ __all__ = [
     "simulation_error_frf",
     "simulation_error_record",
     "starts_curve",
+    "statistic_by_fmax",
     "stimulus_record",
     "stimulus_spectrum",
     "sway_record",

@@ -8,6 +8,7 @@ from typing import Any
 import xarray as xr
 
 from mcstudy.analysis.sensitivity import RANGES
+from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
 from mcstudy.report.context import Context, conditions, largest_amplitude, stat, value_of
@@ -39,6 +40,22 @@ def paper_estimate_figures(context: Context) -> list[Figure | Missing]:
 def estimates(context: Context, view: GroupView, suffix: str) -> list[Figure | Missing]:
     """Fig. 5, 6, 7A and 7B of one group; ``suffix`` makes their ids unique."""
     return [_fig_5(context, view, suffix), _fig_6(context, view, suffix), _fig_7a(view, suffix), _fig_7b(view, suffix)]
+
+
+def statistic_figures(view: GroupView, suffix: str = "") -> list[Figure]:
+    """Declared statistics that have a title for a figure."""
+    return [
+        Figure(
+            f"{s.key}{suffix}",
+            "",
+            s.figure,
+            [f"{s.page or s.head}: {s.meaning}. By Fmax and amplitude, ± MCSE."],
+            [Panel(s.figure, partial(figures.statistic_by_fmax, view, s.key))],
+            python=f'figures.statistic_by_fmax(tree["{view.name}"], "{s.key}")',
+        )
+        for s in CELL_STATISTICS
+        if s.figure
+    ]
 
 
 def _fig_4(context: Context) -> Figure | Missing:

@@ -117,6 +117,11 @@ def solvers() -> dict[str, Solver]:
     return {solver.name: solver for solver in (*OWN, *attached)}
 
 
+def solver_named(name: str) -> Solver:
+    """The solver of a name; those of other packages are loaded only if it is none of this package."""
+    return next((solver for solver in OWN if solver.name == name), None) or solvers()[name]
+
+
 def named(place: str) -> Any:
     """What ``module:function`` names, imported now."""
     module, _, function = place.partition(":")
@@ -151,7 +156,7 @@ def fit_queue(
     finite = np.flatnonzero(np.array([p.finite for p in problems])[which])
     if finite.size:
         used, index = np.unique(which[finite], return_inverse=True)
-        solve: Solve = named(solvers()[solver].solve)
+        solve: Solve = named(solver_named(solver).solve)
         out.put(finite, solve([problems[r] for r in used], index, starts[finite], options or Options()))
     return out
 

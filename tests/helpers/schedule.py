@@ -149,9 +149,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = kept
     if hasattr(config, "workerinput"):
         seconds: dict[str, float] = defaultdict(float)
-        for key, name in {(unit(item.nodeid), name_of(item.nodeid)) for item in items}:
+        # Sums of sorted numbers: every worker must come to the same order, to the last bit.
+        for key, name in sorted({(unit(item.nodeid), name_of(item.nodeid)) for item in items}):
             seconds[key] += KNOWN.get(name, 0.0)
-        for key in {key for keys in fixtures.values() for key in keys}:
+        for key in sorted({key for keys in fixtures.values() for key in keys}):
             seconds[file_of(key)] += KNOWN[key]
         items.sort(key=lambda item: (-seconds[unit(item.nodeid)], unit(item.nodeid)))
 

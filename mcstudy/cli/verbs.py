@@ -81,8 +81,12 @@ def resumable(words: tuple[str, ...]) -> bool:
     """Whether a command continues from where it was stopped when it is given again."""
     if words[:1] and words[0] in RESUMED:
         return True
+    try:
+        commands = added()  # not loaded yet where a command is stopped at once
+    except (ImportError, OSError, MemoryError):  # there is no memory left, or no file can be opened
+        commands = _added
     return any(
         words[: len(call)] == call
-        for name, command in _added.items()  # a command that ran has been loaded
+        for name, command in commands.items()
         for call in (tuple(f"{name} {verb}".split()) for verb in getattr(command, "RESUMABLE", ()))
     )

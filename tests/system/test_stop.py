@@ -247,9 +247,10 @@ COMMANDS = {
 }
 # `mcstudy ...` that never ends by itself.
 ENDLESS = """
-import importlib, sys, time
+import sys, time
 from mcstudy.cli import main
-importlib.import_module("mcstudy.cli." + sys.argv[1].replace("-", "_")).main = lambda args: time.sleep(1000)
+from mcstudy.cli.verbs import module
+module(sys.argv[1]).main = lambda args: time.sleep(1000)
 sys.exit(main())
 """
 # What comes before such a command that hears a signal the moment its handler is in place.

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pydantic
 import pytest
 from jsonschema import Draft202012Validator
 from mcstudy_challenge import files
@@ -41,6 +42,9 @@ def test_a_schema_is_one_and_is_called_what_its_file_is(name: str) -> None:
     assert schema.identifier(name) == f"mcstudy:{name}:{schema.versions()[name]}"
 
 
+@pytest.mark.skipif(
+    tuple(map(int, pydantic.VERSION.split(".")[:2])) < (2, 12), reason="pydantic 2.12 generates further keys of a type"
+)
 @pytest.mark.parametrize("path", GENERATED)
 def test_a_schema_is_what_the_records_and_the_layout_give(path: str) -> None:
     assert (FOLDER / path).read_text(encoding="utf-8") == GENERATED[path], "python -m pipelines.schemas writes it"

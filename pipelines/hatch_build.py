@@ -58,7 +58,7 @@ TARGETS = {
 }
 """Kinds of processors that a wheel built on a machine has code for, by the machine's name."""
 
-NEEDED = ("llvmlite", "numba", "numpy", "scipy")
+NEEDED = ("llvmlite", "numba", "numpy", "pydantic", "scipy")
 """What the compiled modules and those around them import."""
 
 COMPILE = """

@@ -84,7 +84,7 @@ def test_speedup_announces_every_peer_by_name(monkeypatch: pytest.MonkeyPatch) -
 
 def test_the_papers_solver_is_compared_on_the_same_cost_and_settings() -> None:
     problem = cases(1, 3)[0].problem
-    settings = paper_solver.VARIANTS["bounds_scaled"]._replace(max_evaluations=260)
+    settings = paper_solver.VARIANTS["bounds_scaled"].model_copy(update={"max_evaluations": 260})
     start = problem.model.truth[None] * 1.02
     (theirs,) = paper_solver.scipy_differences(problem, start, settings)
     assert theirs < problem.cost(start[0])

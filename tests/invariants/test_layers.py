@@ -30,6 +30,7 @@ LAYERS = (
     ("group_comparison", "planning", "stimulus_design"),
     ("adaptive", "own_model"),
     ("report",),
+    ("results",),
     ("api",),
     ("cli",),
 )

@@ -1,8 +1,7 @@
-"""What a study is, what it asked and what came out, in figures: the first thing on its page."""
+"""What a study asked and what came out, in figures: the first thing on its page."""
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable
 from typing import Any
 
@@ -16,34 +15,10 @@ from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.html import escape, tiles
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.study.context import Context, largest_amplitude, stat, value_of, with_ends
-from mcstudy.study.instability import warning
 from mcstudy.text_tables import counted, number, with_error
 
 Tile = tuple[str, str, str, str]
 """What, number, remark, id of the figure or section with more."""
-
-
-def introduction(context: Context) -> str:
-    """Description of the study, origin of its true values, meaning of its amplitudes."""
-    description = _study_field(context, "description")
-    truths = dict.fromkeys(view.provenance for view in context.study.groups.values())
-    conventions = dict.fromkeys(v.group.stimulus.convention.replace("_", " ") for v in context.study.groups.values())
-    text = f"<p>{escape(description)}</p>" if description else ""
-    falls = {name: view.instability for name, view in context.study.groups.items() if view.instability}
-    text += "".join(
-        f'<p class="truth"><strong>Warning:</strong> group {escape(name)}: {escape(warning(what))}.</p>'
-        for name, what in falls.items()
-    )
-    text += "".join(f'<p class="truth"><strong>True values:</strong> {escape(t)}.</p>' for t in truths)
-    return text + f"<p>Amplitudes of the stimulus are {escape(' and '.join(conventions))} values.</p>"
-
-
-def _study_field(context: Context, field: str) -> str:
-    try:
-        study = tomllib.loads(str(context.tree.attrs.get("study", "")))
-    except tomllib.TOMLDecodeError:
-        return ""
-    return str(study.get("study", {}).get(field, ""))
 
 
 def overview(context: Context) -> str:

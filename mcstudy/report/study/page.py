@@ -28,13 +28,13 @@ from mcstudy.report.study.estimates import (
     statistic_figures,
 )
 from mcstudy.report.study.model import model_html
-from mcstudy.report.study.overview import introduction, overview
+from mcstudy.report.study.overview import overview
 from mcstudy.report.study.pairs import pairs_figure
 from mcstudy.report.study.search import further_search_figures, paper_search_figures
 from mcstudy.report.study.signals import signal_figures
 from mcstudy.report.study.standard_errors import zipper_figures
 from mcstudy.report.study.tables import beside as published_beside
-from mcstudy.report.study.tables import group_overviews, headline
+from mcstudy.report.study.tables import group_overviews, headline, introduction
 from mcstudy.study.cube.conversion import structured
 
 

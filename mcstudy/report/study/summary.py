@@ -11,8 +11,7 @@ import xarray as xr
 from mcstudy.analysis.show.tables import Report
 from mcstudy.report.html import escape
 from mcstudy.report.study.context import Context
-from mcstudy.report.study.overview import introduction
-from mcstudy.report.study.tables import group_overviews, headline
+from mcstudy.report.study.tables import group_overviews, headline, introduction
 
 _STYLE = (
     ".mcstudy table{border-collapse:collapse;margin:.5em 0}.mcstudy caption{text-align:left;font-weight:600}"

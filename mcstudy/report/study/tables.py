@@ -1,7 +1,8 @@
-"""Tables of the page: the comparison with a publication, and all groups in numbers."""
+"""Description of a study and tables of its page: the comparison with a publication, and all groups in numbers."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,9 +15,33 @@ from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
 from mcstudy.report.numbers import short
 from mcstudy.report.study.context import Context, stat
+from mcstudy.study.instability import warning
 from mcstudy.text_tables import counted, number
 
 CLASS = {AGREES: "yes", DIFFERS: "no", CANNOT_TELL: "none", None: "none"}
+
+
+def introduction(context: Context) -> str:
+    """Description of the study, origin of its true values, meaning of its amplitudes."""
+    description = _study_field(context, "description")
+    truths = dict.fromkeys(view.provenance for view in context.study.groups.values())
+    conventions = dict.fromkeys(v.group.stimulus.convention.replace("_", " ") for v in context.study.groups.values())
+    text = f"<p>{escape(description)}</p>" if description else ""
+    falls = {name: view.instability for name, view in context.study.groups.items() if view.instability}
+    text += "".join(
+        f'<p class="truth"><strong>Warning:</strong> group {escape(name)}: {escape(warning(what))}.</p>'
+        for name, what in falls.items()
+    )
+    text += "".join(f'<p class="truth"><strong>True values:</strong> {escape(t)}.</p>' for t in truths)
+    return text + f"<p>Amplitudes of the stimulus are {escape(' and '.join(conventions))} values.</p>"
+
+
+def _study_field(context: Context, field: str) -> str:
+    try:
+        study = tomllib.loads(str(context.tree.attrs.get("study", "")))
+    except tomllib.TOMLDecodeError:
+        return ""
+    return str(study.get("study", {}).get(field, ""))
 
 
 def headline(context: Context) -> str:

@@ -18,7 +18,7 @@ SEGMENTS = ("lower body", "upper body")
 
 
 class Comparison(Result, ComparisonRecord):
-    __doc__ = ComparisonRecord.__doc__  # what `help` shows of a result of `mcstudy.compare`
+    """Two groups compared."""
 
     def plot(self) -> Figure:
         """Gain and phase of both groups, by segment, on a new figure.

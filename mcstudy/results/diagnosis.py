@@ -10,7 +10,8 @@ from mcstudy.results.record import PagedResult
 
 
 class Diagnosis(PagedResult, DiagnosisRecord):
-    __doc__ = DiagnosisRecord.__doc__  # what `help` shows of a result of `mcstudy.diagnose`
+    """Diagnosis of the gap between the body in one recording and the model."""
+
     more = "verdict(), plot, to_html(path), to_xarray(), to_dict()"
 
     @cached_property

@@ -7,7 +7,7 @@ from mcstudy.results.record import PagedResult
 
 
 class NextTrial(PagedResult, NextTrialRecord):
-    __doc__ = NextTrialRecord.__doc__  # what `help` shows of a result of `mcstudy.next_trial`
+    """Possible next trials, ranked by what they are expected to tell of the cause."""
 
     def _page(self) -> str:
         from mcstudy.report.next_page import next_page

@@ -5,9 +5,9 @@ nothing but time. The name of a file is a hash of everything that a diagnosis de
 recordings, the options, the source of this package, versions, CPU and settings. So other data, other options, another
 program and another machine do not find it, and a process whose own source has changed keeps nothing.
 
-A file is a `Diagnosis` as data (`mcstudy.files.objects`: nothing in it can be executed) without the signals that were
-recorded: these may be a patient's, and belong where their owner has put them. Only a folder is used that belongs to
-this user and that nobody else may write to. A folder that cannot be used, and a damaged file, are as if they were not
+A file is a `DiagnosisRecord` as data (`mcstudy.files.objects`: nothing in it can be executed) without the recorded
+signals: these may be a patient's, and belong where their owner has put them. Only a folder is used that belongs to this
+user and that nobody else may write to. A folder that cannot be used, and a damaged file, are as if they were not
 there.
 """
 
@@ -27,7 +27,7 @@ from mcstudy.files.sealed import read_sealed, write_sealed
 from mcstudy.recordings.recording import Recording, Trial
 
 if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import Diagnosis
+    from mcstudy.gap.diagnosis import DiagnosisRecord
     from mcstudy.recordings.frf import FrfRecording
 
 VARIABLE = "MCSTUDY_CACHE_DIR"
@@ -57,9 +57,9 @@ def folder() -> Path | None:
 def kept_diagnosis(
     recordings: Sequence[Recording | FrfRecording],
     options: Mapping[str, Any],
-    compute: Callable[[], Diagnosis],
+    compute: Callable[[], DiagnosisRecord],
     also: Sequence[Mapping[str, Any]] = (),
-) -> Diagnosis:
+) -> DiagnosisRecord:
     """What ``compute`` returns for these recordings and ``options`` (JSON values); computed only if it is not kept.
 
     ``also``: other options whose diagnosis holds all that is asked for, and the same numbers.
@@ -84,15 +84,15 @@ def kept_diagnosis(
     return diagnosis
 
 
-def _read(file: Path, trials: Sequence[Trial]) -> Diagnosis | None:
+def _read(file: Path, trials: Sequence[Trial]) -> DiagnosisRecord | None:
     content = read_sealed(file) if _ours(file.parent) else None
     if content is None:
         return None
-    diagnosis: Diagnosis = from_bytes(content, trials)
+    diagnosis: DiagnosisRecord = from_bytes(content, trials)
     return diagnosis
 
 
-def _write(file: Path, diagnosis: Diagnosis, trials: Sequence[Trial]) -> None:
+def _write(file: Path, diagnosis: DiagnosisRecord, trials: Sequence[Trial]) -> None:
     with contextlib.suppress(OSError, NotData):  # a read-only or full disk; signals that were changed
         content = to_bytes(diagnosis, trials, only_apart=Trial)
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import fields
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Self
 
@@ -12,7 +13,15 @@ from mcstudy.short_repr import Summary
 
 
 class Result(Summary):
-    """What Python returns. A subclass derives from this class and from that of its record, in this order."""
+    """What Python returns. A subclass derives from this class and from that of its record, in this order.
+
+    Its docstring gets the attributes that the record states.
+    """
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        _, heading, attributes = cleandoc(cls.__bases__[-1].__doc__ or "").partition("Attributes\n")
+        cls.__doc__ = f"{cleandoc(cls.__doc__ or '')}\n\n{heading}{attributes}".rstrip()
 
     @classmethod
     def of(cls, record: Any) -> Self:

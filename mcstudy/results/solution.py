@@ -12,7 +12,7 @@ from mcstudy.results.record import PagedResult
 
 
 class Solution(PagedResult, SolutionRecord):
-    __doc__ = SolutionRecord.__doc__  # what `help` shows of a result of `mcstudy.solve`
+    """The cheapest design that reaches the targets."""
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""

@@ -11,7 +11,7 @@ from mcstudy.stimulus_design.run import waveform_csv, write_design
 
 
 class StimulusDesign(PagedResult, StimulusDesignRecord):
-    __doc__ = StimulusDesignRecord.__doc__  # what `help` shows of a result of `mcstudy.design`
+    """An optimal stimulus and how it was verified."""
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""

@@ -20,7 +20,7 @@ from mcstudy.cli.kept_diagnosis import MOST, VARIABLE, folder, kept_diagnosis
 from mcstudy.errors import RecordingError
 from mcstudy.exits import Exit
 from mcstudy.gap import diagnose
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.settings import FAST
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.recording import Recording
@@ -38,23 +38,23 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture(scope="session")
-def diagnosed(plain_recordings: list[Recording]) -> Diagnosis:
+def diagnosed(plain_recordings: list[Recording]) -> DiagnosisRecord:
     return diagnose.diagnose(plain_recordings[0], FAST)
 
 
 class Computed:
     """Hands out one diagnosis and counts how often."""
 
-    def __init__(self, diagnosis: Diagnosis) -> None:
+    def __init__(self, diagnosis: DiagnosisRecord) -> None:
         self.diagnosis, self.times = diagnosis, 0
 
-    def __call__(self) -> Diagnosis:
+    def __call__(self) -> DiagnosisRecord:
         self.times += 1
         return self.diagnosis
 
 
 @pytest.fixture
-def computed(diagnosed: Diagnosis) -> Computed:
+def computed(diagnosed: DiagnosisRecord) -> Computed:
     return Computed(diagnosed)
 
 
@@ -240,7 +240,7 @@ def test_a_folder_that_cannot_be_made_keeps_nothing(
 
 
 def test_errors_are_not_kept(place: Path, plain_recordings: list[Recording]) -> None:
-    def fails() -> Diagnosis:
+    def fails() -> DiagnosisRecord:
         raise RecordingError("too short")
 
     for _ in range(2):
@@ -260,7 +260,7 @@ def test_only_the_newest_are_kept(place: Path, plain_recordings: list[Recording]
 
 
 def test_every_process_gives_a_recording_the_same_name(
-    plain_recordings: list[Recording], diagnosed: Diagnosis, tmp_path: Path
+    plain_recordings: list[Recording], diagnosed: DiagnosisRecord, tmp_path: Path
 ) -> None:
     file = tmp_path / "body.nc"
     write_recording(plain_recordings[0], file)

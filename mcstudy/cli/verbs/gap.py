@@ -21,7 +21,7 @@ from mcstudy.cli.verbs import below
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import Diagnosis
+    from mcstudy.gap.diagnosis import DiagnosisRecord
 
 TOPIC = "diagnosis"
 
@@ -154,7 +154,7 @@ def _effects(_: argparse.Namespace) -> Exit:
 
 def _diagnosed(
     args: argparse.Namespace, *, fast: bool, bootstrap: int | None = None, cause_only: bool = False
-) -> Diagnosis:
+) -> DiagnosisRecord:
     """The diagnosis that was asked for; one that is kept is not computed again.
 
     ``cause_only``: with nothing else, unless all is kept.
@@ -170,7 +170,7 @@ def _diagnosed(
     settings = DiagnosisSettings(**options, asked=CAUSE_ONLY if cause_only else EVERYTHING)
     read = read_recordings(args)
 
-    def compute() -> Diagnosis:
+    def compute() -> DiagnosisRecord:
         from mcstudy.gap.diagnose import diagnose
 
         with _ready(args):

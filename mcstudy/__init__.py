@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from mcstudy.api.recordings import diagnose, fit, import_recording, next_trial
     from mcstudy.api.solve import solve
     from mcstudy.api.studies import plan, run, summary
-    from mcstudy.effect_library.declare import Effect
+    from mcstudy.effect_library.effect import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
-    from mcstudy.effect_library.simulated import simulate
+    from mcstudy.effect_library.simulation import simulate
     from mcstudy.errors import InputError, Interrupted
     from mcstudy.identification.people.group_result import GroupResult
     from mcstudy.own_model import run_model
@@ -46,7 +46,7 @@ _FROM = {
     "Body": "stance.body",
     "Comparison": "report.comparison:ComparisonWithFigure",
     "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
-    "Effect": "effect_library.declare",
+    "Effect": "effect_library.effect",
     "FitResult": "report.person.plots:FitWithFigures",
     "FrfRecording": "recordings.frf",
     "GroupResult": "identification.people.group_result",
@@ -75,7 +75,7 @@ _FROM = {
     "run": "api.studies",
     "run_model": "own_model",
     "run_until": "api.cubes",
-    "simulate": "effect_library.simulated",
+    "simulate": "effect_library.simulation",
     "solve": "api.solve",
     "status": "api.cube_status",
     "study_from": "api.groups",

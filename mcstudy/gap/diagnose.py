@@ -32,7 +32,7 @@ from mcstudy.lines.checked_recording import CheckedRecording
 from mcstudy.lines.labels import label_odds
 from mcstudy.lines.settling import settled
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import AnyRecording, JointRecording
+from mcstudy.recordings.joint_recording import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model

@@ -26,7 +26,7 @@ from mcstudy.gap.settings import EVERYTHING, Asked, DiagnosisMethod
 from mcstudy.lines.checked_recording import discarded
 from mcstudy.lines.part_fits import parts_dict
 from mcstudy.lines.reading_fits import of_part
-from mcstudy.recordings.joint import AnyRecording, JointRecording, part_labels
+from mcstudy.recordings.joint_recording import AnyRecording, JointRecording, part_labels
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.joint import members

@@ -16,7 +16,7 @@ from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.parameters import sources
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.lines.part_fits import told
-from mcstudy.recordings.joint import part_labels
+from mcstudy.recordings.joint_recording import part_labels
 from mcstudy.text_tables import fill, number, with_error
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import detect, diagnose

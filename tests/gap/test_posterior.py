@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.fitting.penalised import Data, Fitted, Fitter
 from mcstudy.gap.candidates.scores import WRONG_SIGN
 from mcstudy.gap.candidates.signatures import WANTED, alike_groups, applicable, signatures, similarity

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mcstudy.effect_library.library import LIBRARY
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose, diagnose_lines
 from mcstudy.gap.diagnosis import Diagnosis

@@ -17,7 +17,7 @@ from mcstudy.gap.planned.response import SURE, chances, least_amplitude
 from mcstudy.gap.planned.trials import SPECTRA, PlannedTrial, SwayNoise
 from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import JointRecording
+from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.recordings.recording import AMPLITUDE, Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import KINDS, STIMULI

@@ -11,7 +11,7 @@ from mcstudy.gap.diagnosis import Diagnosis
 from mcstudy.gap.planned.next_trial import NextTrial
 from mcstudy.gap.tables import closing, evidence, tables
 from mcstudy.gap.verdict import added_name, differing_tests, effects_of, sentences
-from mcstudy.recordings.joint import part_labels
+from mcstudy.recordings.joint_recording import part_labels
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.diagnosis.sections import (

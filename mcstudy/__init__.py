@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.recordings.soundness import fill_gaps
-    from mcstudy.report.comparison import ComparisonWithFigure as Comparison
-    from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
     from mcstudy.report.person.plots import FitWithFigures as FitResult
+    from mcstudy.results.comparison import Comparison
+    from mcstudy.results.diagnosis import Diagnosis
     from mcstudy.stance.body import Body
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
 _FROM = {
     "Body": "stance.body",
-    "Comparison": "report.comparison:ComparisonWithFigure",
-    "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
+    "Comparison": "results.comparison",
+    "Diagnosis": "results.diagnosis",
     "Effect": "effect_library.effect",
     "FitResult": "report.person.plots:FitWithFigures",
     "FrfRecording": "recordings.frf",

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Summary):
+class DiagnosisRecord(Summary):
     """Diagnosis of the gap between the body in one recording and the model.
 
     `mcstudy.diagnose` returns one with figures (``plot``) and a page (``to_html``).

@@ -19,8 +19,8 @@ from mcstudy.cli.verbs import below
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import Diagnosis
-    from mcstudy.gap.planned.next_trial import NextTrial
+    from mcstudy.gap.diagnosis import DiagnosisRecord
+    from mcstudy.gap.planned.next_trial import NextTrialRecord
     from mcstudy.gap.settings import DiagnosisSettings
 
 TOPIC = "diagnosis"
@@ -161,7 +161,7 @@ def _settings(args: argparse.Namespace, **further: Any) -> DiagnosisSettings:
     return DiagnosisSettings(seed=args.seed, fmax=args.fmax, discard=args.discard, accept=args.accept, **further)
 
 
-def _diagnosed(args: argparse.Namespace, settings: DiagnosisSettings) -> Diagnosis:
+def _diagnosed(args: argparse.Namespace, settings: DiagnosisSettings) -> DiagnosisRecord:
     """The diagnosis of the recordings; errors about them begin with the names of their files."""
     read = read_recordings(args)
     from mcstudy.gap.diagnose import diagnose  # slow to import; report a bad file first
@@ -192,7 +192,9 @@ def _diagnose(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-def _page(args: argparse.Namespace, diagnosis: Diagnosis, output: Path, planned: NextTrial | None = None) -> str:
+def _page(
+    args: argparse.Namespace, diagnosis: DiagnosisRecord, output: Path, planned: NextTrialRecord | None = None
+) -> str:
     """The page of a diagnosis, with the command that writes it alone."""
     from mcstudy.report.diagnosis.page import gap_page
 

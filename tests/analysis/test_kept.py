@@ -286,8 +286,8 @@ def test_a_summary_of_a_path_is_what_is_kept_and_that_of_a_tree_is_the_same(
 
 
 def test_a_page_is_drawn_once(cube: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mcstudy.report import study_page
     from mcstudy.report.page import page
+    from mcstudy.report.study import page as study_page
 
     first = page(cube)
     monkeypatch.setattr(study_page, "_page", lambda *_: pytest.fail("drawn again"))

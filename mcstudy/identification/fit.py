@@ -14,12 +14,12 @@ from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.identification.assessment import assessed
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import DRAWS, Draws, simulated
+from mcstudy.identification.estimate import BANDS_HZ, Estimate
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
 from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities, require_finite
-from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.settings import FitMethod, FitSettings
-from mcstudy.identification.tables import BANDS_HZ
 from mcstudy.identification.threshold import Threshold, factor, threshold
 from mcstudy.lines.checked_recording import CheckedRecording
 from mcstudy.lines.part_fits import PartFit, part_fits
@@ -34,7 +34,7 @@ from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
 
 
-def fit(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: FitSettings) -> FitResult:
+def fit(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: FitSettings) -> FitRecord:
     """Parameters of the person in a recording, or in several of one person; see `mcstudy.fit`.
 
     Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong quantity, bound or effect.
@@ -62,7 +62,7 @@ def fit_lines(
     name: str = "lines",
     curve: Sequence[float] = CURVE,
     draws: Draws | None = None,
-) -> FitResult:
+) -> FitRecord:
     """The fit of measured lines.
 
     Parameters
@@ -108,7 +108,7 @@ def _searched(lines: Lines, nominal: Model, settings: FitSettings, name: str) ->
 
 def _with_intervals(
     best: _BestFit, settings: FitSettings, name: str, curve: Sequence[float] = CURVE, draws: Draws | None = None
-) -> FitResult:
+) -> FitRecord:
     """The estimates at the lowest minimum, with profile likelihood intervals."""
     lines, model, data, minima, theta = best.lines, best.model, best.data, best.minima, best.theta
     level, seed = settings.level, settings.seed
@@ -120,7 +120,7 @@ def _with_intervals(
     error = ndtri(0.5 + level / 2) * np.sqrt(linearised.variance)
     share = _information(rise.jacobian @ linearised.tangent.T, lines.f)
     estimates = zip(best.quantities, found, error, share, strict=True)
-    return FitResult(
+    return FitRecord(
         name=name,
         level=level,
         estimates=tuple(_estimate(q, theta, p, e, s) for q, p, e, s in estimates),

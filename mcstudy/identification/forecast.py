@@ -12,19 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtri
 
+from mcstudy.identification.estimate import Estimate
 from mcstudy.identification.quantities import Quantity
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import line_information, standard_errors
 from mcstudy.stance.joint import with_lines
-
-if TYPE_CHECKING:
-    from mcstudy.identification.result import Estimate
 
 AGREE = 1.5
 """Profile and information agree about a width if neither is larger than the other by this factor."""

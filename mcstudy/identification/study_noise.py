@@ -6,7 +6,7 @@ import numpy as np
 from scipy import optimize
 
 from mcstudy.errors import InputError
-from mcstudy.identification.result import FitResult
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.noise import DEG2_TO_RAD2, TabulatedNoise
 from mcstudy.stance.response import noise_response
@@ -21,7 +21,7 @@ LIKE = 1.5
 """Largest factor between the RMS of the measured and of the evoked sway of an angle."""
 
 
-def noise_of(fitted: FitResult) -> TabulatedNoise:
+def noise_of(fitted: FitRecord) -> TabulatedNoise:
     """The sensor noise that most likely evokes the measured noise of both angles in the fitted body.
 
     At a line the fitted body turns sensor densities s_j into sway densities sum_j |R_ij|^2 s_j. These are compared with
@@ -39,7 +39,7 @@ def noise_of(fitted: FitResult) -> TabulatedNoise:
     return noise
 
 
-def fitted_noise(fitted: FitResult) -> tuple[TabulatedNoise, np.ndarray]:
+def fitted_noise(fitted: FitRecord) -> tuple[TabulatedNoise, np.ndarray]:
     """The noise of `noise_of`, and the RMS of the sway that it evokes over the measured one, (2,) by angle."""
     lines, recording = fitted.lines, fitted.recording
     assert isinstance(recording, Recording)

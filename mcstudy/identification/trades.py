@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from mcstudy.fitting.penalised import Data, Fitter
 from mcstudy.identification.correction import simulated
+from mcstudy.identification.estimate import Estimate
 from mcstudy.identification.minimum import Minima, without_prior
 from mcstudy.identification.profile import Profile, profiles
 from mcstudy.identification.quantities import Quantity, expression
@@ -24,9 +24,6 @@ from mcstudy.identification.threshold import threshold
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
-
-if TYPE_CHECKING:
-    from mcstudy.identification.result import Estimate
 
 ELONGATED = 4.0
 """Length over width of the bodies in a plane of two parameters, relative to their intervals, from which these trade."""

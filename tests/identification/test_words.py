@@ -11,11 +11,11 @@ import pytest
 from mcstudy.files import schema
 from mcstudy.identification import words
 from mcstudy.identification.belief import GapFound
-from mcstudy.identification.result import FitResult
-from mcstudy.identification.tables import AT_LEAST, AT_MOST, ENDED, LEANS, ROUGH, estimates, help_needed
+from mcstudy.identification.estimate import AT_LEAST, AT_MOST, ENDED
+from mcstudy.identification.tables import LEANS, ROUGH, estimates, help_needed
 from mcstudy.text_tables import number
 
-Fits = dict[str, FitResult]
+Fits = dict[str, mc.FitResult]
 
 
 @pytest.fixture(scope="module")

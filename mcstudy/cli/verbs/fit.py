@@ -19,7 +19,7 @@ from mcstudy.cli.recording_options import (
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
-    from mcstudy.identification.result import FitResult
+    from mcstudy.identification.fit_record import FitRecord
     from mcstudy.identification.settings import FitSettings
 
 TOPIC = "parameters"
@@ -136,7 +136,9 @@ def _group(args: argparse.Namespace) -> Exit:
     options = cluster_options(args)
     if options.here:
         compile_kernels(PERSON)
-    result = fit_members(known, settings, options, pair=args.paired, data=args.data)
+    from mcstudy.results.group_result import GroupResult
+
+    result = GroupResult.of(fit_members(known, settings, options, pair=args.paired, data=args.data))
     tell(args, "group", result.to_dict, lambda: folded(result.text()))
     return Exit.FITS_FAILED if result.failed else Exit.DONE
 
@@ -165,14 +167,17 @@ def _one_person(args: argparse.Namespace) -> Exit:
     read = read_recordings(args)
     compile_kernels(PERSON)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
-        result = fit(read, settings)
+        record = fit(read, settings)
+    from mcstudy.results.fit import FitResult
+
+    result = FitResult.of(record)
     if args.html:
         _write_page(args, result)
     tell(args, "fit", result.to_dict, lambda: folded(result.text()))
     return Exit.DONE
 
 
-def _write_page(args: argparse.Namespace, result: FitResult) -> None:
+def _write_page(args: argparse.Namespace, fit: FitRecord) -> None:
     from mcstudy.report.document import write_page
     from mcstudy.report.person.page import fit_page
 
@@ -186,7 +191,7 @@ def _write_page(args: argparse.Namespace, result: FitResult) -> None:
         if getattr(args, name) != default:
             repeated += [f"--{name}", str(getattr(args, name))]
     command = shlex.join(["mcstudy", "fit", *map(str, args.recordings), *repeated, "--html", str(args.html)])
-    write_page(args.html, lambda: fit_page(result, command))
+    write_page(args.html, lambda: fit_page(fit, command))
 
 
 def _all_bounds(given: list[str]) -> dict[str, tuple[float, float]]:

@@ -8,23 +8,23 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.identification.people.group_result import GroupDifference, GroupMean, GroupResult, Individual
+from mcstudy.identification.fit_record import FitRecord
+from mcstudy.identification.people.group_record import GroupDifference, GroupMean, GroupRecord, Individual
 from mcstudy.identification.people.likelihood import difference, of_fit, possible
 from mcstudy.identification.people.members import Member
 from mcstudy.identification.people.population import Interval, Population
 from mcstudy.identification.people.two_means import Difference, paired, unpaired
-from mcstudy.identification.result import FitResult
 from mcstudy.stance.body import Body
 
 
 def combine(
-    fits: Sequence[Member[FitResult]], *, pair: bool | None = None, failed: Sequence[tuple[str, str, str]] = ()
-) -> GroupResult:
+    fits: Sequence[Member[FitRecord]], *, pair: bool | None = None, failed: Sequence[tuple[str, str, str]] = ()
+) -> GroupRecord:
     """The population of fitted people.
 
     Parameters
     ----------
-    fits: one `FitResult` per member. pair: as in `mcstudy.fit_group`. failed: (person, condition, reason) of recordings
+    fits: one `FitRecord` per member. pair: as in `mcstudy.fit_group`. failed: (person, condition, reason) of recordings
     without a fit.
 
     Raises `InputError` when the fits do not belong together, or there are too few.
@@ -68,7 +68,7 @@ def combine(
                 found = unpaired(of[c], of[reference])
             sizes = len(by_condition[c]), len(both)
             differences.append(_difference(e.name, e.unit, c, reference, is_paired, sizes, found))
-    return GroupResult(
+    return GroupRecord(
         level=first.level,
         conditions=conditions,
         paired=is_paired,
@@ -86,7 +86,7 @@ def _difference(
     return GroupDifference(name, unit, c, reference, is_paired, people, *found.interval, found.p_value)
 
 
-def _alike(fits: Sequence[Member[FitResult]]) -> None:
+def _alike(fits: Sequence[Member[FitRecord]]) -> None:
     """Raise `InputError` unless all fits have one level and the same quantities, and each person one body."""
     first, bodies = fits[0], dict[str, Body]()
     for m in fits:
@@ -128,7 +128,7 @@ def _paired(by_condition: dict[str, list[str]], wanted: bool | None) -> bool:
     return False
 
 
-def _warnings(fits: Sequence[Member[FitResult]]) -> Iterator[str]:
+def _warnings(fits: Sequence[Member[FitRecord]]) -> Iterator[str]:
     for m in fits:
         for text in m.items[0].warnings:
             yield f"{m.name}: {text}"

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.identification.estimate import Estimate
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.stance.feedback import Model
 
 REACH = 6.0
@@ -125,7 +126,7 @@ class Likelihood:
         return float((self.root[far] - self.root[near]) / away) if away and self.value[k] != self.estimate else 0.0
 
 
-def of_fit(fitted: FitResult) -> dict[str, Likelihood]:
+def of_fit(fitted: FitRecord) -> dict[str, Likelihood]:
     """Likelihoods of all quantities of a fit, by name."""
     return {e.name: Likelihood.of(e, fitted.level, possible(fitted.model, e.name)) for e in fitted.estimates}
 

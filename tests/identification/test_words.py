@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import mcstudy as mc
 from mcstudy.files import schema
 from mcstudy.identification import words
 from mcstudy.identification.belief import GapFound

@@ -10,6 +10,7 @@ from scipy.special import ndtri
 
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
+from mcstudy.files.json_files import named
 from mcstudy.fitting.penalised import Data, Fitter, whiten
 from mcstudy.identification.assessment import assessed
 from mcstudy.identification.bounds import bounded
@@ -165,13 +166,9 @@ def _base(nominal: Model, settings: FitSettings) -> Model:
 def _estimate(q: Quantity, theta: np.ndarray, p: Profile, error: float, share: np.ndarray) -> Estimate:
     value = q.value(theta)
     return Estimate(
-        name=q.name,
-        unit=q.unit,
+        **named(q, "name", "unit"),
         estimate=value,
-        low=p.low,
-        high=p.high,
-        low_from=p.low_from,
-        high_from=p.high_from,
+        **named(p, "low", "high", "low_from", "high_from"),
         wald_low=value - error,
         wald_high=value + error,
         information=tuple(map(float, share)),

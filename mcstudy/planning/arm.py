@@ -312,8 +312,7 @@ class Arm:
 
         Where the cost rises along the axis it is the smallest value that meets them. NaN where none does.
         """
-        low, high = map(float, self.space.cycles if axis == CYCLES else self.space.amplitude)
-        values = np.geomspace(low, high, 2001)
+        values = np.geomspace(*self.space.ends(axis), 2001)
         cycles = values if axis == CYCLES else np.full(values.size, float(at.cycles))
         amplitude = values if axis == AMPLITUDE else np.full(values.size, at.amplitude)
         ends = []

@@ -50,7 +50,7 @@ def uncertain(arm: Arm, found: Candidate) -> str | None:
     """The same, but the amplitude where the cost alone decides the cycles, as one does that falls along them."""
     axis = leading(arm.space)
     if axis == CYCLES and AMPLITUDE in arm.space.over:
-        low, _, high = _ends(arm, CYCLES, found)
+        low, _, high = crossing_ends(arm, CYCLES, found)
         return AMPLITUDE if low == high else CYCLES
     return axis
 
@@ -92,7 +92,7 @@ def width(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None = No
         return Width(0.0, 0.0) if arm.hopeless else Width(measure, measure)
     if axis is None:
         return Width(0.0, 0.0) if high <= 0 else Width(measure, measure)
-    lowest, middle, highest = _ends(arm, axis, found, expected)
+    lowest, middle, highest = crossing_ends(arm, axis, found, expected)
     if lowest == highest and _at(arm, found, expected)[2] > 0:
         return Width(measure, measure)  # the cost leaves one value, which may not be enough
     if axis == CYCLES:
@@ -144,11 +144,11 @@ def design_at(arm: Arm, cycles: float, amplitude: float) -> Design:
     return Design(round(cycles), amplitude, arm.fmax)
 
 
-def _ends(
+def crossing_ends(
     arm: Arm, axis: str, found: Candidate, expected: Sequence[LocalModel] | None = None
 ) -> tuple[float, float, float]:
     """The crossing of an axis with its interval, cut at the ends of the range."""
-    first, last = map(float, arm.space.cycles if axis == CYCLES else arm.space.amplitude)
+    first, last = arm.space.ends(axis)
     low, middle, high = arm.crossing(axis, found, expected)
     return (first if math.isnan(low) else low, middle, last if math.isnan(high) else high)
 
@@ -164,7 +164,7 @@ def _places(arm: Arm, found: Candidate) -> list[Design]:
         hopeful = arm.cheapest(0)
         places.append(design_at(arm, hopeful.cycles, hopeful.amplitude))
     elif axis is not None:
-        low, _, high = _ends(arm, axis, found)
+        low, _, high = crossing_ends(arm, axis, found)
         middle = found.cycles if axis == CYCLES else found.amplitude
         for value in (low, math.sqrt(low * middle), math.sqrt(middle * high), high):
             other = (value, found.amplitude) if axis == CYCLES else (found.cycles, value)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mcstudy.errors import DesignError, InputError
+from mcstudy.files.json_files import named
 from mcstudy.files.plain_errors import validated
 from mcstudy.planning.arm import FIRST, Arm, Candidate
 from mcstudy.planning.fits import Design, Fitter
@@ -55,16 +56,16 @@ def solve_study(
     """
     if not 0 < precision < 1:
         raise InputError(f"precision: expected a fraction between 0 and 1, got {precision:g}")
-    name, own = _group(study, group)
-    model = build_model(own)
+    name, section = _group(study, group)
+    model = build_model(section)
     asked = parse_targets(model, targets)
-    space = space_of(own, stimulus(own, own.amplitude[0]).period_s, over, cost)
+    space = space_of(section, stimulus(section, section.amplitude[0]).period_s, over, cost)
     by_number = tuple(t for t in asked if t.mcse and REALIZATIONS in space.over)
     by_design = tuple(t for t in asked if t not in by_number)
     _check_sense(space, by_number, by_design)
-    _check_ends(own, name, space)
-    fitter = Fitter(own, study.study.seed, space.fmax, threads)
-    arms = [Arm(f, space, by_design, fitter, own.realizations) for f in space.fmax]
+    _check_ends(section, name, space)
+    fitter = Fitter(section, study.study.seed, space.fmax, threads)
+    arms = [Arm(f, space, by_design, fitter, section.realizations) for f in space.fmax]
     kept = arms[0].least_fits(LOOKS_FOR_NUMBER * FIRST) if by_number else 0
     needed = kept + (least_fits(arms) if by_design else arms[0].prediction_fits())
     if budget < needed:
@@ -89,7 +90,7 @@ def solve_study(
             answer = Answer(design, found.cost, _crossings(best, found))
     else:
         answer = Answer(design, float(space.cost(*_one(design), design.fmax)[0]), ())
-    number = own.realizations
+    number = section.realizations
     if by_number and answer is not None:
         say(f"realizations at {design.cycles} cycles, {design.amplitude:g}, Fmax {design.fmax:g} Hz")
         left = budget - fitter.spent.fits
@@ -180,9 +181,10 @@ def _crossings(arm: Arm, found: Candidate) -> tuple[Crossing, ...]:
         if axis in arm.space.over:
             low, middle, high = arm.crossing(axis, found)
             middle = float(getattr(found, axis)) if math.isnan(middle) else middle
-            first, last = map(float, arm.space.cycles if axis == CYCLES else arm.space.amplitude)
-            ends = (first if math.isnan(low) else low, last if math.isnan(high) else high)
-            out.append(Crossing(axis, middle, *ends, at_start=ends[0] <= first, at_end=math.isnan(high)))
+            first, last = arm.space.ends(axis)
+            low = first if math.isnan(low) else low
+            at_end = math.isnan(high)
+            out.append(Crossing(axis, middle, low, last if at_end else high, at_start=low <= first, at_end=at_end))
     return tuple(out)
 
 
@@ -197,19 +199,13 @@ def _readings(arm: Arm, design: Design, fitter: Fitter) -> tuple[Reading, ...]:
 
 
 def _row(arm: Arm) -> Row:
-    found = arm.cheapest()
     low, high = (c.cost if (c := arm.cheapest(side)).reached else math.nan for side in (0, 2))
     return Row(
-        arm.fmax,
-        found.cycles,
-        found.amplitude,
-        found.cost,
-        low,
-        high,
-        found.reached,
-        arm.hopeless,
-        str(arm.control),
-        arm.relative_cost,
+        **named(arm.cheapest(), "cycles", "amplitude", "cost", "reached"),
+        **named(arm, "fmax", "hopeless", "relative_cost"),
+        lowest_cost=low,
+        highest_cost=high,
+        control=str(arm.control),
     )
 
 
@@ -227,14 +223,8 @@ def _number(arm: Arm, design: Design, space: Space, left: int) -> tuple[int, Cro
     middle, low, high = np.max(np.array(needed), axis=0)
     number = max(least, math.ceil(middle))
     n = min(number, most)
-    crossing = Crossing(
-        REALIZATIONS,
-        float(max(middle, least)),
-        float(max(low, least)),
-        float(min(high, most)),
-        low <= least,
-        high > most,
-    )
+    ends = float(max(low, least)), float(min(high, most))
+    crossing = Crossing(REALIZATIONS, float(max(middle, least)), *ends, at_start=low <= least, at_end=high > most)
     readings = []
     for t, e in zip(arm.targets, found, strict=True):
         value, low_end, high_end = ((e.value + k * QUANTILE * e.error) * t.limit / math.sqrt(n) for k in (0, -1, 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -220,7 +220,7 @@ def size_of(model: Model, periodic: Stimulus) -> Size:
 
 def noise_sway(file: DesignFile, model: Model, top_hz: float = 20.0) -> np.ndarray:
     """RMS of the sway that sensor noise alone evokes within one cycle's lines up to ``top_hz``, rad, (A,)."""
-    period = (3**file.stimulus.stages - 1) * file.stimulus.state_s
+    period = file.period_s
     f = np.arange(1, int(top_hz * period) + 1) / period
     noise = file.noise.source
     density = np.einsum("nii->ni", sway_psd(model, model.truth, noise, f)).real[:, : model.n_angles]
@@ -267,15 +267,7 @@ def _with_phases(file: DesignFile, sequence: Stimulus, harmonic: np.ndarray, pow
         file.stimulus.convention,
     )
     largest = float(np.sqrt(power.max() / (np.abs(unit.coefficients()) ** 2).max()))
-    return LineStimulus(
-        unit.harmonic,
-        unit.weight,
-        unit.phase_deg,
-        unit.samples,
-        unit.rate_hz,
-        float(f"{largest:.9g}"),
-        unit.convention,
-    )
+    return replace(unit, amplitude=float(f"{largest:.9g}"))
 
 
 def _rms(periodic: Stimulus) -> float:

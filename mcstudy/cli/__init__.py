@@ -1,4 +1,4 @@
-"""The command line: one module per verb, imported only when the verb is used, so that help appears at once."""
+"""The command line: one module per verb in `verbs`, imported only when it is used, so that help appears at once."""
 
 from __future__ import annotations
 

@@ -82,16 +82,19 @@ def _misses() -> int:
 
 
 def compile_stability() -> None:
+    """Compile the growth rate of a closed loop."""
     model = small_problem().model
     growth_rate(model, model.truth)
 
 
 def compile_simulation() -> None:
+    """Compile the simulation in the time domain."""
     model = small_problem().model
     simulate(model, model.truth, np.zeros((64, 3)), 1 / EVERY_S)
 
 
 def compile_steps() -> None:
+    """Compile the bounded step, and the beginning of a fit."""
     problem = small_problem()
     table, truth = plan(problem.model, problem.f), problem.model.truth
     work, bounds = workspace(table), Bounds(problem.model.lower, problem.model.upper)
@@ -101,21 +104,25 @@ def compile_steps() -> None:
 
 
 def compile_cost() -> None:
+    """Compile the cost without derivatives."""
     table = plan(small_problem().model, small_problem().f)
     kernel.evaluate_cost(table, workspace(table))
 
 
 def compile_gram() -> None:
+    """Compile the normal equations of the equation error."""
     problem = small_problem()
     normal_equations(problem, problem.model.truth[None])
 
 
 def compile_starts() -> None:
+    """Compile the choice of starts by linearised models."""
     problem = small_problem()
     LinearModel.of(problem.model, problem.f).steps(problem, problem.model.truth[None], POOL[-1:])
 
 
 def compile_diagnosis() -> None:
+    """Compile the fits and likelihood ratios of a diagnosis."""
     # Imported here: studies need none of them, and the statistics behind the first take a second to import.
     from mcstudy.fitting.penalised import Fitter
     from mcstudy.fitting.small_linear import gaussian_factor, likelihood_ratios, orthonormal
@@ -132,6 +139,7 @@ def compile_diagnosis() -> None:
 
 
 def compile_intervals() -> None:
+    """Compile the profile likelihood intervals."""
     from mcstudy.fitting.penalised import Fitter
 
     problem = small_problem()

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from mcstudy import expressions
 from mcstudy.errors import InputError
-from mcstudy.identification import expressions
 from mcstudy.stance.feedback import Model
 
 STEP = 1e-20

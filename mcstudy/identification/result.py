@@ -71,7 +71,7 @@ class Estimate:
 
     @property
     def verdict(self) -> str:
-        """ "identifiable", "lower limit only", "upper limit only" or "not identifiable"."""
+        """One of "identifiable", "lower limit only", "upper limit only" or "not identifiable"."""
         ends = self.low_from == "data", self.high_from == "data"
         return {
             (True, True): "identifiable",

@@ -45,7 +45,7 @@ class Covered(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """ "wider than needed", "too narrow", or empty between `LEAST` and `MOST`."""
+        """Words "wider than needed", "too narrow", or none between `LEAST` and `MOST`."""
         return "wider than needed" if self.percent > MOST else "too narrow" if self.percent < LEAST else ""
 
     def to_dict(self) -> dict[str, float | str]:

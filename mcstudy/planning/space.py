@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.identification.expressions import Expression, expression, shortened
+from mcstudy.expressions import Expression, expression, shortened
 from mcstudy.planning.fits import Design
 from mcstudy.study.group import Group
 

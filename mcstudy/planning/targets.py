@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.identification.expressions import shortened
+from mcstudy.expressions import shortened
 from mcstudy.identification.quantities import Quantity, expression
 from mcstudy.planning.multilevel import MEASURES, Measure, of_one_realization
 from mcstudy.stance.feedback import Model

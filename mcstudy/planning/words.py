@@ -112,6 +112,7 @@ def _crossing(c: Crossing) -> str:
 
 
 def stimulus_unit(found: Solution) -> str:
+    """Unit of the stimulus amplitude."""
     return STIMULI[found.study.groups[found.group].stimulus.kind]
 
 

@@ -184,6 +184,7 @@ def _item_bytes(kind: Any, where: str) -> int:
 
 
 def check_size(shape: Any, chunks: Any, itemsize: int, where: str) -> None:
+    """Refuse (`RecordingError`) an array that declares more than `LARGEST` bytes."""
     declared = itemsize * max(math.prod(int(n) for n in shape), math.prod(int(n) for n in chunks))
     if declared > LARGEST:
         raise RecordingError(f"{where}: declares {declared} bytes; expected less than {LARGEST}")

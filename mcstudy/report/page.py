@@ -17,7 +17,7 @@ from mcstudy.study.cube.replacement import settled
 def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
     """The page of the cube at ``path``, complete or not.
 
-    ``beside``: alternatives to show too, each a cube or a file of `mcstudy.report.alternatives`.
+    ``beside``: alternatives to show too, each a cube or a file that an installed publication reads.
 
     It is drawn once and kept (`mcstudy.analysis.kept`), unless it shows alternatives.
     Raises `StoreError` for a file that is neither, `InputError` where matplotlib is missing.

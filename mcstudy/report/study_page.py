@@ -6,21 +6,21 @@ import gc
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from mcstudy.analysis.kept import Look, looking
+from mcstudy.analysis.published.publication import publications
 from mcstudy.analysis.results import open_for_tables
 from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.show.text import paper_title
-from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult, read_alternative
+from mcstudy.errors import InputError
 from mcstudy.report.context import Context
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figure, missing
 from mcstudy.report.html import Table, details, escape, table
 from mcstudy.report.overview import overview
-from mcstudy.report.sections.alternatives import one_start, population, two_stimuli
 from mcstudy.report.sections.compare import comparison_html
 from mcstudy.report.sections.estimates import (
     efficiency_figure,
@@ -33,7 +33,8 @@ from mcstudy.report.sections.pairs import pairs_figure
 from mcstudy.report.sections.search import further_search_figures, paper_search_figures
 from mcstudy.report.sections.signals import signal_figures
 from mcstudy.report.sections.standard_errors import zipper_figures
-from mcstudy.report.words import beside, group_overviews, headline, introduction
+from mcstudy.report.words import beside as published_beside
+from mcstudy.report.words import group_overviews, headline, introduction
 from mcstudy.study.cube.conversion import structured
 
 
@@ -43,7 +44,8 @@ def study_page(path: Path, beside: Sequence[Path], looks: ExitStack, look: Look)
     Statistics of cubes beside it are kept when ``looks`` close.
     """
     with _rarely_collected():
-        return _page(_context(path, look), [_Beside.open(file, looks) for file in beside])
+        companions = [(file, _companion(file, looks)) for file in beside]
+        return _page(_context(path, look), companions)
 
 
 @contextmanager
@@ -57,32 +59,19 @@ def _rarely_collected() -> Iterator[None]:
         gc.set_threshold(*usual)
 
 
-@dataclass(frozen=True)
-class _Beside:
-    """An alternative: the study of another cube, or a result."""
-
-    content: Context | TwoStimuliResult | PopulationResult
-
-    @classmethod
-    def open(cls, file: Path, looks: ExitStack) -> _Beside:
-        """Read it; statistics of a cube are kept when ``looks`` close."""
-        if file.is_dir():
-            return cls(_context(file, looks.enter_context(looking(file))))
-        return cls(read_alternative(file))
-
-    def figure(self, key: str) -> tuple[Figure | Missing, str]:
-        """Its figure, and the command that made it."""
-        c = self.content
-        if isinstance(c, Context):
-            return one_start(c, key), f"mcstudy report OUT --beside {c.name}.zarr, after mcstudy run {c.name}.toml"
-        return (two_stimuli(c, key) if isinstance(c, TwoStimuliResult) else population(c, key)), c.command
-
-
 def _context(path: Path, look: Look) -> Context:
     return Context(open_for_tables(path), lambda study: look.kept(SCHEMA, [], lambda: show_data(study)))
 
 
-def _page(context: Context, beside: Sequence[_Beside]) -> str:
+def _companion(file: Path, looks: ExitStack) -> Context | None:
+    """The study of a cube; statistics are kept when ``looks`` close. None for a file, which a publication reads."""
+    return _context(file, looks.enter_context(looking(file))) if file.is_dir() else None
+
+
+def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -> str:
+    sections = [section for p in publications() if (section := p.section(context, companions))]
+    if companions and not sections:
+        raise InputError("--beside: expected a publication that shows further results, none is installed")
     main = context.accuracy
     paper = signal_figures(context) + paper_search_figures(context) + paper_estimate_figures(context)
     beyond = [pairs_figure(context), *further_search_figures(context)]
@@ -95,7 +84,7 @@ def _page(context: Context, beside: Sequence[_Beside]) -> str:
         ("beyond", "Beyond the paper", _figures(context, beyond)),
         ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
-        ("alternatives", "Alternatives the paper discusses", _alternatives(context, beside)),
+        *sections,
         ("groups", "All groups in numbers", _traced(group_overviews(context))),
         ("study", "How this was made", _provenance(context)),
     ]
@@ -113,26 +102,13 @@ def _traced(content: str) -> str:
     return content + how if content else ""
 
 
-def _alternatives(context: Context, beside: Sequence[_Beside]) -> str:
-    own = _figures(context, [one_start(context)])
-    shown = []
-    for i, one in enumerate(beside):
-        item, command = one.figure(f"beside-{i}")
-        shown.append(figure(item, "", command) if isinstance(item, Figure) else missing([item]))
-    more = (
-        ""
-        if beside
-        else (
-            "<p>To show identification from two stimuli and fits to a population's mean here, use <code>mcstudy report "
-            "OUT --beside FILE</code>; the scripts in <code>pipelines/examples</code> make the files.</p>"
-        )
-    )
-    return own + "".join(shown) + more
-
-
 def _figures(context: Context, items: list[Figure | Missing]) -> str:
     shown = [
-        figure(f, beside(context, f.published), f"mcstudy report OUT, after mcstudy run {context.name}.toml -o OUT")
+        figure(
+            f,
+            published_beside(context, f.published),
+            f"mcstudy report OUT, after mcstudy run {context.name}.toml -o OUT",
+        )
         for f in items
         if isinstance(f, Figure)
     ]

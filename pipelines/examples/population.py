@@ -11,11 +11,11 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from mcstudy_goodworth2018.alternatives.files import write_alternative
 
 from mcstudy.fitting.linearised import linearised
 from mcstudy.fitting.problem import paper_cost
 from mcstudy.fitting.solvers import fit
-from mcstudy.report.alternatives import write_alternative
 from mcstudy.spectra.bands import published
 from mcstudy.spectra.estimate import SpectralExperiment
 from mcstudy.stance.body import two_segment

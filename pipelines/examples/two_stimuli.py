@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcstudy_goodworth2018.alternatives import nonparametric
+from mcstudy_goodworth2018.alternatives.files import write_alternative
+from mcstudy_goodworth2018.alternatives.two_stimuli import TwoStimuli
 
 from mcstudy.fitting.linearised import linearised
 from mcstudy.fitting.problem import paper_cost
 from mcstudy.fitting.solvers import fit
-from mcstudy.report.alternatives import write_alternative
-from mcstudy.spectra import nonparametric
 from mcstudy.spectra.bands import odd_lines, published
 from mcstudy.spectra.estimate import SpectralExperiment
-from mcstudy.spectra.two_stimuli import TwoStimuli
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import neural_controllers
 from mcstudy.stance.stimulus import Prts

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcstudy.analysis.published.publication import PageTable, Publication, Row
@@ -20,6 +21,7 @@ from mcstudy_goodworth2018.paper.published import (
 
 if TYPE_CHECKING:
     from mcstudy.analysis.view import GroupView, StudyView
+    from mcstudy.report.context import Context
 
 _READING = (
     "apart: difference, minus the rounding of the paper's number, in standard errors of both studies. Ours is the mean "
@@ -77,6 +79,12 @@ def _group(role: str, study: StudyView) -> GroupView | None:
     return groups.noise_free(study, fmax, least)
 
 
+def _section(context: Context, beside: Sequence[tuple[Path, Context | None]]) -> tuple[str, str, str]:
+    from mcstudy_goodworth2018.alternatives.sections import alternatives
+
+    return alternatives(context, beside)
+
+
 provider = Publication(
     reference=PAPER,
     rows=_rows,
@@ -89,5 +97,6 @@ provider = Publication(
     fmax=FMAX_HZ,
     settings=METHODS,
     table=_table_ii,
+    section=_section,
 )
 """Functions import what they need: tables of a study whose numbers are kept are printed without loading NumPy."""

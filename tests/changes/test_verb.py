@@ -43,9 +43,9 @@ assert main(["count", "nowhere.zarr"]) == 2
 
 def test_a_new_verb_is_a_module_and_a_line_in_the_table_of_verbs(tmp_path: Path, tiny_cube: Path) -> None:
     copy = Copy(tmp_path)
-    copy.add("mcstudy/cli/count.py", VERB)
+    copy.add("mcstudy/cli/verbs/count.py", VERB)
     last = '    "completion": "print a script'
-    copy.edit("mcstudy/cli/verbs.py", last, f'    "count": "print how many fits a cube has",\n{last}')
+    copy.edit("mcstudy/cli/verbs/__init__.py", last, f'    "count": "print how many fits a cube has",\n{last}')
     printed = copy.run(USE.format(cube=str(tiny_cube)))
     assert printed.startswith("128\n")
     assert "usage: mcstudy count" in printed

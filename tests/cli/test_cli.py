@@ -17,9 +17,9 @@ from mcstudy_challenge.challenge_file import read_challenge
 from tiny_studies import EIGHT_FITS as STUDY
 
 from mcstudy.cli import main
-from mcstudy.cli.completion import SHELLS
-from mcstudy.cli.help import TOPICS, page
 from mcstudy.cli.verbs import module, verbs
+from mcstudy.cli.verbs.completion import SHELLS
+from mcstudy.cli.verbs.help import TOPICS, page
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema

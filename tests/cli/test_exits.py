@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import mcstudy.cli
-import mcstudy.cli.run
-import mcstudy.cli.show
+import mcstudy.cli.verbs.run
+import mcstudy.cli.verbs.show
 from mcstudy.exits import Exit, exit_codes
 
 ROOT = Path(__file__).parents[2]
@@ -32,7 +32,7 @@ def test_the_readme_says_the_same() -> None:
 
 
 def test_no_verb_returns_a_bare_number() -> None:
-    for file in Path(mcstudy.cli.__file__).parent.glob("*.py"):
+    for file in Path(mcstudy.cli.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Return) and isinstance(node.value, ast.Constant):
                 assert not isinstance(node.value.value, int) or isinstance(node.value.value, bool), (file, node.lineno)
@@ -63,7 +63,7 @@ def test_a_limit_of_the_machine_is_one_line(
         raise error
 
     for verb, code in (("show", Exit.BAD_INPUT), ("run", Exit.INTERRUPTED)):
-        monkeypatch.setattr(f"mcstudy.cli.{verb}.main", fails)
+        monkeypatch.setattr(f"mcstudy.cli.verbs.{verb}.main", fails)
         assert mcstudy.cli.main([verb, "x", "-o", "y"] if verb == "run" else [verb, "x"]) == code
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith(f"mcstudy: {said}")
@@ -74,6 +74,6 @@ def test_a_fault_of_the_program_is_not_taken_for_a_limit(monkeypatch: pytest.Mon
     def fails(*_: object) -> None:
         raise OSError("cannot load liba.so")
 
-    monkeypatch.setattr("mcstudy.cli.show.main", fails)
+    monkeypatch.setattr("mcstudy.cli.verbs.show.main", fails)
     with pytest.raises(OSError, match="cannot load"):
         mcstudy.cli.main(["show", "x"])

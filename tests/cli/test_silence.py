@@ -39,7 +39,7 @@ def test_slow_work_is_announced(words: str, slow: str, said: str, monkeypatch: p
 
     nothing: Callable[..., list[Any]] = lambda *_: []  # noqa: E731 - stands for reading and compiling
     monkeypatch.setattr(slow, listen)
-    monkeypatch.setattr("mcstudy.cli.gap.read_recordings", nothing)
+    monkeypatch.setattr("mcstudy.cli.verbs.gap.read_recordings", nothing)
     monkeypatch.setattr("mcstudy.scheduler.compiling.compile_kernels", nothing)
     monkeypatch.setattr(sys, "stderr", Terminal())
     more = ["--group", "g", "--realization", "0", "--start", "0", "--fmax", "1", "--amplitude", "1"]

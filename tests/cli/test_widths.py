@@ -10,8 +10,8 @@ from commands import told
 from tiny_studies import EIGHT_FITS
 
 from mcstudy.cli import main
-from mcstudy.cli.help import TOPICS, page
 from mcstudy.cli.markdown import as_text
+from mcstudy.cli.verbs.help import TOPICS, page
 from mcstudy.exits import Exit
 from mcstudy.study import environment
 from mcstudy.text_tables import table, with_error

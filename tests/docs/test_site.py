@@ -76,7 +76,7 @@ def test_the_gallery_draws_every_figure() -> None:
 
 
 def test_every_figure_of_the_gallery_is_on_its_page(site: dict[str, Page]) -> None:
-    calls = re.findall(r"^(?:figures\.[a-z]\w*|diagnosis\.plot\.\w+)\(", GALLERY, re.MULTILINE)
+    calls = re.findall(r"^(?:(?:figures|alternatives)\.[a-z]\w*|diagnosis\.plot\.\w+)\(", GALLERY, re.MULTILINE)
     text = site["pipelines/docs/gallery.html"].path.read_text(encoding="utf-8")
     assert text.count('<svg class="plot"') == len(calls)
 

@@ -10,7 +10,8 @@ import pytest
 from commands import refused
 from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY, simulate_out_of_library
 
-from mcstudy.cli import main, simulate
+from mcstudy.cli import main
+from mcstudy.cli.verbs import simulate
 from mcstudy.effect_library import library
 from mcstudy.effect_library.simulate import Protocol, body_with_effects, draw_case, simulate_recording
 from mcstudy.errors import InputError

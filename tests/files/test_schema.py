@@ -14,8 +14,8 @@ from mcstudy_challenge import files
 
 from mcstudy.analysis import view
 from mcstudy.analysis.show import summary, tables
-from mcstudy.cli import gap as gap_verb
 from mcstudy.cli import main
+from mcstudy.cli.verbs import gap as gap_verb
 from mcstudy.errors import StoreError
 from mcstudy.exits import Exit
 from mcstudy.files import json_files, schema

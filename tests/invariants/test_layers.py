@@ -14,7 +14,7 @@ from mcstudy.study import environment
 PACKAGE = Path(mcstudy.__file__).parent
 
 LAYERS = (
-    ("program", "errors", "exits", "streams", "text_tables", "short_repr"),
+    ("program", "errors", "exits", "expressions", "streams", "text_tables", "short_repr"),
     ("compiling",),
     ("stance",),
     ("files",),

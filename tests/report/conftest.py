@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 import xarray as xr
+from mcstudy_goodworth2018.alternatives.files import write_alternative
 
 from mcstudy import open_results
 from mcstudy.cli import main
 from mcstudy.exits import Exit
-from mcstudy.report.alternatives import write_alternative
 
 PAPER_LIKE = """
 [study]

@@ -15,13 +15,14 @@ pytest.importorskip("matplotlib")
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
+from mcstudy_goodworth2018.alternatives import figures as alternative_figures
+from mcstudy_goodworth2018.alternatives.files import read_alternative
 
 from mcstudy.analysis.by_starts import best_of_first
 from mcstudy.analysis.selection import best
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
 from mcstudy.report import figures
-from mcstudy.report.alternatives import read_alternative
 from mcstudy.report.figures import common
 from mcstudy.report.figures.optimiser import best_by_starts_of
 from mcstudy.report.figures.pairs import draw_correlations
@@ -67,8 +68,8 @@ GROUP_FIGURES: dict[str, Callable[[xr.DataTree, Axes], Axes]] = {
     ),
 }
 RESULT_FIGURES: dict[str, Callable[[list[Path], Axes], Axes]] = {
-    "controller_off": lambda files, ax: figures.controller_off(read_alternative(files[0]), "T11", ax),  # type: ignore[arg-type]
-    "population_bias": lambda files, ax: figures.population_bias(read_alternative(files[1]), ax),  # type: ignore[arg-type]
+    "controller_off": lambda files, ax: alternative_figures.controller_off(read_alternative(files[0]), "T11", ax),  # type: ignore[arg-type]
+    "population_bias": lambda files, ax: alternative_figures.population_bias(read_alternative(files[1]), ax),  # type: ignore[arg-type]
 }
 SIGNAL_FIGURES = [
     name for name in figures.__all__ if name.endswith(("_record", "_spectrum", "error_frf")) and name != "Signals"
@@ -134,7 +135,7 @@ def test_a_figure_of_an_example_fills_and_returns_the_axes(name: str, alternativ
 
 
 def test_every_figure_is_tested_here() -> None:
-    drawn = {*GROUP_FIGURES, *RESULT_FIGURES, *SIGNAL_FIGURES, "Signals", "influence_shares"}
+    drawn = {*GROUP_FIGURES, *SIGNAL_FIGURES, "Signals", "influence_shares"}
     assert drawn == set(figures.__all__)
 
 

@@ -38,7 +38,7 @@ amplitude = [5.0]
 PROGRAM = """
 import hashlib, sys, threading, time
 from pathlib import Path
-import mcstudy.cli.show as verb
+import mcstudy.cli.verbs.show as verb
 from mcstudy.files.durable import replacing
 from mcstudy.files.unfinished import scratch_folder
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -47,12 +48,17 @@ class Row:
 class Publication:
     """What a publication says about studies.
 
-    Attributes ---------- reference: citation. rows: all statements that a study can be compared with. needs: sentence
-    on which groups can be compared. reading: paragraphs on how the table of rows is read. claims: claims about a
-    changed setting. claims_about: whether they are about a group. groups: the groups that figures show, as functions of
-    the study: ``estimates`` and ``pools`` (with noise), ``theory`` and ``free_pools`` (without); None where the study
-    has none. fmax: Hz, of the published figures. settings: published settings, (value, unit, place). table: table of
-    the page that lays rows (by key, as JSON) out as the publication does; None for none.
+    Attributes
+    ----------
+    reference: citation. rows: all statements that a study can be compared with.
+    needs: sentence on which groups can be compared. reading: paragraphs on how the table of rows is read.
+    claims: claims about a changed setting. claims_about: whether they are about a group.
+    group: the group that figures show, by role and study: ``estimates`` and ``pools`` (with noise), ``theory`` and
+        ``free_pools`` (without); None where the study has none.
+    fmax: Hz, of the published figures. settings: published settings, (value, unit, place).
+    table: table of the page that lays rows (by key, as JSON) out as the publication does; None for none.
+    section: key, title and content of a section of the page about a study (`mcstudy.report.context.Context`) and the
+        files beside it, each with the study of its cube or None; None for none.
     """
 
     reference: str
@@ -65,6 +71,7 @@ class Publication:
     fmax: tuple[float, ...] = ()
     settings: Mapping[str, tuple[Any, str, str]] = field(default_factory=dict)
     table: Callable[[Mapping[str, dict[str, Any]]], PageTable | None] = lambda _: None
+    section: Callable[[Any, Sequence[tuple[Path, Any]]], tuple[str, str, str] | None] = lambda _, __: None
 
 
 NONE = Publication("")

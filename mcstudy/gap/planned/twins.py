@@ -31,14 +31,14 @@ KNOWN = 1e9
 
 @dataclass(frozen=True)
 class Twins:
-    """Similarity of the effects.
+    r"""Similarity of the effects.
 
     Attributes
     ----------
     effects
         Their names, E of them.
     cosine
-        (E, E), largest \\|cosine\\| of their signatures.
+        (E, E), largest \|cosine\| of their signatures.
     """
 
     effects: tuple[str, ...]

@@ -92,7 +92,7 @@ class GroupMean:
 
     @property
     def verdict(self) -> str:
-        """ "determined", "lower limit only", "upper limit only" or "not determined"."""
+        """One of "determined", "lower limit only", "upper limit only" or "not determined"."""
         return VERDICTS[self.low_from == "data", self.high_from == "data"]
 
     def __repr__(self) -> str:

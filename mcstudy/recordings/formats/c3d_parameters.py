@@ -36,6 +36,7 @@ class Numbers:
 
     @property
     def order(self) -> str:
+        """Byte order as in NumPy's type strings."""
         return ">" if self.processor == "mips" else "<"
 
     def read(self, data: bytes | memoryview, kind: str) -> np.ndarray:

@@ -11,7 +11,6 @@ from mcstudy.report.style import require_matplotlib
 require_matplotlib()
 
 from mcstudy.report.figures.accuracy import bias_bars, cv_bars, influence_shares, sensitivity_bars  # noqa: E402 - after the check
-from mcstudy.report.figures.alternatives import controller_off, hit_rate_bars, population_bias  # noqa: E402
 from mcstudy.report.figures.by_fmax import statistic_by_fmax  # noqa: E402
 from mcstudy.report.figures.efficiency import efficiency_dots  # noqa: E402
 from mcstudy.report.figures.estimates import parameter_bars  # noqa: E402
@@ -35,6 +34,7 @@ from mcstudy.report.figures.signals import (  # noqa: E402
     stimulus_spectrum,
     sway_record,
 )
+from mcstudy.report.figures.stable_starts import hit_rate_bars  # noqa: E402
 from mcstudy.report.figures.zipper import zipper  # noqa: E402
 
 __all__ = [
@@ -45,7 +45,6 @@ __all__ = [
     "controller_error",
     "controller_error_by_noise",
     "controller_gain",
-    "controller_off",
     "controller_phase",
     "correlation_map",
     "cv_bars",
@@ -59,7 +58,6 @@ __all__ = [
     "noise_spectrum",
     "noise_sway_record",
     "parameter_bars",
-    "population_bias",
     "sensitivity_bars",
     "sensor_noise_record",
     "simulation_error_frf",

@@ -79,6 +79,8 @@ def own_delay(model: Model, a: float, shape: Shapes) -> Model:
 
 
 def leaky(row: str, sense: str) -> Build:
+    """A reflex on one sense through a leaky filter."""
+
     def build(model: Model, a: float, shape: Shapes) -> Model:
         added = model.with_terms([constant("form_size", a)], (), [_ratio("form", (1.0,), (shape["b"], 1.0))])
         return edits.add_terms(added, Term(row, sense, ("form_size",), 0, edits.OWN, ("form",), noisy=True))
@@ -142,11 +144,13 @@ def legs(model: Model, a: float, shape: Shapes) -> Model:
 
 
 def fading_gain(model: Model, a: float, shape: Shapes) -> Model:
+    """A gain of the stimulus that fades with the time constant ``T``, s."""
     filt = _ratio("form", (1.0 + a, shape["T"]), (1.0, shape["T"]))
     return edits.filter_terms(model, edits.is_stimulus, filt)
 
 
 def delay_and_lag(model: Model, a: float, shape: Shapes) -> Model:
+    """A delay of the stimulus, and a lag that grows with it."""
     lagging = edits.filter_terms(model, edits.is_stimulus, _ratio("form", (1.0,), (1.0, shape["r"] * a)))
     return edits.delay_stimulus(lagging.with_terms([constant("form_delay", a)]), "form_delay")
 
@@ -165,6 +169,7 @@ def sensors(*angles: int, first: bool = False) -> Build:
 
 
 def reflex(model: Model, a: float, shape: Shapes) -> Model:
+    """A delayed, low-passed reflex of the ankle on the rate of the lower body."""
     added = model.with_terms(
         [constant("form_size", a), constant("form_delay", shape["d"])], (), [_ratio("form", (1.0,), (1.0, shape["T"]))]
     )
@@ -172,6 +177,7 @@ def reflex(model: Model, a: float, shape: Shapes) -> Model:
 
 
 def crossed(model: Model, a: float, shape: Shapes) -> Model:
+    """Feedback of each angle to the other joint."""
     added = model.with_terms([constant("form_size", a)])
     pairs = (("hip", "theta1", 1.0), ("ankle", "theta2", shape["r"]))
     terms = [Term(row, sense, ("form_size",), 0, coefficient=c) for row, sense, c in pairs]
@@ -199,6 +205,8 @@ def force(model: Model, a: float, shape: Shapes) -> Model:
 
 
 def dead(on_angle: bool, on_rate: bool) -> Rule:
+    """A dead zone of the angle, of its rate, or of both."""
+
     def rule(a: float, shape: Shapes, _: TrialSetting) -> dict[str, Any]:
         angle = (a, a * shape["r"])
         rate = tuple(shape.get("q", 4.0) * x for x in angle)
@@ -208,6 +216,8 @@ def dead(on_angle: bool, on_rate: bool) -> Rule:
 
 
 def partial_drift(gains: Callable[[Term], bool]) -> Rule:
+    """A drift of some of the gains."""
+
     def rule(a: float, _: Shapes, trial: TrialSetting) -> dict[str, Any]:
         names = {g for t in trial.model.terms if t.noisy and gains(t) for g in t.gain[:1]}
         return {"gain_drift": dict.fromkeys(sorted(names), a)}
@@ -216,6 +226,7 @@ def partial_drift(gains: Callable[[Term], bool]) -> Rule:
 
 
 def reweighting_and_drift(a: float, shape: Shapes, trial: TrialSetting) -> dict[str, Any]:
+    """Gains that depend on the amplitude and drift."""
     names = {g for t in trial.model.terms if t.noisy for g in t.gain[:1]}
     gain = reweighted(trial.amplitude, trial.reference, a)
     return {"active_gain": gain, "gain_drift": dict.fromkeys(sorted(names), shape["r"] * a)}

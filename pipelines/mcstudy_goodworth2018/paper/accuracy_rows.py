@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.analysis.published.sampling import Means
-from mcstudy.analysis.ranks import ranks
 from mcstudy_goodworth2018.paper import published
 from mcstudy_goodworth2018.paper.published import FMAX_HZ
+from mcstudy_goodworth2018.paper.ranks import ranks
 
 LOW, MID, HIGH = FMAX_HZ
 WEAK, STRONG = range(len(published.AMPLITUDES_NM))

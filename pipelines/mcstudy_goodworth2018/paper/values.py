@@ -113,7 +113,6 @@ def _of_slab(cells: xr.Dataset, model: Model | None, size: int) -> tuple[dict[st
 
 def _with_sums(cells: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Estimates (realization, amplitude, fmax, `NAMES`) and true values (`NAMES`,), the sums among them."""
-
     own = cells[["estimate", "truth"]].sel(parameter=list(TWELVE))
     return _sums_of(own["estimate"].transpose(*AXES, "parameter").values), _sums_of(own["truth"].values)
 

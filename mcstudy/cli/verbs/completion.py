@@ -55,8 +55,8 @@ def main(args: argparse.Namespace) -> Exit:
 
 def _words() -> dict[str, list[str]]:
     """Verb and argument that takes one of some words, which its parser leaves to the verb."""
-    from mcstudy.cli.help import TOPICS
     from mcstudy.cli.verbs import verbs
+    from mcstudy.cli.verbs.help import TOPICS
     from mcstudy.effect_library.library import LIBRARY
     from mcstudy.study.catalogue import shipped
 

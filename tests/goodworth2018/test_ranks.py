@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from mcstudy_goodworth2018.paper.ranks import ranks
 from scipy.stats import rankdata
-
-from mcstudy.analysis.ranks import ranks
 
 
 def test_ranks_are_those_of_scipy_with_ties_and_missing_numbers() -> None:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.stable_starts import hit_rate_by_start
-from mcstudy.report.alternatives import PopulationResult, TwoStimuliResult
 from mcstudy.report.context import Context, largest_amplitude
-from mcstudy.report.figure import Figure, Missing, Panel
-from mcstudy.report.figures import alternatives as drawn
+from mcstudy.report.figure import Figure, Missing, Panel, figure, missing
+from mcstudy.report.figures.stable_starts import hit_rate_bars
 from mcstudy.report.html import Table
 from mcstudy.report.labels import amplitude_label, fmax_label
 from mcstudy.report.numbers import finite, short
 from mcstudy.text_tables import with_error
+from mcstudy_goodworth2018.alternatives import figures as drawn
+from mcstudy_goodworth2018.alternatives.files import PopulationResult, TwoStimuliResult, read_alternative
 
 MOST_STARTS = 40_000
 """Starts of a group whose loops are looked at: one takes some 20 µs."""
@@ -24,6 +27,34 @@ MOST_STARTS = 40_000
 ONE_START = "Does one start suffice?"
 
 DISCUSSION = "Goodworth & Peterka 2018, Discussion"
+
+
+def alternatives(context: Context, beside: Sequence[tuple[Path, Context | None]]) -> tuple[str, str, str]:
+    """The section of a study's page: its key, its title and its content.
+
+    ``beside``: files that are shown too, each with the study of its cube or None for a result of `files`.
+    """
+    items = [(one_start(context), f"mcstudy report OUT, after mcstudy run {context.name}.toml -o OUT")]
+    items += [_companion(file, study, f"beside-{i}") for i, (file, study) in enumerate(beside)]
+    shown = "".join(figure(item, "", how) if isinstance(item, Figure) else missing([item]) for item, how in items)
+    more = (
+        ""
+        if beside
+        else (
+            "<p>To show identification from two stimuli and fits to a population's mean here, use <code>mcstudy report "
+            "OUT --beside FILE</code>; the scripts in <code>pipelines/examples</code> make the files.</p>"
+        )
+    )
+    return "alternatives", "Alternatives the paper discusses", shown + more
+
+
+def _companion(file: Path, study: Context | None, key: str) -> tuple[Figure | Missing, str]:
+    """The figure of a file beside the study, and the command that made it."""
+    if study is not None:
+        how = f"mcstudy report OUT --beside {study.name}.zarr, after mcstudy run {study.name}.toml"
+        return one_start(study, key), how
+    result = read_alternative(file)
+    return two_stimuli(result, key) if isinstance(result, TwoStimuliResult) else population(result, key), result.command
 
 
 def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
@@ -60,7 +91,7 @@ def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
             )
             + ".",
         ],
-        [Panel(titles[name], partial(drawn.hit_rate_bars, r, titles[name])) for name, (_, _, _, r) in rates.items()],
+        [Panel(titles[name], partial(hit_rate_bars, r, titles[name])) for name, (_, _, _, r) in rates.items()],
         [
             Table(
                 f"Group {name} ({v.group.model.kind.replace('_', ' ')}), {amplitude_label(v, a)}: starts that reach "

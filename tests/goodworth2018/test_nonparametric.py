@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from mcstudy_goodworth2018.alternatives import nonparametric
+from mcstudy_goodworth2018.alternatives.two_stimuli import Spectra, TwoStimuli
 
 from mcstudy.errors import InputError
-from mcstudy.spectra import nonparametric
 from mcstudy.spectra.bands import odd_lines, published
-from mcstudy.spectra.two_stimuli import Spectra, TwoStimuli
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, neural_controllers, system
 from mcstudy.stance.stimulus import Prts

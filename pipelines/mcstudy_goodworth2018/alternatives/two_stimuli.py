@@ -16,17 +16,17 @@ from mcstudy.errors import InputError
 from mcstudy.spectra import periods
 from mcstudy.spectra.bands import Bands
 from mcstudy.spectra.estimate import check_period
-from mcstudy.spectra.nonparametric import corrective_torque
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import NoiseSway
 from mcstudy.stance.stimulus import Prts
+from mcstudy_goodworth2018.alternatives.nonparametric import corrective_torque
 
 
 @dataclass(frozen=True)
 class Spectra:
-    """Spectra of one realization of the experiment at the L lines of its bands; see `mcstudy.spectra.nonparametric`.
+    """Spectra of one realization of the experiment at the L lines of its bands, for the estimators of `nonparametric`.
 
     ``sway`` rad, ``torque`` N m (hip, ankle), ``stimuli`` N m (ankle, hip), each (trials, L, 2).
     """

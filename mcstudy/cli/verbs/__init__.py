@@ -38,7 +38,7 @@ VERBS = {
     "help": "print a page of the documentation: mcstudy help gap",
     "completion": "print a script for completion in bash, zsh or fish",
 }
-"""Verbs of this package and their one-line help; ``x-y`` lives in ``mcstudy.cli.x_y``."""
+"""Verbs of this package and their one-line help; ``x-y`` lives in ``mcstudy.cli.verbs.x_y``."""
 
 RESUMED = ("run", "extend", "design")
 """Those that continue from where they were stopped when they are given again."""
@@ -69,7 +69,7 @@ def module(verb: str) -> Any:
     """The module of a verb."""
     import importlib
 
-    return importlib.import_module(f"mcstudy.cli.{verb.replace('-', '_')}") if verb in VERBS else added()[verb]
+    return importlib.import_module(f"{__name__}.{verb.replace('-', '_')}") if verb in VERBS else added()[verb]
 
 
 def is_verb(word: str) -> bool:

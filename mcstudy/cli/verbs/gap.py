@@ -260,7 +260,7 @@ def _given(args: argparse.Namespace, *own: tuple[str, Any]) -> list[str]:
 
 
 def _report(args: argparse.Namespace) -> Exit:
-    from mcstudy.cli.report import write_and_tell
+    from mcstudy.cli.verbs.report import write_and_tell
     from mcstudy.report.document import page_of
     from mcstudy.report.style import require_matplotlib
 

@@ -26,7 +26,7 @@ from mcstudy.lines.checked_recording import CheckedRecording
 from mcstudy.lines.part_fits import PartFit, part_fits
 from mcstudy.lines.settling import settled
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import AnyRecording
+from mcstudy.recordings.joint_recording import AnyRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model

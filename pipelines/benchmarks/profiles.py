@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from mcstudy.effect_library.simulated import simulate
+from mcstudy.effect_library.simulation import simulate
 from mcstudy.fitting.penalised import Fitter, whiten
 from mcstudy.fitting.problem import Data, Problem
 from mcstudy.identification.bounds import bounded

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import Bounds, minimize
 
-from mcstudy.analysis.convergence import fewest_independent_starts
+from mcstudy.analysis.search.convergence import fewest_independent_starts
 from mcstudy.fitting.certainty import HIT_TOLERANCE
 from mcstudy.fitting.problem import Problem, paper_cost
 from mcstudy.fitting.solvers import fit

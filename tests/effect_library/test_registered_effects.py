@@ -11,7 +11,7 @@ import pytest
 from mcstudy.effect_library import edits as add
 from mcstudy.effect_library import library
 from mcstudy.effect_library.declarations import active_gain, terms
-from mcstudy.effect_library.declare import Effect, Size
+from mcstudy.effect_library.effect import Effect, Size
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Fitter
 from mcstudy.fitting.problem import Data

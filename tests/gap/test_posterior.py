@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import WRONG_SIGN

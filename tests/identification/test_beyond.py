@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mcstudy as mc
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.fitting.penalised import whiten
 from mcstudy.fitting.problem import Data
 from mcstudy.identification.belief import gap_found

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.declare import Effect
+from mcstudy.effect_library.effect import Effect
 from mcstudy.errors import ModelError
 from mcstudy.fitting.penalised import Fitted, Fitter, whiten
 from mcstudy.fitting.problem import Data

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.effect_library.declare import Size
+from mcstudy.effect_library.effect import Size
 from mcstudy.effect_library.library import LIBRARY, apply
 from mcstudy.fitting.penalised import Fitted, whiten
 from mcstudy.fitting.problem import Data

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.declare import Effect, Size
+from mcstudy.effect_library.effect import Effect, Size
 from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import TYPICAL_DELTA, WRONG_SIGN

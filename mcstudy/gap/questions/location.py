@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.effect_library.declare import LOCATIONS
+from mcstudy.effect_library.effect import LOCATIONS
 from mcstudy.effect_library.library import LIBRARY
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data

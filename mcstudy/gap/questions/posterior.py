@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.declare import Effect
+from mcstudy.effect_library.effect import Effect
 from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Fitted, whiten
 from mcstudy.fitting.problem import Data

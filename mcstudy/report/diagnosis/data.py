@@ -10,7 +10,7 @@ import numpy as np
 
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.detection import standardised
 from mcstudy.gap.verdict import added_name
 from mcstudy.recordings.frf import FrfRecording
@@ -50,7 +50,7 @@ class Phases(NamedTuple):
 class GapData:
     """Lines of a diagnosis, and responses of the base model and of the model with the leading cause."""
 
-    diagnosis: Diagnosis
+    diagnosis: DiagnosisRecord
 
     @property
     def lines(self) -> Lines:
@@ -64,7 +64,7 @@ class GapData:
 
     @property
     def added(self) -> Fitted | None:
-        """The fit with the leading cause, see `Diagnosis.added`."""
+        """The fit with the leading cause, see `DiagnosisRecord.added`."""
         return self.diagnosis.added
 
     @property

@@ -14,7 +14,8 @@ from itertools import combinations
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.correction import simulated
 from mcstudy.identification.estimate import Estimate
 from mcstudy.identification.minimum import Minima, without_prior

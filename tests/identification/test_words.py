@@ -216,8 +216,8 @@ def test_a_lowest_minimum_that_no_random_start_reached_is_not_said_to_be_missed_
     hits = np.r_[0, m.hits[1:]]
     for linear, told in ((m.chi2[0], "from the linear structure"), (np.inf, "ends of the parameters' ranges")):
         r = replace(fits["good"], minima=replace(m, hits=hits, linear=linear))
-        assert f"No random start of {m.starts} ended" in words.found(r)
-        assert told in words.found(r)
-        assert "100 %" not in words.found(r)
+        assert f"No random start of {m.starts} ended" in words.search_words(r)
+        assert told in words.search_words(r)
+        assert "100 %" not in words.search_words(r)
         assert "missed_lowest" not in r.to_dict()["search"]
         schema.validate("fit", r.to_dict(), "fit")

@@ -118,10 +118,10 @@ def _with_intervals(
     drawn = draws or simulated(lines.noise, stream(seed, "fit correction"))
     rise = threshold(model, data, minima, best.quantities, drawn, level)
     null, linearised = rise.null_chi2, rise.near
-    found = profiles(best.fitter, data, minima, best.quantities, rise.rise, curve)
+    intervals = profiles(best.fitter, data, minima, best.quantities, rise.rise, curve)
     error = ndtri(0.5 + level / 2) * np.sqrt(linearised.variance)
     share = _information(rise.jacobian @ linearised.tangent.T, lines.f)
-    estimates = zip(best.quantities, found, error, share, strict=True)
+    estimates = zip(best.quantities, intervals, error, share, strict=True)
     return FitRecord(
         name=name,
         level=level,

@@ -64,14 +64,14 @@ def forecasts(
     model: Model,
     theta: np.ndarray,
     lines: Lines,
-    of: Sequence[Quantity],
+    wanted: Sequence[Quantity],
     estimates: Sequence[Estimate],
     level: float,
     higher: Lines | None = None,
 ) -> tuple[Forecast, ...]:
-    """Forecasts for the quantities ``of`` with their ``estimates``; ``higher``: the lines up to a higher frequency."""
+    """Forecasts for ``wanted`` quantities with their ``estimates``; ``higher``: lines up to a higher frequency."""
     information = fisher(model, theta, lines)
-    gradients = np.array([q.gradient(theta) for q in of])
+    gradients = np.array([q.gradient(theta) for q in wanted])
     now = standard_errors(information, gradients)
     more = None
     if higher is not None:  # what the lines of the fit hold stays as it is
@@ -105,5 +105,5 @@ def forecasts(
 
 def fisher(model: Model, theta: np.ndarray, lines: Lines) -> np.ndarray:
     """Fisher information (P, P) on the parameters of ``model`` at ``theta``."""
-    own = with_lines(model, lines.counts)
-    return np.asarray(line_information(own, theta, lines.f, lines.noise.whitener).sum(axis=0))
+    stacked = with_lines(model, lines.counts)
+    return np.asarray(line_information(stacked, theta, lines.f, lines.noise.whitener).sum(axis=0))

@@ -95,13 +95,13 @@ class Coverage:
 @cache
 def simulated() -> tuple[Coverage, ...]:
     """All simulated conditions."""
-    found: dict[tuple[int, float, float, int], dict[str, Covered]] = {}
+    conditions: dict[tuple[int, float, float, int], dict[str, Covered]] = {}
     text = files("mcstudy.identification").joinpath(FILE).read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):
         key = int(row["cycles"]), float(row["fmax"]), float(row["amplitude"]), int(row["realizations"])
         covered = Covered(*(float(row[c]) for c in Covered._fields))
-        found.setdefault(key, {})[row["quantity"]] = covered
-    return tuple(Coverage(*key, quantities) for key, quantities in found.items())
+        conditions.setdefault(key, {})[row["quantity"]] = covered
+    return tuple(Coverage(*key, quantities) for key, quantities in conditions.items())
 
 
 def nearest(recording: AnyRecording | None, lines: Lines, model: Model, level: float) -> Coverage | None:

@@ -81,13 +81,13 @@ def solve_study(
     decided, flat = True, False
     if by_design:
         going = search(arms, rules, say)
-        best, found = min(((arm, arm.cheapest()) for arm in going), key=_rank(space))
-        design, known = _exactly(best, found), width(best, found)
+        best, cheapest = min(((arm, arm.cheapest()) for arm in going), key=_rank(space))
+        design, known = _exactly(best, cheapest), width(best, cheapest)
         decided, flat = known.relative <= precision, known.flat and known.axis > precision
         rows = tuple(_row(arm) for arm in arms if arm.looks)
         readings = _readings(best, design, fitter)
-        if found.reached:
-            answer = Answer(design, found.cost, _crossings(best, found))
+        if cheapest.reached:
+            answer = Answer(design, cheapest.cost, _crossings(best, cheapest))
     else:
         answer = Answer(design, float(space.cost(*_one(design), design.fmax)[0]), ())
     number = section.realizations
@@ -158,29 +158,34 @@ def _rank(space: Space) -> Callable[[tuple[Arm, Candidate]], tuple[float, ...]]:
     """Order of the cheapest designs of every Fmax: those that are enough by cost, the others by what they lack."""
 
     def rank(pair: tuple[Arm, Candidate]) -> tuple[float, ...]:
-        found = pair[1]
-        if not found.reached:
-            return (1.0, found.excess, 0.0, 0.0)
-        return (0.0, float(rounded(found.cost)), found.amplitude if AMPLITUDE in space.over else 0.0, found.excess)
+        cheapest = pair[1]
+        if not cheapest.reached:
+            return (1.0, cheapest.excess, 0.0, 0.0)
+        return (
+            0.0,
+            float(rounded(cheapest.cost)),
+            cheapest.amplitude if AMPLITUDE in space.over else 0.0,
+            cheapest.excess,
+        )
 
     return rank
 
 
-def _exactly(arm: Arm, found: Candidate) -> Design:
+def _exactly(arm: Arm, cheapest: Candidate) -> Design:
     """The answer with an amplitude of three digits that is not below the crossing."""
-    if AMPLITUDE not in arm.space.over or not found.reached:
+    if AMPLITUDE not in arm.space.over or not cheapest.reached:
         return next_design(arm)
-    unit = 10 ** (math.floor(math.log10(found.amplitude)) - 2)
-    amplitude = float(f"{math.ceil(found.amplitude / unit - 1e-9) * unit:.3g}")
-    return Design(found.cycles, min(amplitude, arm.space.amplitude[1]), arm.fmax)
+    unit = 10 ** (math.floor(math.log10(cheapest.amplitude)) - 2)
+    amplitude = float(f"{math.ceil(cheapest.amplitude / unit - 1e-9) * unit:.3g}")
+    return Design(cheapest.cycles, min(amplitude, arm.space.amplitude[1]), arm.fmax)
 
 
-def _crossings(arm: Arm, found: Candidate) -> tuple[Crossing, ...]:
+def _crossings(arm: Arm, cheapest: Candidate) -> tuple[Crossing, ...]:
     out = []
     for axis in (CYCLES, AMPLITUDE):
         if axis in arm.space.over:
-            low, middle, high = arm.crossing(axis, found)
-            middle = float(getattr(found, axis)) if math.isnan(middle) else middle
+            low, middle, high = arm.crossing(axis, cheapest)
+            middle = float(getattr(cheapest, axis)) if math.isnan(middle) else middle
             first, last = arm.space.ends(axis)
             low = first if math.isnan(low) else low
             at_end = math.isnan(high)
@@ -216,9 +221,9 @@ def _number(arm: Arm, design: Design, space: Space, left: int) -> tuple[int, Cro
     left += arm.fitter.spent.fits
     arm.predict()
     arm.look(design, LOOKS_FOR_NUMBER * FIRST, most=left - arm.fitter.spent.fits)
-    found = arm.looks[-1].found
+    measures = arm.looks[-1].found
     needed = [
-        (e.value**2, max(e.value - QUANTILE * e.error, 0.0) ** 2, (e.value + QUANTILE * e.error) ** 2) for e in found
+        (e.value**2, max(e.value - QUANTILE * e.error, 0.0) ** 2, (e.value + QUANTILE * e.error) ** 2) for e in measures
     ]
     middle, low, high = np.max(np.array(needed), axis=0)
     number = max(least, math.ceil(middle))
@@ -226,7 +231,7 @@ def _number(arm: Arm, design: Design, space: Space, left: int) -> tuple[int, Cro
     ends = float(max(low, least)), float(min(high, most))
     crossing = Crossing(REALIZATIONS, float(max(middle, least)), *ends, at_start=low <= least, at_end=high > most)
     readings = []
-    for t, e in zip(arm.targets, found, strict=True):
+    for t, e in zip(arm.targets, measures, strict=True):
         value, low_end, high_end = ((e.value + k * QUANTILE * e.error) * t.limit / math.sqrt(n) for k in (0, -1, 1))
         readings.append(Reading(t, value, low_end, high_end, math.nan, math.nan))
     return number, crossing, tuple(readings)

@@ -96,13 +96,13 @@ class Space:
         if self.formula is None:
             return time
         values = {TIME: time, CYCLES: cycles, AMPLITUDE: amplitude, FMAX: np.full(time.shape, fmax)}
-        found = np.broadcast_to(self._formula(values), time.shape)
-        if not np.isfinite(found).all():
-            wrong = found[~np.isfinite(found)][0]
+        cost = np.broadcast_to(self._formula(values), time.shape)
+        if not np.isfinite(cost).all():
+            wrong = cost[~np.isfinite(cost)][0]
             raise InputError(
                 f"cost {shortened(self.formula)!r}: expected a finite number for every allowed design, got {wrong}"
             )
-        return found
+        return cost
 
     def order(self, cycles: np.ndarray, amplitude: np.ndarray, fmax: float) -> np.ndarray:
         """Positions of designs from the cheapest to the dearest."""

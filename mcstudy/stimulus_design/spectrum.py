@@ -112,8 +112,8 @@ def designed(file: DesignFile) -> Designed:
             optimum = sway.optimum(partial(_within, best, allowed))
         except InputError as error:
             raise DesignError(str(error)) from None
-        found = _with_phases(file, sequence, harmonic[used], optimum.x)
-        size = size_of(model, found)
+        design = _with_phases(file, sequence, harmonic[used], optimum.x)
+        size = size_of(model, design)
         if limits.crest_factor and size.crest_factor > limits.crest_factor:
             raise DesignError(
                 f"limits.crest_factor: the lowest found in {file.design.phase_starts} starts is "
@@ -132,7 +132,7 @@ def designed(file: DesignFile) -> Designed:
         shares["limits.crest_factor"] = (size.crest_factor / limits.crest_factor) ** 2
     if limits.peak:
         shares["limits.peak"] = (size.peak / limits.peak) ** 2
-    return Designed(file, model, sequence, found, f, before, after, empty, optimum, shares, shown)
+    return Designed(file, model, sequence, design, f, before, after, empty, optimum, shares, shown)
 
 
 def _criterion(file: DesignFile, models: list[Model], f: np.ndarray) -> Criterion:

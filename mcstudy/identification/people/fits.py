@@ -55,14 +55,18 @@ def fit_members(
             raise InputError(f"{m.name}: expected one fit per person and condition, got {len(m.items)}")
     _refuse_copies(members, data, settings.accept)
 
-    def one(k: int) -> FitRecord | _Failure:
+    def fitted(k: int) -> FitRecord | _Failure:
         return _fit(members[k], data, settings)
 
-    found = dict(
-        fan_out(one, range(len(members)), options, f"{len(members)} fits of people", unit="fits", resumes=False)
+    outcomes = dict(
+        fan_out(fitted, range(len(members)), options, f"{len(members)} fits of people", unit="fits", resumes=False)
     )
-    fits = [Member(m.person, m.condition, (f,)) for k, m in enumerate(members) if isinstance(f := found[k], FitRecord)]
-    failed = [(m.person, m.condition, f.reason) for k, m in enumerate(members) if isinstance(f := found[k], _Failure)]
+    fits = [
+        Member(m.person, m.condition, (f,)) for k, m in enumerate(members) if isinstance(f := outcomes[k], FitRecord)
+    ]
+    failed = [
+        (m.person, m.condition, f.reason) for k, m in enumerate(members) if isinstance(f := outcomes[k], _Failure)
+    ]
     if not fits:
         person, condition, why = failed[0]
         raise InputError(f"people: none could be fitted; {person}, {condition}: {why}")

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from mcstudy.api.recordings import diagnose, fit, import_recording, next_trial
     from mcstudy.api.solve import solve
     from mcstudy.api.studies import plan, run, summary
-    from mcstudy.effect_library.declare import Effect
+    from mcstudy.effect_library.effect import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
-    from mcstudy.effect_library.simulated import simulate
+    from mcstudy.effect_library.simulation import simulate
     from mcstudy.errors import InputError, Interrupted
     from mcstudy.identification.people.group_result import GroupResult
     from mcstudy.own_model import run_model
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.recordings.soundness import fill_gaps
-    from mcstudy.report.comparison import ComparisonWithFigure as Comparison
-    from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
     from mcstudy.report.person.plots import FitWithFigures as FitResult
+    from mcstudy.results.comparison import Comparison
+    from mcstudy.results.diagnosis import Diagnosis
     from mcstudy.stance.body import Body
     from mcstudy.stance.feedback import Filter, Model, Parameter, Term
     from mcstudy.study.design import Study
@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 
 _FROM = {
     "Body": "stance.body",
-    "Comparison": "report.comparison:ComparisonWithFigure",
-    "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
-    "Effect": "effect_library.declare",
+    "Comparison": "results.comparison",
+    "Diagnosis": "results.diagnosis",
+    "Effect": "effect_library.effect",
     "Filter": "stance.feedback",
     "FitResult": "report.person.plots:FitWithFigures",
     "FrfRecording": "recordings.frf",
@@ -80,7 +80,7 @@ _FROM = {
     "run": "api.studies",
     "run_model": "own_model",
     "run_until": "api.cubes",
-    "simulate": "effect_library.simulated",
+    "simulate": "effect_library.simulation",
     "solve": "api.solve",
     "status": "api.cube_status",
     "study_from": "api.groups",

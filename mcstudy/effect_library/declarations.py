@@ -19,7 +19,7 @@ import numpy as np
 
 from mcstudy.effect_library import edits as add
 from mcstudy.effect_library.constants import low_pass_of_order
-from mcstudy.effect_library.declare import Effect, Form, Size, TrialSetting
+from mcstudy.effect_library.effect import Effect, Form, Size, TrialSetting
 from mcstudy.stance.feedback import Filter, Model, Monomial, Term
 from mcstudy.stance.rules import reweighted
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from mcstudy.effect_library.constants import with_constants
 from mcstudy.effect_library.declarations import DECLARATIONS
-from mcstudy.effect_library.declare import Effect, Size, TrialSetting
+from mcstudy.effect_library.effect import Effect, Size, TrialSetting
 from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model, Parameter
 from mcstudy.stance.joint import changed
@@ -95,7 +95,7 @@ def effect(name: str) -> Effect:
 def apply(model: Model, *names: str, opened: Iterable[str] = ()) -> Model:
     """The model with the named linear effects; the order of the names matters only for that of the parameters.
 
-    The shape constants (`mcstudy.effect_library.declare.Form`) of the effects in ``opened`` are parameters too, after
+    The shape constants (`mcstudy.effect_library.effect.Form`) of the effects in ``opened`` are parameters too, after
     the sizes of their effect; those of all others have the value of the declared form.
 
     Raises `InputError` for an unknown, repeated or nonlinear effect (see `trace`), `ModelError` when the model lacks

@@ -11,7 +11,8 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap import nearest_words, tables, verdict
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast
@@ -26,7 +27,7 @@ from mcstudy.gap.settings import EVERYTHING, Asked, DiagnosisMethod
 from mcstudy.lines.checked_recording import discarded
 from mcstudy.lines.part_fits import parts_dict
 from mcstudy.lines.reading_fits import of_part
-from mcstudy.recordings.joint import AnyRecording, JointRecording, part_labels
+from mcstudy.recordings.joint_recording import AnyRecording, JointRecording, part_labels
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.joint import members
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Summary):
+class DiagnosisRecord(Summary):
     """Diagnosis of the gap between the body in one recording and the model.
 
     `mcstudy.diagnose` returns one with figures (``plot``) and a page (``to_html``).

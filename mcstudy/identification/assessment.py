@@ -16,7 +16,7 @@ from mcstudy.identification.simulated_coverage import nearest
 from mcstudy.identification.sway import predicted_sway
 from mcstudy.identification.trades import bodies, valleys
 from mcstudy.lines.checked_recording import CheckedRecording, discarded
-from mcstudy.recordings.joint import JointRecording
+from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.spectra.lines import Lines, joined
 from mcstudy.spectra.measure import measure, require_noise
 from mcstudy.stance.feedback import Model

@@ -10,7 +10,8 @@ from scipy.special import ndtri
 
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
-from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.assessment import assessed
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import DRAWS, Draws, simulated
@@ -25,7 +26,7 @@ from mcstudy.lines.checked_recording import CheckedRecording
 from mcstudy.lines.part_fits import PartFit, part_fits
 from mcstudy.lines.settling import settled
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import AnyRecording
+from mcstudy.recordings.joint_recording import AnyRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model

@@ -20,7 +20,7 @@ from mcstudy.identification.simulated_coverage import Coverage, Covered
 from mcstudy.identification.sway import PredictedSway
 from mcstudy.identification.trades import Valley, moving
 from mcstudy.lines.part_fits import PartFit, parts_dict
-from mcstudy.recordings.joint import AnyRecording, JointRecording, part_labels
+from mcstudy.recordings.joint_recording import AnyRecording, JointRecording, part_labels
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model

@@ -10,7 +10,7 @@ from mcstudy.errors import InputError
 from mcstudy.identification.result import FitResult
 from mcstudy.identification.study_noise import noise_of
 from mcstudy.lines.checked_recording import discarded
-from mcstudy.recordings.joint import JointRecording
+from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import highest
 from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd, polarity

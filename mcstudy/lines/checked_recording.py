@@ -11,7 +11,7 @@ from mcstudy.lines.settings import LineSettings
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.copies import numbered, refuse_copies
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import POOLED, AnyRecording, JointRecording, refuse_other_body
+from mcstudy.recordings.joint_recording import POOLED, AnyRecording, JointRecording, refuse_other_body
 from mcstudy.recordings.recording import Recording
 from mcstudy.recordings.soundness import with_left_out
 from mcstudy.spectra.lines import Lines, joined

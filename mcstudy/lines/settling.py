@@ -16,7 +16,7 @@ import numpy as np
 from mcstudy.lines.checked_recording import CheckedRecording, Discard, checked_recording, discarded
 from mcstudy.lines.settings import LineSettings
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import AnyRecording, JointRecording
+from mcstudy.recordings.joint_recording import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import rightmost_root

@@ -14,7 +14,7 @@ from mcstudy.recordings.faults import angle_faults
 from mcstudy.recordings.formats.source import Picked
 from mcstudy.recordings.markers import space_angles
 from mcstudy.recordings.recording import MOST_TRIALS, RATE_HZ, Trial, refuse_size
-from mcstudy.recordings.resample import METHOD, filled, resampled, whole_samples
+from mcstudy.recordings.resampling import METHOD, filled, resampled, whole_samples
 from mcstudy.recordings.sheets.recording_sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
 from mcstudy.recordings.soundness import FILLABLE, without_gaps
 from mcstudy.recordings.units import agreed, factor

@@ -15,7 +15,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.formats.text import LARGEST_NUMBER
 from mcstudy.recordings.recording import RATE_HZ
-from mcstudy.recordings.resample import at_regular_times
+from mcstudy.recordings.resampling import at_regular_times
 
 UNIFORM = 1.5
 """Largest step, and largest distance from a regular clock, in periods, of stamps that count as regular."""

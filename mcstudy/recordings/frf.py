@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.polar import response
+from mcstudy.recordings.gain_and_phase import response
 from mcstudy.recordings.recording import LEAST_LINES, escape_texts
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment

@@ -18,8 +18,8 @@ from mcstudy.recordings.data_files import Files
 from mcstudy.recordings.formats.text import LARGEST_FILE
 from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.frf import GAIN
+from mcstudy.recordings.gain_and_phase import response
 from mcstudy.recordings.guards import content, inside
-from mcstudy.recordings.polar import response
 from mcstudy.recordings.sheets.body_sheet import body_of
 from mcstudy.recordings.sheets.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
 from mcstudy.recordings.units import factor

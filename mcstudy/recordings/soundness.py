@@ -10,7 +10,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.faults import Fault, angle_faults, constant_end, stimulus_faults
 from mcstudy.recordings.recording import LEAST_CYCLES, Recording, Suspicion, Trial
-from mcstudy.recordings.resample import interpolated
+from mcstudy.recordings.resampling import interpolated
 
 ANGLES = ("theta1", "theta2")
 

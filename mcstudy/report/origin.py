@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mcstudy.recordings.joint import AnyRecording, JointRecording
+from mcstudy.recordings.joint_recording import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.report.labels import with_units
 

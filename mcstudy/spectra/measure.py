@@ -9,7 +9,7 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import JointRecording
+from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.recordings.recording import LEAST_LINES, Recording
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines

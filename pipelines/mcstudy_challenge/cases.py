@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol
+from mcstudy.effect_library.protocol import Protocol
 from mcstudy.errors import DesignError
 from mcstudy.stance.body import two_segment
 from mcstudy.streams import stream

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import DesignError, InputError
 from mcstudy.gap.candidates.signatures import alike_groups, similarity
 from mcstudy.recordings.recording import Recording

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from mcstudy.effect_library.library import apply
-from mcstudy.effect_library.simulated import simulate
+from mcstudy.effect_library.simulation import simulate
 from mcstudy.fitting.penalised import Fitter
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import Draws, simulated

@@ -16,7 +16,7 @@ import argparse
 import numpy as np
 
 import mcstudy as mc
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.forecast import Forecast
 from mcstudy.identification.result import FitResult

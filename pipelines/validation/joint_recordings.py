@@ -31,7 +31,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from mcstudy.effect_library.library import LIBRARY
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import FallsError
 from mcstudy.fitting.penalised import whiten
 from mcstudy.gap.diagnose import detect

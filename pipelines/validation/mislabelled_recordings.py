@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol, draw_case, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, draw_case, simulate_recording
 from mcstudy.recordings.recording import Recording, Trial
 from mcstudy.stance.anthropometry import segments
 from mcstudy.stance.body import Body

@@ -38,7 +38,7 @@ from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY, OutOfLibrary
 from scipy.special import betaincinv
 
 from mcstudy.effect_library.library import LIBRARY
-from mcstudy.effect_library.simulate import Protocol, body_with_effects
+from mcstudy.effect_library.protocol import Protocol, body_with_effects
 from mcstudy.errors import FallsError, InputError, RecordingError
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
 from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
@@ -56,7 +56,7 @@ from mcstudy.lines.priors import opened
 from mcstudy.lines.settings import LineSettings
 from mcstudy.lines.settling import OVER
 from mcstudy.recordings.frf import FrfRecording
-from mcstudy.recordings.joint import JointRecording
+from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment

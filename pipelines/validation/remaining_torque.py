@@ -20,7 +20,7 @@ from mcstudy_challenge.bodies.geometry import stands
 from mcstudy_challenge.scores.rates import rate
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.gap.candidates.rational_torque import MOST_POLES, Loop, extended, paths
 from mcstudy.gap.candidates.rational_torque import Path as TorquePath

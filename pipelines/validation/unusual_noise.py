@@ -18,7 +18,7 @@ from mcstudy_challenge.cases import draw_body
 from mcstudy_challenge.design import Bodies, Series
 from mcstudy_challenge.scores.rates import rate
 
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment

@@ -12,7 +12,7 @@ from mcstudy_challenge.cases import draw_body, draw_linear, pool, protocol_of, s
 from mcstudy_challenge.design import Noise, Series
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import simulate_recording
+from mcstudy.effect_library.protocol import simulate_recording
 from mcstudy.errors import DesignError
 from mcstudy.gap.candidates.signatures import alike_groups, similarity
 from mcstudy.spectra.measure import measure

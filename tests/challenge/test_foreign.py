@@ -23,7 +23,7 @@ from mcstudy_challenge.truth import make_case
 from scipy.integrate import solve_ivp
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol
+from mcstudy.effect_library.protocol import Protocol
 from mcstudy.errors import DesignError, FallsError
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model

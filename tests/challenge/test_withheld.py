@@ -9,7 +9,7 @@ from mcstudy_challenge.bodies.foreign_effects import FOREIGN
 from mcstudy_challenge.bodies.geometry import Geometry, Setting, free
 from mcstudy_challenge.bodies.withheld import Simulate, Withheld
 
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import two_segment

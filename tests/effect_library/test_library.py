@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.declare import LOCATIONS
 from mcstudy.effect_library.edits import body_of, trunk_mass
+from mcstudy.effect_library.effect import LOCATIONS
 from mcstudy.errors import InputError, ModelError
 from mcstudy.stance.body import STIMULI, WEIGHTS, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model

@@ -7,7 +7,7 @@ import pytest
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.constants import with_constants
-from mcstudy.effect_library.declare import Form
+from mcstudy.effect_library.effect import Form
 from mcstudy.errors import InputError, ModelError
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.response import frf

@@ -13,7 +13,7 @@ from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY, simulate_out
 from mcstudy.cli import main
 from mcstudy.cli.verbs import simulate
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol, body_with_effects, draw_case, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, body_with_effects, draw_case, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.lines.checked_recording import checked_recording

@@ -17,7 +17,7 @@ from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.identification.forecast import fisher
 from mcstudy.identification.result import FitResult
-from mcstudy.recordings.joint import JointRecording
+from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.stance.body import Body
 from mcstudy.stance.joint import members
 

@@ -13,7 +13,7 @@ from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.identification.study_noise import noise_of
-from mcstudy.recordings.joint import JointRecording
+from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.study.measure import stimulus as stimulus_of_group

@@ -126,7 +126,7 @@ def test_recordings_estimate_nothing_and_spectra_alone_estimate() -> None:
             tree = ast.parse(file.read_text(encoding="utf-8"))
             used = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and n.attr in numeric}
             assert used <= {"fft"}, name  # one finds the period that a wrong one is compared with
-            if name != "recordings.resample":  # changes rates and fills gaps
+            if name != "recordings.resampling":  # changes rates and fills gaps
                 assert "scipy" not in file.read_text(encoding="utf-8"), name
 
 

@@ -16,7 +16,7 @@ from scipy.io import savemat
 
 from mcstudy import Body, fit
 from mcstudy.cli import main
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.recordings.formats import open_source

@@ -15,7 +15,7 @@ from mcstudy.cli import main
 from mcstudy.errors import RecordingError
 from mcstudy.exits import Exit
 from mcstudy.recordings.laboratory_import import Imported, import_files
-from mcstudy.recordings.resample import filled, resampled
+from mcstudy.recordings.resampling import filled, resampled
 
 RATE = 100.0
 

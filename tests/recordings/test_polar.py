@@ -9,7 +9,7 @@ import pytest
 
 import mcstudy as mc
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.polar import response
+from mcstudy.recordings.gain_and_phase import response
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.response import frf
 

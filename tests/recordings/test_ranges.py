@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import zarr
 
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnose import detect
 from mcstudy.gap.settings import FAST, DiagnosisSettings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.recordings.recording import Recording, Trial
 from mcstudy.spectra.intersample import drive, is_straight
 from mcstudy.spectra.periodic import cycle_coefficients

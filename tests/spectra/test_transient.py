@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcstudy.effect_library.simulate import Protocol, draw_case, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, draw_case, simulate_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.even_lines import EvenLineCovariance
 from mcstudy.spectra.lines import Lines

@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Simulate and write; returns the exit code."""
-    from mcstudy.effect_library.simulated import simulate
+    from mcstudy.effect_library.simulation import simulate
     from mcstudy.errors import InputError
     from mcstudy.recordings.io import write_recording
     from mcstudy.scheduler.compiling import RECORDING, compile_kernels

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-from mcstudy.effect_library.declare import Size
+from mcstudy.effect_library.effect import Size
 from mcstudy.gap.candidates.scores import TYPICAL_DELTA, log_factor
 from mcstudy.gap.planned.predictions import NOTHING, UNKNOWN, Belief, Predictions
 

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mcstudy.effect_library.simulate import smoothed
+from mcstudy.effect_library.protocol import smoothed
 from mcstudy.errors import RecordingError
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import STIMULI, TORQUES

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.declare import Effect
+from mcstudy.effect_library.effect import Effect
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.signatures import Signature, ambiguity_groups, applicable, signatures
 from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS

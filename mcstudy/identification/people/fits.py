@@ -17,7 +17,7 @@ from mcstudy.identification.settings import FitSettings
 from mcstudy.recordings.copies import refuse_copies
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
-from mcstudy.recordings.joint import JointRecording
+from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.fan_out import fan_out

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import fft
 
-from mcstudy.effect_library.simulate import Protocol
+from mcstudy.effect_library.protocol import Protocol
 from mcstudy.errors import FallsError
 from mcstudy.recordings.checks import LARGEST_SWAY
 from mcstudy.recordings.recording import Recording, Trial

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.effect_library import edits
-from mcstudy.effect_library.declare import TrialSetting
+from mcstudy.effect_library.effect import TrialSetting
 from mcstudy.stance.body import Body
 from mcstudy.stance.feedback import Filter, Model, Monomial, Term
 from mcstudy.stance.rules import reweighted

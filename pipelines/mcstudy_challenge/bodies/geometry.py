@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol
+from mcstudy.effect_library.protocol import Protocol
 from mcstudy.fitting.problem import ml_cost
 from mcstudy.fitting.solvers import fit
 from mcstudy.recordings.recording import Recording

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mcstudy.effect_library.declare import TrialSetting
+from mcstudy.effect_library.effect import TrialSetting
 from mcstudy.effect_library.library import effect
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import ModelError
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import two_segment

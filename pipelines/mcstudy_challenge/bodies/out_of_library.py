@@ -14,7 +14,7 @@ from scipy import fft, signal
 from scipy.interpolate import CubicSpline
 
 from mcstudy.compiling.decorators import compiled
-from mcstudy.effect_library.simulate import Distortion, Protocol, Torque, simulate_recording
+from mcstudy.effect_library.protocol import Distortion, Protocol, Torque, simulate_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term

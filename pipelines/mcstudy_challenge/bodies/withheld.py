@@ -29,7 +29,7 @@ from functools import partial
 import numpy as np
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.simulate import Protocol, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import InputError
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import two_segment

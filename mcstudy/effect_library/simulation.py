@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from mcstudy.effect_library.library import effect
-from mcstudy.effect_library.simulate import Protocol, draw_case, simulate_recording
+from mcstudy.effect_library.protocol import Protocol, draw_case, simulate_recording
 from mcstudy.errors import FallsError, InputError
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import STIMULI, two_segment

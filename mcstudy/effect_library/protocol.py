@@ -15,7 +15,7 @@ import numpy as np
 from scipy import fft
 
 from mcstudy.effect_library import library
-from mcstudy.effect_library.declare import TrialSetting
+from mcstudy.effect_library.effect import TrialSetting
 from mcstudy.errors import FallsError, InputError
 from mcstudy.recordings.checks import LARGEST_SWAY
 from mcstudy.recordings.recording import AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcstudy.group_comparison.result import LEVEL, Comparison
-from mcstudy.report.extended import extended
+from mcstudy.group_comparison.result import LEVEL, ComparisonRecord
 from mcstudy.report.style import require_matplotlib
+from mcstudy.results.record import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,13 +17,8 @@ if TYPE_CHECKING:
 SEGMENTS = ("lower body", "upper body")
 
 
-class ComparisonWithFigure(Comparison):
-    __doc__ = Comparison.__doc__  # what `help` shows of a result of `mcstudy.compare`
-
-    @classmethod
-    def of(cls, found: Comparison) -> ComparisonWithFigure:
-        """The same with its figure."""
-        return extended(cls, found)
+class Comparison(Result, ComparisonRecord):
+    """Two groups compared."""
 
     def plot(self) -> Figure:
         """Gain and phase of both groups, by segment, on a new figure.

@@ -159,7 +159,7 @@ class GroupRecord:
     differences
         `GroupDifference` of every quantity and pair of conditions.
     fits
-        `FitRecord` by (person, condition).
+        The fit of every (person, condition).
     failed
         (person, condition, reason) of everybody who could not be fitted.
     warnings

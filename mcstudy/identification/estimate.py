@@ -12,14 +12,6 @@ from mcstudy.text_tables import number
 BANDS_HZ = (0.0, 0.3, 1.0, 3.0, np.inf)
 """Edges of the bands by which the information on a quantity is told."""
 
-VERDICTS = {
-    (True, True): "identifiable",
-    (True, False): "lower limit only",
-    (False, True): "upper limit only",
-    (False, False): "not identifiable",
-}
-"""Whether the data determine a quantity, by whether they end its interval below and above."""
-
 ENDED = {"data": "", "bound": " (bound)", "not finite": " (not defined beyond)", "steps": ""}
 """What is printed behind an end of an interval, by what ends it."""
 
@@ -68,12 +60,19 @@ class Estimate:
     @property
     def verdict(self) -> str:
         """One of "identifiable", "lower limit only", "upper limit only" or "not identifiable"."""
-        return VERDICTS[self.low_from == "data", self.high_from == "data"]
+        return determined(self.low_from, self.high_from, "identifiable")
 
     @property
     def half_width(self) -> float:
         """Half of the interval."""
         return (self.high - self.low) / 2
+
+
+def determined(low_from: str, high_from: str, word: str) -> str:
+    """Whether data end an interval: ``word``, "lower limit only", "upper limit only" or "not" with ``word``."""
+    if low_from == high_from == "data":
+        return word
+    return "lower limit only" if low_from == "data" else "upper limit only" if high_from == "data" else f"not {word}"
 
 
 def interval(e: Estimate, below: str = "", above: str = "") -> str:

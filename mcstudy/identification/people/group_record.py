@@ -10,18 +10,12 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import named, plain
+from mcstudy.identification.estimate import determined
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.text_tables import number
 
 if TYPE_CHECKING:
     import xarray as xr
-
-VERDICTS = {
-    (True, True): "determined",
-    (True, False): "lower limit only",
-    (False, True): "upper limit only",
-    (False, False): "not determined",
-}
 
 
 @dataclass(frozen=True)
@@ -92,7 +86,7 @@ class GroupMean:
     @property
     def verdict(self) -> str:
         """One of "determined", "lower limit only", "upper limit only" or "not determined"."""
-        return VERDICTS[self.low_from == "data", self.high_from == "data"]
+        return determined(self.low_from, self.high_from, "determined")
 
     def __repr__(self) -> str:
         return f"{self.quantity}, {self.condition} = {with_interval(self.mean, self)}"
@@ -135,7 +129,7 @@ class GroupDifference:
     @property
     def verdict(self) -> str:
         """As in `GroupMean`."""
-        return VERDICTS[self.low_from == "data", self.high_from == "data"]
+        return determined(self.low_from, self.high_from, "determined")
 
     def __repr__(self) -> str:
         return f"{self.quantity}, {self.condition} - {self.reference} = {with_interval(self.difference, self)}"

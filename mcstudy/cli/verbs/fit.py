@@ -120,6 +120,7 @@ def _group(args: argparse.Namespace) -> Exit:
     from mcstudy.identification.people.fits import fit_members
     from mcstudy.identification.people.members import Member, members, named, read_people, rows_of
     from mcstudy.recordings.io import read_recording
+    from mcstudy.results.group_result import GroupResult
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import folded
 
@@ -136,8 +137,6 @@ def _group(args: argparse.Namespace) -> Exit:
     options = cluster_options(args)
     if options.here:
         compile_kernels(PERSON)
-    from mcstudy.results.group_result import GroupResult
-
     result = GroupResult.of(fit_members(known, settings, options, pair=args.paired, data=args.data))
     tell(args, "group", result.to_dict, lambda: folded(result.text()))
     return Exit.FITS_FAILED if result.failed else Exit.DONE
@@ -154,6 +153,7 @@ def _one_person(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.identification.fit import fit
     from mcstudy.report.style import require_matplotlib
+    from mcstudy.results.fit import FitResult
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import folded
@@ -167,10 +167,7 @@ def _one_person(args: argparse.Namespace) -> Exit:
     read = read_recordings(args)
     compile_kernels(PERSON)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
-        record = fit(read, settings)
-    from mcstudy.results.fit import FitResult
-
-    result = FitResult.of(record)
+        result = FitResult.of(fit(read, settings))
     if args.html:
         _write_page(args, result)
     tell(args, "fit", result.to_dict, lambda: folded(result.text()))

@@ -33,10 +33,11 @@ if TYPE_CHECKING:
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.recordings.soundness import fill_gaps
-    from mcstudy.report.comparison import ComparisonWithFigure as Comparison
-    from mcstudy.report.diagnosis.plots import DiagnosisWithFigures as Diagnosis
     from mcstudy.report.person.plots import FitWithFigures as FitResult
+    from mcstudy.results.comparison import Comparison
+    from mcstudy.results.diagnosis import Diagnosis
     from mcstudy.stance.body import Body
+    from mcstudy.stance.feedback import Filter, Model, Parameter, Term
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
 
@@ -44,16 +45,20 @@ if TYPE_CHECKING:
 
 _FROM = {
     "Body": "stance.body",
-    "Comparison": "report.comparison:ComparisonWithFigure",
-    "Diagnosis": "report.diagnosis.plots:DiagnosisWithFigures",
+    "Comparison": "results.comparison",
+    "Diagnosis": "results.diagnosis",
     "Effect": "effect_library.effect",
+    "Filter": "stance.feedback",
     "FitResult": "report.person.plots:FitWithFigures",
     "FrfRecording": "recordings.frf",
     "GroupResult": "identification.people.group_result",
     "InputError": "errors",
     "Interrupted": "errors",
+    "Model": "stance.feedback",
+    "Parameter": "stance.feedback",
     "Recording": "recordings.recording",
     "Study": "study.design",
+    "Term": "stance.feedback",
     "Trial": "recordings.recording",
     "compare": "api.compare",
     "design": "api.design",
@@ -91,13 +96,17 @@ __all__ = [
     "Comparison",
     "Diagnosis",
     "Effect",
+    "Filter",
     "FitResult",
     "FrfRecording",
     "GroupResult",
     "InputError",
     "Interrupted",
+    "Model",
+    "Parameter",
     "Recording",
     "Study",
+    "Term",
     "Trial",
     "__version__",
     "compare",

@@ -17,7 +17,7 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.recording import Recording
 from mcstudy.recordings.soundness import faults_in_words, with_left_out
-from mcstudy.report.comparison import ComparisonWithFigure
+from mcstudy.results.comparison import Comparison
 from mcstudy.spectra.frf_points import group_of
 from mcstudy.stance.ranges import Range
 
@@ -35,7 +35,7 @@ def compare(
     fmax: float | None = None,
     discard: int = 1,
     seed: int = 0,
-) -> ComparisonWithFigure:
+) -> Comparison:
     """What differs between two groups: whether, where, which parameter, and how much of the difference it closes.
 
     Parameters
@@ -82,7 +82,7 @@ def compare(
         notes += [f"{name}: {note}" for note in left_out]
     _refuse_equal(groups, names)
     found = compare_groups(groups[0], groups[1], paired, permutations, seed, names)
-    return ComparisonWithFigure.of(replace(found, notes=tuple(notes)))
+    return Comparison.of(replace(found, notes=tuple(notes)))
 
 
 def _recordings(given: xr.Dataset | Sequence[RecordingLike], where: str) -> xr.Dataset | list[Recording | FrfRecording]:

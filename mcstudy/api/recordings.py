@@ -17,9 +17,9 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.laboratory_import import import_files
 from mcstudy.recordings.recording import Recording
-from mcstudy.report.diagnosis.plots import DiagnosisWithFigures
 from mcstudy.report.person.plots import FitWithFigures
-from mcstudy.report.with_page import NextTrialWithPage
+from mcstudy.results.diagnosis import Diagnosis
+from mcstudy.results.next_trial import NextTrial
 from mcstudy.scheduler.compiling import DIAGNOSIS, PERSON, compile_kernels
 from mcstudy.stance.feedback import Model
 
@@ -38,7 +38,7 @@ def diagnose(
     discard: int | None = None,
     accept: Iterable[str] = (),
     prior_none: float = NONE,
-) -> DiagnosisWithFigures:
+) -> Diagnosis:
     """Where the model fails on a recording, which effect is missing, and how far adding it closes the gap.
 
     Parameters
@@ -88,7 +88,7 @@ def diagnose(
     )
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
-    return DiagnosisWithFigures.of(diagnose_recordings(read, settings))
+    return Diagnosis.of(diagnose_recordings(read, settings))
 
 
 def next_trial(
@@ -103,7 +103,7 @@ def next_trial(
     accept: Iterable[str] = (),
     prior_none: float = NONE,
     seed: int = 0,
-) -> NextTrialWithPage:
+) -> NextTrial:
     """Which trial to record next: possible ones, ranked by their expected information about the cause.
 
     Parameters
@@ -140,7 +140,7 @@ def next_trial(
     compile_kernels(DIAGNOSIS)
     found = diagnose_recordings(read, settings)
     planned = planned_next(found, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
-    return NextTrialWithPage.from_next(planned)
+    return NextTrial.of(planned)
 
 
 def fit(

@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 
 if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import Diagnosis
+    from mcstudy.gap.diagnosis import DiagnosisRecord
 
 
-def dataset(d: Diagnosis) -> xr.Dataset:
+def dataset(d: DiagnosisRecord) -> xr.Dataset:
     """Lines, responses, residuals, causes with probability and likeness, and the torque that the nearest one leaves.
 
     Of that torque there is nothing where there is no nearest mechanism.

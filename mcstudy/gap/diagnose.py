@@ -12,10 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unknown import LENGTHS
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.closure import Belief, Closure, close, floor_rms_deg, sway_rms_deg
 from mcstudy.gap.questions.detection import LEVEL
@@ -43,7 +44,9 @@ QUESTIONS: tuple[Callable[[Inquiry], Answer | None], ...] = (detection_limits,)
 """Further questions, in the order of the verdict: each is a file of `mcstudy.gap.questions`."""
 
 
-def diagnose(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: DiagnosisSettings) -> Diagnosis:
+def diagnose(
+    recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: DiagnosisSettings
+) -> DiagnosisRecord:
     """Diagnosis of one recording, or of several of the same person.
 
     Those with the same stimulus, period and sampling rate are pooled, others diagnosed together, each with the noise
@@ -69,7 +72,7 @@ def detect(recordings: AnyRecording | Sequence[Recording | FrfRecording], settin
     return gap_test(checked.lines, fit, settings)
 
 
-def diagnose_lines(lines: Lines, nominal: Model, settings: DiagnosisSettings) -> Diagnosis:
+def diagnose_lines(lines: Lines, nominal: Model, settings: DiagnosisSettings) -> DiagnosisRecord:
     """Diagnosis of measured lines. ``nominal``: base model with values of the order of magnitude of a person's."""
     return _answers(lines, gap_test(lines, base_fit(lines, nominal, settings.seed), settings), settings)
 
@@ -83,7 +86,7 @@ def _fitted(
 
 def _answers(
     lines: Lines, test: GapTest, settings: DiagnosisSettings, name: str = "lines", labels: Labels | None = None
-) -> Diagnosis:
+) -> DiagnosisRecord:
     """The answers to all questions, from the ``test`` of the ``lines``.
 
     ``labels``: what is known about the labels; with them, and a gap, mislabelling is among the possible causes.
@@ -115,7 +118,7 @@ def _answers(
     place, abstained = locations(explanation)
     trials = int(np.unique(lines.trial).size)
     belief = Belief(explanation.hypotheses, explanation.unknown, detection.null_chi2)
-    return Diagnosis(
+    return DiagnosisRecord(
         name=name,
         detected=detected,
         p_value=test.p_value,

@@ -11,7 +11,8 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap import nearest_words, tables, verdict
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Summary):
+class DiagnosisRecord(Summary):
     """Diagnosis of the gap between the body in one recording and the model.
 
     `mcstudy.diagnose` returns one with figures (``plot``) and a page (``to_html``).

@@ -17,7 +17,7 @@ from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, sho
 from mcstudy.text_tables import Table, number, with_error
 
 if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import Diagnosis
+    from mcstudy.gap.diagnosis import DiagnosisRecord
 
 SHOWN = 0.01
 """Causes with a probability below this share one row."""
@@ -46,21 +46,21 @@ RESPONSES_HZ = (0.1, 0.3, 1.0, 3.0)
 """Frequencies at which a transfer function is tabulated."""
 
 
-def tables(d: Diagnosis) -> list[Table]:
+def tables(d: DiagnosisRecord) -> list[Table]:
     """The tables of a diagnosis that are not empty."""
     found = [evidence(d), _causes(d), _sizes(d), _locations(d), closing(d), _nearest(d), _parameters(d), _contrasts(d)]
     answered = [table for answer in d.answers if (table := answer.table()) is not None]
     return [t for t in (*found, *answered) if t.rows]
 
 
-def text(d: Diagnosis) -> str:
+def text(d: DiagnosisRecord) -> str:
     """All tables as plain text."""
     return "\n\n".join(
         text_tables.table(t.header, t.rows) + (f"\n{text_tables.fill(t.note)}" if t.note else "") for t in tables(d)
     )
 
 
-def html(d: Diagnosis) -> str:
+def html(d: DiagnosisRecord) -> str:
     """All tables as an HTML fragment, for a notebook."""
 
     def row(cells: list[str], tag: str) -> str:
@@ -74,7 +74,7 @@ def html(d: Diagnosis) -> str:
     )
 
 
-def _causes(d: Diagnosis) -> Table:
+def _causes(d: DiagnosisRecord) -> Table:
     def yes(cause: int | str) -> str:
         return "yes" if cause in d.credible_set else ""
 
@@ -110,7 +110,7 @@ def share(p: float) -> str:
     return f"{p:.3f}" if p <= 1 - LEAST_SHARE else f"> {1 - LEAST_SHARE:g}"
 
 
-def _prior(d: Diagnosis) -> str:
+def _prior(d: DiagnosisRecord) -> str:
     """What the probabilities take for granted, and what the data alone say."""
     shares = ", ".join(f"{MEANINGS[name]} {number(100 * p, 2)} %" for name, p in d.prior.items())
     return (
@@ -137,7 +137,7 @@ def _marked(cause: Cause, notes: list[str]) -> str:
     return " and ".join(parts)
 
 
-def _sizes(d: Diagnosis) -> Table:
+def _sizes(d: DiagnosisRecord) -> Table:
     """Sizes of the causes that are shown."""
     rows = []
     for cause in shown_causes(d):
@@ -161,12 +161,12 @@ def _sizes(d: Diagnosis) -> Table:
     return Table("Sizes of the leading cause and of those in the 95 % set", header, rows, note)
 
 
-def _locations(d: Diagnosis) -> Table:
+def _locations(d: DiagnosisRecord) -> Table:
     rows = [[place, share(p)] for place, p in sorted(d.place.items(), key=lambda item: -item[1])]
     return Table("Location", ["location", "probability"], [*rows, ["no single location", share(d.place_abstained)]])
 
 
-def evidence(d: Diagnosis) -> Table:
+def evidence(d: DiagnosisRecord) -> Table:
     """What the decision that there is a gap, or none, rests on."""
     t = d.detection
     least = 1 / (1 + t.draws)
@@ -193,7 +193,7 @@ def evidence(d: Diagnosis) -> Table:
     return Table("Is there a gap", ["test", "observed", "noise alone, 95 %", "p-value"], rows, _why(d))
 
 
-def _why(d: Diagnosis) -> str:
+def _why(d: DiagnosisRecord) -> str:
     t = d.detection
     note = (
         "The squared residual of all lines is a goodness of fit: it adds the noise of every line, in which a gap of "
@@ -212,7 +212,7 @@ def _why(d: Diagnosis) -> str:
     )
 
 
-def closing(d: Diagnosis) -> Table:
+def closing(d: DiagnosisRecord) -> Table:
     """Both measures of how far the leading cause closes the gap, with what noise alone leaves of each."""
     low, high = d.detection.chi2_noise
     noise = f"{low:.0f} to {high:.0f}, mean {d.detection.expected_chi2:.0f}"
@@ -233,7 +233,7 @@ def closing(d: Diagnosis) -> Table:
     return Table(title, header, rows, "" if d.sway_noise_deg is None else MEASURES_EXPLAINED)
 
 
-def _nearest(d: Diagnosis) -> Table:
+def _nearest(d: DiagnosisRecord) -> Table:
     """The torque that the nearest mechanism leaves; no rows where none is found."""
     title, header = "What the nearest mechanism leaves, as a torque", ["quantity", "value [95 %]"]
     if d.nearest is None or not d.nearest.remaining.found:
@@ -255,7 +255,7 @@ def _nearest(d: Diagnosis) -> Table:
     return Table(title, header, rows, REMAINING_EXPLAINED)
 
 
-def _parameters(d: Diagnosis) -> Table:
+def _parameters(d: DiagnosisRecord) -> Table:
     rows = [
         [
             s.name,
@@ -278,7 +278,7 @@ def _value(value: float | None, se: float | None, source: str | None) -> str:
     return f"{shown} {SOURCES.get(source or '', '')}".rstrip()
 
 
-def _contrasts(d: Diagnosis) -> Table:
+def _contrasts(d: DiagnosisRecord) -> Table:
     rows = [
         [f"{c.kind}, {k.effect}", with_error(100 * k.gain, 100 * k.se), f"{k.z:.2f}", number(c.p_value, 2)]
         for c in d.contrasts

@@ -20,7 +20,7 @@ from mcstudy.recordings.joint_recording import part_labels
 from mcstudy.text_tables import fill, number, with_error
 
 if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import Diagnosis
+    from mcstudy.gap.diagnosis import DiagnosisRecord
 
 WIDE = 0.3
 """Width of the interval of the share closed from which the number of trials that narrows it is stated."""
@@ -43,7 +43,7 @@ def effects_of(cause: Cause) -> str:
     return " and ".join(cause.effects)
 
 
-def added_name(d: Diagnosis) -> str:
+def added_name(d: DiagnosisRecord) -> str:
     """What the model with the leading cause is called in tables and figures."""
     if d.leading is None:
         return "with a cause"
@@ -59,7 +59,7 @@ def named(cause: Cause) -> str:
     return " and ".join(parts)
 
 
-def where(d: Diagnosis) -> str:
+def where(d: DiagnosisRecord) -> str:
     """The bands of the residual map that exceed their limit, as text."""
     return nearest_words.where(d.detection.bands) or "no single frequency band stands out"
 
@@ -85,17 +85,17 @@ def p_words(p: float, least: float) -> str:
     return text_tables.with_sign(p_value(p, least))
 
 
-def verdict(d: Diagnosis) -> str:
+def verdict(d: DiagnosisRecord) -> str:
     """All sentences as one paragraph."""
     return " ".join(sentences(d))
 
 
-def wrapped(d: Diagnosis) -> str:
+def wrapped(d: DiagnosisRecord) -> str:
     """The sentences in lines that fit the terminal; each part of the verdict begins a line."""
     return "\n".join(fill(part) for part in sentences(d))
 
 
-def sentences(d: Diagnosis) -> list[str]:
+def sentences(d: DiagnosisRecord) -> list[str]:
     """The parts of the verdict: whether there is a gap, where, its cause, how much it closes and leaves."""
     p = p_words(d.p_value, d.p_least)
     if d.detected:
@@ -119,7 +119,7 @@ def sentences(d: Diagnosis) -> list[str]:
     return [part for part in parts if part]
 
 
-def differing_tests(d: Diagnosis) -> str:
+def differing_tests(d: DiagnosisRecord) -> str:
     """Both tests of the mean response by name, if only one of them finds a gap; empty otherwise."""
     t = d.detection
     if (t.p_value < LEVEL) == (t.fit_p_value < LEVEL):
@@ -137,12 +137,12 @@ def differing_tests(d: Diagnosis) -> str:
     )
 
 
-def shown_causes(d: Diagnosis) -> list[Cause]:
+def shown_causes(d: DiagnosisRecord) -> list[Cause]:
     """The leading cause and the other named ones of the 95 % set."""
     return question.shown_causes(d.causes, d.credible_set, d.leading)
 
 
-def nearest(d: Diagnosis) -> str:
+def nearest(d: DiagnosisRecord) -> str:
     """The nearest mechanism, how much of the gap it predicts at left-out lines, and what it leaves."""
     if d.leading is None or not d.asked.nearest:
         return ""
@@ -155,7 +155,7 @@ def nearest(d: Diagnosis) -> str:
     return f"{said} {nearest_words.leaves(d.nearest, d.detection.chi2_noise)}"
 
 
-def sway(d: Diagnosis) -> str:
+def sway(d: DiagnosisRecord) -> str:
     """What adding the leading cause does to the error of predicted sway, compared with noise; empty without numbers."""
     before, after, noise = d.sway_rms_deg["before"], d.sway_rms_deg["after"], d.sway_noise_deg
     if d.leading is None or d.added is None or before is None or after is None or noise is None:
@@ -172,7 +172,7 @@ def sway(d: Diagnosis) -> str:
     return f"{what} Predicted sway is then as good as noise allows."
 
 
-def not_a_body(d: Diagnosis) -> str:
+def not_a_body(d: DiagnosisRecord) -> str:
     """A warning about each model with several parameters on their bounds; empty when there is none."""
     parts = [_not_a_body(d.base, "The base model", d.base.theta.size)]
     if d.leading is not None and d.added is not None:
@@ -197,7 +197,7 @@ def _and(names: list[str]) -> str:
     return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
 
 
-def _unnamed(d: Diagnosis) -> bool:
+def _unnamed(d: DiagnosisRecord) -> bool:
     """Whether a cause outside the library is more probable than every named cause."""
     return d.unknown_probability > d.causes[0].probability
 
@@ -226,7 +226,7 @@ def unusual(cause: Cause) -> str:
     return " ".join(parts)
 
 
-def share_closed(d: Diagnosis) -> str:
+def share_closed(d: DiagnosisRecord) -> str:
     """The share of the gap that the leading cause closes, with its interval; empty without a gap."""
     c, leading = d.closed, d.leading
     if leading is not None and leading.advice:
@@ -251,7 +251,7 @@ def share_closed(d: Diagnosis) -> str:
     return share
 
 
-def _corrected(d: Diagnosis, leading: Cause) -> str:
+def _corrected(d: DiagnosisRecord, leading: Cause) -> str:
     """What remains when the labels are corrected."""
     low, high = d.detection.chi2_noise
     return (
@@ -261,7 +261,7 @@ def _corrected(d: Diagnosis, leading: Cause) -> str:
     )
 
 
-def _cause(d: Diagnosis, first: Cause) -> str:
+def _cause(d: DiagnosisRecord, first: Cause) -> str:
     if _unnamed(d):
         out = [
             f"No effect of the library explains the gap; a cause outside it is more probable "
@@ -286,7 +286,7 @@ def _cause(d: Diagnosis, first: Cause) -> str:
     return " ".join([*out, _location(d)])
 
 
-def _location(d: Diagnosis) -> str:
+def _location(d: DiagnosisRecord) -> str:
     likely = sorted(((p, place) for place, p in d.place.items() if p >= SHARED), reverse=True)
     if sum(p for p, _ in likely) <= 0.5:
         return "Location: uncertain."

@@ -20,7 +20,7 @@ from mcstudy.group_comparison.changes import (
     posterior,
 )
 from mcstudy.group_comparison.detection import detect
-from mcstudy.group_comparison.result import LEVEL, Cause, Comparison
+from mcstudy.group_comparison.result import LEVEL, Cause, ComparisonRecord
 from mcstudy.group_comparison.sample import Sample, sample_of
 from mcstudy.spectra.frf_groups import as_complex
 from mcstudy.streams import stream
@@ -42,14 +42,14 @@ def compare_groups(
     permutations: int = 999,
     seed: int = 0,
     names: tuple[str, str] = ("a", "b"),
-) -> Comparison:
+) -> ComparisonRecord:
     """Compare group ``b`` with group ``a``; arguments and errors as `mcstudy.compare`."""
     sample = sample_of(a, b, paired)
     f = a["f"].values
     found = detect(sample, f, stream(seed, "group_labels"), permutations)
     about = _causes(a, sample, seed) if found.p_mean <= LEVEL else Causes((), None, None)
     sizes = len(sample.a), len(sample.b)
-    return Comparison(
+    return ComparisonRecord(
         *names,
         people=sizes,
         paired=sample.paired,

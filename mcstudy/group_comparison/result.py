@@ -44,7 +44,7 @@ class Cause:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Summary):
+class ComparisonRecord(Summary):
     """Two groups compared.
 
     Attributes

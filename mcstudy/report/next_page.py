@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mcstudy.gap.planned.next_trial import NOTE, NextTrial, described, expected
+from mcstudy.gap.planned.next_trial import NOTE, NextTrialRecord, described, expected
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.document import document
 from mcstudy.report.figure import figure
@@ -15,7 +15,7 @@ from mcstudy.text_tables import number
 PYTHON = "found.to_html('page.html')"
 
 
-def next_page(found: NextTrial, command: str = "mcstudy gap next REC --html page.html") -> str:
+def next_page(found: NextTrialRecord, command: str = "mcstudy gap next REC --html page.html") -> str:
     """The page of possible next trials; ``command``: the command that makes this page, as displayed on it."""
     drawn = next_figure(found)
     rows = [[name, f"{100 * p:.0f} %"] for name, p in found.causes]
@@ -28,7 +28,7 @@ def next_page(found: NextTrial, command: str = "mcstudy gap next REC --html page
     return document(f"Which trial next: {found.name}", _introduction(found), parts, NOTE)
 
 
-def _introduction(found: NextTrial) -> str:
+def _introduction(found: NextTrialRecord) -> str:
     best = found.best
     said = "" if found.open else "<p>The cause is known: no further trial is needed to name it.</p>"
     entries = [

@@ -50,7 +50,7 @@ autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 next(f for f in PyObject.doc_field_types if f.name == "variable").label = "Attributes"
-for name in ("Comparison", "Diagnosis", "FitResult"):
+for name in ("FitResult",):
     getattr(mcstudy, name).__name__ = name  # its name for users, who need not know that another class has it too
 html_math_renderer = "mathml"
 

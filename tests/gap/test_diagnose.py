@@ -13,7 +13,7 @@ from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import detect, diagnose
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.parameters import (
     MOSTLY_PRIOR,
     PRIOR_EXPLAINED,
@@ -45,11 +45,11 @@ def lagging() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def out(lagging: Recording) -> Diagnosis:
+def out(lagging: Recording) -> DiagnosisRecord:
     return diagnose(lagging, DiagnosisSettings(fast=True, seed=3))
 
 
-def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: Diagnosis) -> None:
+def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: DiagnosisRecord) -> None:
     plain = json.loads(json.dumps(out.to_dict(), allow_nan=False))
     schema.validate("diagnosis", plain, "diagnosis")
     assert plain["detected"] is True
@@ -68,7 +68,9 @@ def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: Diagnosi
     assert "<table>" in out._repr_html_()
 
 
-def test_questions_that_nobody_asks_leave_the_other_answers_as_they_are(lagging: Recording, out: Diagnosis) -> None:
+def test_questions_that_nobody_asks_leave_the_other_answers_as_they_are(
+    lagging: Recording, out: DiagnosisRecord
+) -> None:
     full, less = out.to_dict(), diagnose(lagging, DiagnosisSettings(fast=True, seed=3, asked=CAUSE_ONLY)).to_dict()
     schema.validate("diagnosis", less, "diagnosis")
     assert full["nearest"]
@@ -81,7 +83,7 @@ def test_questions_that_nobody_asks_leave_the_other_answers_as_they_are(lagging:
     assert "No mechanism" not in less["verdict"]
 
 
-def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording, out: Diagnosis) -> None:
+def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording, out: DiagnosisRecord) -> None:
     first, again = out.to_dict(), diagnose(lagging, DiagnosisSettings(fast=True, seed=3)).to_dict()
     assert first == again
     slow = diagnose(lagging, DiagnosisSettings(bootstrap=100, seed=3))
@@ -96,7 +98,7 @@ def test_exchanged_channels_are_refused(lagging: Recording) -> None:
         diagnose(exchanged, FAST)
 
 
-def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recording, out: Diagnosis) -> None:
+def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recording, out: DiagnosisRecord) -> None:
     lines = measure(lagging)
     assert lines.even is not None
     parts = (
@@ -119,7 +121,9 @@ def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recor
     assert re.search(r"sensor_lag_theta1 \d+ %", shown_text)
 
 
-def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging: Recording, out: Diagnosis) -> None:
+def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(
+    lagging: Recording, out: DiagnosisRecord
+) -> None:
     """At 1.2 Hz the data say little about delays and the passive ankle; the prior's values must not pass as theirs."""
     low = diagnose(lagging, DiagnosisSettings(fast=True, fmax=1.2))
     base = low.base
@@ -234,7 +238,7 @@ def test_trials_of_one_kind_are_pooled(lagging: Recording) -> None:
 
 
 def test_the_prior_and_the_bayes_factor_are_stated_and_anyone_can_apply_his_own(
-    lagging: Recording, out: Diagnosis, plain_recordings: list[Recording]
+    lagging: Recording, out: DiagnosisRecord, plain_recordings: list[Recording]
 ) -> None:
     for recording, seed in ((lagging, 3), (plain_recordings[0], 0)):
         default = out if recording is lagging else diagnose(recording, DiagnosisSettings(fast=True, seed=seed))
@@ -256,7 +260,7 @@ def test_the_prior_and_the_bayes_factor_are_stated_and_anyone_can_apply_his_own(
         )
 
 
-def test_a_bayes_factor_beyond_all_evidence_is_a_limit(out: Diagnosis) -> None:
+def test_a_bayes_factor_beyond_all_evidence_is_a_limit(out: DiagnosisRecord) -> None:
     said = [" ".join(text(replace(out, none_log_factor=x)).split()) for x in (-900.0, -1.0, 900.0)]
     assert "against all others: below 1e-06;" in said[0]
     assert "against all others: 0.37;" in said[1]

@@ -9,8 +9,9 @@ from itertools import combinations
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.fitting.penalised import Data, Fitted
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.planned.gain import Told, told
 from mcstudy.gap.planned.predictions import Belief, Expected, Recorded, moved, predictions
 from mcstudy.gap.planned.response import SURE, chances, least_amplitude
@@ -79,7 +80,7 @@ class Situation:
     fmax: float
 
     @classmethod
-    def of(cls, d: Diagnosis) -> Situation:
+    def of(cls, d: DiagnosisRecord) -> Situation:
         """From a diagnosis of recordings; raises `InputError` for one of lines or of published responses."""
         recording = d.recording
         if recording is None or isinstance(recording, FrfRecording) or d.method.fmax is None:

@@ -10,8 +10,8 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
-from mcstudy.fitting.penalised import Data
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.fitting.problem import Data
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.nearest_words import chance
 from mcstudy.gap.planned.choice import CYCLES, TRIALS, Option, Plan, Situation, possible_trials, ranked
 from mcstudy.gap.planned.trials import SPECTRA, PlannedTrial
@@ -47,7 +47,7 @@ OPEN = 0.05
 
 
 @dataclass(frozen=True, repr=False)
-class NextTrial(Summary):
+class NextTrialRecord(Summary):
     """Possible next trials, ranked by what they are expected to tell of the cause.
 
     Attributes
@@ -223,20 +223,20 @@ def _planned(trial: PlannedTrial) -> dict[str, Any]:
 
 
 def next_trial(
-    diagnosis: Diagnosis,
+    diagnosis: DiagnosisRecord,
     kinds: Sequence[str] = (),
     amplitudes: Mapping[str, Sequence[float]] | None = None,
     spectra: Sequence[str] = SPECTRA,
     trials: Sequence[int] = TRIALS,
     cycles: int = CYCLES,
     seed: int = 0,
-) -> NextTrial:
+) -> NextTrialRecord:
     """Possible next trials after a diagnosis of recordings; see `mcstudy.next_trial`."""
     now = Situation.of(diagnosis)
     options = ranked(now, possible_trials(now, kinds, amplitudes, spectra, trials, cycles), seed)
     belief, recorded = now.expected.belief, now.expected.recorded
     prior = belief.membership.T @ belief.probability
-    return NextTrial(
+    return NextTrialRecord(
         diagnosis.name,
         tuple(zip(belief.labels, map(float, np.asarray(prior)), strict=True)),
         options,

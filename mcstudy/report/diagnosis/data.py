@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.detection import standardised
 from mcstudy.gap.verdict import added_name
 from mcstudy.recordings.frf import FrfRecording
@@ -49,7 +50,7 @@ class Phases(NamedTuple):
 class GapData:
     """Lines of a diagnosis, and responses of the base model and of the model with the leading cause."""
 
-    diagnosis: Diagnosis
+    diagnosis: DiagnosisRecord
 
     @property
     def lines(self) -> Lines:
@@ -63,7 +64,7 @@ class GapData:
 
     @property
     def added(self) -> Fitted | None:
-        """The fit with the leading cause, see `Diagnosis.added`."""
+        """The fit with the leading cause, see `DiagnosisRecord.added`."""
         return self.diagnosis.added
 
     @property

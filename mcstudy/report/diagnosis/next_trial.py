@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Patch
 
-from mcstudy.gap.planned.next_trial import HEADER, NextTrial, described
+from mcstudy.gap.planned.next_trial import HEADER, NextTrialRecord, described
 from mcstudy.gap.planned.twins import Twins
 from mcstudy.report.axes import axes
 from mcstudy.report.figure import Figure, Panel
@@ -49,7 +49,7 @@ def twin_map(before: Twins, after: Twins, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def next_figure(found: NextTrial) -> Figure:
+def next_figure(found: NextTrialRecord) -> Figure:
     """The section of the page: the map before and after, and the table of trials."""
     return Figure(
         "twins",
@@ -66,7 +66,7 @@ def next_figure(found: NextTrial) -> Figure:
     )
 
 
-def twin_picture(found: NextTrial) -> Picture:
+def twin_picture(found: NextTrialRecord) -> Picture:
     """The map alone, on a new figure."""
     picture = Picture(figsize=(8.8, 6.8), layout="constrained")
     ax = picture.subplots()

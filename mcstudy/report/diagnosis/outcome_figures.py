@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from mcstudy.effect_library.library import shape_parameters
 from mcstudy.errors import InputError
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.verdict import added_name, effects_of, p_words, shown_causes
 from mcstudy.report.axes import axes, legend_below
 from mcstudy.report.diagnosis.figures import AFTER, BEFORE, MEASURED
@@ -23,13 +23,13 @@ POINTS = 600
 """Most plotted points of a trace."""
 
 
-def place_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+def place_bars(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """Probability of every location, and of no single location."""
     values = {**diagnosis.place, "no single location": diagnosis.place_abstained}
     return _bars(axes(ax), list(values), list(values.values()), "location")
 
 
-def cause_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+def cause_bars(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """Probability of the leading causes, of a cause outside the library, and of no missing effect."""
     shown = [c for c in diagnosis.causes[:MOST_CAUSES] if c.probability > 0.005]
     names = [" + ".join(e + _others(c.alternatives[k]) for k, e in enumerate(c.effects)) for c in shown]
@@ -47,7 +47,7 @@ OFF_SCALE = 1.5
 """An observed value farther from the null samples than this many times their range is drawn at the edge."""
 
 
-def null_statistic(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+def null_statistic(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """The test for deviations of known shape: its value, and its distribution in recordings with noise alone."""
     t = diagnosis.detection
     ax = _against_null(axes(ax), t.null_statistic, t.statistic, number(t.statistic))
@@ -56,7 +56,7 @@ def null_statistic(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def null_residual(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+def null_residual(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """The squared residual of all lines, and its distribution in recordings with noise alone."""
     t = diagnosis.detection
     ax = _against_null(axes(ax), t.null_chi2, t.chi2, f"{t.chi2:.0f}")
@@ -77,7 +77,7 @@ def _against_null(ax: Axes, null: np.ndarray, observed: float, text: str) -> Axe
     return ax
 
 
-def effect_sizes(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+def effect_sizes(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """Sizes of the leading cause and of those in the 95 % set, with 95 % intervals, in standard errors."""
     found = [
         (f"{s.name}\n{effects_of(c)}", s)
@@ -108,7 +108,7 @@ def effect_sizes(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def closed_bar(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+def closed_bar(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """Share of the gap that the leading cause closes, with its 95 % interval."""
     closed = diagnosis.closed
     if closed is None:
@@ -132,7 +132,7 @@ def closed_bar(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def sway_error_bars(diagnosis: Diagnosis, ax: Axes | None = None) -> Axes:
+def sway_error_bars(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """RMS error of predicted sway of the base model and with the cause, and the range that noise alone gives."""
     d = diagnosis
     values = [("base model", d.sway_rms_deg["before"], BEFORE)]

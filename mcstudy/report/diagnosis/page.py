@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from mcstudy.effect_library.library import LIBRARY, size_text
 from mcstudy.errors import InputError
-from mcstudy.gap.diagnosis import Diagnosis
-from mcstudy.gap.planned.next_trial import NextTrial
+from mcstudy.gap.diagnosis import DiagnosisRecord
+from mcstudy.gap.planned.next_trial import NextTrialRecord
 from mcstudy.gap.tables import closing, evidence, tables
 from mcstudy.gap.verdict import added_name, differing_tests, effects_of, sentences
 from mcstudy.recordings.joint_recording import part_labels
@@ -31,7 +31,9 @@ from mcstudy.report.origin import recording_rows
 
 
 def gap_page(
-    diagnosis: Diagnosis, command: str = "mcstudy gap report REC -o page.html", planned: NextTrial | None = None
+    diagnosis: DiagnosisRecord,
+    command: str = "mcstudy gap report REC -o page.html",
+    planned: NextTrialRecord | None = None,
 ) -> str:
     """The page of a diagnosis; ``command``: the command that makes this page, as displayed on it.
 
@@ -59,7 +61,7 @@ def gap_page(
     )
 
 
-def _of_parts(diagnosis: Diagnosis, parts: Sequence[GapData]) -> list[Figure]:
+def _of_parts(diagnosis: DiagnosisRecord, parts: Sequence[GapData]) -> list[Figure]:
     """Responses and residuals of every recording."""
     labels = part_labels(diagnosis.recording, len(parts))
     return [
@@ -69,7 +71,7 @@ def _of_parts(diagnosis: Diagnosis, parts: Sequence[GapData]) -> list[Figure]:
     ]
 
 
-def _times(diagnosis: Diagnosis, parts: Sequence[GapData]) -> list[Figure | Missing]:
+def _times(diagnosis: DiagnosisRecord, parts: Sequence[GapData]) -> list[Figure | Missing]:
     """Sway of every recording."""
     shown = [_time(data) for data in parts]
     if len(parts) == 1:
@@ -110,7 +112,7 @@ def _introduction(data: GapData) -> str:
     )
 
 
-def _numbers(d: Diagnosis) -> str:
+def _numbers(d: DiagnosisRecord) -> str:
     """The tables that are not those of a figure, indistinguishable effects, and data quality warnings."""
     shown = {evidence(d).title, closing(d).title}
     warnings = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)

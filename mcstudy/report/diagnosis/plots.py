@@ -1,16 +1,14 @@
-"""``diagnosis.plot``: the figures of a diagnosis, and the diagnosis class that provides them."""
+"""``diagnosis.plot``: the figures of a diagnosis."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.diagnosis.traces import SwayTraces
-from mcstudy.report.extended import extended
 from mcstudy.report.style import require_matplotlib
 
 if TYPE_CHECKING:
@@ -24,7 +22,7 @@ class Plots:
     with the leading cause. Raises `InputError` without matplotlib (the extra ``report``).
     """
 
-    def __init__(self, diagnosis: Diagnosis) -> None:
+    def __init__(self, diagnosis: DiagnosisRecord) -> None:
         require_matplotlib()
         self._diagnosis = diagnosis
 
@@ -111,38 +109,3 @@ class Plots:
     def sway_residual(self, angle: int = 0, ax: Axes | None = None) -> Axes:
         """Measured minus predicted sway of one angle in time, degrees; needs time series."""
         return self._outcome.sway_left(self._traces, angle, ax)
-
-
-class DiagnosisWithFigures(Diagnosis):
-    __doc__ = Diagnosis.__doc__  # what `help` shows of a result of `mcstudy.diagnose`
-    shown_as = "Diagnosis"
-    more = "verdict(), plot, to_html(path), to_xarray(), to_dict()"
-
-    @classmethod
-    def of(cls, diagnosis: Diagnosis) -> DiagnosisWithFigures:
-        """The same diagnosis with figures."""
-        return extended(cls, diagnosis)
-
-    @cached_property
-    def plot(self) -> Plots:
-        """Its figures (`Plots`), e.g. ``diagnosis.plot.misfit_gain(angle=1)``; `InputError` without matplotlib."""
-        return Plots(self)
-
-    def to_html(self, path: str | Path) -> Path:
-        """Write the page of the diagnosis, as ``mcstudy gap report`` does; returns its path.
-
-        Parameters
-        ----------
-        path
-            File to write, ``.html``.
-
-        Raises
-        ------
-        InputError
-            matplotlib is not installed, or the file cannot be written.
-        """
-        require_matplotlib()
-        from mcstudy.report.diagnosis.page import gap_page
-        from mcstudy.report.document import write_page
-
-        return write_page(path, lambda: gap_page(self))

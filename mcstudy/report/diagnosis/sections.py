@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from mcstudy.gap import tables
-from mcstudy.gap.diagnosis import Diagnosis
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.verdict import not_a_body, share_closed, shown_causes, sway
 from mcstudy.report.diagnosis import figures, outcome_figures
 from mcstudy.report.diagnosis.data import BANDS_PER_DECADE, GapData
@@ -124,7 +124,7 @@ def page_table(t: tables.Table) -> Table:
     return Table(t.title, t.header, rows, "rows" if len(t.header) <= NARROW else "wide")
 
 
-def evidence_figure(d: Diagnosis) -> Figure:
+def evidence_figure(d: DiagnosisRecord) -> Figure:
     """What the decision that there is a gap, or none, rests on."""
     numbers = tables.evidence(d)
     panels = [
@@ -147,7 +147,7 @@ def evidence_figure(d: Diagnosis) -> Figure:
     return Figure("evidence", "", title, text, panels, [page_table(numbers)], python="diagnosis.plot.evidence()")
 
 
-def which_figures(d: Diagnosis) -> list[Figure | Missing]:
+def which_figures(d: DiagnosisRecord) -> list[Figure | Missing]:
     """Location, cause, share of the gap closed, error of predicted sway."""
     causes = Figure(
         "causes",
@@ -170,7 +170,7 @@ def which_figures(d: Diagnosis) -> list[Figure | Missing]:
     return [causes, _closing_figure(d)]
 
 
-def _closing_figure(d: Diagnosis) -> Figure | Missing:
+def _closing_figure(d: DiagnosisRecord) -> Figure | Missing:
     """The share of the gap closed beside the error of predicted sway."""
     title, numbers, panels, text, call = "How far the gap closes", tables.closing(d), [], [], ""
     if d.closed is not None:

@@ -1,0 +1,54 @@
+"""A study in a notebook: the tables of ``mcstudy show``, as a cell shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import xarray as xr
+
+from mcstudy.analysis.show.tables import Report
+from mcstudy.report.html import escape
+from mcstudy.report.study.context import Context
+from mcstudy.report.study.tables import group_overviews, headline, introduction
+
+_STYLE = (
+    ".mcstudy table{border-collapse:collapse;margin:.5em 0}.mcstudy caption{text-align:left;font-weight:600}"
+    ".mcstudy th,.mcstudy td{padding:.2em .7em;text-align:left;vertical-align:top;border-bottom:1px solid #8884}"
+    ".mcstudy .numbers td{text-align:right}.mcstudy .scroll{overflow-x:auto}"
+)
+
+
+class StudySummary:
+    """Tables of a study, as text at a prompt and as HTML in a notebook; `mcstudy.summary` makes one.
+
+    Parameters
+    ----------
+    report
+        The tables.
+    tree
+        Opens the study, which only the HTML needs.
+    """
+
+    def __init__(self, report: Report, tree: Callable[[], xr.DataTree]) -> None:
+        self._report, self._tree = report, tree
+
+    def __repr__(self) -> str:
+        return self._report.text()
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers as plain JSON data, valid under ``results_schema/2.0.0/show.json``."""
+        return self._report.data
+
+    @cached_property
+    def context(self) -> Context:
+        """The study and its numbers."""
+        return Context(self._tree(), lambda _: self._report.data)
+
+    def _repr_html_(self) -> str:
+        c = self.context
+        return (
+            f'<div class="mcstudy"><style>{_STYLE}</style><h2>{escape(c.name)}</h2>{introduction(c)}'
+            f"{headline(c)}{group_overviews(c)}</div>"
+        )

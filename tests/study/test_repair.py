@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from json_edits import edit
-from skeletons import made_once
 from tiny_studies import copied
 
 from mcstudy.errors import StoreError
@@ -24,9 +23,8 @@ ONE = ClusterOptions(workers=1)
 
 
 @pytest.fixture(scope="module")
-def sound(tiny_cube: Path) -> Iterator[Path]:
-    with made_once():
-        yield tiny_cube
+def sound(tiny_cube: Path) -> Path:
+    return tiny_cube
 
 
 @pytest.fixture

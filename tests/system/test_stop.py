@@ -289,7 +289,7 @@ def test_no_signal_is_lost_while_the_handlers_are_installed(tmp_path: Path, sign
     assert ends(process) == (Exit.STOPPED, "mcstudy: stopped")
 
 
-@pytest.mark.parametrize(("work", "sign"), zip(["swallows", "native", "writes"], SIGNALS, strict=True))
+@pytest.mark.parametrize(("work", "sign"), [*zip(["swallows", "native", "writes"], SIGNALS, strict=True)])
 def test_no_code_can_lose_a_signal_and_no_half_written_file_stays(
     tmp_path: Path, work: str, sign: signal.Signals
 ) -> None:

@@ -84,7 +84,7 @@ def test_a_recording_in_another_form_holds_the_same_signals(made: dict[str, Path
     assert len(again.trials) == len(first.trials)
     for a, b in zip(first.trials, again.trials, strict=True):
         np.testing.assert_allclose(b.theta, a.theta, atol=1e-6)
-        np.testing.assert_allclose(b.stimulus, a.stimulus, atol=1e-4)
+        np.testing.assert_allclose(b.stimulus, a.stimulus, atol=0.02)  # of 5 N m; that of motion.nc was resampled
 
 
 @pytest.mark.parametrize("page", RECORDINGS)

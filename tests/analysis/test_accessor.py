@@ -73,7 +73,7 @@ def test_a_result_of_moderate_size_is_numbers(make_cube: Cube, method: str, monk
 
 
 def test_statistics_of_a_large_cube_hold_a_few_chunks_in_memory(make_cube: Cube) -> None:
-    cube = make_cube(realizations=80, starts=1000, fmax=(1.2,), amplitude=(3.0,))
+    cube = make_cube(realizations=80, starts=1000, fmax=(1.2, 8.0), amplitude=(3.0,))
     size = cube["estimate"].nbytes
     assert len(on_disk(cube)["estimate"].data.chunks[2]) == 40
     lazy = on_disk(cube)

@@ -246,6 +246,13 @@ def test_plan_tells_cost_and_precision(study: Path) -> None:
 
 
 @pytest.fixture
+def no_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages are words alone: most of the time a page takes goes into figures."""
+    for name, result in (("drawn", None), ("_share", None), ("left_margin", 0.0), ("rendered", ("", {}))):
+        monkeypatch.setattr(f"mcstudy.report.figure.{name}", lambda *_, result=result: result)
+
+
+@pytest.fixture
 def falling(study: Path) -> Path:
     """A study of a body whose stiffness does not hold it up, and of one that stands."""
     weak = "[group.weak]\nrealizations = 2\nstarts = 2\nfmax = [1.2]\namplitude = [5.0]\n[group.weak.model.truth]\n"

@@ -90,10 +90,3 @@ def copied(cube: Path, folder: Path) -> Path:
 def tiny_copy(tmp_path: Path, tiny_cube: Path) -> Path:
     """A copy of that cube and its log."""
     return copied(tiny_cube, tmp_path)
-
-
-@pytest.fixture
-def no_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages are words alone: most of the time a page takes goes into figures."""
-    for name, result in (("drawn", None), ("_share", None), ("left_margin", 0.0), ("rendered", ("", {}))):
-        monkeypatch.setattr(f"mcstudy.report.figure.{name}", lambda *_, result=result: result)

@@ -66,7 +66,6 @@ READERS: dict[str, tuple[tuple[Any, str, int], tuple[str, ...]]] = {
 }
 
 
-@pytest.mark.usefixtures("no_drawings")
 @pytest.mark.parametrize("reader", READERS)
 def test_a_command_that_spans_an_extension_says_what_it_says_after_it(
     out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reader: str

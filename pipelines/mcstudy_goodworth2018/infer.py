@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.cli.options import add_figure_argument, add_out_argument, add_scheduler_arguments, cluster_options
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -20,10 +20,8 @@ SHIPPED = {"file": "inference"}
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("file", type=Path, help="inference file (.toml), or the name of a shipped one (table_one)")
-    parser.add_argument(
-        "-o", "--out", "--output", dest="out", type=Path, required=True, metavar="DIR", help="folder for all results"
-    )
-    parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw the marginals of the posterior")
+    add_out_argument(parser, "DIR", "folder for all results", required=True)
+    add_figure_argument(parser, "the marginals of the posterior")
     parser.add_argument("--trade-offs", type=Path, metavar="SVG", help="also draw which numbers contradict each other")
     add_scheduler_arguments(parser)
 

@@ -140,37 +140,6 @@ def test_a_bound_on_any_parameter_takes_the_cramer_rao_bound_from_all(make_cube:
     assert not bool(cube.mc.only(cube.mc.best()["cost"] < 0).mc.efficiency()["applies"].any())
 
 
-def test_the_density_of_the_bound_within_the_box_has_the_least_information() -> None:
-    x, step = np.linspace(1e-4, 1 - 1e-4, 200_001, retstep=True)
-
-    def information(density: np.ndarray) -> float:
-        density = density / (density.sum() * step)
-        return float((np.gradient(density, step) ** 2 / density).sum() * step)
-
-    least = information(np.sin(np.pi * x) ** 2)
-    assert least == pytest.approx((2 * np.pi) ** 2, rel=1e-3)
-    for a, b in ((2.5, 2.5), (3.0, 3.0), (3.0, 4.0), (5.0, 5.0)):
-        assert information(x ** (a - 1) * (1 - x) ** (b - 1)) > least
-
-
-@pytest.mark.parametrize("noise", [0.05, 0.2, 1.0, 5.0])
-def test_no_estimator_in_the_box_beats_the_van_trees_bound(noise: float) -> None:
-    """Bayes risk of the posterior mean (by quadrature) and largest risk of the clipped estimate, one parameter."""
-    bound = 1 / (1 / noise**2 + (2 * np.pi) ** 2)
-    x, step = np.linspace(0, 1, 401, retstep=True)
-    prior = 2 * np.sin(np.pi * x) ** 2
-    y, dy = np.linspace(-8 * noise, 1 + 8 * noise, 4001, retstep=True)
-    likelihood = np.exp(-0.5 * ((y[:, None] - x) / noise) ** 2) / (noise * np.sqrt(2 * np.pi))
-    evidence = (likelihood * prior).sum(1) * step
-    mean = (likelihood * prior * x).sum(1) * step / evidence
-    risk = ((mean[:, None] - x) ** 2 * likelihood * prior).sum() * step * dy
-    assert bound <= risk
-    clipped = ((np.clip(y, 0, 1)[:, None] - x) ** 2 * likelihood).sum(0) * dy
-    assert bound <= clipped.max()
-    if noise <= 0.05:
-        assert risk < 1.1 * bound
-
-
 def test_the_bound_within_the_box_lies_between_data_and_box_and_below_estimates_in_it() -> None:
     rng, f = np.random.default_rng(9), published().below(1.2).f
     C = random_covariance(rng, f)

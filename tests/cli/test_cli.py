@@ -70,14 +70,6 @@ assert not heavy, heavy
         assert verb in done.stdout
 
 
-@pytest.mark.parametrize("verb", verbs())
-def test_every_verb_has_help(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as done:
-        main([verb, "--help"])
-    assert done.value.code == 0
-    assert f"mcstudy {verb}" in capsys.readouterr().out
-
-
 def test_every_study_that_comes_with_mcstudy_is_listed_found_by_name_and_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

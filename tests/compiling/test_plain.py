@@ -98,9 +98,7 @@ def twice(x):
 CALLED = "from torn import twice; print(twice(3), sum(twice.stats.cache_hits.values()))"
 
 
-@pytest.mark.parametrize("ending", ["nbi", "nbc"])
-@pytest.mark.parametrize("part", [0.0, 0.5])
-def test_a_torn_file_of_compiled_code_is_compiled_again(tmp_path: Path, ending: str, part: float) -> None:
+def test_a_torn_file_of_compiled_code_is_compiled_again(tmp_path: Path) -> None:
     (tmp_path / "torn.py").write_text(TWICE)
     variables = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {"PYTHONPATH": str(tmp_path)}
 
@@ -109,11 +107,11 @@ def test_a_torn_file_of_compiled_code_is_compiled_again(tmp_path: Path, ending: 
         return subprocess.run(command, capture_output=True, text=True, check=True, env=variables).stdout.strip()
 
     assert run() == "6 0"
-    assert run() == "6 1"
-    (file,) = (tmp_path / "__pycache__").glob(f"torn.twice*.{ending}")
-    content = file.read_bytes()
-    file.write_bytes(content[: int(part * len(content))])
-    assert run() == "6 0"
+    for ending, part in (("nbi", 0.0), ("nbi", 0.5), ("nbc", 0.0), ("nbc", 0.5)):
+        (file,) = (tmp_path / "__pycache__").glob(f"torn.twice*.{ending}")
+        content = file.read_bytes()
+        file.write_bytes(content[: int(part * len(content))])
+        assert run() == "6 0", (ending, part)
     assert run() == "6 1"
 
 

@@ -9,6 +9,7 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from code_blocks import ROOT, Block, run_page
 from many_people import COMTEST, needs_comtest
@@ -27,6 +28,9 @@ RECORDINGS = {
     "pipelines/docs/tutorials/tilt.md": ("young0.nc", "old0.nc"),
 }
 """Recordings by the page that makes them."""
+
+AGAIN = ("subject1.nc", "spreadsheet.nc", "matlab.nc", "motion.nc")
+"""The first of them in another form."""
 
 GROUPS = {"mcstudy/recordings/README.md": ("people.toml",)}
 """Descriptions of the FRFs of a group."""
@@ -64,11 +68,23 @@ def goes_through(path: Path, folder: Path, data: Path | None = None) -> None:
         assert "</html>" in page
 
 
-@pytest.mark.parametrize(("page", "name"), [(page, name) for page, names in RECORDINGS.items() for name in names])
+@pytest.mark.parametrize(
+    ("page", "name"), [(page, name) for page, names in RECORDINGS.items() for name in names if name not in AGAIN]
+)
 def test_a_documented_recording_goes_through_everything(
     made: dict[str, Path], page: str, name: str, tmp_path: Path
 ) -> None:
     goes_through(made[page] / name, tmp_path)
+
+
+@pytest.mark.parametrize("name", AGAIN)
+def test_a_recording_in_another_form_holds_the_same_signals(made: dict[str, Path], name: str) -> None:
+    folder = made["mcstudy/recordings/README.md"]
+    first, again = mc.read_recording(folder / "example" / "recording.toml"), mc.read_recording(folder / name)
+    assert len(again.trials) == len(first.trials)
+    for a, b in zip(first.trials, again.trials, strict=True):
+        np.testing.assert_allclose(b.theta, a.theta, atol=1e-6)
+        np.testing.assert_allclose(b.stimulus, a.stimulus, atol=0.02)  # of 5 N m; that of motion.nc was resampled
 
 
 @pytest.mark.parametrize("page", RECORDINGS)

@@ -19,7 +19,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 FILE = Path(__file__).parents[1] / "durations.txt"
 
-QUICK_S = 0.3
+QUICK_S = 0.2
 """What takes longer is slow."""
 
 NOTED_S = 0.05

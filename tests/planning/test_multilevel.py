@@ -186,22 +186,3 @@ def test_draws_have_the_noise_of_the_study_table_or_not() -> None:
         joint.append(Fitter(group, 4, (1.2,)).law(8).joint)
     np.testing.assert_allclose(joint[2], 4 * joint[1], rtol=1e-9)
     assert not np.allclose(np.diag(joint[0]), np.diag(joint[1]), rtol=0.1, atol=0)
-
-
-def test_multilevel_estimates_have_no_bias(fitter: Fitter) -> None:
-    """Paired with plain estimates from the same realizations, over blocks: no mean difference beyond its error."""
-    design, n, N, blocks = Design(8, 5.0, 1.2), 16, 96, 10
-    full = fitter.realizations(design, FULL, n * blocks)
-    control, sample = fitter.realizations(design, TRUTH, n * blocks), fitter.draws(design, TRUTH, N * blocks)
-    steps = []
-    for k, truth in enumerate(fitter.model.truth):
-        for measure in MEASURES.values():
-            apart = []
-            for b in range(blocks):
-                own, more = slice(b * n, (b + 1) * n), slice(b * N, (b + 1) * N)
-                both = estimated(Draws(full[own, k], truth, control[own, k], sample[more, k]), measure)
-                apart.append(both.value - estimated(Draws(full[own, k], truth), measure).value)
-            steps.append(np.mean(apart) / (np.std(apart, ddof=1) / np.sqrt(blocks)))
-    assert np.sqrt(np.mean(np.square(steps))) < 1.6
-    assert np.median(np.abs(steps)) < 1.2
-    assert np.abs(steps).max() < 4

@@ -67,15 +67,16 @@ DAMAGE = [
     *((array, "swapped") for array in ARRAYS),  # the status of all fits of this study is the same
 ]
 READERS: list[Callable[[Path], object]] = [
-    lambda out: open_results(out)["noisy"].to_dataset().compute(),
     lambda out: open_results(out, lazy=False),
+    lambda out: open_results(out)["noisy"].to_dataset().compute(),
     show,
     page,
 ]
+READ = [(*damage, READERS[0]) for damage in DAMAGE]
+READ += [("estimate", damage, read) for damage in ("missing", "folder", "swapped") for read in READERS[1:]]
 
 
-@pytest.mark.parametrize("read", READERS)
-@pytest.mark.parametrize(("array", "damage"), DAMAGE)
+@pytest.mark.parametrize(("array", "damage", "read"), READ)
 def test_a_chunk_that_is_missing_or_another_ones_is_refused_by_name(
     copy: Path, array: str, damage: str, read: Callable[[Path], object]
 ) -> None:

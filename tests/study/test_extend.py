@@ -111,11 +111,9 @@ MIXED = Growth(realizations=7, fmax=(2.0,), amplitude=(4.0,), groups=("noisy",))
     [
         (REALIZATIONS, STARTS_TOO, FMAX, AMPLITUDE),
         (AMPLITUDE, FMAX, STARTS_TOO, REALIZATIONS),
-        (STARTS_TOO, AMPLITUDE, REALIZATIONS, FMAX),
-        (FMAX, REALIZATIONS, AMPLITUDE, STARTS_TOO),
         (MIXED, STARTS_TOO, AMPLITUDE, FMAX, REALIZATIONS),
     ],
-    ids=["realizations first", "amplitude first", "starts first", "fmax first", "mixed"],
+    ids=["one way", "the other way round", "mixed"],
 )
 def test_the_order_of_extensions_leaves_no_trace(
     out: Path, at_once: Callable[[str], str], tiny: str, steps: tuple[Growth, ...]

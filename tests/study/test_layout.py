@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -35,13 +34,6 @@ def test_every_fit_lies_in_exactly_one_chunk(tiny: str) -> None:
     assert (seen == 1).all()
 
 
-@pytest.mark.usefixtures("small_chunks")
-def test_chunk_files_are_named_once(tiny: str) -> None:
-    group_layout = layout_of(parse_study(tiny).groups["noisy"])
-    names = [(n, group_layout.key(n, c)) for n, c in product(group_layout.results, group_layout.chunks)]
-    assert len(set(names)) == len(names)
-
-
 @settings(deadline=None, max_examples=60)
 @given(st.integers(1, 200_000), st.integers(1, 5000), st.integers(1, 6))
 def test_a_chunk_holds_a_sane_number_of_fits(realizations: int, starts: int, n_fmax: int) -> None:
@@ -59,17 +51,6 @@ def test_chunks_of_slow_solvers_are_small_enough_to_share_out_and_to_lose() -> N
     for name, group in groups.items():
         fits = realizations_a_chunk(group) * group.starts * len(group.fmax)
         assert fits == (group.fits if name == "lm" else group.starts)
-
-
-def test_a_million_fits_make_a_few_thousand_files() -> None:
-    (group,) = read_study(PIPELINES / "large.toml").groups.values()
-    group_layout = layout_of(group)
-    assert len(group_layout.chunks) * len(group_layout.results) < 10_000
-
-
-def test_status_is_the_last_result() -> None:
-    for group in read_study(PIPELINES / "goodworth2018.toml").groups.values():
-        assert layout_of(group).results[-1] == "status"
 
 
 @pytest.mark.parametrize("name", ["status", "estimate", "cost", "frf"])

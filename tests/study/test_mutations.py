@@ -19,7 +19,6 @@ from typing import Any
 import pytest
 import xarray as xr
 from fuzzing import MANY
-from skeletons import made_once
 from two_chunks import TWO_CHUNKS
 
 from mcstudy.analysis.results import open_results
@@ -32,9 +31,8 @@ from mcstudy.study.run import run_study
 
 
 @pytest.fixture(scope="module")
-def sound(two_chunks: Path) -> Iterator[Path]:
-    with made_once():
-        yield two_chunks
+def sound(two_chunks: Path) -> Path:
+    return two_chunks
 
 
 class InProcess:

@@ -46,13 +46,13 @@ def test_the_time_of_a_run_is_without_that_of_compiling(
 
     def compiles(parts: Iterable[str], _: object) -> None:
         asked.extend(parts)
-        time.sleep(5.0)
+        time.sleep(1.0)
 
     monkeypatch.setattr("mcstudy.study.run.compile_kernels", compiles)
     begun = time.monotonic()
     outcome = run_study(parse_study(tiny), tmp_path / "out.zarr", ONE)
     assert asked == ["stability", "lm"]
-    assert outcome.seconds <= time.monotonic() - begun - 5.0
+    assert outcome.seconds <= time.monotonic() - begun - 1.0
 
 
 def test_a_second_run_does_nothing_and_changes_nothing(tiny_copy: Path, tiny_cube: Path, tiny: str) -> None:
@@ -132,26 +132,6 @@ def test_fits_whose_report_is_lost_with_a_worker_are_counted(
     assert len(lost) == 1
     assert outcome.fits == outcome.counts.total() == study.fits
     assert f"{study.fits}/{study.fits} fits (100 %)" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("reason", ["No space left on device", "Read-only file system"])
-def test_a_disk_that_cannot_be_written_stops_the_run_and_the_next_one_completes_it(
-    tmp_path: Path, tiny_cube: Path, tiny: str, monkeypatch: pytest.MonkeyPatch, reason: str
-) -> None:
-    study, out = parse_study(tiny), tmp_path / "out.zarr"
-    write, done = GroupStore.write, iter(range(2))
-
-    def full(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
-        if next(done, None) is None:
-            raise OSError(28, reason)
-        write(self, chunk, data, *environments)  # type: ignore[arg-type]
-
-    with monkeypatch.context() as patch:
-        patch.setattr(GroupStore, "write", full)
-        with pytest.raises(Interrupted, match=reason):
-            run_study(study, out, ONE)
-    assert run_study(study, out, ONE).skipped > 0
-    assert tree_digest(out) == tree_digest(tiny_cube)
 
 
 def test_a_store_deleted_under_the_run_does_not_come_back_in_pieces(

@@ -39,7 +39,7 @@ def fake(cube: Cube, group: str, chunk: Chunk) -> dict[str, np.ndarray]:
     return data
 
 
-@pytest.mark.parametrize("fails", ["sync_tree", "_create"])
+@pytest.mark.parametrize("fails", ["sync_tree", "_files"])
 def test_a_cube_that_cannot_be_completed_leaves_nothing(
     tmp_path: Path, tiny: str, fails: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -57,7 +57,7 @@ def test_without_noise_the_truth_is_found(tmp_path: Path, tiny: str) -> None:
     np.testing.assert_allclose(best, store.experiment.model.truth, rtol=1e-6)
 
 
-@pytest.mark.parametrize("calls", [0, 1, 3, 7])
+@pytest.mark.parametrize("calls", [0, 3])
 def test_a_stopped_chunk_is_completed_to_the_same_bytes(
     tmp_path: Path, tiny: str, calls: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -102,7 +102,7 @@ def test_a_slow_chunk_is_written_before_it_is_complete(
     assert tree_digest(killed.path) == tree_digest(whole.path)
 
 
-@pytest.mark.parametrize("batch", [1, 5, 8, 100])
+@pytest.mark.parametrize("batch", [1, 8, 100])
 def test_a_fit_does_not_depend_on_its_neighbours(
     tmp_path: Path, tiny: str, batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

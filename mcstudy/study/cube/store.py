@@ -14,9 +14,9 @@ import shutil
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -255,9 +255,6 @@ class Cube:
         environment and the layout of the design. ``others``: further environments that its chunks will name.
         Raises `StoreError` when ``path`` cannot be written.
         """
-        import zarr
-        from zarr.errors import ZarrUserWarning
-
         path = local_path(path)
         depths = depths or {name: realizations_a_chunk(group) for name, group in study.groups.items()}
         building = path.with_name(f".{path.name}.creating")
@@ -271,18 +268,9 @@ class Cube:
             cube = cls(building, study, attributes, depths)
             with unfinished(building, building.mkdir):
                 _refuse_one_name(building, list(cube.groups))
-                root = zarr.create_group(building, zarr_format=3, attributes=attributes)
-                made: dict[str, Path] = {}
-                for name, group in cube.groups.items():
-                    node = root.create_group(name, attributes=_group_attributes(group, attributes))
-                    for spec in group.layout.arrays.values():
-                        _create(node, spec, building / name / spec.name, made)
-                with warnings.catch_warnings():
-                    # inline metadata is not in the v3 specification; without it, xarray.open_zarr prints a warning
-                    warnings.simplefilter("ignore", ZarrUserWarning)
-                    for name in cube.groups:
-                        zarr.consolidate_metadata(root.store, path=name)
-                    zarr.consolidate_metadata(root.store)
+                for name, content in _files(_Empty.of(cube)).items():
+                    (building / name).parent.mkdir(parents=True, exist_ok=True)
+                    (building / name).write_bytes(content)
                 schema.validate(SCHEMA, describe(building), str(path))
                 sync_tree(building)
                 building.rename(path)
@@ -409,15 +397,60 @@ def _group_attributes(group: GroupStore, root: dict[str, Any]) -> dict[str, Any]
     }
 
 
-def _create(node: zarr.Group, spec: ArraySpec, folder: Path, made: dict[str, Path]) -> None:
-    """Create an array in its ``folder``, or copy it from where an equal one was ``made``.
+KEPT = 16
+"""Empty cubes whose files stay in memory: a run needs them several times, and Zarr takes half a second."""
 
-    Groups of a study are often alike in all but a few arrays, and Zarr takes several times as long as a copy.
-    """
-    content = repr((replace(spec, values=None), None if spec.values is None else np.asarray(spec.values).tolist()))
-    if (equal := made.setdefault(content, folder)) != folder:
-        shutil.copytree(equal, folder)
-        return
+
+@dataclass(frozen=True)
+class _Empty:
+    """An empty cube, known by a text that holds all that decides about its files."""
+
+    text: str
+    cube: Cube = field(compare=False)
+
+    @classmethod
+    def of(cls, cube: Cube) -> _Empty:
+        groups = {
+            name: (_group_attributes(group, cube.attributes), [*map(_content, group.layout.arrays.items())])
+            for name, group in cube.groups.items()
+        }
+        return cls(repr((cube.attributes, groups)), cube)
+
+
+def _content(item: tuple[str, ArraySpec]) -> tuple[str, ArraySpec, Any]:
+    """What decides about the files of an array, so that its ``repr`` is all of it."""
+    name, spec = item
+    return name, replace(spec, values=None), None if spec.values is None else np.asarray(spec.values).tolist()
+
+
+@lru_cache(KEPT)
+def _files(empty: _Empty) -> dict[str, bytes]:
+    """Every file of an empty cube, by its path in the cube."""
+    import zarr
+    from zarr.errors import ZarrUserWarning
+    from zarr.storage import MemoryStore
+
+    held: dict[str, Any] = {}
+    root = zarr.create_group(MemoryStore(held), zarr_format=3, attributes=empty.cube.attributes)
+    made: dict[str, str] = {}
+    for name, group in empty.cube.groups.items():
+        node = root.create_group(name, attributes=_group_attributes(group, empty.cube.attributes))
+        for item in group.layout.arrays.items():
+            place = f"{name}/{item[0]}/"
+            if (equal := made.setdefault(repr(_content(item)), place)) == place:
+                _create(node, item[1])
+            else:  # groups are often alike in all but a few arrays, and Zarr takes several times as long as a copy
+                held |= {place + key.removeprefix(equal): held[key] for key in list(held) if key.startswith(equal)}
+    with warnings.catch_warnings():
+        # inline metadata is not in the v3 specification; without it, xarray.open_zarr prints a warning
+        warnings.simplefilter("ignore", ZarrUserWarning)
+        for name in empty.cube.groups:
+            zarr.consolidate_metadata(root.store, path=name)
+        zarr.consolidate_metadata(root.store)
+    return {key: value.to_bytes() for key, value in held.items()}
+
+
+def _create(node: zarr.Group, spec: ArraySpec) -> None:
     array = node.create_array(
         spec.name,
         shape=spec.shape,

@@ -1,6 +1,6 @@
 """Anything that may happen to a cube, in any order: run, kill, extend, damage, verify, run again.
 
-    python tests/system/state_machine.py
+    python pipelines/validation/faults/state_machine.py
 
 Processes are forked from this one (see `forked`), so nothing but this may run in it. After every resume the tree has
 the digest of a study that was never interrupted; `verify` names every damaged file and no other; and what was finished
@@ -88,6 +88,8 @@ class Whole:
         self.folder = folder
         first = STUDIES[0]
         warm = Cube.create(folder / "warm.zarr", first)
+        for k, study in enumerate(STUDIES[1:]):  # Zarr makes the files of an empty cube once, before any fork
+            Cube.create(folder / f"warm{k}.zarr", study)
         self.skeleton = {p.relative_to(warm.path) for p in warm.path.rglob("*") if p.is_file()}
         (store,) = warm.groups.values()
         chunk = store.layout.chunks[0]

@@ -1,6 +1,6 @@
 """How long a run takes to end after Ctrl-C: from the signal to the end of the process, results written.
 
-    python tests/system/ctrl_c.py
+    python pipelines/validation/faults/ctrl_c.py
 
 Prints every time and the largest; a figure, not a test, since it is as large as the machine is busy.
 """

@@ -1,6 +1,6 @@
 """Break runs at random moments, again and again, and count what is lost or wrong.
 
-    python tests/system/kill_campaign.py --kills 100
+    python pipelines/validation/faults/kill_campaign.py --kills 100
 
 A kill is SIGKILL to a real process: at a random moment, or before a random line of the code that writes files. After
 each fault the cube on disk is compared with one that was never interrupted:
@@ -86,6 +86,7 @@ class Campaign:
         tasks.fill(compiled.experiment, compiled.layout, first, compiled.layout.empty(first))
         self.small, self.large = folder / "small.zarr", folder / "large.zarr"
         for study, path in ((self.study, self.small), (larger, self.large)):
+            shutil.rmtree(Cube.create(path, study).path)  # Zarr makes the files of an empty cube once, before any fork
             begun = time.monotonic()
             assert ended(fork(partial(run.run_study, study, path, ONE))) == DONE
             self.seconds = time.monotonic() - begun

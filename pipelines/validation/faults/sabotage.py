@@ -1,7 +1,7 @@
 """Break the promises on purpose, and see that the campaign of kills, or the state machine, notices each time.
 
-    python tests/system/sabotage.py
-    python tests/system/sabotage.py --states
+    python pipelines/validation/faults/sabotage.py
+    python pipelines/validation/faults/sabotage.py --states
 
 Prints one line a sabotage; 0 when each was noticed. Deaths between lines are aimed at the lines of the sabotage, so
 that this takes a minute and not an hour.

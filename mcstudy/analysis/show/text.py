@@ -196,8 +196,8 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
         "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, off bounds: % of best "
         "fits that\nare unstable, that touch no bound. cost, J_NC: medians. hit rate: fraction of starts that reach "
         "the lowest cost.\nP(missed): probability that an equal number of new starts would all miss the lowest cost "
-        "(mean over\nrealizations), not known better than to 1 %. starts, 90th: new starts needed for 95 % certainty, median "
-        "and 90th percentile\nover realizations [95 % interval; -: an end that so few realizations cannot bound]."
+        "(mean over\nrealizations), not known better than to 1 %. starts, 90th: new starts needed for 95 % certainty, "
+        "median and 90th percentile\nof realizations [95 % interval; -: an end that so few realizations cannot bound]."
         + further
     )
 

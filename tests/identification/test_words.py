@@ -161,7 +161,7 @@ def test_an_effect_that_is_missing_is_found_by_all_three_comparisons(fits: Fits)
     assert r.without_chi2 > r.chi2 + 20
     said = words.added(r)
     assert "is strong for passive_damping_ankle" in said
-    assert "did not see better" in said
+    assert "held-out cycles better" in said
     other = replace(r, comparison=replace(c, log_bayes_factor=-6.0, unseen=-1.0, unseen_se=2.0))
     assert "is strong against" in words.added(other)
     assert "neither better nor worse" in words.added(other)

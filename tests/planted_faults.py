@@ -40,10 +40,15 @@ class Fault(NamedTuple):
 FAULTS = tuple(Fault(**fault) for fault in tomllib.loads(LIST.read_text(encoding="utf-8"))["fault"])
 
 
-def place(folder: Path, right: str) -> Path:
-    """The file that holds a text, which stands once in all sources; `ValueError` otherwise."""
+def sources(folder: Path) -> dict[Path, str]:
+    """Every file in which a fault can be planted, and its text."""
     files = [file for part in SOURCES for top in sorted(folder.glob(part)) for file in sorted(top.rglob("*.py"))]
-    found = [file for file in files for _ in range(file.read_text(encoding="utf-8").count(right))]
+    return {file: file.read_text(encoding="utf-8") for file in files}
+
+
+def place(texts: dict[Path, str], right: str) -> Path:
+    """The file that holds a text, which stands once in all `sources`; `ValueError` otherwise."""
+    found = [file for file, text in texts.items() for _ in range(text.count(right))]
     if len(found) != 1:
         raise ValueError(f"expected once, found {len(found)} times: {right!r}")
     return found[0]
@@ -51,8 +56,9 @@ def place(folder: Path, right: str) -> Path:
 
 def survives(folder: Path, fault: Fault) -> bool:
     """Whether the tests of a fault pass with it; the copy in ``folder`` is as before afterwards."""
-    file = place(folder, fault.right)
-    text = file.read_text(encoding="utf-8")
+    texts = sources(folder)
+    file = place(texts, fault.right)
+    text = texts[file]
     file.write_text(text.replace(fault.right, fault.wrong), encoding="utf-8")
     for compiled in (file.parent / "__pycache__").glob(f"{file.stem}.*.pyc"):
         compiled.unlink()

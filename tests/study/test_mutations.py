@@ -170,9 +170,8 @@ def unnamed(out: Path, sound: Path) -> str:
     return f"verify does not name {missed}, but says {said}" if missed else ""
 
 
-EVERY = 1 if MANY else 3
-"""Of so many neighbouring files one is damaged in each way: another one in the next way, and of the next neighbours,
-since many arrays have three files."""
+EVERY = 1 if MANY else 6
+"""Of so many neighbouring files one is damaged in each way, and another one in the next way."""
 
 REPAIRED = ("zarr.json", "noisy/zarr.json", "noisy/fmax", "noisy/parameter", "noisy/estimate", "noisy/status")
 """Files, or folders of files, that a run repairs here: of metadata and constants one of each kind, since what is wrong

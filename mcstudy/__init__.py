@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mcstudy.api.performance import performance
     from mcstudy.api.recordings import diagnose, fit, import_recording, next_trial
     from mcstudy.api.solve import solve
-    from mcstudy.api.studies import plan, run, summary
+    from mcstudy.api.studies import plan, run, studies, summary, warm
     from mcstudy.effect_library.effect import Effect
     from mcstudy.effect_library.library import LIBRARY as effects
     from mcstudy.effect_library.simulation import simulate
@@ -83,9 +83,11 @@ _FROM = {
     "simulate": "effect_library.simulation",
     "solve": "api.solve",
     "status": "api.cube_status",
+    "studies": "api.studies",
     "study_from": "api.groups",
     "summary": "api.studies",
     "verify": "api.cubes",
+    "warm": "api.studies",
     "write_recording": "recordings.io",
     "write_report": "api.cubes",
 }
@@ -132,9 +134,11 @@ __all__ = [
     "simulate",
     "solve",
     "status",
+    "studies",
     "study_from",
     "summary",
     "verify",
+    "warm",
     "write_recording",
     "write_report",
 ]

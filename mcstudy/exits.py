@@ -23,7 +23,7 @@ class Exit(IntEnum):
     FITS_FAILED = 4, "some fits failed (listed)"
     MISSED = 5, "a target of the challenge is missed at the 99.9 % level (gap challenge with --check)"
     DIFFERS = 6, "stored results are damaged or not reproduced (verify, replay)"
-    NOT_REACHED = 7, "the budget was spent before the target was reached or the answer was certain enough (run, solve)"
+    NOT_REACHED = 7, "the budget of fits ran out before the requested precision was reached (run, solve)"
     UNREACHABLE = 8, "no allowed design reaches the target (solve)"
     STOPPED = 130, "stopped, nothing to resume"
 

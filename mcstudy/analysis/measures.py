@@ -22,7 +22,7 @@ MEASURES: dict[str, Measure] = {
         Measure("rmse", "RMSE", "mean root mean squared error of the parameters, % of the truth"),
         Measure("unstable", "unstable", "best fits that are unstable, %"),
         Measure("on_bound", "on bound", "estimates that lie on a bound, %"),
-        Measure("hits", "success", "starts that reach the lowest cost of their cell, %"),
+        Measure("hits", "hit rate", "starts that reach the lowest cost of their cell, %"),
         Measure("frf_error", "FRF error", "mean distance of the mean FRF from the closed form, % of its magnitude"),
         Measure("frf_spread", "FRF spread", "mean SD of the FRF, % of its magnitude"),
     )

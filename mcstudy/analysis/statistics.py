@@ -76,7 +76,7 @@ CELL_STATISTICS = (
     CellStatistic(
         key="inside_bounds",
         function="mcstudy.analysis.accuracy:share_inside_bounds",
-        head="no bound %",
+        head="off bounds %",
         page="on no bound (%)",
         factor=100.0,
     ),

@@ -10,7 +10,9 @@ import xarray as xr
 from mcstudy.analysis.results import open_results
 from mcstudy.analysis.show.tables import report_of, show
 from mcstudy.api.where import Where, cluster_options
+from mcstudy.fitting.compilers import warm as compile_all
 from mcstudy.report.study.summary import StudySummary
+from mcstudy.study.catalogue import question, shipped
 from mcstudy.study.design import Study
 from mcstudy.study.plan import StudyPlan, plan_study
 from mcstudy.study.run import run_study
@@ -18,6 +20,28 @@ from mcstudy.study.study_file import read_study
 
 StudyLike = Study | str | Path
 """A `Study`, the path of a study file, or the name of a shipped study."""
+
+
+def studies() -> dict[str, str]:
+    """The studies that come with mcstudy.
+
+    Returns
+    -------
+    dict
+        What each answers, by its name, which `read_study`, `plan` and `run` take.
+    """
+    return {name: question(file) for name, file in shipped().items()}
+
+
+def warm() -> int:
+    """Compile the kernels ahead of the first run, for images and clusters.
+
+    Returns
+    -------
+    int
+        Number of functions that were not compiled yet.
+    """
+    return compile_all()
 
 
 def plan(study: StudyLike, *, workers: int | None = None, allow_unstable: bool = False) -> StudyPlan:

@@ -18,14 +18,14 @@ DRAWN = (".svg", ".png", ".pdf")
 """Names of figures that matplotlib draws."""
 
 
-def check_figure(path: Path | None, endings: tuple[str, ...] = ENDINGS) -> None:
-    """Raise `InputError` where no figure can be written, before anything is computed; None is no figure."""
-    if path is None:
-        return
-    if endings == DRAWN:
+def check_figure(path: Path | None, endings: tuple[str, ...] = ENDINGS, page: Path | None = None) -> None:
+    """Raise `InputError` where no figure or page can be written, before anything is computed; None is none."""
+    if page is not None or (path is not None and endings == DRAWN):
         from mcstudy.report.style import require_matplotlib
 
         require_matplotlib()
+    if path is None:
+        return
     if path.suffix not in endings:
         raise InputError(f"{path}: expected a name ending in {', '.join(endings)}")
     there = next(folder for folder in path.absolute().parents if folder.exists())

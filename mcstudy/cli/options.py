@@ -1,4 +1,4 @@
-"""Arguments shared by all verbs that run fits, and the summary that these verbs print at the end."""
+"""Arguments shared by verbs, each in one form, and what they mean."""
 
 from __future__ import annotations
 
@@ -9,14 +9,42 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.exits import Exit
-
 if TYPE_CHECKING:
     from mcstudy.api.where import Where
     from mcstudy.cli.parser import Group, Parser
     from mcstudy.scheduler.cluster import ClusterOptions
     from mcstudy.study.design import Study
-    from mcstudy.study.execution.submission import Outcome
+
+
+def add_cube_argument(parser: Parser) -> None:
+    """The cube that a verb is about."""
+    parser.add_argument("out", type=Path, help="results cube")
+
+
+def add_study_argument(parser: Parser) -> None:
+    """The study that a verb is about."""
+    parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
+
+
+def add_out_argument(parser: Parser, metavar: str, text: str, *, dest: str = "out", required: bool = False) -> None:
+    """What a verb writes."""
+    names = ("-o", "--out", "--output")
+    parser.add_argument(*names, dest=dest, type=Path, required=required, metavar=metavar, help=text)
+
+
+def add_json_argument(parser: Parser | Group, text: str = "print JSON (described in results_schema)") -> None:
+    """Output for programs."""
+    parser.add_argument("--json", action="store_true", help=text)
+
+
+def add_page_argument(parser: Parser, text: str = "also write a self-contained page with all figures") -> None:
+    """A page that a verb writes besides."""
+    parser.add_argument("--html", type=Path, metavar="PAGE", help=text)
+
+
+def add_figure_argument(parser: Parser, what: str, *, endings: str = ".svg") -> None:
+    """A figure that a verb draws besides."""
+    parser.add_argument("--figure", type=Path, metavar="FILE", help=f"also draw {what} ({endings})")
 
 
 def add_scheduler_arguments(parser: Parser | Group) -> None:
@@ -109,26 +137,6 @@ def named_as_options(**options: str) -> Iterator[None]:
         if None in names:
             raise
         raise type(error)(f"{', '.join(f'--{name}' for name in names)}{colon}{rest}") from None
-
-
-def tell(outcome: Outcome, out: Path) -> Exit:
-    """Print what a run did; returns the exit code."""
-    if not outcome.fits and not outcome.failed_blocks:
-        print(f"{out}: complete: nothing to run ({outcome.skipped} fits stored)")
-        return Exit.DONE
-    rate = f", {outcome.fits / outcome.seconds:.0f} fits/s" if outcome.seconds > 0 and outcome.fits else ""
-    spared = f", {outcome.not_needed} not needed" if outcome.not_needed else ""
-    print(f"{out}: {outcome.fits} fits in {outcome.seconds:.1f} s{rate}{spared}; {outcome.skipped} already done")
-    for line in outcome.failed_blocks:
-        print(f"failed block: {line}")
-    if not (outcome.failed_blocks or outcome.failed_fits):
-        return Exit.DONE
-    from mcstudy.study.cube.store import Cube
-    from mcstudy.study.failures import failed_fits
-
-    for line in failed_fits(Cube.open(out)):
-        print(f"failed fit: {line}")
-    return Exit.FITS_FAILED
 
 
 def positive(text: str) -> int:

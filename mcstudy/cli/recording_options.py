@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mcstudy.cli.options import add_json_argument, add_out_argument
 from mcstudy.cli.terminal import print_json
 
 if TYPE_CHECKING:
@@ -52,8 +53,8 @@ def add_recording_arguments(parser: Parser, nargs: str = "+") -> None:
 
 def add_output_arguments(parser: Parser, name: str) -> None:
     """Where and how the outcome ``name`` is told."""
-    parser.add_argument("-o", "--out", type=Path, metavar="DIR", help=f"also write {name}.json and {name}.txt")
-    parser.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
+    add_out_argument(parser, "DIR", f"also write {name}.json and {name}.txt")
+    add_json_argument(parser)
 
 
 def tell(args: argparse.Namespace, name: str, to_dict: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:

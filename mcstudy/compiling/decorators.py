@@ -20,7 +20,7 @@ from numba import njit
 
 from mcstudy.compiling import shipped
 
-SLOW_NOTICE = "compiling {}, once for this installation: about {} s ..."
+SLOW_NOTICE = "compiling {} (first run only, about {} s) ..."
 
 PLAIN_NOTICE = "mcstudy: {}; kernels are compiled by numba's documented functions, which takes about a minute longer"
 

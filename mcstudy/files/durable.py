@@ -200,7 +200,7 @@ def resumable(path: Path) -> Iterator[None]:
     except OSError as error:
         why = error.strerror or str(error)
         raise Interrupted(
-            f"{path}: expected a store that can be written ({why}); run the same command again to resume"
+            f"{path}: the results folder is not writable ({why}); run the same command again to resume"
         ) from None
 
 

@@ -92,7 +92,9 @@ def _causes(d: DiagnosisRecord) -> Table:
     lines = [cells for _, cells in sorted(rows, key=lambda row: -row[0])]
     others = sum(c.probability for c in d.causes if c.probability < SHOWN and c.effects != near)
     lines.append(["all other causes", share(others), "", "-"])
-    note = " ".join([*(f"[{i}] cannot be told from {others}." for i, others in enumerate(notes, 1)), _prior(d)])
+    note = " ".join(
+        [*(f"[{i}] indistinguishable from {others} in these data." for i, others in enumerate(notes, 1)), _prior(d)]
+    )
     header = ["cause", "probability", "in the 95 % set", "likeness"]
     if near is None:
         return Table("Causes", header[:3], [row[:3] for row in lines], note)
@@ -190,7 +192,7 @@ def evidence(d: DiagnosisRecord) -> Table:
             name = "change of gains with amplitude" if c.kind == "amplitude" else "change of gains over the recording"
             rows.append([name, "", "", p_value(c.p_value, 1 / (1 + DRAWS))])
     rows.append(["any gap", "", "", p_value(d.p_value, d.p_least)])
-    return Table("Is there a gap", ["test", "observed", "noise alone, 95 %", "p-value"], rows, _why(d))
+    return Table("Test for a mismatch", ["test", "observed", "noise alone, 95 %", "p-value"], rows, _why(d))
 
 
 def _why(d: DiagnosisRecord) -> str:
@@ -221,7 +223,10 @@ def closing(d: DiagnosisRecord) -> Table:
         low, high = d.sway_noise_deg
         noise = f"{number(low, 2)} to {number(high, 2)}, floor {number(d.sway_rms_deg['floor'])}"
         rows.append(["error of predicted sway (deg RMS)", number(d.sway_rms_deg["before"]), "", noise])
-    title, header = "How far the gap closes", ["measure", "base model", added_name(d), "noise alone, 95 %"]
+    title, header = (
+        "How much of the mismatch is explained",
+        ["measure", "base model", added_name(d), "noise alone, 95 %"],
+    )
     if d.added is None:
         return Table(title, header[:2] + header[3:], [[*row[:2], row[3]] for row in rows])
     for row, value in zip(rows, (f"{d.added.chi2:.0f}", number(d.sway_rms_deg["after"])), strict=False):

@@ -55,7 +55,7 @@ def named(cause: Cause) -> str:
     parts = []
     for effect, group in zip(cause.effects, cause.alternatives, strict=True):
         others = [n for n in group if n != effect]
-        parts.append(effect + (f" (cannot be told from {', '.join(others)})" if others else ""))
+        parts.append(effect + (f" (indistinguishable from {', '.join(others)} in these data)" if others else ""))
     return " and ".join(parts)
 
 
@@ -147,7 +147,7 @@ def nearest(d: DiagnosisRecord) -> str:
     if d.leading is None or not d.asked.nearest:
         return ""
     if d.nearest is None:  # a gap only between amplitudes or in time has no mechanism to be compared with
-        said = "No mechanism of the library comes near with a size that a body can have."
+        said = "No mechanism in the library fits with a physiologically plausible size."
         return said if d.detection.p_value < LEVEL else ""
     said = nearest_words.resembles(d.nearest, named(d.nearest.cause))
     if d.leading.advice:
@@ -190,7 +190,7 @@ def _not_a_body(fitted: Fitted, model: str, n: int) -> str:
         return ""
     negative = [p.name for p, x, _ in parameters if x < 0 < p.value]
     also = f", and {_and(negative)} {'is' if len(negative) == 1 else 'are'} negative" if negative else ""
-    return f"{model} describes no body: {_and(on_bound)} end on a bound{also}."
+    return f"{model} fit is not physiological: {_and(on_bound)} are at their bounds{also}."
 
 
 def _and(names: list[str]) -> str:

@@ -201,8 +201,8 @@ def sample_of(a: xr.Dataset, b: xr.Dataset, paired: bool | None = None) -> Sampl
         paired = set(rows[0]) == set(rows[1])
         if common and not paired:
             raise InputError(
-                f"groups: {len(common)} people are in both and others in one; expected paired = True (compares those "
-                "in both with themselves) or paired = False (takes all for different people)"
+                f"groups: {len(common)} people are in both and others in one; expected paired = True (pairs those "
+                "in both) or paired = False (treats all people as independent)"
             )
     if paired:
         x, y = (np.array([own[person] for person in common]) for own in rows)

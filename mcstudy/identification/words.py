@@ -69,7 +69,7 @@ def sentences(r: FitResult) -> list[str]:
 
 def belief(r: FitResult) -> str:
     """Whether the model fits, and whether a gap was found."""
-    fits = "as large as noise makes it" if r.p_value >= LEVEL else "larger than noise makes it"
+    fits = "consistent with noise" if r.p_value >= LEVEL else "larger than expected from noise"
     out = f"The squared residual is {fits}: {r.chi2:.0f}, expected {r.expected_chi2:.0f} ({p_words(r.p_value)})."
     added = r.method.effects
     if r.gap is not None:
@@ -122,7 +122,7 @@ def added(r: FitResult) -> str:
         clear = abs(c.unseen) > CLEAR * c.unseen_se
         better = ("better" if c.unseen > 0 else "worse") if clear else "neither better nor worse"
         out += (
-            f" It predicts cycles that the fit did not see {better}: their squared residual falls by "
+            f" It predicts held-out cycles {better}: their squared residual decreases by "
             f"{with_error(c.unseen, c.unseen_se)}."
         )
     return out

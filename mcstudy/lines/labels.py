@@ -50,7 +50,7 @@ DOUBTFUL = 4.0
 NO_RESPONSE = 1e-3
 """p-value, corrected for the number of bands and angles, above which a recording has no response. With two trials of
 six cycles and the usual noise, the responses to 1.5 N m have less than 1e-6 (4 simulated recordings of one body),
-and those to 0.5 N m cannot be told from noise."""
+and those to 0.5 N m cannot be distinguished from noise."""
 
 FILTERED = 0.02
 """Prior probability of low-passed angles beside correct ones. Their responses fade as an integral's do, but a filter is

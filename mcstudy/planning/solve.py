@@ -131,10 +131,10 @@ def _group(study: Study, name: str | None) -> tuple[str, Group]:
 
 def _check_sense(space: Space, by_number: Sequence[Target], by_design: Sequence[Target]) -> None:
     if REALIZATIONS in space.over and not by_number:
-        raise InputError("over: realizations: expected a target mcse(...), because no other depends on their number")
+        raise InputError("over: realizations: varying them requires a target of the form mcse(...)")
     if not by_design and space.over != (REALIZATIONS,):
         others = ", ".join(axis for axis in space.over if axis != REALIZATIONS)
-        raise InputError(f"over: {others}: expected a target besides mcse(...), which realizations alone can reach")
+        raise InputError(f"over: {others}: mcse(...) targets depend on realizations only; expected a further target")
 
 
 def _check_ends(group: Group, name: str, space: Space) -> None:

@@ -29,7 +29,7 @@ def design_page(design: StimulusDesignRecord, command: str = "mcstudy design FIL
         ("difference", "The difference of the models", _difference(design) if design.distances.size else ""),
         ("errors", "Errors of the parameters", _errors(design, command)),
         ("bodies", "Other bodies", _bodies(design)),
-        ("made", "How this was made", made),
+        ("made", "Provenance", made),
     ]
     footer = "The errors hold for the model, the noise and the range of bodies of the design file."
     return document(f"Stimulus {design.designed.file.design.name}", _introduction(design), parts, footer)

@@ -23,7 +23,7 @@ def next_page(found: NextTrialRecord, command: str = "mcstudy gap next REC --htm
         ("causes", "What is still possible", table(Table("Possible causes", ["cause", "probability"], rows, "rows"))),
         ("next", "Possible trials", "".join(map(table, drawn.tables))),
         ("alike", "Effects that look alike", figure(replace(drawn, tables=(), python=PYTHON), "", command)),
-        ("made", "How this was made", commands(command)),
+        ("made", "Provenance", commands(command)),
     ]
     return document(f"Which trial next: {found.name}", _introduction(found), parts, NOTE)
 

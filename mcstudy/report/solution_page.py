@@ -27,7 +27,7 @@ def solution_page(found: SolutionRecord, command: str = "mcstudy solve STUDY --h
     parts = [
         ("measures", "Measures and target", _measures(found, command)),
         ("spent", "Designs that were fitted", _fitted(found)),
-        ("made", "How this was made", commands(command)),
+        ("made", "Provenance", commands(command)),
     ]
     footer = (
         "Intervals are of 95 %. They cover the Monte Carlo error and that of the local model, not errors of the model "

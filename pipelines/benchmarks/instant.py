@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mcstudy.cli import first_look, main
+from mcstudy.cli import main, outcome
 from mcstudy.fitting.status import Status
 from mcstudy.study.cube.layout import Chunk
 from mcstudy.study.cube.store import GroupStore
@@ -33,5 +33,5 @@ def fill(store: GroupStore, chunk: Chunk, data: dict[str, np.ndarray], stopped: 
 
 if __name__ == "__main__":
     tasks.fill = fill
-    first_look.LEAST_FITS = sys.maxsize  # the statistics are measured where they are looked at
+    outcome.LEAST_FITS = sys.maxsize  # the statistics are measured where they are looked at
     sys.exit(main())

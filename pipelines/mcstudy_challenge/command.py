@@ -6,7 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.cli.options import (
+    add_figure_argument,
+    add_json_argument,
+    add_out_argument,
+    add_scheduler_arguments,
+    cluster_options,
+)
 from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
@@ -36,7 +42,7 @@ def add_arguments(parser: Parser) -> None:
     make.set_defaults(run=_make)
 
     answer.add_argument("data", type=Path, help="folder of the recordings; must not contain the key")
-    answer.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="answers to write (JSON)")
+    add_out_argument(answer, "FILE", "answers to write (JSON)", required=True)
     answer.add_argument(
         "--method",
         choices=("fast", "bootstrap", "detect"),
@@ -48,9 +54,9 @@ def add_arguments(parser: Parser) -> None:
     score.add_argument("data", type=Path, help="folder of the recordings")
     score.add_argument("--key", type=Path, required=True, metavar="FILE", help="answer key (JSON)")
     score.add_argument("--answers", type=Path, required=True, metavar="FILE", help="answers (JSON)")
-    score.add_argument("-o", "--out", type=Path, metavar="FILE", help="also write the score (JSON)")
-    score.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
-    score.add_argument("--figure", type=Path, metavar="SVG", help="also draw the reliability of stated probabilities")
+    add_out_argument(score, "FILE", "also write the score (JSON)")
+    add_json_argument(score)
+    add_figure_argument(score, "the reliability of stated probabilities")
     score.add_argument(
         "--share-none",
         nargs="+",
@@ -61,7 +67,7 @@ def add_arguments(parser: Parser) -> None:
     score.set_defaults(run=_score)
 
     run.add_argument("file", type=Path, help="challenge file (.toml), or the name of a shipped one (gap_challenge)")
-    run.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder for all results")
+    add_out_argument(run, "DIR", "folder for all results", required=True)
     run.set_defaults(run=_run)
     for verb in (make, answer, run):
         add_scheduler_arguments(verb)

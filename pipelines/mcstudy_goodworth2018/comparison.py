@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from mcstudy.report.study.context import Context
 
 _READING = (
-    "apart: difference, minus the rounding of the paper's number, in standard errors of both studies. Ours is the mean "
+    "z: difference, minus the rounding of the paper's number, in standard errors of both studies. Ours is the mean "
     "over blocks of the paper's 50 realizations; the paper's error is that of one such block.",
     "agrees: the 90 % interval of the difference is within {bias:g} % of the truth for a bias, {spread:g} percentage "
     "points for a reduction of SD or CV, {ratio:.2g} for a ratio, {sway:g} deg for sway, {starts:g} starts. differs: "
     "more than 3 errors apart (3.75 from fewer than 20 blocks, whose error is itself an estimate).",
-    "cannot tell: neither; n is the number of realizations that would settle it if our value stays. (paper's error): "
+    "cannot tell: neither; n: realizations needed to decide, if our value does not change. (paper's error): "
     "none would, because the paper's own error does not shrink. (definition): the paper does not say how it counts.",
     "'> 0', '> 50' and the like: a ranking or a majority; ours is the margin or the share, and 'agrees' means that it "
     "holds. (reading): the same words, read in another way. '-': the paper gives nothing to compare with.",

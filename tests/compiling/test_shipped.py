@@ -141,7 +141,7 @@ def test_who_waits_for_a_slow_function_is_told_once(call: Call, capsys: pytest.C
     assert capsys.readouterr().err == ""
     for x in (7, 7.0):
         assert call(x, "evaluate", 8.0)[1] == 1
-    assert capsys.readouterr().err == "compiling evaluate, once for this installation: about 8 s ...\n"
+    assert capsys.readouterr().err == "compiling evaluate (first run only, about 8 s) ...\n"
 
 
 def test_what_is_not_compiled_can_be_asked_for_without_compiling_it(call: Call) -> None:

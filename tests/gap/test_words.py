@@ -115,13 +115,15 @@ def test_a_model_with_parameters_on_bounds_is_said_to_describe_no_body(
 ) -> None:
     for case, d in variants:
         held = [s.name for s in d.shifts if s.without_from == "bound"]
-        assert ("The base model describes no body" in verdict(d)) == (len(held) >= ON_BOUNDS), case
+        assert ("The base model fit is not physiological" in verdict(d)) == (len(held) >= ON_BOUNDS), case
         if len(held) >= ON_BOUNDS:
-            said = re.search(r"describes no body: (.*?) end on a bound(?:, and (.*?) (?:is|are) negative)?", verdict(d))
+            said = re.search(
+                r"fit is not physiological: (.*?) are at their bounds(?:, and (.*?) (?:is|are) negative)?", verdict(d)
+            )
             assert said is not None
             assert re.split(", | and ", said.group(1)) == held
             assert re.split(", | and ", said.group(2)) == [s.name for s in d.shifts if s.without < 0]
-    assert "describes no body" in verdict(found["a gap that takes the base model to its bounds"])
+    assert "fit is not physiological" in verdict(found["a gap that takes the base model to its bounds"])
 
 
 def test_a_size_far_from_those_in_people_is_said_to_be(found: dict[str, DiagnosisRecord]) -> None:

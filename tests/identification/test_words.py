@@ -95,7 +95,7 @@ def test_what_is_open_in_the_table_is_open_in_the_sentence(variants: Fits) -> No
 def test_the_goodness_of_fit_and_the_gap_agree_with_what_is_advised(variants: Fits) -> None:
     for case, r in variants.items():
         said = words.belief(r)
-        assert ("larger than noise makes it" in said) == (r.p_value < 0.05), case
+        assert ("larger than expected from noise" in said) == (r.p_value < 0.05), case
         assert ("finds a gap" in said) == (r.gap is not None and r.gap.p_value < 0.05), case
         advised = "hold only if the model is right" in said
         assert advised == (r.p_value < 0.05 or ("finds a gap" in said and not r.method.effects)), case
@@ -161,7 +161,7 @@ def test_an_effect_that_is_missing_is_found_by_all_three_comparisons(fits: Fits)
     assert r.without_chi2 > r.chi2 + 20
     said = words.added(r)
     assert "is strong for passive_damping_ankle" in said
-    assert "did not see better" in said
+    assert "held-out cycles better" in said
     other = replace(r, comparison=replace(c, log_bayes_factor=-6.0, unseen=-1.0, unseen_se=2.0))
     assert "is strong against" in words.added(other)
     assert "neither better nor worse" in words.added(other)

@@ -146,7 +146,7 @@ def test_a_store_deleted_under_the_run_does_not_come_back_in_pieces(
         write(self, chunk, data, *environments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(GroupStore, "write", vanish)
-    with pytest.raises(Interrupted, match=r"out\.zarr: expected a store that can be written \(No such file"):
+    with pytest.raises(Interrupted, match=r"out\.zarr: the results folder is not writable \(No such file"):
         run_study(parse_study(tiny), out, ONE)
     assert not out.exists()
 

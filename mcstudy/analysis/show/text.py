@@ -84,7 +84,7 @@ def _paper(data: dict[str, Any]) -> str:
         f"{paper_title(data)} ({paper['reference']})",
         "± is one Monte Carlo standard error (MCSE)",
         "",
-        table(["", "paper", "ours ± MCSE", "apart", "verdict"], body),
+        table(["", "paper", "ours ± MCSE", "z", "verdict"], body),
         "",
         within(paper["rows"]),
         *map(fill, cited(paper["reference"]).reading),
@@ -192,12 +192,12 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
         )
     heads = [head for s in shown for head in (s.head, *["floor"] * s.floor)]
     further = "".join("\n" + fill(f"{s.head}: {s.meaning}.") for s in shown if s.meaning)
-    return table(["", "used", *heads, "success", "missed %", "starts", "90th"], rows) + (
-        "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, no bound: % of best "
-        "fits that\nare unstable, that touch no bound. cost, J_NC: medians. success: fraction of starts that reach "
-        "the lowest cost.\nmissed: chance that as many new starts miss that cost, and so that these missed a lower "
-        "one (mean); it is\nnot known better than to 1 %. starts, 90th: new starts needed for 95 % certainty, median "
-        "and 90th percentile\nover realizations [95 % interval; -: an end that so few realizations cannot bound]."
+    return table(["", "used", *heads, "hit rate", "P(missed) %", "starts", "90th"], rows) + (
+        "\nused: realizations used. |bias|, SD: mean over parameters, % of the truth. unstable, off bounds: % of best "
+        "fits that\nare unstable, that touch no bound. cost, J_NC: medians. hit rate: fraction of starts that reach "
+        "the lowest cost.\nP(missed): probability that an equal number of new starts would all miss the lowest cost "
+        "(mean over\nrealizations), not known better than to 1 %. starts, 90th: new starts needed for 95 % certainty, "
+        "median and 90th percentile\nof realizations [95 % interval; -: an end that so few realizations cannot bound]."
         + further
     )
 

@@ -6,7 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import add_scheduler_arguments, cluster_options, shown_command
+from mcstudy.cli.options import (
+    add_figure_argument,
+    add_out_argument,
+    add_page_argument,
+    add_scheduler_arguments,
+    cluster_options,
+    shown_command,
+)
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -16,14 +23,12 @@ if TYPE_CHECKING:
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("file", type=Path, help="design file (.toml), or the name of a shipped one (design)")
-    parser.add_argument(
-        "-o", "--out", "--output", dest="out", type=Path, required=True, metavar="DIR", help="folder for all results"
-    )
+    add_out_argument(parser, "DIR", "folder for all results", required=True)
     parser.add_argument(
         "--no-verify", action="store_true", help="only predict: leave out the Monte Carlo study of design and sequence"
     )
-    parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw spectra and errors before and after")
-    parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
+    add_figure_argument(parser, "spectra and errors before and after")
+    add_page_argument(parser)
     add_scheduler_arguments(parser)
 
 
@@ -33,11 +38,7 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import DesignError
     from mcstudy.stimulus_design.design_file import read_design
 
-    check_figure(args.figure)
-    if args.html is not None:
-        from mcstudy.report.style import require_matplotlib
-
-        require_matplotlib()
+    check_figure(args.figure, page=args.html)
     file, options = read_design(args.file), cluster_options(args)
     from mcstudy.stimulus_design.run import design_stimulus  # Dask is slow to import; report a bad file first
     from mcstudy.text_tables import folded

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.first_look import prepare
-from mcstudy.cli.options import add_cluster_arguments, cluster_options, named_as_options, tell
+from mcstudy.cli.options import add_cluster_arguments, add_cube_argument, cluster_options, named_as_options
+from mcstudy.cli.outcome import prepare, tell
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ TOPIC = "studies"
 
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("out", type=Path, help="results cube")
+    add_cube_argument(parser)
     parser.add_argument("--realizations", type=int, help="new total number of realizations")
     parser.add_argument(
         "--starts",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.cli.options import add_scheduler_arguments, cluster_options, shown_command
+from mcstudy.cli.options import add_page_argument, add_scheduler_arguments, cluster_options, shown_command
 from mcstudy.cli.recording_options import (
     add_output_arguments,
     add_recording_arguments,
@@ -58,7 +58,7 @@ def add_arguments(parser: Parser) -> None:
     )
     _group_arguments(parser)
     add_output_arguments(parser, "fit")
-    parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
+    add_page_argument(parser)
 
 
 def _group_arguments(parser: Parser) -> None:

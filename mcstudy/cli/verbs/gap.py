@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.cli.options import shown_command
+from mcstudy.cli.options import add_figure_argument, add_out_argument, add_page_argument, shown_command
 from mcstudy.cli.recording_options import (
     add_output_arguments,
     add_recording_arguments,
@@ -42,11 +42,9 @@ def add_arguments(parser: Parser) -> None:
     effects, diagnose, report, compare, planned, *others = parser.add_verbs("gap", named)
     effects.set_defaults(run=_effects)
     add_output_arguments(diagnose, "diagnosis")
-    diagnose.add_argument("--html", type=Path, metavar="PAGE", help="also write the page of gap report")
+    add_page_argument(diagnose, "also write the page of gap report")
     diagnose.set_defaults(run=_diagnose)
-    report.add_argument(
-        "-o", "--out", "--output", dest="output", type=Path, metavar="PAGE", help="page to write; default REC.html"
-    )
+    add_out_argument(report, "PAGE", "page to write; default REC.html", dest="output")
     report.add_argument("--next", action="store_true", help="also rank possible next trials (see gap next)")
     report.set_defaults(run=_report)
     for verb in (diagnose, report):
@@ -96,7 +94,7 @@ def _compare_arguments(compare: Parser) -> None:
     )
     pairing.add_argument("--unpaired", dest="paired", action="store_false", help="treat all people as independent")
     compare.add_argument("--permutations", type=int, default=999, metavar="N", help="relabellings of the tests (999)")
-    compare.add_argument("--figure", type=Path, metavar="FILE", help="also draw both groups (.svg, .png or .pdf)")
+    add_figure_argument(compare, "both groups", endings=".svg, .png or .pdf")
     compare.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
     compare.add_argument("--fmax", type=float, metavar="HZ", help="highest frequency of recordings (default 8)")
     compare.add_argument(
@@ -130,10 +128,8 @@ def _next_arguments(parser: Parser) -> None:
         "--trials", action="append", type=int, default=[], metavar="N", help="number of trials (default 1 and 2)"
     )
     parser.add_argument("--cycles", type=int, default=6, metavar="N", help="periods of a trial (default 6)")
-    parser.add_argument(
-        "--figure", type=Path, metavar="FILE", help="also draw which effects look alike before and after it (.svg, ...)"
-    )
-    parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with this figure")
+    add_figure_argument(parser, "which effects look alike before and after it", endings=".svg, .png or .pdf")
+    add_page_argument(parser, "also write a self-contained page with this figure")
     parser.set_defaults(run=_next)
 
 
@@ -214,11 +210,7 @@ def _next(args: argparse.Namespace) -> Exit:
             raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {text!r}") from None
     trials = args.trials or TRIALS
     require_possible(args.kind, amplitudes, trials=trials, cycles=args.cycles)
-    check_figure(args.figure, DRAWN)
-    if args.html is not None:
-        from mcstudy.report.style import require_matplotlib
-
-        require_matplotlib()
+    check_figure(args.figure, DRAWN, args.html)
     with activity(f"{args.recordings[0]}: diagnosing"):
         d = _diagnosed(args, _settings(args, fast=True, asked=CAUSE_ONLY))
         doing(f"{args.recordings[0]}: simulating possible next trials")

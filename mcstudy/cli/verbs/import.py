@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mcstudy.cli.options import add_out_argument
 from mcstudy.exits import Exit
 from mcstudy.recordings.formats import accepted
 
@@ -25,9 +26,7 @@ def add_arguments(parser: Parser) -> None:
         metavar="FILE",
         help=f"{accepted()}; one per trial, unless --map or --split says otherwise",
     )
-    parser.add_argument(
-        "-o", "--out", "--output", dest="output", type=Path, metavar="REC", help="recording to write (.nc or .zarr)"
-    )
+    add_out_argument(parser, "REC", "recording to write (.nc or .zarr)", dest="output")
     parser.add_argument(
         "--map",
         type=Path,

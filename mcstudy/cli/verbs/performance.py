@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcstudy.cli.options import add_out_argument
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--level", type=float, default=0.95, help="level of the intervals whose coverage is counted (default 0.95)"
     )
-    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="also write every number as a CSV file")
+    add_out_argument(parser, "FILE", "also write every number as a CSV file")
 
 
 def main(args: argparse.Namespace) -> Exit:

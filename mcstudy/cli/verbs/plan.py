@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import add_unstable_argument, positive, stable_study
+from mcstudy.cli.options import add_study_argument, add_unstable_argument, positive, stable_study
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ TOPIC = "studies"
 
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
+    add_study_argument(parser)
     add_unstable_argument(parser)
     parser.add_argument("--workers", type=positive, help="number of threads assumed; default one per core")
 

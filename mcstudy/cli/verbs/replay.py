@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import named_as_options
+from mcstudy.cli.options import add_cube_argument, named_as_options
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ CELL = ("group", "amplitude", "fmax", "realization", "start")
 
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("out", type=Path, help="results cube")
+    add_cube_argument(parser)
     parser.add_argument("--group", help="group of the fit; not needed when the cube has only one")
     parser.add_argument("--realization", type=int, required=True, metavar="INDEX", help="realization, from 0")
     parser.add_argument("--start", type=int, required=True, metavar="INDEX", help="start, from 0")

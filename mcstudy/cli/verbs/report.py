@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcstudy.cli.options import add_cube_argument, add_out_argument
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ TOPIC = "pages"
 
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("out", type=Path, help="results cube")
+    add_cube_argument(parser)
     parser.add_argument(
         "--beside",
         nargs="+",
@@ -27,9 +28,7 @@ def add_arguments(parser: Parser) -> None:
         help="further results to include on the page: cubes, or files from "
         "pipelines/examples/{two_stimuli,population}.py",
     )
-    parser.add_argument(
-        "-o", "--out", "--output", dest="output", type=Path, metavar="PAGE", help="page to write; default OUT.html"
-    )
+    add_out_argument(parser, "PAGE", "page to write; default OUT.html", dest="output")
 
 
 def main(args: argparse.Namespace) -> Exit:

@@ -6,16 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.first_look import prepare
 from mcstudy.cli.options import (
     add_cluster_arguments,
+    add_study_argument,
     add_unstable_argument,
     cluster_options,
     named_as_options,
     stable_study,
-    tell,
     where,
 )
+from mcstudy.cli.outcome import prepare, tell
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ TOPIC = "studies"
 
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
+    add_study_argument(parser)
     parser.add_argument("-o", "--out", type=Path, help="results cube; default results/NAME.zarr")
     parser.add_argument(
         "--quarantine",

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcstudy.cli.options import add_cube_argument, add_json_argument
 from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
@@ -17,11 +18,11 @@ TOPIC = "statistics"
 
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("out", type=Path, help="results cube")
+    add_cube_argument(parser)
     parser.add_argument(
         "--compare", type=Path, metavar="OTHER", help="another cube; prints OUT minus OTHER, group by group"
     )
-    parser.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
+    add_json_argument(parser)
 
 
 def main(args: argparse.Namespace) -> Exit:

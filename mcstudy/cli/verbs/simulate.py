@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcstudy.cli.options import add_out_argument
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -18,14 +19,12 @@ TOPIC = "diagnosis"
 
 def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "-o",
-        "--out",
-        "--output",
+    add_out_argument(
+        parser,
+        "REC",
+        "file to write: rec.nc, rec.zarr, or a name without extension for CSV",
         dest="output",
         required=True,
-        metavar="REC",
-        help="file to write: rec.nc, rec.zarr, or a name without extension for CSV",
     )
     parser.add_argument(
         "--effect",

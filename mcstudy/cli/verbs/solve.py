@@ -5,10 +5,18 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import positive, shown_command, stable_study
+from mcstudy.cli.options import (
+    add_figure_argument,
+    add_json_argument,
+    add_out_argument,
+    add_page_argument,
+    add_study_argument,
+    positive,
+    shown_command,
+    stable_study,
+)
 from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
@@ -21,7 +29,7 @@ PRECISION, BUDGET = 10.0, 200_000
 
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
+    add_study_argument(parser)
     parser.add_argument(
         "--target",
         action="append",
@@ -59,12 +67,10 @@ def add_arguments(parser: Parser) -> None:
         help="largest number of fits, those of the prediction too",
     )
     parser.add_argument("--workers", type=positive, help="threads; default one per core")
-    parser.add_argument(
-        "-o", "--out", "--output", dest="out", type=Path, metavar="FILE", help="write the study (.toml)"
-    )
-    parser.add_argument("--json", action="store_true", help="print JSON (schema solution)")
-    parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw the measures against the design")
-    parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
+    add_out_argument(parser, "FILE", "write the study (.toml)")
+    add_json_argument(parser)
+    add_figure_argument(parser, "the measures against the design")
+    add_page_argument(parser)
     parser.set_defaults(allow_unstable=False)
 
 
@@ -72,11 +78,7 @@ def main(args: argparse.Namespace) -> Exit:
     """Search, print and write; returns the exit code."""
     from mcstudy.cli.figure_file import check_figure, write_figure
 
-    check_figure(args.figure)
-    if args.html is not None:
-        from mcstudy.report.style import require_matplotlib
-
-        require_matplotlib()
+    check_figure(args.figure, page=args.html)
     study = stable_study(args)
     from mcstudy.planning.solve import solve_study
     from mcstudy.scheduler.activity import activity, doing

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import seconds
+from mcstudy.cli.options import add_cube_argument, add_json_argument, seconds
 from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
@@ -18,9 +18,9 @@ TOPIC = "faults"
 
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("out", type=Path, help="results cube")
+    add_cube_argument(parser)
     how = parser.add_alternatives()
-    how.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
+    add_json_argument(how)
     how.add_argument("--watch", action="store_true", help="follow a run from another terminal until it is complete")
     parser.add_argument(
         "--every", type=seconds, default=2.0, metavar="SECONDS", help="update interval of --watch (default 2)"

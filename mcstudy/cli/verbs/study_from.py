@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import positive
+from mcstudy.cli.options import add_out_argument, positive
 from mcstudy.cli.recording_options import add_recording_arguments, read_recordings, with_names
 from mcstudy.exits import Exit
 
@@ -20,7 +19,7 @@ TOPIC = "parameters"
 def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
     add_recording_arguments(parser)
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar="STUDY", help="study file (.toml) to write")
+    add_out_argument(parser, "STUDY", "study file (.toml) to write", required=True)
     parser.add_argument("--realizations", type=positive, default=100, metavar="N", help="realizations (default 100)")
     parser.add_argument("--starts", type=positive, default=10, metavar="N", help="starts per fit (default 10)")
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import relative
+from mcstudy.cli.options import add_cube_argument, add_json_argument, relative
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -17,7 +16,7 @@ TOPIC = "faults"
 
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("out", type=Path, help="results cube")
+    add_cube_argument(parser)
     parser.add_argument(
         "--cells", type=int, default=20, help="number of fits to recompute and compare bit for bit; default 20"
     )
@@ -29,7 +28,7 @@ def add_arguments(parser: Parser) -> None:
         help="difference of data and costs that is no fault where they were computed in another environment (program, "
         "library, processor), in which last digits differ; default 1e-6",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON (schema verification)")
+    add_json_argument(parser)
 
 
 def main(args: argparse.Namespace) -> Exit:

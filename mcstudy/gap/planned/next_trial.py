@@ -144,7 +144,7 @@ class NextTrialRecord(Summary):
     def twin_sentence(self) -> str:
         """How many effects have a twin, before and after."""
         before, after, effects = self.before.count, self.after.count, len(self.before.effects)
-        return f"Of {effects} effects {before} cannot be told from another one in what was recorded, {after} with it."
+        return f"Of {effects} effects {before} are indistinguishable from another in these data, {after} with it."
 
     def text(self) -> str:
         """What `mcstudy gap next` prints."""

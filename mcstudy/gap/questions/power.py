@@ -103,7 +103,7 @@ class DetectionLimits(Answer):
             f"expected z: usual size of the effect (middle of its range), divided by the standard error with which "
             f"these data would estimate it. At z = {FOUND:g} an effect is detected in about 80 % of recordings. size "
             f"needed: the smallest size with z = {FOUND:g} in these data. trials needed: how many trials like these, "
-            f"in all (now: {self.trials}), give the usual size z = {FOUND:g}. -: none within the bounds would do.",
+            f"in all (now: {self.trials}), give the usual size z = {FOUND:g}. -: no size in the bounds is detectable.",
         )
 
 

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from mcstudy.identification.people.group_result import GroupDifference, GroupMean, GroupResult
 
 COVERED = (
-    "In simulated groups of 10 people (ankle torque, up to 3.1 Hz) 95 % intervals hold the truth in 92.2 to 99.4 % "
-    "(means), 92.0 to 100 % (differences) and 91.2 to 100 % (standard deviations between people). Too narrow: the "
-    "standard deviation and the difference of Td2 (91.2 and 92.0 %)."
+    "In simulated groups of 10 people (ankle torque, up to 3.1 Hz) 95 % intervals contain the true value in 92.2 to "
+    "99.4 % (means), 92.0 to 100 % (differences) and 91.2 to 100 % (standard deviations between people). Too narrow: "
+    "the standard deviation and the difference of Td2 (91.2 and 92.0 %)."
 )
 """What ``pipelines/validation/group_coverage.py`` found; told of recordings that are like the simulated ones."""
 

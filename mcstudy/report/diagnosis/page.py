@@ -44,13 +44,13 @@ def gap_page(
     parts = [GapData(part) for part in diagnosis.parts]
     where = [*response_figures(data), z_figure(data)] if len(parts) == 1 else _of_parts(diagnosis, parts)
     sections = [
-        ("gap", "Is there a gap", _figures([evidence_figure(diagnosis)], command)),
+        ("gap", "Test for a mismatch", _figures([evidence_figure(diagnosis)], command)),
         ("responses", "Measured and modelled responses", _figures(where, command)),
         ("which", "Which effect, where, and how far", _figures(which_figures(diagnosis), command)),
         ("next", "Which trial next", "" if planned is None else _figures([next_figure(planned)], command)),
         ("sway", "Sway", _figures(_times(diagnosis, parts), command)),
         ("numbers", "In numbers", _numbers(diagnosis) + f'<p class="how">Made by <code>{escape(printed)}</code></p>'),
-        ("made", "How this was made", _provenance(data, command)),
+        ("made", "Provenance", _provenance(data, command)),
     ]
     return document(
         f"Diagnosis of {diagnosis.name}",

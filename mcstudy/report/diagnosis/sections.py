@@ -172,7 +172,7 @@ def which_figures(d: DiagnosisRecord) -> list[Figure | Missing]:
 
 def _closing_figure(d: DiagnosisRecord) -> Figure | Missing:
     """The share of the gap closed beside the error of predicted sway."""
-    title, numbers, panels, text, call = "How far the gap closes", tables.closing(d), [], [], ""
+    title, numbers, panels, text, call = "How much of the mismatch is explained", tables.closing(d), [], [], ""
     if d.closed is not None:
         panels.append(Panel("share of the gap closed", partial(outcome_figures.closed_bar, d), FLAT))
         text.append(

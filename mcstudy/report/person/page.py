@@ -28,17 +28,17 @@ def fit_page(fit: FitResult, command: str = "mcstudy fit REC --html page.html") 
     parts = [
         ("estimates", "Estimates and intervals", _table(fit) + _shown([_intervals(fit), *_coverage(fit)], command)),
         ("profiles", "What the data determine", _listed(_open(fit)) + _shown(_profiles(fit), command)),
-        ("model", "Can the model be believed?", _listed(_belief(fit)) + _shown(_model(fit), command)),
+        ("model", "Model adequacy", _listed(_belief(fit)) + _shown(_model(fit), command)),
         ("help", "What would help", _shown([_information(fit)], command)),
         ("search", "How the estimate was found", _shown([_waterfall(fit)], command)),
-        ("made", "How this was made", _provenance(fit, command)),
+        ("made", "Provenance", _provenance(fit, command)),
     ]
     return document(
         f"Parameters of {fit.name}",
         _introduction(fit),
         parts,
         f"Intervals are profile likelihood intervals of {100 * fit.level:g} %; no prior is used. How often such "
-        "intervals hold the truth in simulations: mcstudy/identification/README.md.",
+        "intervals contain the true value in simulations: mcstudy/identification/README.md.",
     )
 
 
@@ -131,7 +131,7 @@ def _coverage(fit: FitResult) -> list[Figure]:
     drawn = Figure(
         "coverage",
         "",
-        "How often such intervals hold the truth",
+        "Coverage of these intervals in simulation",
         [
             words.coverage(fit),
             "Diamond: all simulated recordings. Line: from the body with the fewest to that with the most. Grey: the "

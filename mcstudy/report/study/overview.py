@@ -59,7 +59,7 @@ def _tiles(context: Context) -> list[Tile]:
     judged = [r["verdict"] for r in context.published.values() if r["verdict"]]
     if judged:
         told = [v for v in judged if v != CANNOT_TELL]
-        remark = f"{len(judged) - len(told)} more cannot be told from two studies of 50 realizations."
+        remark = f"{len(judged) - len(told)} more cannot be decided with two studies of 50 realizations."
         out.append(("Published statements that agree", f"{told.count(AGREES)} of {len(told)}", remark, "paper"))
     return out
 

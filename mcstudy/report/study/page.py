@@ -85,8 +85,8 @@ def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -
         ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
         *sections,
-        ("groups", "All groups in numbers", _traced(group_overviews(context))),
-        ("study", "How this was made", _provenance(context)),
+        ("groups", "Summary tables by group", _traced(group_overviews(context))),
+        ("study", "Provenance", _provenance(context)),
     ]
     return document(
         context.name,

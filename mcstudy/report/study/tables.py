@@ -59,12 +59,12 @@ def _headline(context: Context) -> str:
         )
     counts = {name: sum(r["verdict"] == name for r in rows) for name in (AGREES, DIFFERS, CANNOT_TELL)}
     notes = list(dict.fromkeys(r["explanation"] for r in rows if r["explanation"]))
-    head = "".join(f'<th scope="col">{h}</th>' for h in ("What", "Verdict", "Paper", "Ours ± MCSE", "Apart", "Where"))
+    head = "".join(f'<th scope="col">{h}</th>' for h in ("What", "Verdict", "Paper", "Ours ± MCSE", "z", "Where"))
     body = "".join(_headline_row(r, notes) for r in rows)
     listed = "".join(f'<li id="note-{i}">{escape(with_units(n))}</li>' for i, n in enumerate(notes, 1))
     return (
         f"<p>Of {sum(counts.values())} published statements, {counts[AGREES]} agree with ours, {counts[DIFFERS]} "
-        f"differ, and {counts[CANNOT_TELL]} cannot be told ({escape(context.data['paper']['reference'])}).</p>"
+        f"differ, and {counts[CANNOT_TELL]} are inconclusive ({escape(context.data['paper']['reference'])}).</p>"
         + _as_published(context)
         + '<div class="scroll tall" role="region" tabindex="0" aria-label="All published statements">'
         '<table class="stack"><caption><span>All published statements</span></caption>'

@@ -280,7 +280,7 @@ class Submission:
             # The disk has failed, not the block: other blocks would fail too.
             self.stop.set()
             raise Interrupted(
-                f"{self.cube.path}: expected a store that can be written ({failure.disk}); "
+                f"{self.cube.path}: the results folder is not writable ({failure.disk}); "
                 "run the same command again to resume"
             )
         if past.failures < ATTEMPTS:

@@ -1,4 +1,4 @@
-"""Statistics of a study, computed at the end of its run so that the first look at its cube finds them kept."""
+"""The end of a run: what it did, and its statistics, so that the first look at its cube finds them kept."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import contextlib
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.study.execution.submission import Outcome
@@ -15,6 +17,26 @@ LEAST_FITS = 10_000
 
 LOOK_S = 0.02
 """Seconds between two looks for a request to stop."""
+
+
+def tell(outcome: Outcome, out: Path) -> Exit:
+    """Print what a run did; returns the exit code."""
+    if not outcome.fits and not outcome.failed_blocks:
+        print(f"{out}: complete: nothing to run ({outcome.skipped} fits stored)")
+        return Exit.DONE
+    rate = f", {outcome.fits / outcome.seconds:.0f} fits/s" if outcome.seconds > 0 and outcome.fits else ""
+    spared = f", {outcome.not_needed} not needed" if outcome.not_needed else ""
+    print(f"{out}: {outcome.fits} fits in {outcome.seconds:.1f} s{rate}{spared}; {outcome.skipped} already done")
+    for line in outcome.failed_blocks:
+        print(f"failed block: {line}")
+    if not (outcome.failed_blocks or outcome.failed_fits):
+        return Exit.DONE
+    from mcstudy.study.cube.store import Cube
+    from mcstudy.study.failures import failed_fits
+
+    for line in failed_fits(Cube.open(out)):
+        print(f"failed fit: {line}")
+    return Exit.FITS_FAILED
 
 
 def prepare(outcome: Outcome, out: Path) -> None:

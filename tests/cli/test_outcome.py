@@ -10,7 +10,8 @@ from commands import told
 
 from mcstudy.analysis import kept, results
 from mcstudy.analysis.show import tables
-from mcstudy.cli import first_look, main
+from mcstudy.cli import main
+from mcstudy.cli import outcome as run_end
 from mcstudy.exits import Exit
 from mcstudy.scheduler.stopping import request_stop
 from mcstudy.study.execution.submission import Outcome
@@ -24,7 +25,7 @@ def words(tiny_file: Path, tmp_path: Path) -> list[str]:
 def test_the_first_look_after_a_run_computes_nothing(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(first_look, "LEAST_FITS", 1)
+    monkeypatch.setattr(run_end, "LEAST_FITS", 1)
     assert main(words) == Exit.DONE
     monkeypatch.setattr(results, "open_results", lambda *_, **__: pytest.fail("computed again"))
     capsys.readouterr()
@@ -47,7 +48,7 @@ def test_a_study_that_runs_in_no_time_is_not_made_longer(words: list[str], tmp_p
 )
 def test_it_is_left_to_the_look_itself(outcome: Outcome, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "show", lambda *_: pytest.fail("computed"))
-    first_look.prepare(outcome, Path("a"))
+    run_end.prepare(outcome, Path("a"))
 
 
 def test_a_request_to_stop_does_not_wait_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,11 +61,11 @@ def test_a_request_to_stop_does_not_wait_for_it(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(tables, "show", slow)
     threading.Thread(target=lambda: (begun.wait(60), request_stop())).start()
-    first_look.prepare(Outcome(Path("a"), fits=20_000), Path("a"))
+    run_end.prepare(Outcome(Path("a"), fits=20_000), Path("a"))
     assert begun.is_set()
     assert not ended.is_set()
     free.set()
 
 
 def test_a_cube_that_cannot_be_read_is_no_failure_of_the_run(tmp_path: Path) -> None:
-    first_look.prepare(Outcome(tmp_path, fits=20_000), tmp_path / "absent.zarr")
+    run_end.prepare(Outcome(tmp_path, fits=20_000), tmp_path / "absent.zarr")

@@ -352,7 +352,7 @@ def test_the_command_ranks_trials(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert {(o["stimulus"], o["amplitude"], o["trials"]) for o in out["options"]} == {("hip_torque", 2.0, 1)}
     assert "head_mode" in (tmp_path / "twins.svg").read_text()
     made = html.unescape((tmp_path / "next.html").read_text(encoding="utf-8"))
-    assert f"gap next {file} {' '.join(options)}" in made
+    assert f"gap next {file} --fmax 1.2 --kind hip_torque --amplitude hip_torque=2 --trials 1 --html" in made
     assert main(["gap", "next", str(file), "--amplitude", "hip_torque"]) == Exit.BAD_INPUT
 
 

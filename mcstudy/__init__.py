@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from mcstudy.effect_library.library import LIBRARY as effects
     from mcstudy.effect_library.simulation import simulate
     from mcstudy.errors import InputError, Interrupted
-    from mcstudy.identification.people.group_result import GroupResult
     from mcstudy.own_model import run_model
     from mcstudy.recordings.frf import FrfRecording
     from mcstudy.recordings.frf_group import read_frf_group
     from mcstudy.recordings.io import read_recording, write_recording
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.recordings.soundness import fill_gaps
-    from mcstudy.report.person.plots import FitWithFigures as FitResult
     from mcstudy.results.comparison import Comparison
     from mcstudy.results.diagnosis import Diagnosis
+    from mcstudy.results.fit import FitResult
+    from mcstudy.results.group_result import GroupResult
     from mcstudy.stance.body import Body
     from mcstudy.stance.feedback import Filter, Model, Parameter, Term
     from mcstudy.study.design import Study
@@ -49,9 +49,9 @@ _FROM = {
     "Diagnosis": "results.diagnosis",
     "Effect": "effect_library.effect",
     "Filter": "stance.feedback",
-    "FitResult": "report.person.plots:FitWithFigures",
+    "FitResult": "results.fit",
     "FrfRecording": "recordings.frf",
-    "GroupResult": "identification.people.group_result",
+    "GroupResult": "results.group_result",
     "InputError": "errors",
     "Interrupted": "errors",
     "Model": "stance.feedback",

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from html import escape
-from typing import ClassVar
 
 
 class Summary(ABC):
     """A short ``repr`` and a notebook table from `facts`; for dataclasses that are declared with ``repr=False``."""
-
-    shown_as: ClassVar[str] = ""
-    """What the record is called, its class' name when empty."""
 
     @abstractmethod
     def facts(self) -> list[tuple[str, str]]:
@@ -20,13 +16,11 @@ class Summary(ABC):
     def __repr__(self) -> str:
         facts = self.facts()
         width = max(len(name) for name, _ in facts)
-        return "\n".join(
-            [self.shown_as or type(self).__name__, *(f"  {name:{width}}  {value}" for name, value in facts)]
-        )
+        return "\n".join([type(self).__name__, *(f"  {name:{width}}  {value}" for name, value in facts)])
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><th scope='row'>{escape(n)}</th><td>{escape(v)}</td></tr>" for n, v in self.facts())
-        return f"<table><caption>{escape(self.shown_as or type(self).__name__)}</caption><tbody>{rows}</tbody></table>"
+        return f"<table><caption>{escape(type(self).__name__)}</caption><tbody>{rows}</tbody></table>"
 
 
 def shortened(text: str, most: int = 200) -> str:

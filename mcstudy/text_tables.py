@@ -105,7 +105,7 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{round(value, decimals):.{max(decimals, 0)}f}"
 
 
-def ends(low: float, high: float) -> str:
+def ends(low: float | None, high: float | None) -> str:
     """An interval by its ends: ``586 to 1309``."""
     return f"{number(low)} to {number(high)}"
 

@@ -8,11 +8,11 @@ from typing import Any
 from mcstudy.api.recordings import RecordingLike
 from mcstudy.files.local_path import local_path
 from mcstudy.identification.people.fits import Known, fit_members
-from mcstudy.identification.people.group_result import GroupResult
 from mcstudy.identification.people.members import members
-from mcstudy.identification.result import FitResult
 from mcstudy.identification.settings import FitSettings
 from mcstudy.identification.study_design import study_of
+from mcstudy.results.fit import FitResult
+from mcstudy.results.group_result import GroupResult
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import Study
@@ -83,7 +83,7 @@ def fit_group(
         seed=seed,
     )
     options = ClusterOptions(workers=workers, scheduler=scheduler)
-    return fit_members(members(known, person, condition), settings, options, pair=paired)
+    return GroupResult.of(fit_members(members(known, person, condition), settings, options, pair=paired))
 
 
 def study_from(

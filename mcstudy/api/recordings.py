@@ -17,8 +17,8 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.laboratory_import import import_files
 from mcstudy.recordings.recording import Recording
-from mcstudy.report.person.plots import FitWithFigures
 from mcstudy.results.diagnosis import Diagnosis
+from mcstudy.results.fit import FitResult
 from mcstudy.results.next_trial import NextTrial
 from mcstudy.scheduler.compiling import DIAGNOSIS, PERSON, compile_kernels
 from mcstudy.stance.feedback import Model
@@ -155,7 +155,7 @@ def fit(
     discard: int | None = None,
     accept: Iterable[str] = (),
     seed: int = 0,
-) -> FitWithFigures:
+) -> FitResult:
     """Parameters of the person in a recording, with profile likelihood intervals and no prior.
 
     Parameters
@@ -211,7 +211,7 @@ def fit(
     )
     read = _read(recording)
     compile_kernels(PERSON)
-    return FitWithFigures.of(fit_recordings(read, settings))
+    return FitResult.of(fit_recordings(read, settings))
 
 
 def import_recording(

@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +93,9 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
 
 
 def plain(x: Any) -> Any:
-    """Convert to builtin types; numbers that are not finite become None."""
+    """Convert to builtin types, records to their fields; numbers that are not finite become None."""
+    if is_dataclass(x) and not isinstance(x, type):
+        return plain(named(x))
     if isinstance(x, dict):
         return {str(k): plain(v) for k, v in x.items()}
     if isinstance(x, list | tuple):
@@ -104,3 +107,8 @@ def plain(x: Any) -> Any:
     if isinstance(x, float) and not math.isfinite(x):
         return None
     return x
+
+
+def named(record: Any, *names: str) -> dict[str, Any]:
+    """Attributes of a record by name; all fields of a dataclass without ``names``."""
+    return {name: getattr(record, name) for name in names or (f.name for f in fields(record))}

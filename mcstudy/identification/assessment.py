@@ -6,11 +6,11 @@ from dataclasses import replace
 
 from mcstudy.errors import RecordingError
 from mcstudy.identification.belief import gap_found, with_effects
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.forecast import forecasts
 from mcstudy.identification.loop_stability import stability
 from mcstudy.identification.paper_cost import paper_estimate
 from mcstudy.identification.quantities import quantities
-from mcstudy.identification.result import FitResult
 from mcstudy.identification.settings import FitSettings
 from mcstudy.identification.simulated_coverage import nearest
 from mcstudy.identification.sway import predicted_sway
@@ -29,7 +29,7 @@ CLEARLY = 1.2
 """Factor by which this frequency must exceed the highest line of the fit."""
 
 
-def assessed(fitted: FitResult, checked: CheckedRecording, base: Model, settings: FitSettings) -> FitResult:
+def assessed(fitted: FitRecord, checked: CheckedRecording, base: Model, settings: FitSettings) -> FitRecord:
     """The fit of a checked recording with everything that is said about it.
 
     ``base``: the model without effects, with the bounds of the fit.
@@ -51,7 +51,7 @@ def assessed(fitted: FitResult, checked: CheckedRecording, base: Model, settings
         gap=gap,
         comparison=comparison,
         paper=paper_estimate(f.model, base, lines, seed),
-        coverage=nearest(f),
+        coverage=nearest(f.recording, lines, f.model, f.level),
     )
 
 

@@ -82,8 +82,8 @@ def with_effects(
 def _evidence(test: GapTest, minima: Minima, effects: Sequence[str]) -> Hypothesis:
     fit = test.fit
     if len(effects) == 1:
-        found = [s for s in test.signatures if s.effect == effects[0]]
-        return single(fit.best, fit.minima, fit.data, effects[0], found, fit.best.residual(fit.data))
+        signatures = [s for s in test.signatures if s.effect == effects[0]]
+        return single(fit.best, fit.minima, fit.data, effects[0], signatures, fit.best.residual(fit.data))
     middle = [sum(s.published) / 2 for name in effects for s in effect(name).sizes]
     starts = np.vstack([minima.theta[:LEADING], *(np.append(theta, middle) for theta in fit.minima)])
     return together(fit.best, fit.data, tuple(effects), starts)  # type: ignore[arg-type]
@@ -103,9 +103,9 @@ def unseen_cycles(
     even[order[::2]] = True
     difference, variance = 0.0, 0.0
     for seen in (even, ~even):
-        own, other = Data.of(lines.subset(seen)), Data.of(lines.subset(~seen))
-        fitted = [_refitted(m, models[0], k, own) for m, k in zip(models, minima, strict=True)]
-        left = [whiten(other.weight, other.y - H) for H in fitted]
+        seen_data, unseen_data = Data.of(lines.subset(seen)), Data.of(lines.subset(~seen))
+        fitted = [_refitted(m, models[0], k, seen_data) for m, k in zip(models, minima, strict=True)]
+        left = [whiten(unseen_data.weight, unseen_data.y - H) for H in fitted]
         apart = left[0] - left[1]
         difference += float(left[0] @ left[0] - left[1] @ left[1])
         variance += 4 * float(apart @ apart)

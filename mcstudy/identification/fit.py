@@ -10,17 +10,18 @@ from scipy.special import ndtri
 
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
+from mcstudy.files.json_files import named
 from mcstudy.fitting.penalised import Fitter, whiten
 from mcstudy.fitting.problem import Data
 from mcstudy.identification.assessment import assessed
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import DRAWS, Draws, simulated
+from mcstudy.identification.estimate import BANDS_HZ, Estimate
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
 from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
 from mcstudy.identification.quantities import Quantity, quantities, require_finite
-from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.settings import FitMethod, FitSettings
-from mcstudy.identification.tables import BANDS_HZ
 from mcstudy.identification.threshold import Threshold, factor, threshold
 from mcstudy.lines.checked_recording import CheckedRecording
 from mcstudy.lines.part_fits import PartFit, part_fits
@@ -35,7 +36,7 @@ from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
 
 
-def fit(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: FitSettings) -> FitResult:
+def fit(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings: FitSettings) -> FitRecord:
     """Parameters of the person in a recording, or in several of one person; see `mcstudy.fit`.
 
     Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong quantity, bound or effect.
@@ -63,7 +64,7 @@ def fit_lines(
     name: str = "lines",
     curve: Sequence[float] = CURVE,
     draws: Draws | None = None,
-) -> FitResult:
+) -> FitRecord:
     """The fit of measured lines.
 
     Parameters
@@ -109,7 +110,7 @@ def _searched(lines: Lines, nominal: Model, settings: FitSettings, name: str) ->
 
 def _with_intervals(
     best: _BestFit, settings: FitSettings, name: str, curve: Sequence[float] = CURVE, draws: Draws | None = None
-) -> FitResult:
+) -> FitRecord:
     """The estimates at the lowest minimum, with profile likelihood intervals."""
     lines, model, data, minima, theta = best.lines, best.model, best.data, best.minima, best.theta
     level, seed = settings.level, settings.seed
@@ -117,11 +118,11 @@ def _with_intervals(
     drawn = draws or simulated(lines.noise, stream(seed, "fit correction"))
     rise = threshold(model, data, minima, best.quantities, drawn, level)
     null, linearised = rise.null_chi2, rise.near
-    found = profiles(best.fitter, data, minima, best.quantities, rise.rise, curve)
+    intervals = profiles(best.fitter, data, minima, best.quantities, rise.rise, curve)
     error = ndtri(0.5 + level / 2) * np.sqrt(linearised.variance)
     share = _information(rise.jacobian @ linearised.tangent.T, lines.f)
-    estimates = zip(best.quantities, found, error, share, strict=True)
-    return FitResult(
+    estimates = zip(best.quantities, intervals, error, share, strict=True)
+    return FitRecord(
         name=name,
         level=level,
         estimates=tuple(_estimate(q, theta, p, e, s) for q, p, e, s in estimates),
@@ -166,13 +167,9 @@ def _base(nominal: Model, settings: FitSettings) -> Model:
 def _estimate(q: Quantity, theta: np.ndarray, p: Profile, error: float, share: np.ndarray) -> Estimate:
     value = q.value(theta)
     return Estimate(
-        name=q.name,
-        unit=q.unit,
+        **named(q, "name", "unit"),
         estimate=value,
-        low=p.low,
-        high=p.high,
-        low_from=p.low_from,
-        high_from=p.high_from,
+        **named(p, "low", "high", "low_from", "high_from"),
         wald_low=value - error,
         wald_high=value + error,
         information=tuple(map(float, share)),

@@ -12,19 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtri
 
+from mcstudy.identification.estimate import Estimate
 from mcstudy.identification.quantities import Quantity
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import line_information, standard_errors
 from mcstudy.stance.joint import with_lines
-
-if TYPE_CHECKING:
-    from mcstudy.identification.result import Estimate
 
 AGREE = 1.5
 """Profile and information agree about a width if neither is larger than the other by this factor."""
@@ -67,14 +64,14 @@ def forecasts(
     model: Model,
     theta: np.ndarray,
     lines: Lines,
-    of: Sequence[Quantity],
+    wanted: Sequence[Quantity],
     estimates: Sequence[Estimate],
     level: float,
     higher: Lines | None = None,
 ) -> tuple[Forecast, ...]:
-    """Forecasts for the quantities ``of`` with their ``estimates``; ``higher``: the lines up to a higher frequency."""
+    """Forecasts for ``wanted`` quantities with their ``estimates``; ``higher``: lines up to a higher frequency."""
     information = fisher(model, theta, lines)
-    gradients = np.array([q.gradient(theta) for q in of])
+    gradients = np.array([q.gradient(theta) for q in wanted])
     now = standard_errors(information, gradients)
     more = None
     if higher is not None:  # what the lines of the fit hold stays as it is
@@ -108,5 +105,5 @@ def forecasts(
 
 def fisher(model: Model, theta: np.ndarray, lines: Lines) -> np.ndarray:
     """Fisher information (P, P) on the parameters of ``model`` at ``theta``."""
-    own = with_lines(model, lines.counts)
-    return np.asarray(line_information(own, theta, lines.f, lines.noise.whitener).sum(axis=0))
+    stacked = with_lines(model, lines.counts)
+    return np.asarray(line_information(stacked, theta, lines.f, lines.noise.whitener).sum(axis=0))

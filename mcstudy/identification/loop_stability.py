@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mcstudy.identification.estimate import Estimate
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import rightmost_root
-
-if TYPE_CHECKING:
-    from mcstudy.identification.result import Estimate
 
 
 @dataclass(frozen=True)

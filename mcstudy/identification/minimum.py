@@ -44,6 +44,9 @@ SEARCHES = 300
 REACH = 20.0
 """Rise of the deviance above the lowest minimum up to which minima count one by one, and all higher ones as one."""
 
+TOLD = 10.0
+"""Rise of the deviance up to which other minima are told."""
+
 
 @dataclass(frozen=True)
 class Minima:

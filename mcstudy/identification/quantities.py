@@ -82,12 +82,12 @@ def expression(model: Model, text: str) -> Quantity:
     return Quantity(text, unit, lambda theta: float(at(theta)), slope, formula.linear)
 
 
-def function(model: Model, name: str, of: Callable[[Mapping[str, float]], float]) -> Quantity:
+def function(model: Model, name: str, formula: Callable[[Mapping[str, float]], float]) -> Quantity:
     """A Python function of a mapping from parameter names to values; its derivative by central differences."""
 
     def value(theta: np.ndarray) -> float:
         try:
-            return float(of(dict(zip(model.names, map(float, theta), strict=True))))
+            return float(formula(dict(zip(model.names, map(float, theta), strict=True))))
         except ArithmeticError:  # as an expression that is not defined there
             return np.nan
         except (KeyError, TypeError, ValueError) as error:
@@ -132,10 +132,10 @@ def quantities(model: Model, given: Sequence[str] | Mapping[str, Any] = ()) -> t
     ``given``: expressions, or a mapping from names to expressions and functions.
     """
     sums = [f"{a} + {b}" for a, b in (("K11", "Kpas1"), ("K22", "Kpas2")) if {a, b} <= set(model.names)]
-    found = [*(parameter(model, name) for name in model.names), *(expression(model, text) for text in sums)]
+    wanted = [*(parameter(model, name) for name in model.names), *(expression(model, text) for text in sums)]
     named = given if isinstance(given, Mapping) else {text: text for text in given}
-    for name, of in named.items():
-        if name in {q.name for q in found}:
+    for name, formula in named.items():
+        if name in {q.name for q in wanted}:
             raise InputError(f"quantity {name!r}: expected a name that is not taken")
-        found.append(expression(model, of) if isinstance(of, str) else function(model, name, of))
-    return tuple(found)
+        wanted.append(expression(model, formula) if isinstance(formula, str) else function(model, name, formula))
+    return tuple(wanted)

@@ -12,14 +12,15 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
+from mcstudy.files.json_files import named
 from mcstudy.identification.bounds import bounded
+from mcstudy.recordings.joint_recording import AnyRecording
 from mcstudy.recordings.recording import Recording
+from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
-
-if TYPE_CHECKING:
-    from mcstudy.identification.result import FitResult
+from mcstudy.stance.feedback import Model
 
 FILE = "interval_coverage.csv"
 
@@ -81,14 +82,9 @@ class Coverage:
         """Names of the quantities with a remark."""
         return [name for name, covered in self.quantities.items() if covered.remark == remark]
 
-    def to_dict(self) -> dict[str, float]:
+    def to_dict(self) -> dict[str, Any]:
         """The condition as plain data for ``fit.json``."""
-        return {
-            "cycles": self.cycles,
-            "fmax": self.fmax,
-            "amplitude": self.amplitude,
-            "realizations": self.realizations,
-        }
+        return named(self, "cycles", "fmax", "amplitude", "realizations")
 
     @property
     def condition(self) -> str:
@@ -99,38 +95,36 @@ class Coverage:
 @cache
 def simulated() -> tuple[Coverage, ...]:
     """All simulated conditions."""
-    found: dict[tuple[int, float, float, int], dict[str, Covered]] = {}
+    conditions: dict[tuple[int, float, float, int], dict[str, Covered]] = {}
     text = files("mcstudy.identification").joinpath(FILE).read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):
         key = int(row["cycles"]), float(row["fmax"]), float(row["amplitude"]), int(row["realizations"])
         covered = Covered(*(float(row[c]) for c in Covered._fields))
-        found.setdefault(key, {})[row["quantity"]] = covered
-    return tuple(Coverage(*key, quantities) for key, quantities in found.items())
+        conditions.setdefault(key, {})[row["quantity"]] = covered
+    return tuple(Coverage(*key, quantities) for key, quantities in conditions.items())
 
 
-def nearest(fitted: FitResult) -> Coverage | None:
+def nearest(recording: AnyRecording | None, lines: Lines, model: Model, level: float) -> Coverage | None:
     """The condition that is nearest to a fit in cycles, highest frequency and RMS of the torque, on logarithmic scales.
 
     None where the study says nothing: another stimulus, level, model or bounds, several recordings with stimuli of
     their own, or published responses.
     """
-    recording, model = fitted.recording, fitted.model
     alike = (
         isinstance(recording, Recording)
         and recording.stimulus == "ankle_torque"
         and recording.period_s is not None
-        and fitted.level == LEVEL
-        and not fitted.method.effects
+        and level == LEVEL
         and model.names == two_segment().names
         and bounded(model, model, {}) == model
     )
     if not alike:
         return None
-    repeats, rms = len(fitted.lines.repeats), math.sqrt(2 * float(fitted.lines.power.sum()))
+    repeats, rms = len(lines.repeats), math.sqrt(2 * float(lines.power.sum()))
 
-    def away(c: Coverage) -> float:
+    def distance(c: Coverage) -> float:
         longer = math.log(TRIALS * (c.cycles - DISCARD) / repeats)
         larger = math.log(RMS * c.amplitude / rms)
-        return math.hypot(longer, larger, math.log(c.fmax / float(fitted.lines.f.max())))
+        return math.hypot(longer, larger, math.log(c.fmax / float(lines.f.max())))
 
-    return min(simulated(), key=away)
+    return min(simulated(), key=distance)

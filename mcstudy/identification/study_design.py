@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.identification.result import FitResult
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.study_noise import noise_of
 from mcstudy.lines.checked_recording import discarded
 from mcstudy.recordings.joint_recording import JointRecording
@@ -31,7 +31,7 @@ STATES, STAGES = 8, 2
 """States of the shortest sequence, whose cycle lasts as long as that of any stimulus, and its stages."""
 
 
-def study_of(fitted: FitResult, name: str, *, realizations: int = 100, starts: int = 10, seed: int = 1) -> Study:
+def study_of(fitted: FitRecord, name: str, *, realizations: int = 100, starts: int = 10, seed: int = 1) -> Study:
     """The study of the experiment in which a person was fitted; see `mcstudy.study_from`."""
     recording = fitted.recording
     if isinstance(recording, JointRecording):
@@ -74,7 +74,7 @@ def study_of(fitted: FitResult, name: str, *, realizations: int = 100, starts: i
     )
 
 
-def stimulus_of(recording: Recording, fitted: FitResult) -> tuple[dict[str, Any], float]:
+def stimulus_of(recording: Recording, fitted: FitRecord) -> tuple[dict[str, Any], float]:
     """The stimulus of a recording as the table of a study file, and its amplitude (peak).
 
     A pseudorandom ternary sequence is one. Any other stimulus with odd lines only is given by its lines.
@@ -116,7 +116,7 @@ def _peak(coefficients: np.ndarray, harmonic: np.ndarray, samples: int) -> float
     return float(np.abs(np.fft.irfft(c, samples, norm="forward")).max())
 
 
-def sequence_of(recording: Recording, fitted: FitResult) -> Prts | None:
+def sequence_of(recording: Recording, fitted: FitRecord) -> Prts | None:
     """The pseudorandom ternary sequence that a recording's stimulus is, of peak 1; None if it is none."""
     lines, period = fitted.lines, recording.period or 0
     size = np.sqrt(lines.power)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import optimize
 
 from mcstudy.errors import InputError
-from mcstudy.identification.result import FitResult
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.recordings.recording import Recording
 from mcstudy.stance.noise import DEG2_TO_RAD2, TabulatedNoise
 from mcstudy.stance.response import noise_response
@@ -21,7 +21,7 @@ LIKE = 1.5
 """Largest factor between the RMS of the measured and of the evoked sway of an angle."""
 
 
-def noise_of(fitted: FitResult) -> TabulatedNoise:
+def noise_of(fitted: FitRecord) -> TabulatedNoise:
     """The sensor noise that most likely evokes the measured noise of both angles in the fitted body.
 
     At a line the fitted body turns sensor densities s_j into sway densities sum_j |R_ij|^2 s_j. These are compared with
@@ -39,7 +39,7 @@ def noise_of(fitted: FitResult) -> TabulatedNoise:
     return noise
 
 
-def fitted_noise(fitted: FitResult) -> tuple[TabulatedNoise, np.ndarray]:
+def fitted_noise(fitted: FitRecord) -> tuple[TabulatedNoise, np.ndarray]:
     """The noise of `noise_of`, and the RMS of the sway that it evokes over the measured one, (2,) by angle."""
     lines, recording = fitted.lines, fitted.recording
     assert isinstance(recording, Recording)
@@ -47,7 +47,7 @@ def fitted_noise(fitted: FitResult) -> tuple[TabulatedNoise, np.ndarray]:
     measured = np.einsum("nii->ni", lines.noise.C).real * (2 * seconds * lines.power)[:, None]
     response = np.abs(noise_response(fitted.model, fitted.theta, lines.f)[:, :2, :2]) ** 2
     knots = np.geomspace(lines.f[0], lines.f[-1], max(2, min(KNOTS, len(lines) // 4)))
-    basis = np.array([np.interp(np.log(lines.f), np.log(knots), one) for one in np.eye(knots.size)]).T
+    basis = np.array([np.interp(np.log(lines.f), np.log(knots), knot) for knot in np.eye(knots.size)]).T
     weight = lines.noise.dof[:, None] / lines.noise.dof.sum()
 
     def unlikely(x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -60,8 +60,8 @@ def fitted_noise(fitted: FitResult) -> tuple[TabulatedNoise, np.ndarray]:
     alone = (measured / np.einsum("nii->ni", response) / 2)[[np.abs(lines.f - k).argmin() for k in knots]]
     begin = np.log(alone).ravel()
     bounds = [(x - LOWEST, x + HIGHEST) for x in begin]
-    found = optimize.minimize(unlikely, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 2000})
-    log_density = found.x.reshape(-1, 2)
+    minimum = optimize.minimize(unlikely, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 2000})
+    log_density = minimum.x.reshape(-1, 2)
     level = np.einsum("nij,nj->ni", response, np.exp(basis @ log_density))
     ratio = np.sqrt(level.sum(axis=0) / measured.sum(axis=0))
     density = np.exp(log_density).T / DEG2_TO_RAD2

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -18,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from mcstudy.fitting.penalised import Fitter
 from mcstudy.fitting.problem import Data
 from mcstudy.identification.correction import simulated
+from mcstudy.identification.estimate import Estimate
 from mcstudy.identification.minimum import Minima, without_prior
 from mcstudy.identification.profile import Profile, profiles
 from mcstudy.identification.quantities import Quantity, expression
@@ -25,9 +25,6 @@ from mcstudy.identification.threshold import threshold
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
-
-if TYPE_CHECKING:
-    from mcstudy.identification.result import Estimate
 
 ELONGATED = 4.0
 """Length over width of the bodies in a plane of two parameters, relative to their intervals, from which these trade."""
@@ -117,8 +114,8 @@ def valleys(
     wanted = [q for i, j in same for q in _combinations(model, theta, i, j)]
     profile = {e.name: e.profile for e in estimates}
     further = [q for q in wanted if q.name not in profile]
-    found = _profiles_of(model, base, lines, minima, further, level, seed)
-    profile |= {q.name: p for q, p in zip(further, found, strict=True)}
+    combined = _profiles_of(model, base, lines, minima, further, level, seed)
+    profile |= {q.name: p for q, p in zip(further, combined, strict=True)}
     known: list[tuple[int, Combination]] = []
     for (i, _), q, opposite in zip(same, wanted[::2], wanted[1::2], strict=True):
         p, o = profile[q.name], profile[opposite.name]
@@ -145,15 +142,15 @@ def elongations(theta: np.ndarray, width: np.ndarray, poor: Sequence[bool]) -> l
 
     ``width``: (P,) of the intervals. ``poor``: (P,) which are poorly determined; pairs without one are left out.
     """
-    found = []
+    elongated = []
     for i, j in combinations(range(width.size), 2):
         both_move = np.ptp(theta[:, [i, j]], axis=0).all()  # else one of them is the same in all bodies, on its bound
         if (poor[i] or poor[j]) and width[i] > 0 and width[j] > 0 and both_move:
             along, across = _principal(theta[:, [i, j]] / width[[i, j]])
             elongation = float(np.ptp(along) / max(np.ptp(across), 1e-12))
             if elongation >= ELONGATED:
-                found.append(((i, j), elongation))
-    return sorted(found, key=lambda p: -p[1])
+                elongated.append(((i, j), elongation))
+    return sorted(elongated, key=lambda p: -p[1])
 
 
 def moving(model: Model, estimates: Sequence[Estimate], e: Estimate) -> dict[str, tuple[float, float]]:
@@ -162,11 +159,11 @@ def moving(model: Model, estimates: Sequence[Estimate], e: Estimate) -> dict[str
     Named are those that move by at least `MOVES` of their own interval, the largest move first.
     """
     moves = []
-    for k, own in enumerate(estimates[: len(model.names)]):
-        width = own.high - own.low
+    for k, other in enumerate(estimates[: len(model.names)]):
+        width = other.high - other.low
         low, high = float(e.profile.low_theta[k]), float(e.profile.high_theta[k])
-        if own.name != e.name and width > 0 and abs(high - low) >= MOVES * width:
-            moves.append((abs(high - low) / width, own.name, (low, high)))
+        if other.name != e.name and width > 0 and abs(high - low) >= MOVES * width:
+            moves.append((abs(high - low) / width, other.name, (low, high)))
     return {name: ends for _, name, ends in sorted(moves, reverse=True)}
 
 

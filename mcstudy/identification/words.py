@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mcstudy.fitting.status import WANTED
 from mcstudy.gap import verdict
 from mcstudy.gap.questions.detection import LEVEL
-from mcstudy.identification.minimum import SEARCHES
-from mcstudy.identification.tables import as_text, estimates, help_needed, interval, relative
+from mcstudy.identification.fit_record import FitRecord
+from mcstudy.identification.minimum import SEARCHES, TOLD
+from mcstudy.identification.tables import estimates, help_needed, relative
+from mcstudy.identification.trades import Combination, Valley
 from mcstudy.lines.part_fits import told
-from mcstudy.text_tables import number, p_words, with_error
-
-if TYPE_CHECKING:
-    from mcstudy.identification.result import Estimate, FitResult
-    from mcstudy.identification.trades import Combination, Valley
-
-REACH = 10.0
-"""Increase of the deviance up to which other minima are told."""
+from mcstudy.text_tables import ends, number, p_words, with_error
 
 CORRELATED = 0.9
 """Correlation of errors from which a pair is named."""
@@ -48,26 +42,21 @@ SWAY_SD = 2.0
 """Distance of measured from predicted sway, in standard errors beyond its range, from which they differ."""
 
 
-def with_unit(e: Estimate) -> str:
-    """``815, 586 to 1309 N m/rad``: estimate and interval on one line."""
-    return f"{number(e.estimate)}, {interval(e)} {e.unit}".rstrip()
-
-
-def text(r: FitResult) -> str:
+def text(r: FitRecord) -> str:
     """Tables, then sentences."""
-    tables = [as_text(t) for t in (estimates(r), help_needed(r)) if t is not None]
+    tables = [t.text() for t in (estimates(r), help_needed(r)) if t is not None]
     heading = f"{r.name}: {len(r.lines)} {r.lines.unit}s up to {r.lines.f.max():.3g} Hz"
     return "\n\n".join([heading, *tables, "\n".join(sentences(r))])
 
 
-def sentences(r: FitResult) -> list[str]:
+def sentences(r: FitRecord) -> list[str]:
     """What the numbers mean, one entry per topic."""
     first = [belief(r), by_recording(r), added(r), loop(r), sway(r), undetermined(r), coverage(r)]
-    parts = [*first, *valleys(r), help_words(r), correlated(r), found(r)]
+    parts = [*first, *valleys(r), help_words(r), correlated(r), search_words(r)]
     return [*(part for part in parts if part), *r.warnings]
 
 
-def belief(r: FitResult) -> str:
+def belief(r: FitRecord) -> str:
     """Whether the model fits, and whether a gap was found."""
     fits = "consistent with noise" if r.p_value >= LEVEL else "larger than expected from noise"
     out = f"The squared residual is {fits}: {r.chi2:.0f}, expected {r.expected_chi2:.0f} ({p_words(r.p_value)})."
@@ -81,28 +70,28 @@ def belief(r: FitResult) -> str:
     return out
 
 
-def by_recording(r: FitResult) -> str:
+def by_recording(r: FitRecord) -> str:
     """Goodness of fit of each recording of a joint set; empty for one recording."""
     return told(r.labels, r.part_fits) if r.part_fits else ""
 
 
-def gap_p(r: FitResult) -> str:
+def gap_p(r: FitRecord) -> str:
     """P-value of the test for a gap, of a fit that has one."""
     assert r.gap is not None
     return verdict.p_words(r.gap.p_value, r.gap.p_least)
 
 
-def gap_found(r: FitResult) -> bool:
+def gap_found(r: FitRecord) -> bool:
     """Whether the test for a gap found one."""
     return r.gap is not None and r.gap.p_value < LEVEL
 
 
-def doubtful(r: FitResult) -> bool:
+def doubtful(r: FitRecord) -> bool:
     """Whether this model is not to be believed: too large a residual, or a gap that no added effect was to close."""
     return r.p_value < LEVEL or (gap_found(r) and not r.method.effects)
 
 
-def added(r: FitResult) -> str:
+def added(r: FitRecord) -> str:
     """What the added effects change; empty without one."""
     if r.without_chi2 is None:
         return ""
@@ -128,23 +117,23 @@ def added(r: FitResult) -> str:
     return out
 
 
-def loop(r: FitResult) -> str:
+def loop(r: FitRecord) -> str:
     """Stability at the estimate and over the intervals."""
     state = "stable" if r.growth_rate < 0 else "unstable"
     out = f"The closed loop is {state} at the estimate (rightmost root {number(r.growth_rate)} 1/s)"
     s = r.stability
     if s is None:
         return f"{out}."
-    span = f"{number(s.low)} to {number(s.high)} 1/s"
+    span = f"{ends(s.low, s.high)} 1/s"
     if s.stable:
         return f"{out} and over all intervals ({span})."
     part = [x for x in s.ranges if not x.whole]
-    limits = ", ".join(f"{x.name} {number(x.low)} to {number(x.high)}" for x in part[:4])
+    limits = ", ".join(f"{x.name} {ends(x.low, x.high)}" for x in part[:4])
     more = f" and {len(part) - 4} more" if len(part) > 4 else ""
     return f"{out}, but not over all intervals ({span}). Stable bodies that fit as well have {limits}{more}."
 
 
-def sway(r: FitResult) -> str:
+def sway(r: FitRecord) -> str:
     """Predicted and measured sway."""
     if r.sway is None:
         return ""
@@ -153,21 +142,20 @@ def sway(r: FitResult) -> str:
         low, high = a.stimulus_low - SWAY_SD * a.measured_se, a.stimulus_high + SWAY_SD * a.measured_se
         agree = "" if low <= a.measured <= high else ", which disagrees"
         out.append(
-            f"{a.angle} {number(a.stimulus)} ({number(a.stimulus_low)} to {number(a.stimulus_high)}), measured "
+            f"{a.angle} {number(a.stimulus)} ({ends(a.stimulus_low, a.stimulus_high)}), measured "
             f"{with_error(a.measured, a.measured_se)}{agree}"
         )
     text = f"Predicted sway evoked by the stimulus (deg RMS, range over the intervals): {'; '.join(out)}."
     if r.sway.noise_levels is not None:
         noise = [
-            f"{a.angle} {number(a.noise)} ({number(a.noise_low)} to {number(a.noise_high)}), measured "
-            f"{number(a.noise_measured)}"
+            f"{a.angle} {number(a.noise)} ({ends(a.noise_low, a.noise_high)}), measured {number(a.noise_measured)}"
             for a in r.sway.angles
         ]
         text += f" Evoked by sensor noise of fitted level: {'; '.join(noise)}."
     return text
 
 
-def undetermined(r: FitResult) -> str:
+def undetermined(r: FitRecord) -> str:
     """Which quantities the data leave open, on which side."""
     if all(e.verdict == "identifiable" for e in r.estimates):
         return "All quantities are determined by the data alone."
@@ -177,7 +165,7 @@ def undetermined(r: FitResult) -> str:
     return f"{' '.join(parts)} Their other limits are bounds of the fit, not findings."
 
 
-def coverage(r: FitResult) -> str:
+def coverage(r: FitRecord) -> str:
     """How often simulated intervals hold the truth, and which are wider than needed or too narrow; empty if unknown."""
     c = r.coverage
     if c is None:
@@ -194,7 +182,7 @@ def coverage(r: FitResult) -> str:
     return out
 
 
-def valleys(r: FitResult) -> list[str]:
+def valleys(r: FitRecord) -> list[str]:
     """What trades for what, and what is determined nevertheless."""
     out = []
     for v in r.valleys:
@@ -211,8 +199,8 @@ def _combination(c: Combination) -> str:
     half = (c.high - c.low) / 2 / abs(c.estimate) if c.estimate else math.inf
     share = f" (±{number(100 * half, 2)} %)" if half < 1 else ""
     return (
-        f"Only {c.name} is determined: {number(c.low)} to {number(c.high)} {c.unit}{share}; {c.opposite} is not "
-        f"({number(c.opposite_low)} to {number(c.opposite_high)})."
+        f"Only {c.name} is determined: {ends(c.low, c.high)} {c.unit}{share}; {c.opposite} is not "
+        f"({ends(c.opposite_low, c.opposite_high)})."
     )
 
 
@@ -220,7 +208,7 @@ def _body(v: Valley, values: Iterable[float]) -> str:
     return ", ".join(f"{n} {number(x)}" for n, x in zip(v.names, values, strict=True))
 
 
-def help_words(r: FitResult) -> str:
+def help_words(r: FitRecord) -> str:
     """What would narrow the worst of the intervals that the data end."""
     firm = [(e, f) for e, f in zip(r.estimates, r.forecasts, strict=False) if not f.rough and e.estimate]
     if not firm:
@@ -234,7 +222,7 @@ def help_words(r: FitResult) -> str:
     )
 
 
-def correlated(r: FitResult) -> str:
+def correlated(r: FitRecord) -> str:
     """Pairs of strongly correlated errors."""
     names = r.model.names
     pairs = [
@@ -248,10 +236,10 @@ def correlated(r: FitResult) -> str:
     return f"Strongly correlated errors near the estimate: {told}."
 
 
-def found(r: FitResult) -> str:
+def search_words(r: FitRecord) -> str:
     """How the lowest minimum was found."""
     m = r.minima
-    others = int((m.chi2[1:] - m.chi2[0] < REACH).sum())
+    others = int((m.chi2[1:] - m.chi2[0] < TOLD).sum())
     if m.missed_lowest is None:
         out = f"No random start of {m.starts} ended in the lowest minimum; {FOUND_FROM[m.lowest_from]} found it."
     else:
@@ -272,7 +260,7 @@ def found(r: FitResult) -> str:
         )
     if others:
         fit = "minimum fits" if others == 1 else "minima fit"
-        out += f" {others} other {fit} almost as well (squared residual at most {REACH:g} higher)."
+        out += f" {others} other {fit} almost as well (squared residual at most {TOLD:g} higher)."
     return out
 
 

@@ -122,17 +122,17 @@ class Arm:
         """A measure at every signal with its errors, from the same draws of the data at each."""
         values = [target.of(x) for x in draws]
         more = [np.append(v, u) for v, u in zip(values, unlike(values), strict=True)]
-        found, changed = (
+        estimates, changed = (
             [estimated(Draws(v, target.truth), target.measure).times(self.factor(target)) for v in every]
             for every in (values, more)
         )
-        usable = np.array([np.isfinite(e.value) and np.isfinite(e.error) for e in found])
+        usable = np.array([np.isfinite(e.value) and np.isfinite(e.error) for e in estimates])
         if not usable.any():  # as if nothing were known of the measure
             return Prediction(log_signal[:1], np.zeros(1), np.zeros((1, 0)), np.full(1, UNKNOWN))
         signed = target.measure.signed
-        value, other = (scaled(np.array([e.value for e in every]), signed) for every in (found, changed))
-        own = np.stack([e.own * unit(e, signed) for e in found])
-        return Prediction(log_signal[usable], value[usable], own[usable], np.abs(other - value)[usable])
+        value, other = (scaled(np.array([e.value for e in every]), signed) for every in (estimates, changed))
+        shared = np.stack([e.own * unit(e, signed) for e in estimates])
+        return Prediction(log_signal[usable], value[usable], shared[usable], np.abs(other - value)[usable])
 
     def look(self, design: Design, realizations: int, draws: int = 0, most: float = np.inf) -> None:
         """Fit a design and update the model; with so many draws of the control, if there is one, `draws` by default.
@@ -155,9 +155,9 @@ class Arm:
             if wanted >= realizations:
                 control = self.fitter.realizations(design, str(self.control), realizations)
                 sample = self.fitter.draws(design, str(self.control), int(wanted))
-        found = tuple(self._of(target, full, control, sample) for target in self.targets)
+        measures = tuple(self._of(target, full, control, sample) for target in self.targets)
         self.looks = [look for look in self.looks if look.design != design]
-        self.looks.append(Look(design, realizations, 0 if sample is None else len(sample), found))
+        self.looks.append(Look(design, realizations, 0 if sample is None else len(sample), measures))
         self._fit()
 
     def draws(self, realizations: int) -> int:
@@ -176,11 +176,11 @@ class Arm:
         without it (``pipelines/docs/reference/solve.md``); over the amplitude they did not.
         """
         others = (None if x is None else target.of(x) for x in (control, sample))
-        found = estimated(Draws(target.of(full), target.truth, *others), target.measure)
+        estimate = estimated(Draws(target.of(full), target.truth, *others), target.measure)
         if control is not None and (self.control == TRUTH or CYCLES in self.space.over):
             plain = estimated(Draws(target.of(full), target.truth), target.measure)
-            found = found.with_unseen(float(np.abs(plain.own).max()))
-        return found.times(self.factor(target))
+            estimate = estimate.with_unseen(float(np.abs(plain.own).max()))
+        return estimate.times(self.factor(target))
 
     def _missed(self, design: Design, full: np.ndarray, kinds: Sequence[str]) -> dict[str, float]:
         """What cheap fits of some kinds miss of complete ones, for the target that they suit least."""
@@ -239,9 +239,9 @@ class Arm:
             ),
         )
         alike = 1.0 if nearest.design == design else ALIKE
-        found = tuple(e.with_draws(realizations, draws, alike) for e in nearest.found)
+        measures = tuple(e.with_draws(realizations, draws, alike) for e in nearest.found)
         others = [k for k in self.looks if k.design != design]
-        return self._fitted([*others, Look(design, realizations, draws, found)])
+        return self._fitted([*others, Look(design, realizations, draws, measures)])
 
     def points(self, cycles: Sequence[float] | np.ndarray, amplitude: Sequence[float] | np.ndarray) -> np.ndarray:
         """Coordinates (n, 2) of designs for the model."""
@@ -312,8 +312,7 @@ class Arm:
 
         Where the cost rises along the axis it is the smallest value that meets them. NaN where none does.
         """
-        low, high = map(float, self.space.cycles if axis == CYCLES else self.space.amplitude)
-        values = np.geomspace(low, high, 2001)
+        values = np.geomspace(*self.space.ends(axis), 2001)
         cycles = values if axis == CYCLES else np.full(values.size, float(at.cycles))
         amplitude = values if axis == AMPLITUDE else np.full(values.size, at.amplitude)
         ends = []

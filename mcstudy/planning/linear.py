@@ -28,14 +28,14 @@ def linear_values(fitter: Fitter, design: Design, target: Target) -> tuple[float
     slope = target.quantity.gradient(model.truth)
     unit = target.factor / (abs(target.truth) if target.measure.relative else 1.0)
     try:
-        least = cramer_rao(model, model.truth, f, joint)
-        own = least
+        bound = cramer_rao(model, model.truth, f, joint)
+        covariance = bound
         if fitter.group.fit.cost == "paper":
             weight = paper_cost(model, f, frf(model, model.truth, f)).weight
-            own = linearised_covariance(model, model.truth, f, weight, joint)
+            covariance = linearised_covariance(model, model.truth, f, weight, joint)
     except (InputError, np.linalg.LinAlgError):
         return np.nan, np.nan
     moved = slope != 0
-    values = (np.sqrt(slope[moved] @ c[np.ix_(moved, moved)] @ slope[moved]) * unit for c in (own, least))
+    values = (np.sqrt(slope[moved] @ c[np.ix_(moved, moved)] @ slope[moved]) * unit for c in (covariance, bound))
     first, second = values
     return float(first), float(second)

@@ -136,7 +136,7 @@ class LocalModel:
     ----------
     prediction: over the logarithm of the signal. signed: whether values are ratios, not logarithms.
     points: logarithms of amplitude and used cycles of the designs that were looked at, (K, 2).
-    found: the measure relative to its limit at each, with contributions of the realizations.
+    estimates: the measure relative to its limit at each, with contributions of the realizations.
     groups: designs with equal numbers share realizations, (K,).
     """
 
@@ -145,19 +145,19 @@ class LocalModel:
         prediction: Prediction,
         signed: bool,
         points: np.ndarray,
-        found: Sequence[Estimate],
+        estimates: Sequence[Estimate],
         groups: Sequence[int],
     ) -> None:
         self._signed = signed
         self._priors = RATIO if signed else LOGARITHM
-        keep = [k for k, e in enumerate(found) if np.isfinite(e.value) and np.isfinite(e.error)]
+        keep = [k for k, e in enumerate(estimates) if np.isfinite(e.value) and np.isfinite(e.error)]
         self._points = points[keep].reshape(-1, 2)
         self._centre = self._points.mean(axis=0) if keep else np.zeros(2)
         self._signals = np.concatenate([prediction.log_signal, log_signal(self._points)])
         self._middle = float(prediction.log_signal.mean())
-        values = np.concatenate([prediction.values, scaled(np.array([found[k].value for k in keep]), signed)])
+        values = np.concatenate([prediction.values, scaled(np.array([estimates[k].value for k in keep]), signed)])
         self._level = float(prediction.values.mean())
-        errors = _errors([found[k] for k in keep], [groups[k] for k in keep], signed) if keep else np.zeros((0, 0))
+        errors = _errors([estimates[k] for k in keep], [groups[k] for k in keep], signed) if keep else np.zeros((0, 0))
         K = self._between(self._signals, self._points, self._signals, self._points)
         K += block_diag(prediction.covariance, errors)
         self._root = np.linalg.cholesky(K + 1e-9 * np.trace(K) / len(K) * np.eye(len(K)))
@@ -186,15 +186,15 @@ def log_signal(points: np.ndarray) -> np.ndarray:
     return np.asarray(points[:, 0] + points[:, 1] / 2)
 
 
-def _errors(found: Sequence[Estimate], groups: Sequence[int], signed: bool) -> np.ndarray:
+def _errors(estimates: Sequence[Estimate], groups: Sequence[int], signed: bool) -> np.ndarray:
     """Covariance (K, K) of the errors on the model's scale; designs of different ``groups`` share no
     realizations, but all of them share the other draws."""
-    scale = [unit(e, signed) for e in found]
-    own, sampled = (
-        _padded([getattr(e, level) * s for e, s in zip(found, scale, strict=True)]) for level in ("own", "sampled")
+    scale = [unit(e, signed) for e in estimates]
+    realized, sampled = (
+        _padded([getattr(e, level) * s for e, s in zip(estimates, scale, strict=True)]) for level in ("own", "sampled")
     )
     same = np.equal.outer(np.asarray(groups), np.asarray(groups))
-    return np.asarray(np.where(same, own @ own.T, 0.0) + sampled @ sampled.T)
+    return np.asarray(np.where(same, realized @ realized.T, 0.0) + sampled @ sampled.T)
 
 
 def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:

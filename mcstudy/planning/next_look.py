@@ -46,11 +46,11 @@ def leading(space: Space) -> str | None:
     return next((axis for axis in (CYCLES, AMPLITUDE) if axis in space.over), None)
 
 
-def uncertain(arm: Arm, found: Candidate) -> str | None:
+def uncertain(arm: Arm, cheapest: Candidate) -> str | None:
     """The same, but the amplitude where the cost alone decides the cycles, as one does that falls along them."""
     axis = leading(arm.space)
     if axis == CYCLES and AMPLITUDE in arm.space.over:
-        low, _, high = _ends(arm, CYCLES, found)
+        low, _, high = crossing_ends(arm, CYCLES, cheapest)
         return AMPLITUDE if low == high else CYCLES
     return axis
 
@@ -80,49 +80,53 @@ class Width:
         return self.measure if self.flat else self.axis
 
 
-def width(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None = None, looks: int | None = None) -> Width:
+def width(
+    arm: Arm, cheapest: Candidate, expected: Sequence[LocalModel] | None = None, looks: int | None = None
+) -> Width:
     """How well the answer of an Fmax is known; with the errors of ``expected`` models where given.
 
     Of the crossing on the leading axis, and of the measure there; without an axis, of the measure alone. Where the
     interval ends outside of the range, the part within it counts. ``looks``: designs, those of ``arm`` by default.
     """
-    low, _, high = _at(arm, found, expected)
-    axis, measure = uncertain(arm, found), float(high - low) / 2
-    if not found.reached:
+    low, _, high = _at(arm, cheapest, expected)
+    axis, measure = uncertain(arm, cheapest), float(high - low) / 2
+    if not cheapest.reached:
         return Width(0.0, 0.0) if arm.hopeless else Width(measure, measure)
     if axis is None:
         return Width(0.0, 0.0) if high <= 0 else Width(measure, measure)
-    lowest, middle, highest = _ends(arm, axis, found, expected)
-    if lowest == highest and _at(arm, found, expected)[2] > 0:
+    lowest, middle, highest = crossing_ends(arm, axis, cheapest, expected)
+    if lowest == highest and _at(arm, cheapest, expected)[2] > 0:
         return Width(measure, measure)  # the cost leaves one value, which may not be enough
     if axis == CYCLES:
         if math.ceil(lowest) == math.ceil(highest):
             return Width(0.0, measure)  # the same whole number
-        low, _, high = _at(arm, found, expected, found.cycles if math.isnan(middle) else middle)
+        low, _, high = _at(arm, cheapest, expected, cheapest.cycles if math.isnan(middle) else middle)
         measure = float(high - low) / 2
     return Width(float(np.log(highest / lowest) / 2), measure, len(arm.looks) if looks is None else looks)
 
 
-def _at(arm: Arm, found: Candidate, expected: Sequence[LocalModel] | None, cycles: float | None = None) -> np.ndarray:
+def _at(
+    arm: Arm, cheapest: Candidate, expected: Sequence[LocalModel] | None, cycles: float | None = None
+) -> np.ndarray:
     """Excess at a design, or at other, not necessarily whole, cycles: lower end, middle, upper end."""
-    count = np.array([found.cycles if cycles is None else cycles])
-    return arm.excess(count, np.array([found.amplitude]), expected)[:, 0]
+    count = np.array([cheapest.cycles if cycles is None else cycles])
+    return arm.excess(count, np.array([cheapest.amplitude]), expected)[:, 0]
 
 
-def next_look(arm: Arm, found: Candidate, precision: float) -> tuple[Design, int, int]:
+def next_look(arm: Arm, cheapest: Candidate, precision: float) -> tuple[Design, int, int]:
     """The cheapest look that is expected to suffice; where none is, the one that helps most for its cost.
 
     Design, realizations and draws of the control.
     """
-    now = width(arm, found).relative
+    now = width(arm, cheapest).relative
     made = {look.design: (look.realizations, look.draws) for look in arm.looks}
     most = max(n for n, _ in made.values())
     best, choice = (math.inf, math.inf), None
-    for design in _places(arm, found):
+    for design in _places(arm, cheapest):
         before = made.get(design, (0, 0))
         for more in _choices(arm, before, most):
             for n, draws in more:
-                after = width(arm, found, arm.expected(design, n, draws), len(made.keys() | {design})).relative
+                after = width(arm, cheapest, arm.expected(design, n, draws), len(made.keys() | {design})).relative
                 enough = after <= SAFETY * precision
                 cost = _cost(arm, n - before[0], draws - before[1])
                 gain = max(np.log(now / max(after, 1e-9)), 1e-3)
@@ -144,30 +148,30 @@ def design_at(arm: Arm, cycles: float, amplitude: float) -> Design:
     return Design(round(cycles), amplitude, arm.fmax)
 
 
-def _ends(
-    arm: Arm, axis: str, found: Candidate, expected: Sequence[LocalModel] | None = None
+def crossing_ends(
+    arm: Arm, axis: str, cheapest: Candidate, expected: Sequence[LocalModel] | None = None
 ) -> tuple[float, float, float]:
     """The crossing of an axis with its interval, cut at the ends of the range."""
-    first, last = map(float, arm.space.cycles if axis == CYCLES else arm.space.amplitude)
-    low, middle, high = arm.crossing(axis, found, expected)
+    first, last = arm.space.ends(axis)
+    low, middle, high = arm.crossing(axis, cheapest, expected)
     return (first if math.isnan(low) else low, middle, last if math.isnan(high) else high)
 
 
-def _places(arm: Arm, found: Candidate) -> list[Design]:
+def _places(arm: Arm, cheapest: Candidate) -> list[Design]:
     """The answer, the ends of its interval, and between them; looks that are near instead of new ones.
 
     Where no design is known to reach the targets, the one that still may.
     """
-    places = [design_at(arm, found.cycles, found.amplitude)]
-    axis = uncertain(arm, found)
-    if not found.reached:
+    places = [design_at(arm, cheapest.cycles, cheapest.amplitude)]
+    axis = uncertain(arm, cheapest)
+    if not cheapest.reached:
         hopeful = arm.cheapest(0)
         places.append(design_at(arm, hopeful.cycles, hopeful.amplitude))
     elif axis is not None:
-        low, _, high = _ends(arm, axis, found)
-        middle = found.cycles if axis == CYCLES else found.amplitude
+        low, _, high = crossing_ends(arm, axis, cheapest)
+        middle = cheapest.cycles if axis == CYCLES else cheapest.amplitude
         for value in (low, math.sqrt(low * middle), math.sqrt(middle * high), high):
-            other = (value, found.amplitude) if axis == CYCLES else (found.cycles, value)
+            other = (value, cheapest.amplitude) if axis == CYCLES else (cheapest.cycles, value)
             places.append(design_at(arm, *other))
     return list(dict.fromkeys(_near(arm, place) for place in places))
 

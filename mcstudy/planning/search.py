@@ -76,8 +76,8 @@ def search(arms: list[Arm], rules: Rules, say: Callable[[str], object] = str) ->
 
 def next_design(arm: Arm) -> Design:
     """Where the model expects the answer."""
-    found = arm.cheapest()
-    return design_at(arm, found.cycles, found.amplitude)
+    cheapest = arm.cheapest()
+    return design_at(arm, cheapest.cycles, cheapest.amplitude)
 
 
 def _doubtful(arm: Arm) -> Design | None:
@@ -86,10 +86,10 @@ def _doubtful(arm: Arm) -> Design | None:
     More realizations at the answer would tell nothing of it. None where there is no such design, and where it is the
     measure that is asked for (`Width.flat`).
     """
-    found, hopeful = arm.cheapest(1), arm.cheapest(0)
-    if not arm.looks or not (found.reached and hopeful.reached) or width(arm, found).flat:
+    cheapest, hopeful = arm.cheapest(1), arm.cheapest(0)
+    if not arm.looks or not (cheapest.reached and hopeful.reached) or width(arm, cheapest).flat:
         return None
-    points = arm.points([found.cycles, hopeful.cycles], [found.amplitude, hopeful.amplitude])
+    points = arm.points([cheapest.cycles, hopeful.cycles], [cheapest.amplitude, hopeful.amplitude])
     excess = arm.excess(np.exp(points[:, 1]) + arm.space.discard, np.exp(points[:, 0]))
     sure, unsure = (excess[2] - excess[0]) / 2
     if abs(np.diff(log_signal(points))[0]) < NEAR or unsure < DOUBT * sure:
@@ -103,22 +103,22 @@ def _wanted(arm: Arm, rules: Rules) -> tuple[Design, int, int] | None:
     """The next look: design, realizations and draws of the control; None where none is needed."""
     if not arm.looks:
         return next_design(arm), FIRST, 0
-    found = arm.cheapest()
-    known = width(arm, found)
+    cheapest = arm.cheapest()
+    known = width(arm, cheapest)
     if known.flat and known.measure <= rules.precision:
         return None
-    last = min(arm.looks, key=lambda look: _apart(arm, found, look))
-    if _apart(arm, found, last) >= NEAR:  # what is uncertain is the way from the last looks to the answer
+    last = min(arm.looks, key=lambda look: _apart(arm, cheapest, look))
+    if _apart(arm, cheapest, last) >= NEAR:  # what is uncertain is the way from the last looks to the answer
         return next_design(arm), FIRST, 0
     if known.relative <= rules.precision:
         return None
-    design, n, draws = next_look(arm, found, rules.precision)
+    design, n, draws = next_look(arm, cheapest, rules.precision)
     return design, min(n, MOST_REALIZATIONS), draws
 
 
-def _apart(arm: Arm, found: Candidate, look: Look) -> float:
+def _apart(arm: Arm, cheapest: Candidate, look: Look) -> float:
     """Distance of a look from the answer, in the logarithm of the signal."""
-    signals = (arm.space.signal(d.cycles, d.amplitude) for d in (found, look.design))
+    signals = (arm.space.signal(d.cycles, d.amplitude) for d in (cheapest, look.design))
     first, second = signals
     return abs(float(np.log(first / second)))
 

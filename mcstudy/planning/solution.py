@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.errors import InputError
-from mcstudy.files.json_files import plain
+from mcstudy.files.json_files import named, plain
 from mcstudy.files.schema import identifier
 from mcstudy.planning.arm import Arm, Look
 from mcstudy.planning.fits import Design, Spent
@@ -141,7 +141,7 @@ class SolutionRecord:
         """The answer by axis: ``cycles``, ``amplitude``, ``fmax`` (Hz), ``realizations``; None where there is none."""
         if self.answer is None:
             return None
-        return {**_named(self.answer.design, ("cycles", "amplitude", "fmax")), "realizations": self.realizations}
+        return {**named(self.answer.design, "cycles", "amplitude", "fmax"), "realizations": self.realizations}
 
     @property
     def interval(self) -> dict[str, tuple[float, float]]:
@@ -197,9 +197,9 @@ class SolutionRecord:
             "design": self.design,
             "cost": None if answer is None else answer.cost,
             "recording_s": self.nearest.cycles * self.space.period_s,
-            "nearest": _named(self.nearest, axes),
+            "nearest": named(self.nearest, *axes),
             "crossings": {
-                c.axis: {"value": c.value, "interval": list(c.interval), **_named(c, ("at_start", "at_end"))}
+                c.axis: {"value": c.value, "interval": list(c.interval), **named(c, "at_start", "at_end")}
                 for c in (() if answer is None else answer.crossings)
             },
             "measures": [
@@ -215,17 +215,17 @@ class SolutionRecord:
             ],
             "by_fmax": [
                 {
-                    **_named(r, ("fmax", "cycles", "amplitude", "reached")),
+                    **named(r, "fmax", "cycles", "amplitude", "reached"),
                     "cost": r.cost if r.reached else None,
                     "cost_interval": [r.lowest_cost, r.highest_cost],
-                    **_named(r, ("control", "relative_cost")),
+                    **named(r, "control", "relative_cost"),
                 }
                 for r in self.rows
             ],
             "looks": [
                 {
-                    **_named(look.design, axes),
-                    **_named(look, ("realizations", "draws")),
+                    **named(look.design, *axes),
+                    **named(look, "realizations", "draws"),
                     "ratio": [e.value for e in look.found],
                     "ratio_mcse": [e.error for e in look.found],
                 }
@@ -235,7 +235,3 @@ class SolutionRecord:
             "evaluations": self.spent.evaluations,
         }
         return dict(plain(value))
-
-
-def _named(record: object, names: tuple[str, ...]) -> dict[str, Any]:
-    return {name: getattr(record, name) for name in names}

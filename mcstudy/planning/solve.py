@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mcstudy.errors import DesignError, InputError
+from mcstudy.files.json_files import named
 from mcstudy.files.plain_errors import validated
 from mcstudy.planning.arm import FIRST, Arm, Candidate
 from mcstudy.planning.fits import Design, Fitter
@@ -55,16 +56,16 @@ def solve_study(
     """
     if not 0 < precision < 1:
         raise InputError(f"precision: expected a fraction between 0 and 1, got {precision:g}")
-    name, own = _group(study, group)
-    model = build_model(own)
+    name, section = _group(study, group)
+    model = build_model(section)
     asked = parse_targets(model, targets)
-    space = space_of(own, stimulus(own, own.amplitude[0]).period_s, over, cost)
+    space = space_of(section, stimulus(section, section.amplitude[0]).period_s, over, cost)
     by_number = tuple(t for t in asked if t.mcse and REALIZATIONS in space.over)
     by_design = tuple(t for t in asked if t not in by_number)
     _check_sense(space, by_number, by_design)
-    _check_ends(own, name, space)
-    fitter = Fitter(own, study.study.seed, space.fmax, threads)
-    arms = [Arm(f, space, by_design, fitter, own.realizations) for f in space.fmax]
+    _check_ends(section, name, space)
+    fitter = Fitter(section, study.study.seed, space.fmax, threads)
+    arms = [Arm(f, space, by_design, fitter, section.realizations) for f in space.fmax]
     kept = arms[0].least_fits(LOOKS_FOR_NUMBER * FIRST) if by_number else 0
     needed = kept + (least_fits(arms) if by_design else arms[0].prediction_fits())
     if budget < needed:
@@ -80,16 +81,16 @@ def solve_study(
     decided, flat = True, False
     if by_design:
         going = search(arms, rules, say)
-        best, found = min(((arm, arm.cheapest()) for arm in going), key=_rank(space))
-        design, known = _exactly(best, found), width(best, found)
+        best, cheapest = min(((arm, arm.cheapest()) for arm in going), key=_rank(space))
+        design, known = _exactly(best, cheapest), width(best, cheapest)
         decided, flat = known.relative <= precision, known.flat and known.axis > precision
         rows = tuple(_row(arm) for arm in arms if arm.looks)
         readings = _readings(best, design, fitter)
-        if found.reached:
-            answer = Answer(design, found.cost, _crossings(best, found))
+        if cheapest.reached:
+            answer = Answer(design, cheapest.cost, _crossings(best, cheapest))
     else:
         answer = Answer(design, float(space.cost(*_one(design), design.fmax)[0]), ())
-    number = own.realizations
+    number = section.realizations
     if by_number and answer is not None:
         say(f"realizations at {design.cycles} cycles, {design.amplitude:g}, Fmax {design.fmax:g} Hz")
         left = budget - fitter.spent.fits
@@ -157,32 +158,38 @@ def _rank(space: Space) -> Callable[[tuple[Arm, Candidate]], tuple[float, ...]]:
     """Order of the cheapest designs of every Fmax: those that are enough by cost, the others by what they lack."""
 
     def rank(pair: tuple[Arm, Candidate]) -> tuple[float, ...]:
-        found = pair[1]
-        if not found.reached:
-            return (1.0, found.excess, 0.0, 0.0)
-        return (0.0, float(rounded(found.cost)), found.amplitude if AMPLITUDE in space.over else 0.0, found.excess)
+        cheapest = pair[1]
+        if not cheapest.reached:
+            return (1.0, cheapest.excess, 0.0, 0.0)
+        return (
+            0.0,
+            float(rounded(cheapest.cost)),
+            cheapest.amplitude if AMPLITUDE in space.over else 0.0,
+            cheapest.excess,
+        )
 
     return rank
 
 
-def _exactly(arm: Arm, found: Candidate) -> Design:
+def _exactly(arm: Arm, cheapest: Candidate) -> Design:
     """The answer with an amplitude of three digits that is not below the crossing."""
-    if AMPLITUDE not in arm.space.over or not found.reached:
+    if AMPLITUDE not in arm.space.over or not cheapest.reached:
         return next_design(arm)
-    unit = 10 ** (math.floor(math.log10(found.amplitude)) - 2)
-    amplitude = float(f"{math.ceil(found.amplitude / unit - 1e-9) * unit:.3g}")
-    return Design(found.cycles, min(amplitude, arm.space.amplitude[1]), arm.fmax)
+    unit = 10 ** (math.floor(math.log10(cheapest.amplitude)) - 2)
+    amplitude = float(f"{math.ceil(cheapest.amplitude / unit - 1e-9) * unit:.3g}")
+    return Design(cheapest.cycles, min(amplitude, arm.space.amplitude[1]), arm.fmax)
 
 
-def _crossings(arm: Arm, found: Candidate) -> tuple[Crossing, ...]:
+def _crossings(arm: Arm, cheapest: Candidate) -> tuple[Crossing, ...]:
     out = []
     for axis in (CYCLES, AMPLITUDE):
         if axis in arm.space.over:
-            low, middle, high = arm.crossing(axis, found)
-            middle = float(getattr(found, axis)) if math.isnan(middle) else middle
-            first, last = map(float, arm.space.cycles if axis == CYCLES else arm.space.amplitude)
-            ends = (first if math.isnan(low) else low, last if math.isnan(high) else high)
-            out.append(Crossing(axis, middle, *ends, at_start=ends[0] <= first, at_end=math.isnan(high)))
+            low, middle, high = arm.crossing(axis, cheapest)
+            middle = float(getattr(cheapest, axis)) if math.isnan(middle) else middle
+            first, last = arm.space.ends(axis)
+            low = first if math.isnan(low) else low
+            at_end = math.isnan(high)
+            out.append(Crossing(axis, middle, low, last if at_end else high, at_start=low <= first, at_end=at_end))
     return tuple(out)
 
 
@@ -197,19 +204,13 @@ def _readings(arm: Arm, design: Design, fitter: Fitter) -> tuple[Reading, ...]:
 
 
 def _row(arm: Arm) -> Row:
-    found = arm.cheapest()
     low, high = (c.cost if (c := arm.cheapest(side)).reached else math.nan for side in (0, 2))
     return Row(
-        arm.fmax,
-        found.cycles,
-        found.amplitude,
-        found.cost,
-        low,
-        high,
-        found.reached,
-        arm.hopeless,
-        str(arm.control),
-        arm.relative_cost,
+        **named(arm.cheapest(), "cycles", "amplitude", "cost", "reached"),
+        **named(arm, "fmax", "hopeless", "relative_cost"),
+        lowest_cost=low,
+        highest_cost=high,
+        control=str(arm.control),
     )
 
 
@@ -220,23 +221,17 @@ def _number(arm: Arm, design: Design, space: Space, left: int) -> tuple[int, Cro
     left += arm.fitter.spent.fits
     arm.predict()
     arm.look(design, LOOKS_FOR_NUMBER * FIRST, most=left - arm.fitter.spent.fits)
-    found = arm.looks[-1].found
+    measures = arm.looks[-1].found
     needed = [
-        (e.value**2, max(e.value - QUANTILE * e.error, 0.0) ** 2, (e.value + QUANTILE * e.error) ** 2) for e in found
+        (e.value**2, max(e.value - QUANTILE * e.error, 0.0) ** 2, (e.value + QUANTILE * e.error) ** 2) for e in measures
     ]
     middle, low, high = np.max(np.array(needed), axis=0)
     number = max(least, math.ceil(middle))
     n = min(number, most)
-    crossing = Crossing(
-        REALIZATIONS,
-        float(max(middle, least)),
-        float(max(low, least)),
-        float(min(high, most)),
-        low <= least,
-        high > most,
-    )
+    ends = float(max(low, least)), float(min(high, most))
+    crossing = Crossing(REALIZATIONS, float(max(middle, least)), *ends, at_start=low <= least, at_end=high > most)
     readings = []
-    for t, e in zip(arm.targets, found, strict=True):
+    for t, e in zip(arm.targets, measures, strict=True):
         value, low_end, high_end = ((e.value + k * QUANTILE * e.error) * t.limit / math.sqrt(n) for k in (0, -1, 1))
         readings.append(Reading(t, value, low_end, high_end, math.nan, math.nan))
     return number, crossing, tuple(readings)

@@ -15,7 +15,6 @@ import numpy as np
 
 from mcstudy.errors import InputError
 from mcstudy.expressions import Expression, expression, shortened
-from mcstudy.planning.fits import Design
 from mcstudy.study.group import Group
 
 CYCLES, AMPLITUDE, FMAX, REALIZATIONS = "cycles", "amplitude", "fmax", "realizations"
@@ -65,6 +64,11 @@ class Space:
         """What is minimised, for a reader."""
         return self.formula or "recording time in s (then the amplitude)"
 
+    def ends(self, axis: str) -> tuple[float, float]:
+        """Smallest and largest value of ``cycles`` or of ``amplitude``."""
+        low, high = self.cycles if axis == CYCLES else self.amplitude
+        return float(low), float(high)
+
     def counts(self) -> np.ndarray:
         """Numbers of cycles that are looked at, (C,)."""
         low, high = self.cycles
@@ -92,13 +96,13 @@ class Space:
         if self.formula is None:
             return time
         values = {TIME: time, CYCLES: cycles, AMPLITUDE: amplitude, FMAX: np.full(time.shape, fmax)}
-        found = np.broadcast_to(self._formula(values), time.shape)
-        if not np.isfinite(found).all():
-            wrong = found[~np.isfinite(found)][0]
+        cost = np.broadcast_to(self._formula(values), time.shape)
+        if not np.isfinite(cost).all():
+            wrong = cost[~np.isfinite(cost)][0]
             raise InputError(
                 f"cost {shortened(self.formula)!r}: expected a finite number for every allowed design, got {wrong}"
             )
-        return found
+        return cost
 
     def order(self, cycles: np.ndarray, amplitude: np.ndarray, fmax: float) -> np.ndarray:
         """Positions of designs from the cheapest to the dearest."""
@@ -183,8 +187,3 @@ def _fmax(text: str | None, group: Group) -> tuple[float, ...]:
     except ValueError:
         raise InputError(f"over: fmax: expected frequencies in Hz, such as 0.41/1.2/8, got {text!r}") from None
     return values
-
-
-def design_of(cycles: float, amplitude: float, fmax: float) -> Design:
-    """A design with an amplitude of four digits."""
-    return Design(int(cycles), float(f"{amplitude:.4g}"), float(fmax))

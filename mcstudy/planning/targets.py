@@ -94,16 +94,16 @@ def _target(model: Model, text: str) -> Target:
     match = FORM.fullmatch(text)
     if match is None:
         raise InputError(f"{said}: expected MEASURE(QUANTITY) <= VALUE with a unit, {EXAMPLE}")
-    mcse, name, of = bool(match["mcse"]), match["measure"], match["of"]
+    mcse, name, formula = bool(match["mcse"]), match["measure"], match["of"]
     if mcse:
-        of, closed, rest = of.rpartition(")")
+        formula, closed, rest = formula.rpartition(")")
         if not closed or rest.strip():
             raise InputError(f"{said}: expected mcse(MEASURE(QUANTITY)) <= VALUE, such as 'mcse(cv(Td1)) <= 1%'")
     if name not in MEASURES:
         known = ", ".join(MEASURES)
         raise InputError(f"{said}: expected one of {known}, or mcse of one of them, got {name!r}")
     try:
-        quantity = expression(model, of.strip())
+        quantity = expression(model, formula.strip())
     except InputError as error:
         raise InputError(f"{said}: {error}") from None
     truth = quantity.value(model.truth)

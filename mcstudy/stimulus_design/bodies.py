@@ -40,15 +40,15 @@ def factors(file: DesignFile, base: Model, n: int, rng: np.random.Generator) -> 
 
     Raises `DesignError` when too few are stable.
     """
-    spread, found = file.prior.spread, np.empty((0, len(base.names) + 1))
+    spread, stable = file.prior.spread, np.empty((0, len(base.names) + 1))
     for _ in range(ATTEMPTS):
-        if len(found) >= n:
+        if len(stable) >= n:
             break
-        some = 1 + rng.uniform(-spread, spread, (max(n, 1), found.shape[1]))
-        found = np.concatenate([found, some[growth_rate(base, equivalent(base, some)) < 0]])
-    if len(found) < n:
+        some = 1 + rng.uniform(-spread, spread, (max(n, 1), stable.shape[1]))
+        stable = np.concatenate([stable, some[growth_rate(base, equivalent(base, some)) < 0]])
+    if len(stable) < n:
         raise DesignError(f"prior.spread: no {n} stable bodies in {ATTEMPTS * n} draws, got {spread:g}")
-    return found[:n]
+    return stable[:n]
 
 
 def equivalent(base: Model, factor: np.ndarray) -> np.ndarray:

@@ -125,16 +125,19 @@ class DesignFile(Section):
     def group(self, **fields: Any) -> Group:
         """A group of a study with this model, stimulus and noise, and other ``fields``; checked by nobody yet."""
         axes = {"realizations": 1, "starts": 1, "fmax": [self.design.fmax], "amplitude": [self.design.amplitude]}
-        points = {"points": "odd_lines"}
-        own = {"spectra": points, "model": self.model, "stimulus": self.stimulus, "noise": self.noise}
-        return Group(**{**axes, **own, **fields})
+        sections = {"model": self.model, "stimulus": self.stimulus, "noise": self.noise}
+        return Group(**{**axes, "spectra": {"points": "odd_lines"}, **sections, **fields})
+
+    @property
+    def period_s(self) -> float:
+        """Duration of a cycle."""
+        return (3**self.stimulus.stages - 1) * self.stimulus.state_s
 
     @property
     def cycles(self) -> int:
         """Recorded cycles: those of the stimulus, or fewer where ``limits.duration_s`` is shorter."""
-        s, longest = self.stimulus, self.limits.duration_s
-        period = (3**s.stages - 1) * s.state_s
-        return s.cycles if longest == 0 else min(s.cycles, int(longest / period * (1 + 1e-9)))
+        cycles, longest = self.stimulus.cycles, self.limits.duration_s
+        return cycles if longest == 0 else min(cycles, int(longest / self.period_s * (1 + 1e-9)))
 
 
 def read_design(path: str | Path) -> DesignFile:
@@ -166,7 +169,7 @@ def _check(file: DesignFile) -> None:
     if file.cycles <= s.discard:
         raise DesignError(
             f"limits.duration_s: expected room for {s.discard + 1} cycles ({s.discard} of them discarded) of "
-            f"{(3**s.stages - 1) * s.state_s:g} s, got {file.limits.duration_s:g} s"
+            f"{file.period_s:g} s, got {file.limits.duration_s:g} s"
         )
     if design.fmax > HIGHEST_HZ:
         raise DesignError(f"design.fmax: expected at most {HIGHEST_HZ:g} Hz, got {design.fmax}")
@@ -185,7 +188,7 @@ def _check(file: DesignFile) -> None:
         )
     if len(set(file.verify.fmax)) < len(file.verify.fmax):
         raise DesignError("verify.fmax: expected every value once")
-    rate, period = design.waveform_rate_hz, (3**s.stages - 1) * s.state_s
+    rate, period = design.waveform_rate_hz, file.period_s
     if rate and (rate not in RATE or rate <= 2 * design.fmax or abs(rate * period - round(rate * period)) > 1e-6):
         raise DesignError(
             f"design.waveform_rate_hz: expected more than twice design.fmax, with a whole number of samples in a cycle "

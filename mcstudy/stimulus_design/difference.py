@@ -109,21 +109,21 @@ def difference(
     return Difference(base, effects, tuple(s.sizes for s in chosen), f, whitener, responses, information)
 
 
-def require_shown(found: Difference, power: np.ndarray, kind: str) -> None:
+def require_shown(difference: Difference, power: np.ndarray, kind: str) -> None:
     """Raise `InputError`, one line, if the parameters, or one effect for the other, compensate all that is to be shown.
 
     ``power``: of the reference, (K,). ``kind``: of the stimulus.
     """
-    if found.distances(power).min() < FAINT:
-        what = " and ".join(found.effects)
-        why = "cannot be told apart" if len(found.effects) > 1 else "is compensated by the parameters of the model"
+    if difference.distances(power).min() < FAINT:
+        what = " and ".join(difference.effects)
+        why = "cannot be told apart" if len(difference.effects) > 1 else "is compensated by the parameters of the model"
         raise InputError(f"design.effects: under {kind.replace('_', ' ')}, {what} {why}; choose another stimulus.kind")
 
 
-def _middle(found: list[Signature], name: str) -> Signature:
+def _middle(signatures: list[Signature], name: str) -> Signature:
     """That with a positive size and its shape parameters in the middle of their range."""
     size = library.effect(name).size.name
-    positive = [s for s in found if s.sizes[size] > 0]
+    positive = [s for s in signatures if s.sizes[size] > 0]
     return positive[len(positive) // 2]
 
 

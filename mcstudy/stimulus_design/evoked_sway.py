@@ -113,7 +113,7 @@ class SwayLimit:
         Raises `InputError`, one line, if there is none.
         """
         always = _rows(self.alone, self.limit)
-        last, found = best(always), None
+        last, within = best(always), None
         if not self.share:
             return last
         least = int(binom.ppf(CONFIDENCE, len(self.further), self.share)) + 1  # reached by chance in 5 % otherwise
@@ -122,18 +122,18 @@ class SwayLimit:
             kept = self.known[np.argsort(ratios(self.known, last.x))[:calm]]
             last = best(np.concatenate([always, _rows(kept, tight)]))
             most = float(np.sort(ratios(self.further, last.x))[least - 1])
-            if most <= self.limit and (found is None or last.value > found.value):
-                found = last
+            if most <= self.limit and (within is None or last.value > within.value):
+                within = last
             if NEAR * self.limit <= most <= self.limit:
                 break
             tight = min(self.limit, tight * 0.999 * self.limit / most)
-        if found is None:
+        if within is None:
             raise InputError(
                 f"limits.bodies_within: no stimulus found with which {100 * self.share:g} % of the bodies sway at most "
                 f"{self.limit:g} times as much as with the sequence; raise limits.sway, or lower limits.bodies_within "
                 "or design.keep"
             )
-        return found
+        return within
 
 
 def _rows(cost: np.ndarray, limit: float) -> np.ndarray:

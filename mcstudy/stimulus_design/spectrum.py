@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -112,8 +112,8 @@ def designed(file: DesignFile) -> Designed:
             optimum = sway.optimum(partial(_within, best, allowed))
         except InputError as error:
             raise DesignError(str(error)) from None
-        found = _with_phases(file, sequence, harmonic[used], optimum.x)
-        size = size_of(model, found)
+        design = _with_phases(file, sequence, harmonic[used], optimum.x)
+        size = size_of(model, design)
         if limits.crest_factor and size.crest_factor > limits.crest_factor:
             raise DesignError(
                 f"limits.crest_factor: the lowest found in {file.design.phase_starts} starts is "
@@ -132,7 +132,7 @@ def designed(file: DesignFile) -> Designed:
         shares["limits.crest_factor"] = (size.crest_factor / limits.crest_factor) ** 2
     if limits.peak:
         shares["limits.peak"] = (size.peak / limits.peak) ** 2
-    return Designed(file, model, sequence, found, f, before, after, empty, optimum, shares, shown)
+    return Designed(file, model, sequence, design, f, before, after, empty, optimum, shares, shown)
 
 
 def _criterion(file: DesignFile, models: list[Model], f: np.ndarray) -> Criterion:
@@ -220,7 +220,7 @@ def size_of(model: Model, periodic: Stimulus) -> Size:
 
 def noise_sway(file: DesignFile, model: Model, top_hz: float = 20.0) -> np.ndarray:
     """RMS of the sway that sensor noise alone evokes within one cycle's lines up to ``top_hz``, rad, (A,)."""
-    period = (3**file.stimulus.stages - 1) * file.stimulus.state_s
+    period = file.period_s
     f = np.arange(1, int(top_hz * period) + 1) / period
     noise = file.noise.source
     density = np.einsum("nii->ni", sway_psd(model, model.truth, noise, f)).real[:, : model.n_angles]
@@ -267,15 +267,7 @@ def _with_phases(file: DesignFile, sequence: Stimulus, harmonic: np.ndarray, pow
         file.stimulus.convention,
     )
     largest = float(np.sqrt(power.max() / (np.abs(unit.coefficients()) ** 2).max()))
-    return LineStimulus(
-        unit.harmonic,
-        unit.weight,
-        unit.phase_deg,
-        unit.samples,
-        unit.rate_hz,
-        float(f"{largest:.9g}"),
-        unit.convention,
-    )
+    return replace(unit, amplitude=float(f"{largest:.9g}"))
 
 
 def _rms(periodic: Stimulus) -> float:

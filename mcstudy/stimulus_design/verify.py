@@ -61,8 +61,7 @@ class Spread:
 
 def costs(file: DesignFile) -> tuple[str, ...]:
     """The estimators that a design file can be verified with: the paper's points exist for its cycle only."""
-    period = (3**file.stimulus.stages - 1) * file.stimulus.state_s
-    return ("ml", "paper") if abs(period - PERIOD_S) < 1e-9 else ("ml",)
+    return ("ml", "paper") if abs(file.period_s - PERIOD_S) < 1e-9 else ("ml",)
 
 
 def study_of(designed: Designed) -> Study:

@@ -19,11 +19,12 @@ from mcstudy.effect_library.simulation import simulate
 from mcstudy.fitting.penalised import Fitter, whiten
 from mcstudy.fitting.problem import Data, Problem
 from mcstudy.identification.bounds import bounded
+from mcstudy.identification.estimate import Estimate
 from mcstudy.identification.fit import fit, fit_lines
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.minimum import search, without_prior
 from mcstudy.identification.profile import profiles
 from mcstudy.identification.quantities import parameter
-from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.settings import FitSettings
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
@@ -43,18 +44,18 @@ BEYOND = 0.8
 """Likelihood ratio down to which pyPESTO follows a profile, relative to that at the threshold: it interpolates."""
 
 
-def fitted(realization: int) -> FitResult:
+def fitted(realization: int) -> FitRecord:
     """The fit of a simulated recording."""
     source = Source(Condition(0, CYCLES, FMAX))
     return fit_lines(source(stream(realization, "profiles")), two_segment(), curve=())
 
 
-def ended(fit: FitResult) -> list[Estimate]:
+def ended(fit: FitRecord) -> list[Estimate]:
     """Parameters whose interval data end on both sides."""
     return [e for e in fit.estimates if e.name in fit.model.names and e.low_from == e.high_from == "data"]
 
 
-def own(fit: FitResult, names: list[str]) -> np.ndarray:
+def own(fit: FitRecord, names: list[str]) -> np.ndarray:
     """Ends (K, 2) of the intervals of parameters."""
     wanted = [parameter(fit.model, name) for name in names]
     rise = np.array([fit[name].profile.rise[0] for name in names])
@@ -62,7 +63,7 @@ def own(fit: FitResult, names: list[str]) -> np.ndarray:
     return np.array([(p.low, p.high) for p in profiles(fitter, Data.of(fit.lines), fit.minima, wanted, rise, ())])
 
 
-def pypesto(fit: FitResult, names: list[str]) -> np.ndarray:
+def pypesto(fit: FitRecord, names: list[str]) -> np.ndarray:
     """Ends (K, 2) by pyPESTO's profiles from the same minimum; nan where it raises."""
     import pypesto.optimize
     import pypesto.profile
@@ -92,7 +93,7 @@ def pypesto(fit: FitResult, names: list[str]) -> np.ndarray:
     return out
 
 
-def ours_is_right(fit: FitResult, name: str, side: int, theirs: float) -> bool:
+def ours_is_right(fit: FitRecord, name: str, side: int, theirs: float) -> bool:
     """Whether our end (``side`` 0 or 1) of a parameter is right and ``theirs`` is not.
 
     Where theirs is shorter or missing, the body at our end shows it. Where it is longer, least squares with the

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from sphinx.domains.python import PyObject
 
-import mcstudy
 from mcstudy.report.style import COLOURS, DARK
 
 ROOT = Path(__file__).parents[2]
@@ -50,8 +49,6 @@ autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 next(f for f in PyObject.doc_field_types if f.name == "variable").label = "Attributes"
-for name in ("FitResult",):
-    getattr(mcstudy, name).__name__ = name  # its name for users, who need not know that another class has it too
 html_math_renderer = "mathml"
 
 html_theme = "furo"

@@ -18,7 +18,8 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.fan_out import fan_out
 from mcstudy_challenge import files
-from mcstudy_challenge.cases import Case, check_visible, list_cases
+from mcstudy_challenge.bodies.draws import check_visible
+from mcstudy_challenge.cases import Case, list_cases
 from mcstudy_challenge.design import ChallengeFile
 from mcstudy_challenge.truth import make_case
 

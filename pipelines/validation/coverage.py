@@ -22,9 +22,9 @@ from mcstudy.fitting.penalised import Fitter
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import Draws, simulated
 from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities
-from mcstudy.identification.result import FitResult
 from mcstudy.identification.settings import FitSettings
 from mcstudy.spectra.cycle_noise import understatement
 from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
@@ -232,7 +232,7 @@ def _row(e: object) -> tuple[float, ...]:
     return tuple(values[name] for name in COLUMNS)  # type: ignore[misc]
 
 
-def _reached(fit: FitResult) -> int:
+def _reached(fit: FitRecord) -> int:
     return int((fit.minima.chi2 - fit.minima.chi2[0] < 4).sum())
 
 

@@ -18,10 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mcstudy_challenge.bodies.draws import draw_body, shared
 from mcstudy_challenge.bodies.forms import FORMS
 from mcstudy_challenge.bodies.geometry import Geometry, free
 from mcstudy_challenge.bodies.misshapen import linear_form
-from mcstudy_challenge.cases import draw_body, shared
 from mcstudy_challenge.design import Series
 from mcstudy_challenge.truth import Surroundings
 from scipy.special import logsumexp

@@ -18,8 +18,8 @@ import numpy as np
 import mcstudy as mc
 from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.forecast import Forecast
-from mcstudy.identification.result import FitResult
 from mcstudy.identification.settings import FitSettings
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
@@ -39,7 +39,7 @@ def record(seed: int, amplitude: float = 5.0, cycles: int = 4) -> mc.Recording:
     return simulate_recording(protocol, two_segment().truth, np.random.default_rng(seed))
 
 
-def refit(recording: mc.Recording, fmax: float, known: str = "") -> FitResult:
+def refit(recording: mc.Recording, fmax: float, known: str = "") -> FitRecord:
     """The fit without what is said about it; a ``known`` parameter is held at its true value."""
     nominal, bounds = recording.base_model(), {}
     if known:
@@ -55,7 +55,7 @@ def ratios(seed: int) -> tuple[Ratios, Ratios]:
     firm: Ratios = {}
     rough: Ratios = {}
 
-    def enter(change: str, forecasts: list[Forecast], after: FitResult, value: str) -> None:
+    def enter(change: str, forecasts: list[Forecast], after: FitRecord, value: str) -> None:
         for f in forecasts:
             e, predicted = after[f.name], getattr(f, value)
             if e.verdict == "identifiable":

@@ -21,8 +21,9 @@ from scipy.optimize import brentq, least_squares
 
 from mcstudy.fitting.penalised import whiten
 from mcstudy.fitting.problem import Data
+from mcstudy.identification.estimate import Estimate
 from mcstudy.identification.fit import fit_lines
-from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
@@ -106,7 +107,7 @@ class ClosedForm:
 class Constrained:
     """Least deviance of a fit with one quantity, a parameter or a sum of two, at a fixed value."""
 
-    def __init__(self, fitted: FitResult, name: str) -> None:
+    def __init__(self, fitted: FitRecord, name: str) -> None:
         model = fitted.model
         self._model, self._data = model, Data.of(fitted.lines)
         self._closed = ClosedForm(model, self._data.f)
@@ -167,7 +168,7 @@ class Constrained:
         return self._last[2:]
 
 
-def difference(fitted: FitResult, e: Estimate, side: int, starts: int, rng: np.random.Generator) -> End:
+def difference(fitted: FitRecord, e: Estimate, side: int, starts: int, rng: np.random.Generator) -> End:
     """One end of an interval (``side`` -1 or 1) beside that of the other implementation."""
     other = Constrained(fitted, e.name)
     end, ours = (e.low, e.profile.low_theta) if side < 0 else (e.high, e.profile.high_theta)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mcstudy_challenge.bodies import near_unstable
+from mcstudy_challenge.bodies.draws import draw_body, draw_linear, pool, protocol_of, shared
 from mcstudy_challenge.bodies.geometry import Geometry, cycle_responses, free
 from mcstudy_challenge.bodies.near_unstable import draw_near_unstable
 from mcstudy_challenge.bodies.withheld import draw_out_of_library
-from mcstudy_challenge.cases import draw_body, draw_linear, pool, protocol_of, shared
 from mcstudy_challenge.design import Noise, Series
 
 from mcstudy.effect_library import library

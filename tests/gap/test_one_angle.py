@@ -13,6 +13,7 @@ from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
 from mcstudy.gap.diagnose import detect
 from mcstudy.gap.settings import FAST
+from mcstudy.identification import words
 from mcstudy.identification.fit import fit
 from mcstudy.identification.settings import FitSettings
 from mcstudy.recordings.frf import FrfRecording
@@ -137,7 +138,7 @@ def test_all_points_of_a_published_response_are_used_unless_another_end_is_wante
     all_of_them, cut = fit(recording, FitSettings()), fit(recording, FitSettings(fmax=8.0))
     assert len(all_of_them.lines) == 28
     assert all_of_them.method.fmax == 8.0055
-    assert "28 points up to 8.01 Hz" in all_of_them.text()
+    assert "28 points up to 8.01 Hz" in words.text(all_of_them)
     assert len(cut.lines) == 27
     assert "the last point, 8.0055 Hz, is above fmax = 8 Hz and left out" in cut.warnings
     with pytest.raises(RecordingError, match=r"expected at least 4 points up to fmax = 0.03 Hz"):

@@ -5,13 +5,12 @@ from __future__ import annotations
 import pytest
 
 import mcstudy as mc
-from mcstudy.identification.result import FitResult
 
 EFFECT = "passive_damping_ankle"
 
 
 @pytest.fixture(scope="session")
-def fits() -> dict[str, FitResult]:
+def fits() -> dict[str, mc.FitResult]:
     """By kind: a good recording, a short one, one up to 1.2 Hz, one on tight bounds, one that lacks an effect, and the
     same with it."""
     short, damped = mc.simulate(seed=5, cycles=3), mc.simulate({EFFECT: 100.0}, cycles=6, seed=2)

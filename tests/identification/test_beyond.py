@@ -16,7 +16,6 @@ from mcstudy.fitting.problem import Data
 from mcstudy.identification.belief import gap_found
 from mcstudy.identification.paper_cost import averaged, paper_estimate
 from mcstudy.identification.quantities import expression
-from mcstudy.identification.result import FitResult
 from mcstudy.identification.sway import predicted_sway
 from mcstudy.identification.trades import bodies, elongations
 from mcstudy.stance.noise import SensorNoise
@@ -24,7 +23,7 @@ from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate, roots_chebyshev
 from mcstudy.stance.stimulus import Prts
 
-Fits = dict[str, FitResult]
+Fits = dict[str, mc.FitResult]
 
 
 def test_the_bodies_of_a_valley_fit_as_well_and_differ_as_it_says(fits: Fits) -> None:

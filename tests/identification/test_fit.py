@@ -18,7 +18,6 @@ from mcstudy.files import schema
 from mcstudy.identification.correction import correction, simulated
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.minimum import MISSED
-from mcstudy.identification.result import FitResult
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.measure import measure
 
@@ -29,11 +28,11 @@ def recording() -> mc.Recording:
 
 
 @pytest.fixture(scope="module")
-def fitted(recording: mc.Recording) -> FitResult:
+def fitted(recording: mc.Recording) -> mc.FitResult:
     return mc.fit(recording, fmax=2.0)
 
 
-def test_the_intervals_of_a_simulated_person_hold_most_true_values(fitted: FitResult) -> None:
+def test_the_intervals_of_a_simulated_person_hold_most_true_values(fitted: mc.FitResult) -> None:
     """Fourteen intervals of 95 %: eleven or more hold the truth in all but one recording of a thousand."""
     truth = dict(zip(fitted.model.names, fitted.model.truth, strict=True))
     held = [
@@ -42,7 +41,7 @@ def test_the_intervals_of_a_simulated_person_hold_most_true_values(fitted: FitRe
     assert sum(held) >= 11
 
 
-def test_the_lowest_minimum_is_found_and_stable(fitted: FitResult) -> None:
+def test_the_lowest_minimum_is_found_and_stable(fitted: mc.FitResult) -> None:
     assert fitted.minima.missed < MISSED
     assert fitted.growth_rate < 0
     assert fitted.p_value > 1e-3
@@ -75,7 +74,7 @@ def test_few_degrees_of_freedom_widen_an_interval(recording: mc.Recording) -> No
     assert (found.threshold(0.95) > 3.9).all()
 
 
-def test_the_text_says_what_is_not_determined(fitted: FitResult) -> None:
+def test_the_text_says_what_is_not_determined(fitted: mc.FitResult) -> None:
     said = fitted.text()
     open_ = [e.name for e in fitted.estimates if e.verdict != "identifiable"]
     assert "Kpas1" in open_
@@ -85,7 +84,7 @@ def test_the_text_says_what_is_not_determined(fitted: FitResult) -> None:
     assert "Only K11 + Kpas1 is determined" in said
 
 
-def test_the_document_conforms_and_the_dataset_holds_the_same_numbers(fitted: FitResult) -> None:
+def test_the_document_conforms_and_the_dataset_holds_the_same_numbers(fitted: mc.FitResult) -> None:
     document = fitted.to_dict()
     schema.validate("fit", document, "fit")
     data = fitted.to_xarray()
@@ -97,7 +96,7 @@ def test_the_document_conforms_and_the_dataset_holds_the_same_numbers(fitted: Fi
 
 
 def test_the_command_prints_and_writes_what_python_returns(
-    recording: mc.Recording, fitted: FitResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording: mc.Recording, fitted: mc.FitResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "simulated.nc"
     mc.write_recording(recording, file)

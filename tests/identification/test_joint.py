@@ -16,7 +16,6 @@ from mcstudy.errors import InputError, RecordingError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.identification.forecast import fisher
-from mcstudy.identification.result import FitResult
 from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.stance.body import Body
 from mcstudy.stance.joint import members
@@ -32,11 +31,11 @@ def recordings() -> list[mc.Recording]:
 
 
 @pytest.fixture(scope="module")
-def fitted(recordings: list[mc.Recording]) -> FitResult:
+def fitted(recordings: list[mc.Recording]) -> mc.FitResult:
     return mc.fit(recordings, fmax=2.0)
 
 
-def test_recordings_with_other_stimulus_length_and_rate_are_fitted_together(fitted: FitResult) -> None:
+def test_recordings_with_other_stimulus_length_and_rate_are_fitted_together(fitted: mc.FitResult) -> None:
     assert isinstance(fitted.recording, JointRecording)
     assert fitted.labels == ("ankle_torque", "hip_torque")
     assert [p.chi2 for p in fitted.part_fits] == pytest.approx(
@@ -48,27 +47,27 @@ def test_recordings_with_other_stimulus_length_and_rate_are_fitted_together(fitt
     assert sum(held) >= 11  # in all but one set of a thousand
 
 
-def _whitened(part: FitResult) -> np.ndarray:
+def _whitened(part: mc.FitResult) -> np.ndarray:
     from mcstudy.stance.response import frf
 
     residual = part.lines.y - frf(part.model, part.theta, part.lines.f)
     return np.einsum("nij,nj->ni", part.lines.noise.whitener, residual)
 
 
-def test_the_information_of_independent_recordings_adds_up(fitted: FitResult) -> None:
+def test_the_information_of_independent_recordings_adds_up(fitted: mc.FitResult) -> None:
     """The whole set against every recording with its own model of one stimulus."""
     whole = fisher(fitted.model, fitted.theta, fitted.lines)
     alone = zip(members(fitted.model), fitted.lines.parts, strict=True)
     np.testing.assert_allclose(sum(fisher(m, fitted.theta, p) for m, p in alone), whole, rtol=1e-9)
 
 
-def test_two_stimuli_determine_what_one_leaves_open(recordings: list[mc.Recording], fitted: FitResult) -> None:
+def test_two_stimuli_determine_what_one_leaves_open(recordings: list[mc.Recording], fitted: mc.FitResult) -> None:
     alone = mc.fit(recordings[0], fmax=2.0)
     for name in ("K11", "Kpas1"):
         assert fitted[name].high - fitted[name].low < 0.8 * (alone[name].high - alone[name].low)
 
 
-def test_text_page_and_json_tell_of_every_recording(fitted: FitResult, tmp_path: Path) -> None:
+def test_text_page_and_json_tell_of_every_recording(fitted: mc.FitResult, tmp_path: Path) -> None:
     assert "ankle_torque" in fitted.text()
     assert "hip_torque" in fitted.text()
     plain = json.loads(json.dumps(fitted.to_dict(), allow_nan=False))
@@ -79,7 +78,7 @@ def test_text_page_and_json_tell_of_every_recording(fitted: FitResult, tmp_path:
     assert "Frequency responses: hip_torque" in page
 
 
-def test_a_study_of_several_stimuli_is_refused(fitted: FitResult) -> None:
+def test_a_study_of_several_stimuli_is_refused(fitted: mc.FitResult) -> None:
     with pytest.raises(InputError, match="one stimulus, because a study has one, got ankle_torque and hip"):
         mc.study_from(fitted, "mine")
 

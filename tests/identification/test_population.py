@@ -28,11 +28,17 @@ NOT = np.array(
 """Cases and others with and without BCG vaccine, 13 trials (Colditz et al. 1994), the example of Viechtbauer (2010)."""
 
 
+def gaussian(value: float, error: float) -> Likelihood:
+    """Of a value with a standard error."""
+    root = np.array([-1.0, 0.0, 1.0])
+    return Likelihood(value + error * root, root, value)
+
+
 def bcg() -> Population:
     risks = [group[0] / group.sum(axis=0) for group in (VACCINATED, NOT)]
     variance = sum(1 / group[0] - 1 / group.sum(axis=0) for group in (VACCINATED, NOT))
     y = np.log(risks[0] / risks[1])
-    return Population([Likelihood.gaussian(m, s) for m, s in zip(y, np.sqrt(variance), strict=True)], 0.95)
+    return Population([gaussian(m, s) for m, s in zip(y, np.sqrt(variance), strict=True)], 0.95)
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +88,7 @@ def test_stated_errors_that_are_too_large_make_no_difference_too_uncertain() -> 
         size = rng.uniform(0.7, 1.4, 6)
         values = size * rng.standard_normal(6)
         for factor in found:
-            people = [Likelihood.gaussian(v, factor * w) for v, w in zip(values, size, strict=True)]
+            people = [gaussian(v, factor * w) for v, w in zip(values, size, strict=True)]
             found[factor] += paired(Population(people, 0.95)).p_value <= 0.05
     assert all(stats.binomtest(hits, n, 0.05).pvalue > 1e-3 for hits in found.values()), found
 
@@ -112,7 +118,7 @@ def test_p_is_below_the_level_exactly_where_the_interval_does_not_hold_zero(seed
 
 
 def test_p_of_a_paired_difference_is_the_level_of_the_interval_that_ends_at_zero() -> None:
-    people = Population([Likelihood.gaussian(v, w) for v, w in ((1.2, 0.5), (0.1, 1.0), (2.0, 0.7), (0.9, 0.4))], 0.95)
+    people = Population([gaussian(v, w) for v, w in ((1.2, 0.5), (0.1, 1.0), (2.0, 0.7), (0.9, 0.4))], 0.95)
     p = paired(people).p_value
     wider, narrower = (people.mean(1 - factor * p) for factor in (0.99, 1.01))
     assert wider.low <= 0 <= wider.high
@@ -121,7 +127,7 @@ def test_p_of_a_paired_difference_is_the_level_of_the_interval_that_ends_at_zero
 
 def test_few_people_without_error_have_the_t_interval() -> None:
     x = np.array([9.0, 10.5, 11.0, 8.2, 12.4])
-    found = Population([Likelihood.gaussian(v, 0.02) for v in x], 0.95)
+    found = Population([gaussian(v, 0.02) for v in x], 0.95)
     interval = stats.t.interval(0.95, x.size - 1, x.mean(), stats.sem(x))
     np.testing.assert_allclose(found.mean()[:3], [x.mean(), *interval], rtol=1e-3)
     assert found.between().value == pytest.approx(x.std(ddof=1), rel=2e-3)
@@ -129,7 +135,7 @@ def test_few_people_without_error_have_the_t_interval() -> None:
 
 def test_an_unpaired_difference_of_exact_values_is_that_of_welch() -> None:
     x, y = np.array([9.0, 10.5, 11.0, 8.2, 12.4]), np.array([11.1, 12.0, 12.7, 11.9])
-    a, b = (Population([Likelihood.gaussian(v, 0.02) for v in z], 0.95) for z in (x, y))
+    a, b = (Population([gaussian(v, 0.02) for v in z], 0.95) for z in (x, y))
     expected = stats.ttest_ind(y, x, equal_var=False)
     found = unpaired(b, a)
     np.testing.assert_allclose(found.interval[1:3], expected.confidence_interval(), atol=0.02)
@@ -139,7 +145,7 @@ def test_an_unpaired_difference_of_exact_values_is_that_of_welch() -> None:
 def test_a_paired_difference_removes_what_people_have_in_common() -> None:
     rng = np.random.default_rng(3)
     level, change = rng.normal(1000, 200, 8), rng.normal(50, 10, 8)
-    first, second = ([Likelihood.gaussian(v, 15.0) for v in z] for z in (level, level + change))
+    first, second = ([gaussian(v, 15.0) for v in z] for z in (level, level + change))
     own = Population([difference(b, a) for a, b in zip(first, second, strict=True)], 0.95)
     found = paired(own)
     expected = stats.ttest_rel(level + change, level)
@@ -151,7 +157,7 @@ def test_a_paired_difference_removes_what_people_have_in_common() -> None:
 
 
 def test_the_likelihood_of_a_difference_of_gaussians_is_gaussian() -> None:
-    found = difference(Likelihood.gaussian(5.0, 2.0), Likelihood.gaussian(1.0, 1.0))
+    found = difference(gaussian(5.0, 2.0), gaussian(1.0, 1.0))
     x = np.array([-1.0, 2.0, 4.0, 9.0])
     np.testing.assert_allclose(found.log(x), -((x - 4) ** 2) / 10, atol=1e-3)
     assert not any(found.open)
@@ -188,7 +194,7 @@ def test_people_whose_likelihoods_are_flat_may_all_lie_at_the_same_end() -> None
 
 def test_one_undetermined_person_among_many_changes_little() -> None:
     x = np.random.default_rng(1).normal(100, 20, 9)
-    known = [Likelihood.gaussian(v, 4.0) for v in x]
+    known = [gaussian(v, 4.0) for v in x]
     alone, joined = (Population(p, 0.95).mean() for p in (known, [*known, box(0, 500)]))
     assert joined.low_from == joined.high_from == "data"
     np.testing.assert_allclose(joined[:3], alone[:3], atol=2.0)
@@ -196,7 +202,7 @@ def test_one_undetermined_person_among_many_changes_little() -> None:
 
 def test_a_person_adds_the_integral_over_the_own_value_when_gaussian() -> None:
     """The maximum with its normalisation against the integral, by quadrature."""
-    p = Population([Likelihood.gaussian(1.0, 0.5), Likelihood.gaussian(2.0, 0.7)], 0.95)
+    p = Population([gaussian(1.0, 0.5), gaussian(2.0, 0.7)], 0.95)
     for t in (20, 40, 60):
         for g in (p.mu.size // 3, p.mu.size // 2):
             tau, mu = p.tau[t], p.mu[g]
@@ -214,7 +220,7 @@ def test_values_of_people_are_drawn_to_the_mean_and_hold_the_truth() -> None:
         truth = rng.normal(100, 10, 8)
         error = rng.uniform(5, 20, 8)
         seen = truth + error * rng.standard_normal(8)
-        found = Population([Likelihood.gaussian(v, s) for v, s in zip(seen, error, strict=True)], 0.95)
+        found = Population([gaussian(v, s) for v, s in zip(seen, error, strict=True)], 0.95)
         values = found.individual()
         mean = found.mean().value
         assert (np.abs([v.value - mean for v in values]) <= np.abs(seen - mean) + 3).all()
@@ -223,11 +229,11 @@ def test_values_of_people_are_drawn_to_the_mean_and_hold_the_truth() -> None:
 
 
 def test_two_people_have_no_values_drawn_to_the_mean() -> None:
-    assert Population([Likelihood.gaussian(v, 1.0) for v in (3.0, 4.0)], 0.95).individual() == []
+    assert Population([gaussian(v, 1.0) for v in (3.0, 4.0)], 0.95).individual() == []
 
 
 def test_equal_people_have_no_spread() -> None:
-    found = Population([Likelihood.gaussian(v, 1.0) for v in (9.9, 10.0, 10.1, 10.0)], 0.95).between()
+    found = Population([gaussian(v, 1.0) for v in (9.9, 10.0, 10.1, 10.0)], 0.95).between()
     assert found.value == 0
     assert found.low == 0
     assert found.low_from == "bound"
@@ -256,7 +262,7 @@ def test_the_spread_of_ten_normal_people_is_covered_nearly_as_theory_says() -> N
     """Measured without error: 94.5 % with the chi-squared threshold, 96.1 with the one of Student's t (exact laws)."""
     example = module("group_coverage")
     drawn = np.random.default_rng(0).standard_normal(500)
-    people = [example.Person({"x": v}, {"x": Likelihood.gaussian(v, 1e-3)}) for v in drawn]
+    people = [example.Person({"x": v}, {"x": gaussian(v, 1e-3)}) for v in drawn]
     found = example.causes(people, "x", 10, 1000)
     assert found[0].chi_squared == pytest.approx(94.5, abs=2.2)  # three standard errors
     assert found[0].present == pytest.approx(96.1, abs=1.9)
@@ -265,14 +271,14 @@ def test_the_spread_of_ten_normal_people_is_covered_nearly_as_theory_says() -> N
 
 def test_a_person_of_the_example_goes_from_process_to_process() -> None:
     example = module("group_coverage")
-    once = example.Person({"x": 1.0}, {"x": Likelihood.gaussian(1.0, 0.1)})
+    once = example.Person({"x": 1.0}, {"x": gaussian(1.0, 0.1)})
     assert pickle.loads(pickle.dumps(once)).truth == {"x": 1.0}
 
 
 def test_changes_of_people_measured_twice_are_judged_against_their_mean() -> None:
     example, rng = module("group_coverage"), np.random.default_rng(2)
     true = rng.normal(0.0, 0.3, 64)
-    people = [example.Person({}, {}, {"x": t}, {"x": Likelihood.gaussian(t + rng.normal(0.0, 0.5), 0.6)}) for t in true]
+    people = [example.Person({}, {}, {"x": t}, {"x": gaussian(t + rng.normal(0.0, 0.5), 0.6)}) for t in true]
     found = np.mean(example.changes(people, "x", 60, 8), axis=0)
     assert found[0] >= 0.85
     assert found[1] <= 0.17
@@ -280,6 +286,6 @@ def test_changes_of_people_measured_twice_are_judged_against_their_mean() -> Non
 
 
 def test_the_interval_of_the_spread_ends_at_the_threshold_of_the_mean() -> None:
-    found = Population([Likelihood.gaussian(v, 1e-2) for v in np.random.default_rng(1).standard_normal(10)], 0.95)
+    found = Population([gaussian(v, 1e-2) for v in np.random.default_rng(1).standard_normal(10)], 0.95)
     root = np.interp([found.between().low, found.between().high], found.tau, np.sqrt(-2 * found.restricted))
     np.testing.assert_allclose(root**2, 10 * np.log1p(2.2622**2 / 9), rtol=1e-3)

@@ -13,9 +13,10 @@ import mcstudy as mc
 from mcstudy.fitting.penalised import Fitter, whiten
 from mcstudy.fitting.problem import Data
 from mcstudy.identification.bounds import bounded
+from mcstudy.identification.estimate import Estimate
 from mcstudy.identification.fit import fit_lines
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.minimum import search, without_prior
-from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.lines.base_fit import drawn_starts
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, frf_jacobian
@@ -28,11 +29,11 @@ VALIDATION = Path(__file__).parents[2] / "pipelines" / "validation"
 
 
 @pytest.fixture(scope="module")
-def fitted() -> FitResult:
+def fitted() -> FitRecord:
     return mc.fit(mc.simulate(seed=3, cycles=3), fmax=2.0, quantities=["sqrt(B11 * B22)", "log(K21)"])
 
 
-def constrained(fitted: FitResult, e: Estimate, side: int) -> float:
+def constrained(fitted: FitRecord, e: Estimate, side: int) -> float:
     """The largest (``side`` 1) or smallest value of a quantity with at most the deviance at the end of its interval.
 
     By SLSQP, with its own cost and derivatives, from the end and from a point near it.
@@ -69,7 +70,7 @@ def constrained(fitted: FitResult, e: Estimate, side: int) -> float:
 
 
 @pytest.mark.parametrize("name", ["K21"])
-def test_an_interval_ends_where_another_optimiser_says(fitted: FitResult, name: str) -> None:
+def test_an_interval_ends_where_another_optimiser_says(fitted: FitRecord, name: str) -> None:
     e = fitted[name]
     assert (e.low_from, e.high_from) == ("data", "data")
     for side, end in ((-1, e.low), (1, e.high)):
@@ -77,7 +78,7 @@ def test_an_interval_ends_where_another_optimiser_says(fitted: FitResult, name: 
 
 
 @pytest.mark.parametrize("name", ["K12", "K11 + Kpas1"])
-def test_both_ends_are_those_of_an_independent_profile(fitted: FitResult, name: str) -> None:
+def test_both_ends_are_those_of_an_independent_profile(fitted: FitRecord, name: str) -> None:
     """Within a millionth of the width: the quantity held fixed, scipy's least squares, Brent's method."""
     example = runpy.run_path(str(VALIDATION / "interval_oracle.py"))
     e, rng = fitted[name], np.random.default_rng(0)
@@ -98,12 +99,12 @@ def test_an_end_behind_a_local_one_is_found() -> None:
     assert fitted["Td1"].low == pytest.approx(0.078294, abs=2e-6)
 
 
-def test_the_interval_of_a_logarithm_is_the_logarithm_of_the_interval(fitted: FitResult) -> None:
+def test_the_interval_of_a_logarithm_is_the_logarithm_of_the_interval(fitted: FitRecord) -> None:
     plain, logarithm = fitted["K21"], fitted["log(K21)"]
     assert np.log([plain.low, plain.high]) == pytest.approx([logarithm.low, logarithm.high], abs=1e-6)
 
 
-def test_the_deviance_at_both_ends_is_the_threshold_and_lower_between(fitted: FitResult) -> None:
+def test_the_deviance_at_both_ends_is_the_threshold_and_lower_between(fitted: FitRecord) -> None:
     for e in fitted.estimates:
         if (e.low_from, e.high_from) == ("data", "data"):
             assert e.profile.rise[0] == pytest.approx(e.profile.rise[-1], rel=1e-4)
@@ -111,7 +112,7 @@ def test_the_deviance_at_both_ends_is_the_threshold_and_lower_between(fitted: Fi
             assert e.profile.rise[0] >= 3.841  # chi-squared with one degree of freedom, or more
 
 
-def test_the_parameters_at_an_end_have_the_value_and_the_deviance_of_the_end(fitted: FitResult) -> None:
+def test_the_parameters_at_an_end_have_the_value_and_the_deviance_of_the_end(fitted: FitRecord) -> None:
     data, model = Data.of(fitted.lines), fitted.model
     for e in fitted.estimates[: len(model.names)]:
         k = model.names.index(e.name)
@@ -124,7 +125,7 @@ def test_the_parameters_at_an_end_have_the_value_and_the_deviance_of_the_end(fit
             assert r @ r - fitted.chi2 == pytest.approx(rise, abs=1e-6)
 
 
-def test_bounds_end_an_interval_that_the_data_leave_open(fitted: FitResult) -> None:
+def test_bounds_end_an_interval_that_the_data_leave_open(fitted: FitRecord) -> None:
     e = fitted["Kpas1"]
     assert e.low == fitted.model.lower[fitted.model.names.index("Kpas1")] == 0
     assert (e.low_from, e.verdict) == ("bound", "not identifiable" if e.high_from == "bound" else "upper limit only")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ import mcstudy as mc
 from mcstudy.files import schema
 from mcstudy.identification import words
 from mcstudy.identification.quantities import quantities
-from mcstudy.identification.result import FitResult
 from mcstudy.identification.simulated_coverage import LEAST, MOST, Covered, nearest, simulated
 from mcstudy.report.person import figures
 from mcstudy.spectra.measure import measure
@@ -29,15 +26,17 @@ def test_every_condition_has_every_quantity() -> None:
         assert all(80 < x.lowest <= x.percent <= x.highest <= 100 for x in c.quantities.values())
 
 
-def test_a_fit_tells_the_nearest_condition_and_no_other_kind_of_fit_does(fits: dict[str, FitResult]) -> None:
+def test_a_fit_tells_the_nearest_condition_and_no_other_kind_of_fit_does(fits: dict[str, mc.FitResult]) -> None:
     for case, cycles, fmax in (("good", 6, 3.1), ("short", 3, 3.1), ("low fmax", 3, 1.2)):
         found = fits[case].coverage
         assert found is not None
         assert (found.cycles, found.fmax) == (cycles, fmax)
     assert fits["on bounds"].coverage is None
     assert fits["effect added"].coverage is None
-    assert nearest(replace(fits["good"], level=0.9)) is None
-    assert nearest(replace(fits["good"], recording=None)) is None
+    good = fits["good"]
+    assert nearest(good.recording, good.lines, good.model, good.level) == good.coverage
+    assert nearest(good.recording, good.lines, good.model, 0.9) is None
+    assert nearest(None, good.lines, good.model, good.level) is None
 
 
 @pytest.mark.parametrize(
@@ -45,17 +44,17 @@ def test_a_fit_tells_the_nearest_condition_and_no_other_kind_of_fit_does(fits: d
     [(2.5, "peak", 2.5), (5.0, "peak_to_peak", 2.5), (1.0, "peak", 2.5), (6.0, "peak", 5.0)],
 )
 def test_similar_recordings_have_a_similar_torque(
-    fits: dict[str, FitResult], amplitude: float, convention: str, found: float
+    fits: dict[str, mc.FitResult], amplitude: float, convention: str, found: float
 ) -> None:
     """Half of the torque has twice the noise of the responses; how the amplitude is counted does not matter."""
     recording = mc.simulate(cycles=6, rate_hz=100.0, amplitude=(amplitude,) * 2, convention=convention)
-    other = nearest(replace(fits["good"], recording=recording, lines=measure(recording, 3.1)))
+    other = nearest(recording, measure(recording, 3.1), fits["good"].model, 0.95)
     assert other is not None
     assert (other.amplitude, other.cycles, other.fmax) == (found, 6, 3.1)
     assert f"at {found:g} N m (peak)" in other.condition
 
 
-def test_words_data_and_figure_agree(fits: dict[str, FitResult]) -> None:
+def test_words_data_and_figure_agree(fits: dict[str, mc.FitResult]) -> None:
     r = fits["good"]
     data, said = r.to_dict(), words.coverage(r)
     schema.validate("fit", data, "the fit")
@@ -71,7 +70,7 @@ def test_words_data_and_figure_agree(fits: dict[str, FitResult]) -> None:
     plt.close(axes.figure)
 
 
-def test_a_fit_without_simulated_coverage_says_nothing_of_it(fits: dict[str, FitResult]) -> None:
+def test_a_fit_without_simulated_coverage_says_nothing_of_it(fits: dict[str, mc.FitResult]) -> None:
     r = fits["effect added"]
     data = r.to_dict()
     assert data["coverage"] is None

@@ -8,14 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import mcstudy as mc
 from mcstudy.files import schema
 from mcstudy.identification import words
 from mcstudy.identification.belief import GapFound
-from mcstudy.identification.result import FitResult
-from mcstudy.identification.tables import AT_LEAST, AT_MOST, ENDED, LEANS, ROUGH, estimates, help_needed
+from mcstudy.identification.estimate import AT_LEAST, AT_MOST, ENDED
+from mcstudy.identification.tables import LEANS, ROUGH, estimates, help_needed
 from mcstudy.text_tables import number
 
-Fits = dict[str, FitResult]
+Fits = dict[str, mc.FitResult]
 
 
 @pytest.fixture(scope="module")
@@ -215,8 +216,8 @@ def test_a_lowest_minimum_that_no_random_start_reached_is_not_said_to_be_missed_
     hits = np.r_[0, m.hits[1:]]
     for linear, told in ((m.chi2[0], "from the linear structure"), (np.inf, "ends of the parameters' ranges")):
         r = replace(fits["good"], minima=replace(m, hits=hits, linear=linear))
-        assert f"No random start of {m.starts} ended" in words.found(r)
-        assert told in words.found(r)
-        assert "100 %" not in words.found(r)
+        assert f"No random start of {m.starts} ended" in words.search_words(r)
+        assert told in words.search_words(r)
+        assert "100 %" not in words.search_words(r)
         assert "missed_lowest" not in r.to_dict()["search"]
         schema.validate("fit", r.to_dict(), "fit")

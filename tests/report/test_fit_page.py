@@ -15,7 +15,8 @@ import mcstudy as mc
 from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.identification import words
-from mcstudy.identification.tables import estimates, interval
+from mcstudy.identification.estimate import interval
+from mcstudy.identification.tables import estimates
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.report.person.page import fit_page as page_of
 from mcstudy.report.typeset import typeset

@@ -40,16 +40,14 @@ def main(args: argparse.Namespace) -> Exit:
 
     check_figure(args.figure, page=args.html)
     file, options = read_design(args.file), cluster_options(args)
+    from mcstudy.results.stimulus_design import StimulusDesign
     from mcstudy.stimulus_design.run import design_stimulus  # Dask is slow to import; report a bad file first
     from mcstudy.text_tables import folded
 
     try:
-        record = design_stimulus(file, args.out, options, verify=not args.no_verify)
+        design = StimulusDesign.of(design_stimulus(file, args.out, options, verify=not args.no_verify))
     except DesignError as error:
         raise DesignError(f"{args.file}: {error}") from None
-    from mcstudy.results.stimulus_design import StimulusDesign
-
-    design = StimulusDesign.of(record)
     if args.figure is not None:
         from mcstudy.report.stimulus_design import stimulus_design_svg
 

@@ -119,6 +119,7 @@ def _group(args: argparse.Namespace) -> Exit:
     from mcstudy.identification.people.fits import fit_members
     from mcstudy.identification.people.members import Member, members, named, read_people, rows_of
     from mcstudy.recordings.io import read_recording
+    from mcstudy.results.group_result import GroupResult
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import folded
 
@@ -135,7 +136,7 @@ def _group(args: argparse.Namespace) -> Exit:
     options = cluster_options(args)
     if options.here:
         compile_kernels(PERSON)
-    result = fit_members(known, settings, options, pair=args.paired, data=args.data)
+    result = GroupResult.of(fit_members(known, settings, options, pair=args.paired, data=args.data))
     tell(args, "group", result.to_dict, lambda: folded(result.text()))
     return Exit.FITS_FAILED if result.failed else Exit.DONE
 
@@ -151,6 +152,7 @@ def _one_person(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.identification.fit import fit
     from mcstudy.report.style import require_matplotlib
+    from mcstudy.results.fit import FitResult
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import folded
@@ -164,7 +166,7 @@ def _one_person(args: argparse.Namespace) -> Exit:
     read = read_recordings(args)
     compile_kernels(PERSON)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
-        result = fit(read, settings)
+        result = FitResult.of(fit(read, settings))
     if args.html:
         from mcstudy.report.document import write_page
         from mcstudy.report.person.page import fit_page

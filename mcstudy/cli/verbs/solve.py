@@ -81,6 +81,7 @@ def main(args: argparse.Namespace) -> Exit:
     check_figure(args.figure, page=args.html)
     study = stable_study(args)
     from mcstudy.planning.solve import solve_study
+    from mcstudy.results.solution import Solution
     from mcstudy.scheduler.activity import activity, doing
     from mcstudy.scheduler.compiling import compile_kernels
     from mcstudy.study.kernels import parts_of
@@ -99,8 +100,6 @@ def main(args: argparse.Namespace) -> Exit:
             threads=args.workers or os.cpu_count() or 1,
             say=doing,
         )
-    from mcstudy.results.solution import Solution
-
     found = Solution.of(record)
     if args.figure is not None:
         from mcstudy.report.solution import solution_svg

@@ -8,30 +8,30 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.identification.people.group_result import GroupDifference, GroupMean, GroupResult, Individual
+from mcstudy.identification.fit_record import FitRecord
+from mcstudy.identification.people.group_record import GroupDifference, GroupMean, GroupRecord, Individual
 from mcstudy.identification.people.likelihood import difference, of_fit, possible
 from mcstudy.identification.people.members import Member
 from mcstudy.identification.people.population import Interval, Population
 from mcstudy.identification.people.two_means import Difference, paired, unpaired
-from mcstudy.identification.result import FitResult
 from mcstudy.stance.body import Body
 
 
 def combine(
-    fits: Sequence[Member[FitResult]], *, pair: bool | None = None, failed: Sequence[tuple[str, str, str]] = ()
-) -> GroupResult:
+    fits: Sequence[Member[FitRecord]], *, pair: bool | None = None, failed: Sequence[tuple[str, str, str]] = ()
+) -> GroupRecord:
     """The population of fitted people.
 
     Parameters
     ----------
-    fits: one `FitResult` per member. pair: as in `mcstudy.fit_group`. failed: (person, condition, reason) of recordings
+    fits: one `FitRecord` per member. pair: as in `mcstudy.fit_group`. failed: (person, condition, reason) of recordings
     without a fit.
 
     Raises `InputError` when the fits do not belong together, or there are too few.
     """
     people = {(m.person, m.condition): m.items[0] for m in fits}
     conditions = tuple(dict.fromkeys(m.condition for m in fits))
-    by_condition = {c: [p for p, own in people if own == c] for c in conditions}
+    by_condition = {c: [p for p, condition in people if condition == c] for c in conditions}
     lost = "; ".join(f"{person}, {c}: {why}" for person, c, why in failed)
     for c, names in by_condition.items():
         if len(names) < 2:
@@ -46,29 +46,29 @@ def combine(
     means, differences = [], []
     for e in first.estimates:
         limits = possible(first.model, e.name)
-        of = {
+        populations = {
             c: Population([likelihood[p, c][e.name] for p in by_condition[c]], first.level, limits) for c in conditions
         }
-        for c, population in of.items():
-            own = [people[p, c][e.name] for p in by_condition[c]]
-            shrunken = population.individual() or [Interval(np.nan, np.nan, np.nan)] * len(own)
+        for c, population in populations.items():
+            estimates = [people[p, c][e.name] for p in by_condition[c]]
+            shrunken = population.individual() or [Interval(np.nan, np.nan, np.nan)] * len(estimates)
             individuals = tuple(
                 Individual(p, x.estimate, x.low, x.high, x.low_from, x.high_from, *s[:3])
-                for p, x, s in zip(by_condition[c], own, shrunken, strict=True)
+                for p, x, s in zip(by_condition[c], estimates, shrunken, strict=True)
             )
             spread = population.between()
-            told = spread._replace(value=spread.value if spread.value > 0 else np.nan)
-            means.append(GroupMean(e.name, e.unit, c, *population.mean(), *told, individuals))
+            between = spread._replace(value=spread.value if spread.value > 0 else np.nan)
+            means.append(GroupMean(e.name, e.unit, c, *population.mean(), *between, individuals))
         for reference, c in itertools.combinations(conditions, 2):
             both = by_condition[reference]
             if is_paired:
-                own_differences = [difference(likelihood[p, c][e.name], likelihood[p, reference][e.name]) for p in both]
-                found = paired(Population(own_differences, first.level))
+                changes = [difference(likelihood[p, c][e.name], likelihood[p, reference][e.name]) for p in both]
+                test = paired(Population(changes, first.level))
             else:
-                found = unpaired(of[c], of[reference])
+                test = unpaired(populations[c], populations[reference])
             sizes = len(by_condition[c]), len(both)
-            differences.append(_difference(e.name, e.unit, c, reference, is_paired, sizes, found))
-    return GroupResult(
+            differences.append(_difference(e.name, e.unit, c, reference, is_paired, sizes, test))
+    return GroupRecord(
         level=first.level,
         conditions=conditions,
         paired=is_paired,
@@ -81,12 +81,12 @@ def combine(
 
 
 def _difference(
-    name: str, unit: str, c: str, reference: str, is_paired: bool, people: tuple[int, int], found: Difference
+    name: str, unit: str, c: str, reference: str, is_paired: bool, people: tuple[int, int], test: Difference
 ) -> GroupDifference:
-    return GroupDifference(name, unit, c, reference, is_paired, people, *found.interval, found.p_value)
+    return GroupDifference(name, unit, c, reference, is_paired, people, *test.interval, test.p_value)
 
 
-def _alike(fits: Sequence[Member[FitResult]]) -> None:
+def _alike(fits: Sequence[Member[FitRecord]]) -> None:
     """Raise `InputError` unless all fits have one level and the same quantities, and each person one body."""
     first, bodies = fits[0], dict[str, Body]()
     for m in fits:
@@ -120,15 +120,15 @@ def _paired(by_condition: dict[str, list[str]], wanted: bool | None) -> bool:
         return True
     if wanted or len(partial) < len(count) or max(count.values()) > 1:
         p = partial[0]
-        own = ", ".join(c for c, names in by_condition.items() if p in names)
+        present = ", ".join(c for c, names in by_condition.items() if p in names)
         raise InputError(
-            f"paired: expected every person in all conditions ({', '.join(by_condition)}), {p} is only in {own}; "
+            f"paired: expected every person in all conditions ({', '.join(by_condition)}), {p} is only in {present}; "
             "leave this person out, or choose unpaired"
         )
     return False
 
 
-def _warnings(fits: Sequence[Member[FitResult]]) -> Iterator[str]:
+def _warnings(fits: Sequence[Member[FitRecord]]) -> Iterator[str]:
     for m in fits:
         for text in m.items[0].warnings:
             yield f"{m.name}: {text}"

@@ -9,10 +9,10 @@ from typing import Any
 
 from mcstudy.errors import InputError, McstudyError, RecordingError
 from mcstudy.identification.fit import fit
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.people.combination import combine
-from mcstudy.identification.people.group_result import GroupResult
+from mcstudy.identification.people.group_record import GroupRecord
 from mcstudy.identification.people.members import Member
-from mcstudy.identification.result import FitResult
 from mcstudy.identification.settings import FitSettings
 from mcstudy.recordings.copies import refuse_copies
 from mcstudy.recordings.frf import FrfRecording
@@ -22,7 +22,7 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.scheduler.fan_out import fan_out
 
-Known = Recording | FrfRecording | FitResult | Path
+Known = Recording | FrfRecording | FitRecord | Path
 """What a person may be known by: a recording, the path of one, or a fit that was made before."""
 
 
@@ -38,7 +38,7 @@ def fit_members(
     *,
     pair: bool | None = None,
     data: Path | None = None,
-) -> GroupResult:
+) -> GroupRecord:
     """Fit every member, then the population.
 
     Parameters
@@ -51,18 +51,22 @@ def fit_members(
     if not members:
         raise InputError("recordings: expected at least one")
     for m in members:
-        if len(m.items) > 1 and any(isinstance(i, FitResult) for i in m.items):
+        if len(m.items) > 1 and any(isinstance(i, FitRecord) for i in m.items):
             raise InputError(f"{m.name}: expected one fit per person and condition, got {len(m.items)}")
     _refuse_copies(members, data, settings.accept)
 
-    def one(k: int) -> FitResult | _Failure:
+    def fitted(k: int) -> FitRecord | _Failure:
         return _fit(members[k], data, settings)
 
-    found = dict(
-        fan_out(one, range(len(members)), options, f"{len(members)} fits of people", unit="fits", resumes=False)
+    outcomes = dict(
+        fan_out(fitted, range(len(members)), options, f"{len(members)} fits of people", unit="fits", resumes=False)
     )
-    fits = [Member(m.person, m.condition, (f,)) for k, m in enumerate(members) if isinstance(f := found[k], FitResult)]
-    failed = [(m.person, m.condition, f.reason) for k, m in enumerate(members) if isinstance(f := found[k], _Failure)]
+    fits = [
+        Member(m.person, m.condition, (f,)) for k, m in enumerate(members) if isinstance(f := outcomes[k], FitRecord)
+    ]
+    failed = [
+        (m.person, m.condition, f.reason) for k, m in enumerate(members) if isinstance(f := outcomes[k], _Failure)
+    ]
     if not fits:
         person, condition, why = failed[0]
         raise InputError(f"people: none could be fitted; {person}, {condition}: {why}")
@@ -84,19 +88,19 @@ def _refuse_copies(members: Sequence[Member[Known]], data: Path | None, accept: 
                     item = read_recording(item, data)
                 except McstudyError:
                     continue
-            recording = item.recording if isinstance(item, FitResult) else item
+            recording = item.recording if isinstance(item, FitRecord) else item
             parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
             named += [(name, r) for r in parts if isinstance(r, Recording | FrfRecording)]
     refuse_copies(named, accept, "people")
 
 
-def _fit(member: Member[Known], data: Path | None, settings: FitSettings) -> FitResult | _Failure:
+def _fit(member: Member[Known], data: Path | None, settings: FitSettings) -> FitRecord | _Failure:
     """The fit of one member; whatever fails is returned in words, so that it does not stop the others."""
-    if isinstance(member.items[0], FitResult):
+    if isinstance(member.items[0], FitRecord):
         return member.items[0]
     try:
         read = [read_recording(i, data) if isinstance(i, Path) else i for i in member.items]
-        return fit([r for r in read if not isinstance(r, FitResult)], settings)
+        return fit([r for r in read if not isinstance(r, FitRecord)], settings)
     except McstudyError as error:
         return _Failure(" ".join(str(error).split()))
     except Exception as error:

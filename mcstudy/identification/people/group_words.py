@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from mcstudy import text_tables
-from mcstudy.text_tables import number, table
-
-if TYPE_CHECKING:
-    from mcstudy.identification.people.group_result import GroupDifference, GroupMean, GroupResult
+from mcstudy.identification.people.group_record import GroupDifference, GroupMean, GroupRecord, with_interval
+from mcstudy.text_tables import ends, number, table
 
 COVERED = (
     "In simulated groups of 10 people (ankle torque, up to 3.1 Hz) 95 % intervals contain the true value in 92.2 to "
@@ -22,16 +19,9 @@ SHOWN = 0.1
 """Spread that is told as a CV only if the mean is larger than this multiple of it."""
 
 
-def interval(value: float, of: GroupMean | GroupDifference) -> str:
-    """``815 [586, 1309] N m/rad``, with the ends that bounds set in words."""
-    low = number(of.low) if of.low_from == "data" else f"{of.low_from} {number(of.low)}"
-    high = number(of.high) if of.high_from == "data" else f"{of.high_from} {number(of.high)}"
-    return f"{number(value)} [{low}, {high}] {of.unit}".rstrip()
-
-
 def change(d: GroupDifference) -> str:
     """A difference with its interval and p-value."""
-    return f"{interval(d.difference, d)}, {text_tables.with_sign(p_value(d))}"
+    return f"{with_interval(d.difference, d)}, {text_tables.with_sign(p_value(d))}"
 
 
 def p_value(d: GroupDifference) -> str:
@@ -41,15 +31,15 @@ def p_value(d: GroupDifference) -> str:
     return text_tables.p_value(d.p_value)
 
 
-def counts(r: GroupResult) -> str:
+def counts(r: GroupRecord) -> str:
     """``10 people; eyes open 10, eyes closed 10 (paired)``."""
     if len(r.conditions) == 1:
         return str(len(r.people))
-    each = ", ".join(f"{c} {sum(own == c for _, own in r.fits)}" for c in r.conditions)
+    each = ", ".join(f"{c} {sum(condition == c for _, condition in r.fits)}" for c in r.conditions)
     return f"{len(r.people)}; {each} ({'paired' if r.paired else 'unpaired'})"
 
 
-def text(r: GroupResult) -> str:
+def text(r: GroupRecord) -> str:
     """Tables, then sentences."""
     percent = f"{100 * r.level:g} %"
     parts = [f"people: {counts(r)}"]
@@ -63,7 +53,7 @@ def text(r: GroupResult) -> str:
     for c, reference in dict.fromkeys((d.condition, d.reference) for d in r.differences):
         header = ["quantity", "unit", "difference", f"{percent} interval", "p", ""]
         changes = [
-            (d.quantity, d.unit, number(d.difference), f"{number(d.low)} to {number(d.high)}", p_value(d), d.verdict)
+            (d.quantity, d.unit, number(d.difference), ends(d.low, d.high), p_value(d), d.verdict)
             for d in r.differences
             if (d.condition, d.reference) == (c, reference)
         ]
@@ -80,7 +70,7 @@ def _row(m: GroupMean) -> tuple[str, ...]:
         m.quantity,
         m.unit,
         number(m.mean),
-        f"{number(m.low)} to {number(m.high)}",
+        ends(m.low, m.high),
         spread(m),
         f"{number(m.between_low)} to {high}",
         cv,
@@ -96,7 +86,7 @@ def spread(m: GroupMean) -> str:
     return f"0 (at most {limit})" if m.between_high_from == "data" else "not determined"
 
 
-def sentences(r: GroupResult) -> list[str]:
+def sentences(r: GroupRecord) -> list[str]:
     """What the numbers mean, one sentence each."""
     out = []
     open_ = list(dict.fromkeys(m.quantity for m in r.means if m.verdict != "determined"))
@@ -109,7 +99,7 @@ def sentences(r: GroupResult) -> list[str]:
         out.append("All means are determined by the data alone.")
     if len(r.conditions) == 1:
         out.append("There is one condition, so there is no difference to tell.")
-    if min(sum(c == own for _, own in r.fits) for c in r.conditions) < 3:
+    if min(sum(c == condition for _, condition in r.fits) for c in r.conditions) < 3:
         out.append(
             "Two people tell little about the spread between people; their own values are not drawn to the mean."
         )

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.identification.estimate import Estimate
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.stance.feedback import Model
 
 REACH = 6.0
@@ -70,11 +71,6 @@ class Likelihood:
         open_ = e.low_from not in FREE, e.high_from not in FREE
         return cls(value, np.sign(value - e.estimate) * root, e.estimate, e.low_from, e.high_from, limits, open_)
 
-    @classmethod
-    def gaussian(cls, value: float, error: float) -> Likelihood:
-        """Of a value with a standard error."""
-        return cls(value + error * np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 0.0, 1.0]), value)
-
     @property
     def width(self) -> float:
         """Half the distance between the values at which the root is -1 and 1, or between the ends."""
@@ -125,7 +121,7 @@ class Likelihood:
         return float((self.root[far] - self.root[near]) / away) if away and self.value[k] != self.estimate else 0.0
 
 
-def of_fit(fitted: FitResult) -> dict[str, Likelihood]:
+def of_fit(fitted: FitRecord) -> dict[str, Likelihood]:
     """Likelihoods of all quantities of a fit, by name."""
     return {e.name: Likelihood.of(e, fitted.level, possible(fitted.model, e.name)) for e in fitted.estimates}
 
@@ -135,8 +131,8 @@ def possible(model: Model, name: str) -> tuple[float, float]:
     terms = name.split(" + ")
     if not set(terms) <= set(model.names):
         return -np.inf, np.inf
-    of = [model.names.index(t) for t in terms]
-    return float(model.lower[of].sum()), float(model.upper[of].sum())
+    positions = [model.names.index(t) for t in terms]
+    return float(model.lower[positions].sum()), float(model.upper[positions].sum())
 
 
 def hull(value: np.ndarray, root: np.ndarray, at: float) -> tuple[np.ndarray, np.ndarray]:

@@ -63,12 +63,12 @@ def members(items: Sequence[Item], person: Sequence[str], condition: Sequence[st
         for k, name in enumerate(names, start=1):
             if not isinstance(name, str) or not name.strip():
                 raise InputError(f"{what}: recording {k}: expected a name, got {name!r}")
-    found: dict[tuple[str, str], list[Item]] = {}
+    groups: dict[tuple[str, str], list[Item]] = {}
     for c in dict.fromkeys(conditions):
-        for item, p, own in zip(items, person, conditions, strict=True):
-            if own == c:
-                found.setdefault((p.strip(), c.strip()), []).append(item)
-    return [Member(p, c, tuple(group)) for (p, c), group in found.items()]
+        for item, p, stated in zip(items, person, conditions, strict=True):
+            if stated == c:
+                groups.setdefault((p.strip(), c.strip()), []).append(item)
+    return [Member(p, c, tuple(group)) for (p, c), group in groups.items()]
 
 
 def named(
@@ -134,8 +134,8 @@ def rows_of(rows: Sequence[Row], files: Sequence[Path], table: Path) -> list[Row
         return list(rows)
     out = []
     for file in files:
-        own = [r for r in rows if r.file.resolve() == file.resolve()]
-        if len(own) != 1:
-            raise InputError(f"{table}: expected one row for {file}, found {len(own)}")
-        out.append(own[0])
+        matching = [r for r in rows if r.file.resolve() == file.resolve()]
+        if len(matching) != 1:
+            raise InputError(f"{table}: expected one row for {file}, found {len(matching)}")
+        out.append(matching[0])
     return out

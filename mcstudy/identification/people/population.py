@@ -201,8 +201,8 @@ class Population:
     @cached_property
     def deviance(self) -> np.ndarray:
         """Of mu, (G,): twice the log likelihood ratio, at the best tau and scale for each."""
-        found = _peak(self.scaled)
-        return np.asarray(2 * (found.max() - found))
+        peak = _peak(self.scaled)
+        return np.asarray(2 * (peak.max() - peak))
 
     @cached_property
     def t_squared(self) -> np.ndarray:
@@ -260,17 +260,17 @@ class Population:
         together = (self._normal[some] * fft.rfft(density, size, axis=1)).sum(axis=0)
         return np.asarray(fft.irfft(together, size)[:G])
 
-    def _bounded(self, found: Interval, level: float) -> Interval:
+    def _bounded(self, interval: Interval, level: float) -> Interval:
         """An interval that reaches as far as any person's on every side that most people leave undetermined."""
         goal = float(ndtri(0.5 + level / 2))
         open_low, open_high = np.mean([p.open for p in self.people], axis=0) >= MOST_UNDETERMINED
-        _, low, high, low_from, high_from = found
+        _, low, high, low_from, high_from = interval
         if open_low or low <= self.limits[0]:
             low, low_from = min(low, *(p.at_root(-goal) for p in self.people)), "bound"
         if open_high or high >= self.limits[1]:
             high, high_from = max(high, *(p.at_root(goal) for p in self.people)), "bound"
         low, high = max(low, self.limits[0]), min(high, self.limits[1])
-        return Interval(found.value, min(low, found.value), max(high, found.value), low_from, high_from)
+        return Interval(interval.value, min(low, interval.value), max(high, interval.value), low_from, high_from)
 
     def between(self) -> Interval:
         """Standard deviation among people, with the interval of its restricted likelihood.
@@ -306,8 +306,8 @@ class Population:
             tail = (1 - self.level) / 2
             below = np.cumsum(weight) - weight / 2
             low, high = (float(np.interp(q, below, self.mu)) for q in (tail, 1 - tail))
-            own = [self.people[i].at_root(root) for root in (-goal, goal)]
-            low, high = low + flat * min(own[0] - low, 0.0), high + flat * max(own[1] - high, 0.0)
+            alone = [self.people[i].at_root(root) for root in (-goal, goal)]
+            low, high = low + flat * min(alone[0] - low, 0.0), high + flat * max(alone[1] - high, 0.0)
             out.append(Interval(float(weight @ self.mu), low, high))
         return out
 

@@ -81,8 +81,8 @@ def _tested(interval: Callable[[float], Interval], level: float) -> Difference:
     low, high = (1 - level, 1.0) if holds else (LEAST_P, 1 - level)
     for _ in range(STEPS):
         p = float(np.sqrt(low * high))
-        found = interval(1 - p)
-        low, high = (p, high) if found.low <= 0 <= found.high else (low, p)
+        tried = interval(1 - p)
+        low, high = (p, high) if tried.low <= 0 <= tried.high else (low, p)
     return Difference(stated, high if holds else low)
 
 

@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from scipy.special import ndtri
 
 from mcstudy.errors import InputError
-from mcstudy.identification.result import Estimate, FitResult
+from mcstudy.identification.estimate import Estimate
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.simulated_coverage import LEAST, MOST
 from mcstudy.identification.tables import band_names
 from mcstudy.report.axes import axes, legend_below, log_axis
@@ -21,7 +22,7 @@ LEAST_RISE = 1e-3
 """Increases of the squared residual below this are drawn at it."""
 
 
-def intervals(fit: FitResult, ax: Axes | None = None) -> Axes:
+def intervals(fit: FitRecord, ax: Axes | None = None) -> Axes:
     """Estimates and intervals of all quantities with a typical value, in units of it.
 
     Filled: the profile interval, hollow ends where a bound ends it; above it the Gauss-Newton interval.
@@ -50,7 +51,7 @@ def intervals(fit: FitResult, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def profile(fit: FitResult, quantity: str, ax: Axes | None = None) -> Axes:
+def profile(fit: FitRecord, quantity: str, ax: Axes | None = None) -> Axes:
     """Increase of the squared residual with the value of one quantity, its threshold, and the parabola of Wald.
 
     Raises `InputError` for an unknown quantity.
@@ -81,7 +82,7 @@ def profile(fit: FitResult, quantity: str, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def correlations(fit: FitResult, ax: Axes | None = None) -> Axes:
+def correlations(fit: FitRecord, ax: Axes | None = None) -> Axes:
     """Correlations of the errors near the estimate: discs positive, hollow squares negative."""
     ax = axes(ax, (4.3, 4.3))
     free = np.isfinite(np.diag(fit.correlation))
@@ -90,7 +91,7 @@ def correlations(fit: FitResult, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def waterfall(fit: FitResult, ax: Axes | None = None) -> Axes:
+def waterfall(fit: FitRecord, ax: Axes | None = None) -> Axes:
     """Squared residuals of all random starts above the lowest minimum, ascending."""
     ax = axes(ax)
     m = fit.minima
@@ -106,7 +107,7 @@ def waterfall(fit: FitResult, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def coverage(fit: FitResult, ax: Axes | None = None) -> Axes:
+def coverage(fit: FitRecord, ax: Axes | None = None) -> Axes:
     """Percent of simulated intervals of every quantity that hold the truth: all bodies, and worst to best body.
 
     Raises `InputError` where no similar recordings were simulated.
@@ -127,7 +128,7 @@ def coverage(fit: FitResult, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def information(fit: FitResult, ax: Axes | None = None) -> Axes:
+def information(fit: FitRecord, ax: Axes | None = None) -> Axes:
     """Share of the information on every quantity that each band of frequencies carries."""
     ax, names = axes(ax, (6.4, 4.6)), band_names(fit)
     share = np.nan_to_num(np.array([e.information[: len(names)] for e in fit.estimates]))
@@ -145,7 +146,7 @@ def information(fit: FitResult, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def sway(fit: FitResult, ax: Axes | None = None) -> Axes:
+def sway(fit: FitRecord, ax: Axes | None = None) -> Axes:
     """Predicted sway of both angles with its range over the intervals, and the measured one with two standard errors.
 
     Raises `InputError` for a fit without recorded sway.

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from mcstudy import text_tables
 from mcstudy.identification import words
-from mcstudy.identification.result import Estimate, FitResult
-from mcstudy.identification.tables import Table as FitTable
-from mcstudy.identification.tables import estimates, help_needed, interval, relative
+from mcstudy.identification.estimate import Estimate, interval
+from mcstudy.identification.fit_record import FitRecord
+from mcstudy.identification.tables import estimates, help_needed, relative
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure, of_part
 from mcstudy.report.figures.pairs import WRITTEN
@@ -23,7 +24,7 @@ TILES = 4
 """Quantities on the first screen: those that the data determine best."""
 
 
-def fit_page(fit: FitResult, command: str = "mcstudy fit REC --html page.html") -> str:
+def fit_page(fit: FitRecord, command: str = "mcstudy fit REC --html page.html") -> str:
     """The page of a fit; ``command``: the command that makes this page, as displayed on it."""
     parts = [
         ("estimates", "Estimates and intervals", _table(fit) + _shown([_intervals(fit), *_coverage(fit)], command)),
@@ -42,7 +43,7 @@ def fit_page(fit: FitResult, command: str = "mcstudy fit REC --html page.html") 
     )
 
 
-def _introduction(fit: FitResult) -> str:
+def _introduction(fit: FitRecord) -> str:
     kinds = [e.verdict for e in fit.estimates]
     determined = kinds.count("identifiable")
     asked = (
@@ -81,35 +82,35 @@ def _introduction(fit: FitResult) -> str:
     return f"<p>{escape(asked)}</p>{warning}{tiles(entries)}"
 
 
-def _what(fit: FitResult) -> str:
+def _what(fit: FitRecord) -> str:
     if len(fit.parts) > 1:
         return f"these {len(fit.parts)} recordings together"
     return "these lines" if fit.recording is None else "this recording"
 
 
-def _best(fit: FitResult) -> list[Estimate]:
+def _best(fit: FitRecord) -> list[Estimate]:
     known = [e for e in fit.estimates if e.verdict == "identifiable" and e.estimate]
     return sorted(known, key=lambda e: (e.high - e.low) / abs(e.estimate))[:TILES]
 
 
 def _share(e: Estimate) -> str:
-    return relative(e, (e.high - e.low) / 2)
+    return relative(e, e.half_width)
 
 
-def _goodness(fit: FitResult) -> str:
+def _goodness(fit: FitRecord) -> str:
     return f"squared residual {fit.chi2:.0f}, expected {fit.expected_chi2:.0f}."
 
 
-def _page_table(t: FitTable) -> Table:
+def _page_table(t: text_tables.Table) -> Table:
     return Table(t.title, t.header, t.rows, "wide")
 
 
-def _table(fit: FitResult) -> str:
+def _table(fit: FitRecord) -> str:
     t = estimates(fit)
     return table(_page_table(t)) + _listed([t.note])
 
 
-def _intervals(fit: FitResult) -> Figure:
+def _intervals(fit: FitRecord) -> Figure:
     return Figure(
         "intervals",
         "",
@@ -125,7 +126,7 @@ def _intervals(fit: FitResult) -> Figure:
     )
 
 
-def _coverage(fit: FitResult) -> list[Figure]:
+def _coverage(fit: FitRecord) -> list[Figure]:
     if fit.coverage is None:
         return []
     drawn = Figure(
@@ -143,7 +144,7 @@ def _coverage(fit: FitResult) -> list[Figure]:
     return [drawn]
 
 
-def _profiles(fit: FitResult) -> list[Figure]:
+def _profiles(fit: FitRecord) -> list[Figure]:
     rows = [
         (e.name, ", ".join(f"{n} {number(a)} to {number(b)}" for n, (a, b) in fit.moving(e.name).items()) or "nothing")
         for e in fit.estimates
@@ -177,14 +178,14 @@ def _profiles(fit: FitResult) -> list[Figure]:
     return [drawn, near]
 
 
-def _model(fit: FitResult) -> list[Figure]:
+def _model(fit: FitRecord) -> list[Figure]:
     drawn = [_frf(part) for part in fit.parts]
     if len(drawn) > 1:
         drawn = [of_part(f, k, label, "fit") for k, (f, label) in enumerate(zip(drawn, fit.labels, strict=True))]
     return [*drawn, *_sway(fit)]
 
 
-def _frf(fit: FitResult) -> Figure:
+def _frf(fit: FitRecord) -> Figure:
     shown = responses.angles(fit)
     return Figure(
         "frf",
@@ -207,7 +208,7 @@ def _frf(fit: FitResult) -> Figure:
     )
 
 
-def _sway(fit: FitResult) -> list[Figure]:
+def _sway(fit: FitRecord) -> list[Figure]:
     if fit.sway is None:
         return []
     header = ("sway (° RMS)", "predicted", "range over the intervals", "measured")
@@ -234,7 +235,7 @@ def _sway(fit: FitResult) -> list[Figure]:
     return [sway]
 
 
-def _information(fit: FitResult) -> Figure:
+def _information(fit: FitRecord) -> Figure:
     t = help_needed(fit)
     return Figure(
         "information",
@@ -247,7 +248,7 @@ def _information(fit: FitResult) -> Figure:
     )
 
 
-def _waterfall(fit: FitResult) -> Figure:
+def _waterfall(fit: FitRecord) -> Figure:
     return Figure(
         "waterfall",
         "",
@@ -255,18 +256,18 @@ def _waterfall(fit: FitResult) -> Figure:
         [
             "Squared residuals at which the random starts ended. A step is a minimum. Minima below the dotted line fit "
             "as well as the lowest one, and the intervals cover those in which the closed loop is stable.",
-            words.found(fit),
+            words.search_words(fit),
         ],
         [Panel("starts", partial(figures.waterfall, fit))],
         python="fit.plot.waterfall()",
     )
 
 
-def _open(fit: FitResult) -> list[str]:
+def _open(fit: FitRecord) -> list[str]:
     return [words.undetermined(fit), *words.valleys(fit), *([h] if (h := words.help_words(fit)) else [])]
 
 
-def _belief(fit: FitResult) -> list[str]:
+def _belief(fit: FitRecord) -> list[str]:
     parts = [
         words.belief(fit),
         words.by_recording(fit),
@@ -286,7 +287,7 @@ def _shown(items: Sequence[Figure], command: str) -> str:
     return "".join(figure(f, "", command) for f in items)
 
 
-def _provenance(fit: FitResult, command: str) -> str:
+def _provenance(fit: FitRecord, command: str) -> str:
     rows = recording_rows(fit.name, fit.recording)
     rows += [[k, ", ".join(v) if isinstance(v, list) else str(v)] for k, v in fit.method.to_dict().items() if v != []]
     rows += [[f"bounds of {p.name}", f"{number(p.lower)} to {number(p.upper)} {p.unit}"] for p in fit.model.parameters]

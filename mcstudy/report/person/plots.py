@@ -1,14 +1,11 @@
-"""``fit.plot``: the figures of a fit, and the class of fits that provides them."""
+"""``fit.plot``: the figures of a fit."""
 
 from __future__ import annotations
 
-from functools import cached_property
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from mcstudy.identification.result import FitResult
-from mcstudy.report.extended import extended
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.report.style import require_matplotlib
 
 if TYPE_CHECKING:
@@ -22,7 +19,7 @@ class FitPlots:
     extra ``report``).
     """
 
-    def __init__(self, fit: FitResult) -> None:
+    def __init__(self, fit: FitRecord) -> None:
         require_matplotlib()
         self._fit = fit
 
@@ -77,38 +74,3 @@ class FitPlots:
     def sway(self, ax: Axes | None = None) -> Axes:
         """Predicted and measured sway, degrees RMS; raises `InputError` for a fit without recorded sway."""
         return self._estimates.sway(self._fit, ax)
-
-
-class FitWithFigures(FitResult):
-    __doc__ = FitResult.__doc__  # what `help` shows of a result of `mcstudy.fit`
-    shown_as = "FitResult"
-    more = "text(), plot, to_html(path), to_xarray(), to_dict()"
-
-    @classmethod
-    def of(cls, fit: FitResult) -> FitWithFigures:
-        """The same fit with figures."""
-        return extended(cls, fit)
-
-    @cached_property
-    def plot(self) -> FitPlots:
-        """Its figures (`FitPlots`), e.g. ``fit.plot.profile("K11")``; `InputError` without matplotlib."""
-        return FitPlots(self)
-
-    def to_html(self, path: str | Path) -> Path:
-        """Write the page of the fit, as ``mcstudy fit --html`` does; returns its path.
-
-        Parameters
-        ----------
-        path
-            File to write, ``.html``.
-
-        Raises
-        ------
-        InputError
-            matplotlib is not installed, or the file cannot be written.
-        """
-        require_matplotlib()
-        from mcstudy.report.document import write_page
-        from mcstudy.report.person.page import fit_page
-
-        return write_page(path, lambda: fit_page(self))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from mcstudy.identification.result import FitResult
+from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.trades import bodies
 from mcstudy.report.axes import axes, frequency_axis, legend_below, log_axis
 from mcstudy.report.diagnosis.data import band_means
@@ -16,7 +16,7 @@ from mcstudy.stance.response import frf
 MEASURED, FIT = COLOURS["ink"], COLOURS["blue"]
 
 
-def response_gain(fit: FitResult, angle: int = 0, ax: Axes | None = None) -> Axes:
+def response_gain(fit: FitRecord, angle: int = 0, ax: Axes | None = None) -> Axes:
     """Gain of one angle: band means with a 95 % noise band, the fit, and its range over the bodies that fit as well."""
     ax, f = axes(ax), _curve(fit)
     ratio, sd, at, best = _bands(fit, angle)
@@ -31,7 +31,7 @@ def response_gain(fit: FitResult, angle: int = 0, ax: Axes | None = None) -> Axe
     return _finished(fit, angle, ax)
 
 
-def response_phase(fit: FitResult, angle: int = 0, ax: Axes | None = None) -> Axes:
+def response_phase(fit: FitRecord, angle: int = 0, ax: Axes | None = None) -> Axes:
     """Phase of one angle in degrees; see `response_gain`."""
     ax, f = axes(ax), _curve(fit)
     ratio, sd, at, _ = _bands(fit, angle)
@@ -48,33 +48,33 @@ def response_phase(fit: FitResult, angle: int = 0, ax: Axes | None = None) -> Ax
     return _finished(fit, angle, ax)
 
 
-def angles(fit: FitResult) -> list[int]:
+def angles(fit: FitRecord) -> list[int]:
     """The angles that were measured."""
     return [k for k in range(2) if np.abs(fit.lines.y[:, k]).any()]
 
 
-def _bands(fit: FitResult, angle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _bands(fit: FitRecord, angle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of B bands: measured over fitted response, its standard deviation, frequency, and fitted response, (B,) each."""
     means = band_means(fit.lines, frf(fit.model, fit.theta, fit.lines.f))
     return means.ratio[:, angle], means.sd[:, angle], means.f, frf(fit.model, fit.theta, means.f)[:, angle]
 
 
-def _responses(fit: FitResult, f: np.ndarray, angle: int) -> np.ndarray:
+def _responses(fit: FitRecord, f: np.ndarray, angle: int) -> np.ndarray:
     """Responses (1 + M, K) of the best fit and of the bodies that fit as well."""
     everybody = np.concatenate([fit.theta[None], bodies(fit.estimates)])
     return np.asarray(frf(fit.model, everybody, f)[..., angle])
 
 
-def _curve(fit: FitResult) -> np.ndarray:
+def _curve(fit: FitRecord) -> np.ndarray:
     return np.geomspace(fit.lines.f[0], fit.lines.f[-1], CURVE_POINTS)
 
 
-def _unit(fit: FitResult) -> str:
+def _unit(fit: FitRecord) -> str:
     unit = fit.model.stimulus_unit.replace(" ", "·")
     return f"rad/({unit})" if "·" in unit else f"rad/{unit}"
 
 
-def _finished(fit: FitResult, angle: int, ax: Axes) -> Axes:
+def _finished(fit: FitRecord, angle: int, ax: Axes) -> Axes:
     frequency_axis(ax, fit.lines.f)
     ax.set_title(f"θ{angle + 1}")
     legend_below(ax, 2)

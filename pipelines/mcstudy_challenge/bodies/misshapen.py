@@ -18,11 +18,11 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
+from mcstudy_challenge.bodies.draws import NIMBLE, draw_body, draw_delta, shared
 from mcstudy_challenge.bodies.forms import Form
 from mcstudy_challenge.bodies.geometry import Geometry, free, searched_size, stands
 from mcstudy_challenge.bodies.out_of_library import holding
 from mcstudy_challenge.bodies.withheld import Drawn, Measured, Simulate, draw_rule
-from mcstudy_challenge.cases import NIMBLE, draw_body, draw_delta, shared
 from mcstudy_challenge.design import Series
 
 BODIES = 12

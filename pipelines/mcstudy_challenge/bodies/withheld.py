@@ -35,9 +35,9 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SILENT, SensorNoise
 from mcstudy.stance.response import frf
+from mcstudy_challenge.bodies.draws import NIMBLE, draw_body, draw_delta, shared
 from mcstudy_challenge.bodies.geometry import Geometry, Setting, cycle_responses, free, scatter
 from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY, simulate_out_of_library
-from mcstudy_challenge.cases import NIMBLE, draw_body, draw_delta, shared
 from mcstudy_challenge.design import Series
 
 Simulate = Callable[[float, Protocol, np.random.Generator], Recording]

@@ -2,88 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from mcstudy.files import schema
-from mcstudy.files.json_files import plain
-from mcstudy.identification import tables, words
+from mcstudy.files.json_files import named, plain
 from mcstudy.identification.belief import GapFound, WithEffects
+from mcstudy.identification.estimate import BANDS_HZ, Estimate
 from mcstudy.identification.forecast import Forecast
 from mcstudy.identification.loop_stability import Stability
-from mcstudy.identification.minimum import Minima
-from mcstudy.identification.profile import Profile
+from mcstudy.identification.minimum import TOLD, Minima
 from mcstudy.identification.settings import FitMethod
 from mcstudy.identification.simulated_coverage import Coverage, Covered
 from mcstudy.identification.sway import PredictedSway
 from mcstudy.identification.trades import Valley, moving
 from mcstudy.lines.part_fits import PartFit, parts_dict
 from mcstudy.recordings.joint_recording import AnyRecording, JointRecording, part_labels
-from mcstudy.short_repr import Summary, shortened
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.joint import members
-from mcstudy.text_tables import p_words
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
 @dataclass(frozen=True, repr=False)
-class Estimate:
-    """One quantity of a fit.
-
-    Attributes
-    ----------
-    name, unit
-        A parameter and its unit, or an expression; the unit is empty when it is not known.
-    estimate
-        Value at the lowest minimum.
-    low, high
-        Profile likelihood interval.
-    low_from, high_from
-        What ends it: "data", "bound" (of the parameters), "not finite" (the quantity is not defined beyond) or "steps"
-        (the search did not converge: the interval extends at least to there).
-    wald_low, wald_high
-        Gauss-Newton interval, for comparison; nan on a bound.
-    information
-        Share of the information in the bands below 0.3, 1 and 3 Hz, and above; sums to 1.
-    profile
-        The profile (`Profile`).
-    """
-
-    name: str
-    unit: str
-    estimate: float
-    low: float
-    high: float
-    low_from: str
-    high_from: str
-    wald_low: float
-    wald_high: float
-    information: tuple[float, ...]
-    profile: Profile
-
-    def __repr__(self) -> str:
-        return f"{self.name} = {words.with_unit(self)}"
-
-    @property
-    def verdict(self) -> str:
-        """One of "identifiable", "lower limit only", "upper limit only" or "not identifiable"."""
-        ends = self.low_from == "data", self.high_from == "data"
-        return {
-            (True, True): "identifiable",
-            (True, False): "lower limit only",
-            (False, True): "upper limit only",
-            (False, False): "not identifiable",
-        }[ends]
-
-
-@dataclass(frozen=True, repr=False)
-class FitResult(Summary):
-    """Parameters of one person; `mcstudy.fit` returns it.
+class FitRecord:
+    """Parameters of one person.
 
     Attributes
     ----------
@@ -162,9 +109,6 @@ class FitResult(Summary):
     part_fits: tuple[PartFit, ...] = ()
     coverage: Coverage | None = None
 
-    more: ClassVar[str] = "text(), to_xarray(), to_dict()"
-    """Further methods, named in the representation at a prompt."""
-
     @property
     def parts(self) -> tuple[Self, ...]:
         """The fit as seen in each of its recordings: its lines, and the responses to its stimulus.
@@ -175,7 +119,10 @@ class FitResult(Summary):
             return (self,)
         recordings = self.recording.parts if isinstance(self.recording, JointRecording) else (None,) * len(self.labels)
         several = zip(self.labels, self.lines.parts, members(self.model), recordings, strict=True)
-        return tuple(replace(self, name=n, lines=own, model=m, recording=r) for n, own, m, r in several)
+        return tuple(
+            replace(self, name=name, lines=lines, model=model, recording=recording)
+            for name, lines, model, recording in several
+        )
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -198,6 +145,14 @@ class FitResult(Summary):
     def moving(self, name: str) -> dict[str, tuple[float, float]]:
         """Parameters that move along the profile of a quantity, with their values at its lower and upper end."""
         return moving(self.model, self.estimates, self[name])
+
+    def on_bound(self, name: str) -> bool:
+        """Whether the estimate of a parameter lies on one of its bounds."""
+        model = self.model
+        if name not in model.names:
+            return False
+        k = model.names.index(name)
+        return bool(self.theta[k] <= model.lower[k] or self.theta[k] >= model.upper[k])
 
     def leaning(self, name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Other parameters that lie on a bound at the lower and at the upper end of an interval that the data end.
@@ -225,20 +180,6 @@ class FitResult(Summary):
                 return e
         raise KeyError(f"{name!r}; expected one of {', '.join(e.name for e in self.estimates)}")
 
-    def facts(self) -> list[tuple[str, str]]:
-        """What a prompt shows."""
-        return [
-            ("recording", shortened(self.name)),
-            *((e.name, words.with_unit(e)) for e in self.estimates),
-            ("goodness of fit", p_words(self.p_value)),
-            *(("note", note) for note in self.warnings),
-            ("more", self.more),
-        ]
-
-    def text(self) -> str:
-        """What `mcstudy fit` prints."""
-        return words.text(self)
-
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON data, valid under ``results_schema/1.0.0/fit.json``."""
         m = self.minima
@@ -247,37 +188,9 @@ class FitResult(Summary):
                 "schema": schema.identifier("fit"),
                 "name": self.name,
                 "level": self.level,
-                "quantities": [
-                    {
-                        "name": e.name,
-                        "unit": e.unit,
-                        "estimate": e.estimate,
-                        "low": e.low,
-                        "high": e.high,
-                        "low_from": e.low_from,
-                        "high_from": e.high_from,
-                        "wald_low": e.wald_low,
-                        "wald_high": e.wald_high,
-                        "verdict": e.verdict,
-                        "on_bound": tables.on_bound(self, e),
-                        "low_leans_on": self.leaning(e.name)[0],
-                        "high_leans_on": self.leaning(e.name)[1],
-                        "paper_cost": self.paper_value(e.name),
-                        "moves_with": self.moving(e.name),
-                        "forecast": without_name(self.forecast(e.name)),
-                        "coverage": None if (c := self.covered(e.name)) is None else c.to_dict(),
-                        "information": e.information,
-                        "profile": {"value": e.profile.value, "rise": e.profile.rise},
-                    }
-                    for e in self.estimates
-                ],
-                "bands_hz": tables.BANDS_HZ[1:-1],
-                "parameters": {
-                    "names": self.model.names,
-                    "lower": self.model.lower,
-                    "upper": self.model.upper,
-                    "correlation": self.correlation,
-                },
+                "quantities": [self._quantity(e) for e in self.estimates],
+                "bands_hz": BANDS_HZ[1:-1],
+                "parameters": {**named(self.model, "names", "lower", "upper"), "correlation": self.correlation},
                 "fit": {
                     "chi2": self.chi2,
                     "expected": self.expected_chi2,
@@ -287,27 +200,38 @@ class FitResult(Summary):
                     "growth_rate": self.growth_rate,
                 },
                 "search": {
-                    "starts": m.starts,
-                    "missed": m.missed,
-                    "lowest_from": m.lowest_from,
+                    **named(m, "starts", "missed", "lowest_from"),
                     **({} if m.missed_lowest is None else {"missed_lowest": m.missed_lowest}),
                     "minima": [
                         {"rise": c - m.chi2[0], "hits": h, "parameters": t}
                         for c, h, t in zip(m.chi2, m.hits, m.theta, strict=True)
-                        if c - m.chi2[0] < words.REACH
+                        if c - m.chi2[0] < TOLD
                     ],
                 },
-                "valleys": [asdict(v) for v in self.valleys],
-                "stability": None if self.stability is None else asdict(self.stability),
-                "sway": None if self.sway is None else asdict(self.sway),
-                "coverage": None if self.coverage is None else self.coverage.to_dict(),
-                "gap": None if self.gap is None else asdict(self.gap),
-                "comparison": None if self.comparison is None else asdict(self.comparison),
-                "warnings": self.warnings,
+                **named(self, "valleys", "stability", "sway"),
+                "coverage": self.coverage and self.coverage.to_dict(),
+                **named(self, "gap", "comparison", "warnings"),
                 "method": self.method.to_dict(),
                 **parts_dict(self.labels, self.part_fits),
             }
         )
+
+    def _quantity(self, e: Estimate) -> dict[str, Any]:
+        low_leans_on, high_leans_on = self.leaning(e.name)
+        forecast, covered = self.forecast(e.name), self.covered(e.name)
+        names = ("name", "unit", "estimate", "low", "high", "low_from", "high_from", "wald_low", "wald_high", "verdict")
+        return {
+            **named(e, *names),
+            "on_bound": self.on_bound(e.name),
+            "low_leans_on": low_leans_on,
+            "high_leans_on": high_leans_on,
+            "paper_cost": self.paper_value(e.name),
+            "moves_with": self.moving(e.name),
+            "forecast": forecast and {name: value for name, value in named(forecast).items() if name != "name"},
+            "coverage": covered and covered.to_dict(),
+            "information": e.information,
+            "profile": named(e.profile, "value", "rise"),
+        }
 
     def to_xarray(self) -> xr.Dataset:
         """Estimates, intervals and class by ``quantity``, the profiles as (quantity, point), padded with nan.
@@ -316,47 +240,39 @@ class FitResult(Summary):
         """
         import xarray as xr
 
-        es = self.estimates
+        es, units = self.estimates, {"units": "see coordinate unit"}
         longest = max(e.profile.value.size for e in es)
 
         def padded(name: str) -> np.ndarray:
             rows = [getattr(e.profile, name) for e in es]
             return np.array([np.pad(r, (0, longest - r.size), constant_values=np.nan) for r in rows])
 
-        numbers = {
-            "estimate": "estimate",
-            "low": "lower end of the profile likelihood interval",
-            "high": "upper end of the profile likelihood interval",
-            "wald_low": "lower end of the Gauss-Newton interval",
-            "wald_high": "upper end of the Gauss-Newton interval",
+        covered = [self.covered(e.name) for e in es]
+        columns = {
+            name: ([getattr(e, name) for e in es], {"long_name": long_name, **more})
+            for name, long_name, more in (
+                ("estimate", "estimate", units),
+                ("low", "lower end of the profile likelihood interval", units),
+                ("high", "upper end of the profile likelihood interval", units),
+                ("wald_low", "lower end of the Gauss-Newton interval", units),
+                ("wald_high", "upper end of the Gauss-Newton interval", units),
+                ("low_from", "what ends it below", {}),
+                ("high_from", "what ends it above", {}),
+            )
         }
-        texts = {"low_from": "what ends it below", "high_from": "what ends it above"}
-        own = {"units": "see coordinate unit"}
+        columns["coverage"] = (
+            [np.nan if c is None else c.percent for c in covered],
+            {"long_name": "simulated intervals that hold the truth", "units": "percent"},
+        )
+        columns["class"] = [e.verdict for e in es], {"long_name": "whether the data determine it"}
+        rise = {"long_name": "squared residual above the lowest", "units": "1"}
+        points = ("quantity", "point")
         return xr.Dataset(
             {
-                **{
-                    c: ("quantity", [getattr(e, c) for e in es], {"long_name": name, **own})
-                    for c, name in numbers.items()
-                },
-                **{c: ("quantity", [getattr(e, c) for e in es], {"long_name": name}) for c, name in texts.items()},
-                "coverage": (
-                    "quantity",
-                    [np.nan if (c := self.covered(e.name)) is None else c.percent for e in es],
-                    {"long_name": "simulated intervals that hold the truth", "units": "percent"},
-                ),
-                "class": ("quantity", [e.verdict for e in es], {"long_name": "whether the data determine it"}),
-                "profile_value": (("quantity", "point"), padded("value"), {"long_name": "value on the profile", **own}),
-                "profile_rise": (
-                    ("quantity", "point"),
-                    padded("rise"),
-                    {"long_name": "squared residual above the lowest", "units": "1"},
-                ),
+                **{name: ("quantity", *column) for name, column in columns.items()},
+                "profile_value": (points, padded("value"), {"long_name": "value on the profile", **units}),
+                "profile_rise": (points, padded("rise"), rise),
             },
             coords={"quantity": [e.name for e in es], "unit": ("quantity", [e.unit for e in es])},
             attrs={"level": self.level, "recording": self.name, "p_value": self.p_value},
         )
-
-
-def without_name(f: Forecast | None) -> dict[str, Any] | None:
-    """The fields of a forecast without its name."""
-    return None if f is None else {k: v for k, v in asdict(f).items() if k != "name"}

@@ -9,20 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mcstudy.files import schema
-from mcstudy.files.json_files import plain
-from mcstudy.identification.people import group_words as words
-from mcstudy.identification.result import FitResult
-from mcstudy.short_repr import Summary, shortened
+from mcstudy.files.json_files import named, plain
+from mcstudy.identification.estimate import determined
+from mcstudy.identification.fit_record import FitRecord
+from mcstudy.text_tables import number
 
 if TYPE_CHECKING:
     import xarray as xr
-
-VERDICTS = {
-    (True, True): "determined",
-    (True, False): "lower limit only",
-    (False, True): "upper limit only",
-    (False, False): "not determined",
-}
 
 
 @dataclass(frozen=True)
@@ -93,10 +86,10 @@ class GroupMean:
     @property
     def verdict(self) -> str:
         """One of "determined", "lower limit only", "upper limit only" or "not determined"."""
-        return VERDICTS[self.low_from == "data", self.high_from == "data"]
+        return determined(self.low_from, self.high_from, "determined")
 
     def __repr__(self) -> str:
-        return f"{self.quantity}, {self.condition} = {words.interval(self.mean, self)}"
+        return f"{self.quantity}, {self.condition} = {with_interval(self.mean, self)}"
 
 
 @dataclass(frozen=True)
@@ -136,15 +129,15 @@ class GroupDifference:
     @property
     def verdict(self) -> str:
         """As in `GroupMean`."""
-        return VERDICTS[self.low_from == "data", self.high_from == "data"]
+        return determined(self.low_from, self.high_from, "determined")
 
     def __repr__(self) -> str:
-        return f"{self.quantity}, {self.condition} - {self.reference} = {words.interval(self.difference, self)}"
+        return f"{self.quantity}, {self.condition} - {self.reference} = {with_interval(self.difference, self)}"
 
 
 @dataclass(frozen=True, repr=False)
-class GroupResult(Summary):
-    """Parameters of many people; `mcstudy.fit_group` returns it.
+class GroupRecord:
+    """Parameters of many people.
 
     Attributes
     ----------
@@ -160,7 +153,7 @@ class GroupResult(Summary):
     differences
         `GroupDifference` of every quantity and pair of conditions.
     fits
-        `FitResult` by (person, condition).
+        The fit of every (person, condition).
     failed
         (person, condition, reason) of everybody who could not be fitted.
     warnings
@@ -172,7 +165,7 @@ class GroupResult(Summary):
     paired: bool
     means: tuple[GroupMean, ...]
     differences: tuple[GroupDifference, ...]
-    fits: Mapping[tuple[str, str], FitResult]
+    fits: Mapping[tuple[str, str], FitRecord]
     failed: tuple[tuple[str, str, str], ...]
     warnings: tuple[str, ...]
 
@@ -205,36 +198,14 @@ class GroupResult(Summary):
                 return d
         raise KeyError(f"{quantity!r} between {condition} and {reference}; conditions: {', '.join(self.conditions)}")
 
-    def facts(self) -> list[tuple[str, str]]:
-        """What a prompt shows."""
-        return [
-            ("people", shortened(words.counts(self))),
-            *((f"{m.quantity}{self._of(m)}", words.interval(m.mean, m)) for m in self.means),
-            *((f"{d.quantity}, {d.condition} - {d.reference}", words.change(d)) for d in self.differences),
-            *(("failed", shortened(f"{p}, {c}: {why}")) for p, c, why in self.failed),
-            ("more", "to_xarray(), to_dict(), text(), fits"),
-        ]
-
-    def _of(self, m: GroupMean) -> str:
-        return f", {m.condition}" if len(self.conditions) > 1 else ""
-
-    def text(self) -> str:
-        """What `mcstudy fit --group` prints."""
-        return words.text(self)
-
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON data, valid under ``results_schema/1.0.0/group.json``."""
         return plain(
             {
                 "schema": schema.identifier("group"),
-                "level": self.level,
-                "conditions": self.conditions,
-                "paired": self.paired,
-                "means": [
-                    {**_shallow(m), "verdict": m.verdict, "individuals": [_shallow(i) for i in m.individuals]}
-                    for m in self.means
-                ],
-                "differences": [{**_shallow(d), "verdict": d.verdict} for d in self.differences],
+                **named(self, "level", "conditions", "paired"),
+                "means": [{**named(m), "verdict": m.verdict} for m in self.means],
+                "differences": [{**named(d), "verdict": d.verdict} for d in self.differences],
                 "fits": [
                     {"person": p, "condition": c, "name": f.name, "p_value": f.p_value, "lines": len(f.lines)}
                     for (p, c), f in self.fits.items()
@@ -264,8 +235,8 @@ class GroupResult(Summary):
             values = np.full((*shape, len(self.people)), np.nan)
             for i, c in enumerate(self.conditions):
                 for j, q in enumerate(self.quantities):
-                    for own in self[q, c].individuals:
-                        values[i, j, self.people.index(own.person)] = getattr(own, name)
+                    for individual in self[q, c].individuals:
+                        values[i, j, self.people.index(individual.person)] = getattr(individual, name)
             data[f"individual_{name}"] = (("condition", "quantity", "person"), values)
         coords: dict[str, Any] = {
             "condition": list(self.conditions),
@@ -283,8 +254,13 @@ class GroupResult(Summary):
         return xr.Dataset(data, coords, {"level": self.level, "paired": int(self.paired)})
 
 
-def _shallow(record: Any) -> dict[str, Any]:
-    return {f.name: getattr(record, f.name) for f in fields(record)}
+def with_interval(value: float, ends: GroupMean | GroupDifference) -> str:
+    """``815 [586, 1309] N m/rad``, with the ends that bounds set in words."""
+    low, high = (
+        number(end) if ended == "data" else f"{ended} {number(end)}"
+        for end, ended in ((ends.low, ends.low_from), (ends.high, ends.high_from))
+    )
+    return f"{number(value)} [{low}, {high}] {ends.unit}".rstrip()
 
 
 def _table(records: Sequence[Any], name: str, shape: tuple[int, ...]) -> np.ndarray:

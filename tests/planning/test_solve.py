@@ -187,7 +187,7 @@ def test_a_mistake_in_a_target_is_one_line(targets: list[str], words: str) -> No
         (["fmax"], {}, "over: fmax: the study has one"),
         (["fmax=a/b"], {}, "over: fmax: expected frequencies in Hz"),
         (["fmax=0.08/1.2"], {}, "group.a: with the ranges of --over: "),
-        (["realizations"], {}, "over: realizations: expected a target mcse(...)"),
+        (["realizations"], {}, "over: realizations: varying them requires a target of the form mcse(...)"),
         (["cycles"], {"cost": "time + x"}, "cost 'time + x': expected names among time, cycles"),
         (
             ["cycles"],

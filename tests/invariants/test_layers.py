@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -43,19 +44,22 @@ LARGEST_SHARE = 1 / 6
 """Of the package's lines in one room."""
 
 
-def modules() -> dict[str, Path]:
+WINGS = tuple((PACKAGE.parent / "pipelines").glob("mcstudy_*"))
+
+
+def modules(package: Path) -> dict[str, Path]:
     """Dotted name and file of every module, the package itself left out."""
-    found = {}
-    for file in PACKAGE.rglob("*.py"):
-        parts = file.relative_to(PACKAGE).with_suffix("").parts
-        found[".".join(p for p in parts if p != "__init__")] = file
-    return {name: file for name, file in found.items() if name not in ("", "__main__")}
+    files = {}
+    for file in package.rglob("*.py"):
+        parts = file.relative_to(package).with_suffix("").parts
+        files[".".join(p for p in parts if p != "__init__")] = file
+    return {name: file for name, file in files.items() if name not in ("", "__main__")}
 
 
-MODULES = modules()
+MODULES = modules(PACKAGE)
 
 
-def imported(file: Path) -> set[str]:
+def imported(file: Path, package: str = "mcstudy", modules: dict[str, Path] = MODULES) -> set[str]:
     """Modules of the package that a file imports anywhere, for types too."""
     out = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -65,15 +69,15 @@ def imported(file: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             names = [f"{node.module}.{a.name}" for a in node.names]
         for name in names:
-            local = name.removeprefix("mcstudy.")
-            if name.startswith("mcstudy."):
-                out.add(local if local in MODULES else local.rpartition(".")[0])
+            local = name.removeprefix(f"{package}.")
+            if name.startswith(f"{package}."):
+                out.add(local if local in modules else local.rpartition(".")[0])
     return out - {""}
 
 
 def test_nothing_names_a_wing() -> None:
     """A wing imports the package and attaches to it by entry points."""
-    wings = [folder.name for folder in (PACKAGE.parent / "pipelines").glob("mcstudy_*")]
+    wings = [wing.name for wing in WINGS]
     texts = {name: file.read_text(encoding="utf-8") for name, file in MODULES.items()}
     assert len(wings) == 2
     assert [(name, wing) for name, text in texts.items() for wing in wings if wing in text] == []
@@ -95,20 +99,34 @@ def test_imports_run_one_way() -> None:
     assert wrong == []
 
 
-@pytest.mark.parametrize("room", ["gap", "report", "analysis"])
-def test_the_floors_of_a_room_do_not_go_in_circles(room: str) -> None:
-    """Between its folders; what lies beside them is above them."""
-    floors: dict[str, set[str]] = defaultdict(set)
-    for name, file in MODULES.items():
-        parts = name.split(".")
-        if parts[0] != room or len(parts) < 3:
-            continue
-        for other in imported(file):
-            theirs = other.split(".")
-            if theirs[0] == room and len(theirs) > 2 and theirs[1] != parts[1]:
-                floors[parts[1]].add(theirs[1])
-    for floor, below in floors.items():
-        assert not any(floor in floors.get(b, ()) for b in below), (floor, below)
+OPEN = ("gap.diagnosis", "gap.settings")
+"""Modules in circles, of modules or of folders, that are still to be opened."""
+
+
+def steps(package: Path, folder: str = "", parts: int = 0) -> dict[str, set[str]]:
+    """What the modules in a folder of a package import from each other; ``parts`` of their names are told apart."""
+    files, graph = modules(package), defaultdict[str, set[str]](set)
+    for name in [name for name in files if name.startswith(folder) and name not in OPEN]:
+        for other in imported(files[name], package.name, files) & files.keys():
+            if other.startswith(folder):
+                here, there = (".".join(n.split(".")[: parts or None]) for n in (name, other))
+                graph[here] |= {there} - {here}
+    return graph
+
+
+@pytest.mark.parametrize("package", [PACKAGE, *WINGS], ids=lambda package: package.name)
+def test_no_module_imports_itself_through_others(package: Path) -> None:
+    """Nor for types, nor in functions; the error names the circle."""
+    TopologicalSorter(steps(package)).prepare()
+
+
+@pytest.mark.parametrize(
+    ("package", "folder", "parts"),
+    [*((PACKAGE, f"{room}.", 2) for room in ("gap", "report", "analysis")), *((wing, "", 1) for wing in WINGS)],
+)
+def test_the_folders_of_a_room_do_not_go_in_circles(package: Path, folder: str, parts: int) -> None:
+    """Nor with the modules beside them."""
+    TopologicalSorter(steps(package, folder, parts)).prepare()
 
 
 def test_no_room_holds_more_than_a_sixth_of_the_house() -> None:

@@ -87,7 +87,7 @@ class Belief:
     ) -> Belief:
         """The most probable of all ``hypotheses``, and a cause outside the library, with their sum 1.
 
-        ``prior``: see `mcstudy.gap.questions.posterior.prior`. Mislabelled recordings are left out, because a new trial
+        ``prior``: see `mcstudy.gap.questions.prior.prior`. Mislabelled recordings are left out, because a new trial
         would be labelled correctly.
         """
         found = [(h.effects, cause_of(h.effects), h.fitted, p) for h, p in hypotheses if set(h.effects) <= set(LIBRARY)]

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from html import escape
-from typing import TYPE_CHECKING
 
 from mcstudy import text_tables
 from mcstudy.effect_library import library
 from mcstudy.effect_library.library import usual_size
 from mcstudy.gap import nearest_words
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.contrasts import DRAWS
 from mcstudy.gap.questions.parameters import PRIOR_EXPLAINED, SOURCES, SOURCES_EXPLAINED
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.gap.questions.prior import MEANINGS
 from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, shown_causes
 from mcstudy.text_tables import Table, number, with_error
-
-if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import DiagnosisRecord
 
 SHOWN = 0.01
 """Causes with a probability below this share one row."""

@@ -5,12 +5,11 @@ Effects have the names under which the library lists them, so that any of them c
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from mcstudy import text_tables
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap import nearest_words
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions import question
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.parameters import sources
@@ -18,9 +17,6 @@ from mcstudy.gap.questions.posterior import Cause
 from mcstudy.lines.part_fits import told
 from mcstudy.recordings.joint_recording import part_labels
 from mcstudy.text_tables import fill, number, with_error
-
-if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import DiagnosisRecord
 
 WIDE = 0.3
 """Width of the interval of the share closed from which the number of trials that narrows it is stated."""

@@ -42,7 +42,7 @@ from mcstudy.effect_library.protocol import Protocol, body_with_effects
 from mcstudy.errors import FallsError, InputError, RecordingError
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
 from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
-from mcstudy.gap.planned.next_trial import described
+from mcstudy.gap.planned.recommendation import described
 from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.questions.any_gap import GapTest, gap_test

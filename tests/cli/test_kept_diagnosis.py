@@ -21,6 +21,7 @@ from mcstudy.errors import RecordingError
 from mcstudy.exits import Exit
 from mcstudy.gap import diagnose
 from mcstudy.gap.diagnosis import DiagnosisRecord
+from mcstudy.gap.document import document
 from mcstudy.gap.settings import FAST
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.recording import Recording
@@ -89,7 +90,7 @@ def test_a_diagnosis_comes_back_to_the_last_bit(plain_recordings: list[Recording
     found = [kept_diagnosis(plain_recordings[:1], OPTIONS, computed) for _ in range(2)]
     assert computed.times == 1
     assert found[1] is not found[0]
-    assert found[1].to_dict() == found[0].to_dict()
+    assert document(found[1]) == document(found[0])
     assert np.array_equal(found[1].detection.z, found[0].detection.z)
     assert found[1].recording == found[0].recording == plain_recordings[0]
 

@@ -192,13 +192,14 @@ def _ready(args: argparse.Namespace) -> Iterator[None]:
 
 
 def _diagnose(args: argparse.Namespace) -> Exit:
+    from mcstudy.gap.document import document
     from mcstudy.gap.tables import text
     from mcstudy.gap.verdict import wrapped
     from mcstudy.scheduler.activity import activity
 
     with activity(f"{args.recordings[0]}: diagnosing"):
         diagnosis = _diagnosed(args, fast=args.fast, bootstrap=args.bootstrap)
-    tell(args, "diagnosis", diagnosis.to_dict, lambda: f"{wrapped(diagnosis)}\n\n{text(diagnosis)}")
+    tell(args, "diagnosis", lambda: document(diagnosis), lambda: f"{wrapped(diagnosis)}\n\n{text(diagnosis)}")
     return Exit.DONE
 
 
@@ -207,15 +208,16 @@ def _next(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.gap.planned.choice import TRIALS, require_possible
     from mcstudy.gap.planned.next_trial import next_trial
+    from mcstudy.gap.planned.recommendation import text
     from mcstudy.scheduler.activity import activity, doing
 
     amplitudes: dict[str, list[float]] = {}
-    for text in args.amplitude:
-        kind, _, value = text.partition("=")
+    for given in args.amplitude:
+        kind, _, value = given.partition("=")
         try:
             amplitudes.setdefault(kind, []).append(float(value))
         except ValueError:
-            raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {text!r}") from None
+            raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {given!r}") from None
     trials = args.trials or TRIALS
     require_possible(args.kind, amplitudes, trials=trials, cycles=args.cycles)
     check_figure(args.figure, DRAWN)
@@ -237,7 +239,7 @@ def _next(args: argparse.Namespace) -> Exit:
         from mcstudy.report.next_page import next_page
 
         write_page(args.html, lambda: next_page(found, _next_command(args)))
-    tell(args, "next_trial", found.to_dict, found.text)
+    tell(args, "next_trial", found.to_dict, lambda: text(found))
     return Exit.DONE
 
 

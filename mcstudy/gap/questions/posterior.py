@@ -30,7 +30,6 @@ from mcstudy.gap.questions.interval import Interval
 from mcstudy.gap.questions.mislabelling import Mislabelled
 from mcstudy.gap.questions.other_forms import in_other_forms
 from mcstudy.gap.questions.prior import BESIDE, NONE, PAIR, SINGLE, UNKNOWN
-from mcstudy.short_repr import Summary
 from mcstudy.stance.response import frf
 
 UNSTRUCTURED_SHARE = 0.25
@@ -100,8 +99,8 @@ class Cause:
         return self.fitted.model.names != base.model.names
 
 
-@dataclass(frozen=True, repr=False)
-class Explanation(Summary):
+@dataclass(frozen=True)
+class Explanation:
     """The posterior: named ``causes`` by decreasing probability, and the probabilities of ``none`` and ``unknown``.
 
     ``unknown_locations``: probability of the unknown by location, "" without one. ``hypotheses``: every refitted
@@ -115,12 +114,6 @@ class Explanation(Summary):
     unknown_locations: dict[str, float]
     hypotheses: tuple[tuple[Hypothesis, float], ...]
     none_log_factor: float
-
-    def facts(self) -> list[tuple[str, str]]:
-        """What a prompt shows."""
-        leading = [(" and ".join(c.effects), c.probability) for c in self.causes[:3]]
-        entries = [*leading, ("outside the library", self.unknown), ("no missing effect", self.none)]
-        return [(name, f"{100 * p:.0f} %") for name, p in entries]
 
 
 def explain(

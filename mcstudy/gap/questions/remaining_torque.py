@@ -62,17 +62,10 @@ class RemainingTorque:
         The number of poles of this path with the largest Akaike weight, 0 to 3.
     poles_weight
         (4,) Akaike weight of 0 to 3 poles.
-    numerator, denominator
-        Of the best fit with so many poles: polynomials in ascending powers of s. The transfer function has ``unit``.
     unit
         N m/rad, or N m per unit of the stimulus.
-    f
-        (N,), the lines, Hz.
-    gain, gain_low, gain_high
-        (N,), median and 95 % limits of the magnitude of the transfer function, in ``unit``; the lower one is 0 where
-        the 95 % region of the complex value holds zero.
-    phase, phase_low, phase_high
-        (N,), the same of its phase, deg, within half a turn of the median; where zero is possible, any phase is.
+    numerator, denominator
+        Of the best fit with so many poles: polynomials in ascending powers of s. The transfer function has ``unit``.
     rms
         Root mean square of the torque, N m, in these recordings (`Interval`); None without time series. The lower
         limit is 0 if no torque is found.
@@ -82,6 +75,13 @@ class RemainingTorque:
         The line that the torque changes most, in standard errors, after all other parameters have been refitted, Hz.
     chi2
         Squared residual with this torque in the model.
+    f
+        (N,), the lines, Hz.
+    gain, gain_low, gain_high
+        (N,), median and 95 % limits of the magnitude of the transfer function, in ``unit``; the lower one is 0 where
+        the 95 % region of the complex value holds zero.
+    phase, phase_low, phase_high
+        (N,), the same of its phase, deg, within half a turn of the median; where zero is possible, any phase is.
     """
 
     row: str
@@ -90,9 +90,13 @@ class RemainingTorque:
     path_probability: float
     poles: int
     poles_weight: np.ndarray
+    unit: str
     numerator: np.ndarray
     denominator: np.ndarray
-    unit: str
+    rms: Interval | None
+    share: Interval | None
+    clearest_hz: float
+    chi2: float
     f: np.ndarray = field(repr=False)
     gain: np.ndarray = field(repr=False)
     gain_low: np.ndarray = field(repr=False)
@@ -100,10 +104,6 @@ class RemainingTorque:
     phase: np.ndarray = field(repr=False)
     phase_low: np.ndarray = field(repr=False)
     phase_high: np.ndarray = field(repr=False)
-    rms: Interval | None
-    share: Interval | None
-    clearest_hz: float
-    chi2: float
 
     @property
     def found(self) -> bool:

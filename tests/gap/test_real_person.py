@@ -18,10 +18,8 @@ pytestmark = needs_wang
 
 @pytest.fixture(scope="module")
 def by_fmax() -> dict[float, Diagnosis]:
-    recording = wang()
-    return {
-        fmax: Diagnosis.of(diagnose(recording, DiagnosisSettings(fast=True, fmax=fmax))) for fmax in (2.0, 4.0, 8.0)
-    }
+    every = {fmax: diagnose(wang(), DiagnosisSettings(fast=True, fmax=fmax)) for fmax in (2.0, 4.0, 8.0)}
+    return {fmax: Diagnosis.of(diagnosis) for fmax, diagnosis in every.items()}
 
 
 def test_there_is_a_gap_and_from_three_hertz_up_no_named_effect_explains_it(

@@ -19,25 +19,16 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis import (
-    accuracy,
-    context,
-    convergence,
-    efficiency,
-    minimum_curve,
-    neural,
-    robust,
-    selection,
-    stable_starts,
-)
-from mcstudy.analysis import atlas as atlases
-from mcstudy.analysis import basins as minima
-from mcstudy.analysis import by_starts as first_starts
+from mcstudy.analysis import accuracy, context, efficiency, neural, robust, selection
 from mcstudy.analysis import compare as comparing
 from mcstudy.analysis import correlation as correlations
 from mcstudy.analysis import performance as performances
 from mcstudy.analysis import sensitivity as sensitivities
 from mcstudy.analysis.labels import PERCENT, labelled
+from mcstudy.analysis.search import atlas as atlases
+from mcstudy.analysis.search import basins as minima
+from mcstudy.analysis.search import by_starts as first_starts
+from mcstudy.analysis.search import convergence, minimum_curve, stable_starts
 from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError

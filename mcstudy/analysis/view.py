@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.context import covariance_of, group_of, model_of, nearest, points_of, provenance_of
-from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.efficiency import bounds_on_sd
+from mcstudy.analysis.search.convergence import starts_needed
 from mcstudy.analysis.selection import ERROR, best, combined_when_read, outcomes, realizations
 from mcstudy.analysis.slabs import in_slabs, summed
 from mcstudy.errors import InputError
@@ -107,7 +107,7 @@ class GroupView:
 
     @cached_property
     def needed(self) -> xr.Dataset:
-        """``value``, ``missed``, ``missed_upper`` and ``hit_rate`` of `mcstudy.analysis.convergence.starts_needed`."""
+        """``value``, ``missed``, ``missed_upper``, ``hit_rate`` of `search.convergence.starts_needed`."""
         names = ["value", "missed", "missed_upper", "hit_rate"]
         return in_slabs(self.cube[["cost", "status"]], lambda cube: starts_needed(cube)[names])
 

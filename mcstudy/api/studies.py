@@ -10,7 +10,7 @@ import xarray as xr
 from mcstudy.analysis.results import open_results
 from mcstudy.analysis.show.tables import report_of, show
 from mcstudy.api.where import Where, cluster_options
-from mcstudy.report.summary import StudySummary
+from mcstudy.report.study.summary import StudySummary
 from mcstudy.study.design import Study
 from mcstudy.study.plan import StudyPlan, plan_study
 from mcstudy.study.run import run_study

@@ -8,7 +8,8 @@ from typing import Self
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.detection import Detection

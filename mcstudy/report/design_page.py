@@ -14,14 +14,14 @@ from mcstudy.report.html import Table, escape, table, tiles
 from mcstudy.report.labels import with_units
 from mcstudy.report.style import COLOURS, HATCHES
 from mcstudy.stimulus_design import words
-from mcstudy.stimulus_design.result import StimulusDesign
+from mcstudy.stimulus_design.design_record import StimulusDesignRecord, geometric_mean
 from mcstudy.text_tables import number, with_error
 
 SEQUENCE, DESIGN = COLOURS["muted"], COLOURS["orange"]
 LEGEND = [("muted", "sequence"), ("orange hatched", "design")]
 
 
-def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o DIR --html page.html") -> str:
+def design_page(design: StimulusDesignRecord, command: str = "mcstudy design FILE -o DIR --html page.html") -> str:
     """The page of a design; ``command``: the command that makes this page, as displayed on it."""
     made = f"<pre><code>{escape(command)}    # this page; every number of it is in design.json</code></pre>"
     parts = [
@@ -35,8 +35,8 @@ def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o D
     return document(f"Stimulus {design.designed.file.design.name}", _introduction(design), parts, footer)
 
 
-def _introduction(design: StimulusDesign) -> str:
-    kept = np.exp(np.log(design.bounded_cv[0] / design.bounded_cv[1]).mean())
+def _introduction(design: StimulusDesignRecord) -> str:
+    kept = geometric_mean(design.bounded_cv[0] / design.bounded_cv[1])
     one, other = design.sizes
     entries = [("Predicted SD lower by", f"×{kept:.3g}", "geometric mean, with the bounds of the fit.")]
     if design.spreads:
@@ -51,7 +51,7 @@ def _introduction(design: StimulusDesign) -> str:
     return f"<p>{escape(with_units(words.heading(design)))}</p>{tiles(entries)}"
 
 
-def _stimulus(design: StimulusDesign, command: str) -> str:
+def _stimulus(design: StimulusDesignRecord, command: str) -> str:
     drawn = Figure(
         "spectrum",
         "",
@@ -62,20 +62,22 @@ def _stimulus(design: StimulusDesign, command: str) -> str:
         python="design.to_html('page.html')",
         legend=[("muted", "sequence"), ("orange", "design")],
     )
-    sizes = Table("Sizes", ("", "sequence", "design", "ratio"), words.size_rows(design), "rows")
-    return figure(drawn, "", command) + table(sizes) + f"<p>{escape(words.limits_used(design))}</p>"
+    sizes = words.sizes(design)
+    shown = table(Table(sizes.title, sizes.header, sizes.rows, "rows"))
+    return figure(drawn, "", command) + shown + f"<p>{escape(words.limits_used(design))}</p>"
 
 
-def _bodies(design: StimulusDesign) -> str:
+def _bodies(design: StimulusDesignRecord) -> str:
     said = [words.sway_words(design), *([words.bodies_words(design)] if design.bodies else [])]
     return "".join(f"<p>{escape(x)}</p>" for x in said)
 
 
-def _difference(design: StimulusDesign) -> str:
-    return table(Table(words.DISTANCES, words.DISTANCE_HEAD, words.distance_rows(design)))
+def _difference(design: StimulusDesignRecord) -> str:
+    distances = words.distances(design)
+    return table(Table(distances.title, distances.header, distances.rows))
 
 
-def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:
+def spectrum(design: StimulusDesignRecord, ax: Axes | None = None) -> Axes:
     """RMS of every odd line over frequency, of sequence and design."""
     ax, d = axes(ax), design.designed
     for power, label, color, marker, fill in (
@@ -92,7 +94,7 @@ def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def waveform(design: StimulusDesign, ax: Axes | None = None) -> Axes:
+def waveform(design: StimulusDesignRecord, ax: Axes | None = None) -> Axes:
     """One cycle of the design."""
     ax, (t, u) = axes(ax), design.waveform()
     step = max(1, t.size // 2000)
@@ -102,7 +104,7 @@ def waveform(design: StimulusDesign, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _errors(design: StimulusDesign, command: str) -> str:
+def _errors(design: StimulusDesignRecord, command: str) -> str:
     found = design.spreads_at_fmax if design.spreads else None
     drawings = [("predicted, with the bounds of the fit", design.bounded_cv)]
     if found is not None:
@@ -111,13 +113,13 @@ def _errors(design: StimulusDesign, command: str) -> str:
     both = [*design.bounded_cv, *(found.cv if found is not None else ())]
     header = ["", "predicted: sequence", "design", "lower by"]
     rows = [
-        [name, f"{100 * a:.3g} %", f"{100 * b:.3g} %", f"×{a / b:.3g}"]
-        for name, a, b in zip(design.names, *both[:2], strict=True)
+        [name, *words.compared(sequence, other, "×")]
+        for name, sequence, other in zip(design.names, *both[:2], strict=True)
     ]
     if found is not None:
         header += ["fits: sequence", "design", "lower by (± MCSE)"]
         for k, row in enumerate(rows):
-            row += [f"{100 * cv[k]:.3g} %" for cv in found.cv]
+            row += [words.percent(cv[k]) for cv in found.cv]
             row.append(f"×{with_error(found.ratio[k], found.ratio_error[k])}")
     drawn = Figure(
         "cv",
@@ -134,7 +136,7 @@ def _errors(design: StimulusDesign, command: str) -> str:
     return figure(drawn, "", command) + table(Table("Coefficients of variation", header, rows))
 
 
-def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None, title: str = "") -> Axes:
+def cv_bars(design: StimulusDesignRecord, cv: np.ndarray, ax: Axes | None = None, title: str = "") -> Axes:
     """Coefficients of variation (2, P) of sequence and design as pairs of bars."""
     ax, at = axes(ax, (4.3, 5.0)), np.arange(len(design.names))
     low = 10 ** np.floor(np.log10(100 * cv.min()))

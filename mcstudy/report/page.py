@@ -1,6 +1,6 @@
 """The page of a study: one self-contained HTML file that needs no network.
 
-Apart from `mcstudy.report.study_page`, because a page that is kept needs neither statistics nor matplotlib.
+Apart from `mcstudy.report.study.page`, because a page that is kept needs neither statistics nor matplotlib.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def _page(path: Path, beside: Sequence[Path]) -> str:
             from mcstudy.report.style import require_matplotlib
 
             require_matplotlib()
-            from mcstudy.report.study_page import study_page
+            from mcstudy.report.study.page import study_page
 
             return {"html": study_page(path, beside, looks, look)}
 

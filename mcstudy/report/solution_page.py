@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mcstudy.planning import words
 from mcstudy.planning.next_look import leading
-from mcstudy.planning.result import Solution
+from mcstudy.planning.solution import SolutionRecord
 from mcstudy.report.axes import axes, legend_below, log_axis
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
@@ -22,7 +22,7 @@ from mcstudy.text_tables import number
 BAND, TARGET = COLOURS["orange"], COLOURS["blue"]
 
 
-def solution_page(found: Solution, command: str = "mcstudy solve STUDY --html page.html") -> str:
+def solution_page(found: SolutionRecord, command: str = "mcstudy solve STUDY --html page.html") -> str:
     """The page of a solution; ``command``: the command that makes this page, as displayed on it."""
     parts = [
         ("measures", "Measures and target", _measures(found, command)),
@@ -36,7 +36,7 @@ def solution_page(found: Solution, command: str = "mcstudy solve STUDY --html pa
     return document(f"The cheapest design: {found.study.study.name}", _introduction(found), parts, footer)
 
 
-def _introduction(found: Solution) -> str:
+def _introduction(found: SolutionRecord) -> str:
     d, answer = found.nearest, found.answer
     entries = [
         ("Cheapest design" if answer else "Nearest design", f"{d.cycles} cycles", f"{_seconds(found)} s recorded."),
@@ -55,18 +55,18 @@ def _introduction(found: Solution) -> str:
     return f"<p>{escape(with_units(words.statement(found)))}</p>{tiles(entries)}"
 
 
-def _seconds(found: Solution) -> str:
+def _seconds(found: SolutionRecord) -> str:
     return f"{found.nearest.cycles * found.space.period_s:.4g}"
 
 
-def _interval(found: Solution, axis: str) -> str:
+def _interval(found: SolutionRecord, axis: str) -> str:
     if axis not in found.interval:
         return "as in the study." if axis not in found.space.over else "the nearest to the target."
     low, high = found.interval[axis]
     return f"95 % interval {low:.4g} to {high:.4g}."
 
 
-def _measures(found: Solution, command: str) -> str:
+def _measures(found: SolutionRecord, command: str) -> str:
     cells = words.readings_table(found)
     shown = table(Table(cells.title, cells.header, cells.rows, "rows"))
     axis, arm = leading(found.space), found.arm
@@ -87,7 +87,7 @@ def _measures(found: Solution, command: str) -> str:
     return figure(drawn, "", command) + shown
 
 
-def measure_along(found: Solution, k: int, ax: Axes | None = None) -> Axes:
+def measure_along(found: SolutionRecord, k: int, ax: Axes | None = None) -> Axes:
     """The measure of target ``k`` along the leading axis, with its limit and the interval of the answer."""
     ax, axis, arm = axes(ax), leading(found.space), found.arm
     assert axis is not None
@@ -114,9 +114,6 @@ def measure_along(found: Solution, k: int, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _fitted(found: Solution) -> str:
-    tables = [words.by_fmax_table(found)] if len(found.rows) > 1 else []
-    if found.looks:
-        tables.append(words.looks_table(found))
-    shown = "".join(table(Table(t.title, t.header, t.rows)) for t in tables)
+def _fitted(found: SolutionRecord) -> str:
+    shown = "".join(table(Table(t.title, t.header, t.rows)) for t in words.search_tables(found))
     return f"<p>{escape(words.spent_words(found))}</p>{shown}"

@@ -21,7 +21,7 @@ from mcstudy_goodworth2018.paper.published import (
 
 if TYPE_CHECKING:
     from mcstudy.analysis.view import GroupView, StudyView
-    from mcstudy.report.context import Context
+    from mcstudy.report.study.context import Context
 
 _READING = (
     "apart: difference, minus the rounding of the paper's number, in standard errors of both studies. Ours is the mean "

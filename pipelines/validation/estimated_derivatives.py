@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import Bounds, minimize
 
-from mcstudy.analysis.convergence import fewest_independent_starts
+from mcstudy.analysis.search.convergence import fewest_independent_starts
 from mcstudy.fitting.certainty import HIT_TOLERANCE
 from mcstudy.fitting.problem import Problem, paper_cost
 from mcstudy.fitting.solvers import fit
@@ -50,7 +50,7 @@ def estimated(method: str, scale: np.ndarray) -> Callable[[Problem, np.ndarray],
 
     def costs(problem: Problem, starts: np.ndarray) -> np.ndarray:
         def cost(z: np.ndarray) -> np.ndarray:
-            return np.mean(np.abs(frf(model, z * scale, problem.f) / problem.data - 1) ** 2, axis=(-2, -1))
+            return np.mean(np.abs(frf(model, z * scale, problem.f) / problem.y - 1) ** 2, axis=(-2, -1))
 
         def cost_and_slope(z: np.ndarray) -> tuple[float, np.ndarray]:
             step = STEP * np.maximum(np.abs(z), 1.0)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mcstudy.analysis import atlas as module
-from mcstudy.analysis.atlas import atlas, atlas_of_starts
-from mcstudy.analysis.basins import basins
+from mcstudy.analysis.search import atlas as module
+from mcstudy.analysis.search.atlas import atlas, atlas_of_starts
+from mcstudy.analysis.search.basins import basins
 
 
 def _atlas(cube: xr.Dataset, tolerance: float = 0.5) -> xr.Dataset:

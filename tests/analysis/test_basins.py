@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mcstudy.analysis.basins import basins
+from mcstudy.analysis.search.basins import basins
 from mcstudy.fitting.status import Status
 
 Cube = Callable[..., xr.Dataset]

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import xarray as xr
 
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
-from mcstudy.analysis.by_starts import best_of_first, by_starts, mean_cv
-from mcstudy.analysis.convergence import hits
+from mcstudy.analysis.search.by_starts import best_of_first, by_starts, mean_cv
+from mcstudy.analysis.search.convergence import hits
 from mcstudy.analysis.selection import best
 
 

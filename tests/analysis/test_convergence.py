@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mcstudy.analysis import convergence
+from mcstudy.analysis.search import convergence
 from mcstudy.fitting.status import Status
 
 Cube = Callable[..., xr.Dataset]

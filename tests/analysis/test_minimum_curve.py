@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mcstudy.analysis import minimum_curve as mc
+from mcstudy.analysis.search import minimum_curve as mc
 
 Cube = Callable[..., xr.Dataset]
 COSTS = np.array([3.0, 1.0, 7.0, 1.0, 2.0, 40.0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mcstudy.analysis.stable_starts import hit_rate_by_start, stable_starts
+from mcstudy.analysis.search.stable_starts import hit_rate_by_start, stable_starts
 from mcstudy.own_model import run_model
 from mcstudy.stance.body import one_segment
 from mcstudy.stance.stability import growth_rate

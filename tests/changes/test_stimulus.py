@@ -18,7 +18,7 @@ STUDY = """
 import numpy as np
 import mcstudy as mc
 from mcstudy.gap.planned.choice import CONSIDERED
-from mcstudy.report.sections.model import KINDS
+from mcstudy.report.study.model import KINDS
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf
 

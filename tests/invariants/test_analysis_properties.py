@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mcstudy.analysis.basins import basins
-from mcstudy.analysis.convergence import fewest_starts, hits, miss_probability, starts_needed
-from mcstudy.analysis.minimum_curve import minimum_curve, weights_without_replacement
 from mcstudy.analysis.montecarlo import jackknife, quantiles, wilson
+from mcstudy.analysis.search.basins import basins
+from mcstudy.analysis.search.convergence import fewest_starts, hits, miss_probability, starts_needed
+from mcstudy.analysis.search.minimum_curve import minimum_curve, weights_without_replacement
 from mcstudy.analysis.selection import best
 from mcstudy.fitting.status import Status
 

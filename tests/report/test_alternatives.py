@@ -14,7 +14,7 @@ pytest.importorskip("matplotlib")
 
 from mcstudy_goodworth2018.alternatives.files import TwoStimuliResult, read_alternative, write_alternative
 
-from mcstudy.analysis.stable_starts import hit_rate_by_start
+from mcstudy.analysis.search.stable_starts import hit_rate_by_start
 from mcstudy.cli import main
 from mcstudy.errors import StoreError
 from mcstudy.exits import Exit

@@ -16,7 +16,7 @@ from mcstudy.cli import main
 from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
-from mcstudy.fitting.penalised import Data
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnose import diagnose
 from mcstudy.gap.settings import FAST
 from mcstudy.gap.tables import SHOWN, tables
@@ -51,6 +51,15 @@ def diagnosis(recording: Recording) -> Diagnosis:
 @pytest.fixture(scope="module")
 def data(diagnosis: Diagnosis) -> GapData:
     return GapData(diagnosis)
+
+
+def test_one_command_prints_a_diagnosis_and_writes_its_page(
+    gap_page: Path, lagging_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / gap_page.name
+    assert main(["gap", "diagnose", str(lagging_recording), "--fast", "--html", str(page)]) == Exit.DONE
+    assert "Most likely cause" in capsys.readouterr().out
+    assert page.read_text(encoding="utf-8").replace(str(page), str(gap_page)) == gap_page.read_text(encoding="utf-8")
 
 
 def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Path, diagnosis: Diagnosis) -> None:

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from mcstudy_goodworth2018.alternatives import figures as alternative_figures
 from mcstudy_goodworth2018.alternatives.files import read_alternative
 
-from mcstudy.analysis.by_starts import best_of_first
+from mcstudy.analysis.search.by_starts import best_of_first
 from mcstudy.analysis.selection import best
 from mcstudy.analysis.view import GroupView
 from mcstudy.errors import InputError
@@ -29,7 +29,7 @@ from mcstudy.report.figures.pairs import draw_correlations
 from mcstudy.report.figures.responses import phase_errors
 from mcstudy.report.figures.signals import Signals, envelope
 from mcstudy.report.frame import place
-from mcstudy.report.sections.standard_errors import zipper_figures
+from mcstudy.report.study.standard_errors import zipper_figures
 from mcstudy.report.svg import drawn, style
 from mcstudy.stance.response import frf
 

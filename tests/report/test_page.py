@@ -27,12 +27,12 @@ from mcstudy.analysis.view import StudyView
 from mcstudy.api.studies import summary
 from mcstudy.cli import main
 from mcstudy.exits import Exit
-from mcstudy.report.context import Context
 from mcstudy.report.figure import Figure
 from mcstudy.report.page import page
-from mcstudy.report.sections.search import paper_search_figures
+from mcstudy.report.study.context import Context
+from mcstudy.report.study.search import paper_search_figures
+from mcstudy.report.study.tables import headline
 from mcstudy.report.typeset import typeset
-from mcstudy.report.words import headline
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stance.body import two_segment
 from mcstudy.study.cube.conversion import structured
@@ -246,7 +246,7 @@ def test_a_kept_page_is_drawn_again_when_style_or_script_changed(
     other_cube: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page(other_cube)
-    monkeypatch.setattr("mcstudy.report.study_page.study_page", lambda *_: "drawn again")
+    monkeypatch.setattr("mcstudy.report.study.page.study_page", lambda *_: "drawn again")
     assert page(other_cube) != "drawn again"
     dress = {f"report/{f.name}" for f in files("mcstudy.report").iterdir() if f.name.endswith((".css", ".js"))}
     assert dress == {"report/page.css", "report/page.js"}

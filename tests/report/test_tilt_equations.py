@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from mcstudy.report.equations import diagram, equations
+from mcstudy.report.study.equations import diagram, equations
 from mcstudy.stance.body import two_segment
 
 

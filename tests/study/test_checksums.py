@@ -20,9 +20,9 @@ from mcstudy.errors import StoreError
 from mcstudy.files import durable
 from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.fitting.status import Status
-from mcstudy.report.context import Context
 from mcstudy.report.page import page
-from mcstudy.report.words import headline
+from mcstudy.report.study.context import Context
+from mcstudy.report.study.tables import headline
 from mcstudy.study.cube import checksums
 from mcstudy.study.cube.checked_store import CheckedStore
 from mcstudy.study.cube.store import Cube

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.results import open_results
+from mcstudy.analysis.search.convergence import starts_needed
 from mcstudy.analysis.selection import best
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.durable import tree_digest

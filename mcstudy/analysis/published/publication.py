@@ -57,8 +57,8 @@ class Publication:
         ``free_pools`` (without); None where the study has none.
     fmax: Hz, of the published figures. settings: published settings, (value, unit, place).
     table: table of the page that lays rows (by key, as JSON) out as the publication does; None for none.
-    section: key, title and content of a section of the page about a study (`mcstudy.report.context.Context`) and the
-        files beside it, each with the study of its cube or None; None for none.
+    section: key, title and content of a section of the page about a study (`mcstudy.report.study.context.Context`) and
+        the files beside it, each with the study of its cube or None; None for none.
     """
 
     reference: str

@@ -10,13 +10,13 @@ import xarray as xr
 
 from mcstudy.analysis import accuracy, robust, selection
 from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
-from mcstudy.analysis.convergence import starts_needed_quantiles
 from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.montecarlo import PlainStatistic, jackknives
-from mcstudy.analysis.notes import notes
 from mcstudy.analysis.performance import WITH_ERRORS, performance
 from mcstudy.analysis.published.publication import Row, compared
+from mcstudy.analysis.search.convergence import starts_needed_quantiles
 from mcstudy.analysis.show import SCHEMA
+from mcstudy.analysis.show.notes import notes
 from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier

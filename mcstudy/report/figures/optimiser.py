@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
-from mcstudy.analysis.atlas import atlas_of_starts
-from mcstudy.analysis.by_starts import best_of_first, mean_cv
+from mcstudy.analysis.search.atlas import atlas_of_starts
+from mcstudy.analysis.search.by_starts import best_of_first, mean_cv
 from mcstudy.analysis.view import GroupView
 from mcstudy.report.axes import axes, fixed_ticks, legend_below, plain_log_axis
 from mcstudy.report.figures.common import GroupLike, chosen_amplitude, chosen_fmax, sample, view_of
@@ -31,7 +31,7 @@ AT_ONCE = 300_000
 
 @lru_cache(maxsize=8)
 def best_by_starts_of(view: GroupView) -> xr.Dataset:
-    """`mcstudy.analysis.by_starts.best_of_first` of a `sample` of a group; kept, because every statistic needs it."""
+    """`mcstudy.analysis.search.by_starts.best_of_first` of a `sample`; kept, because every statistic needs it."""
     return best_of_first(sample(view)).compute()
 
 
@@ -84,7 +84,7 @@ def _lines(ax: Axes, view: GroupView, result: xr.Dataset) -> None:
 
 @lru_cache(maxsize=32)
 def atlas_of(view: GroupView, amplitude: float, fmax: float) -> xr.Dataset:
-    """Clusters of local minima at one amplitude and Fmax; see `mcstudy.analysis.atlas`."""
+    """Clusters of local minima at one amplitude and Fmax; see `mcstudy.analysis.search.atlas`."""
     return atlas_of_starts(view.cube.sel(amplitude=amplitude, fmax=fmax), MOST_MINIMA)
 
 

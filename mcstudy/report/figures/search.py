@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from mcstudy.analysis.minimum_curve import average_curve, minimum_curve
 from mcstudy.analysis.neural import j_nc
+from mcstudy.analysis.search.minimum_curve import average_curve, minimum_curve
 from mcstudy.analysis.selection import attempted, usable
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import COST_FLOOR

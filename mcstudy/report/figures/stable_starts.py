@@ -13,7 +13,7 @@ from mcstudy.report.style import SERIES
 def hit_rate_bars(rate: xr.Dataset, title: str = "", ax: Axes | None = None) -> Axes:
     """Fraction of starts that reach the lowest minimum by Fmax, for stable and unstable loops at the start, ± MCSE.
 
-    ``rate``: `mcstudy.analysis.stable_starts.hit_rate_by_start` at one amplitude.
+    ``rate``: `mcstudy.analysis.search.stable_starts.hit_rate_by_start` at one amplitude.
     """
     ax = axes(ax)
     fmax = rate["fmax"].values

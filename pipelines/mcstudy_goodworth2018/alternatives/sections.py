@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.convergence import starts_needed
-from mcstudy.analysis.stable_starts import hit_rate_by_start
-from mcstudy.report.context import Context, largest_amplitude
+from mcstudy.analysis.search.convergence import starts_needed
+from mcstudy.analysis.search.stable_starts import hit_rate_by_start
 from mcstudy.report.figure import Figure, Missing, Panel, figure, missing
 from mcstudy.report.figures.stable_starts import hit_rate_bars
 from mcstudy.report.html import Table
 from mcstudy.report.labels import amplitude_label, fmax_label
 from mcstudy.report.numbers import finite, short
+from mcstudy.report.study.context import Context, largest_amplitude
 from mcstudy.text_tables import with_error
 from mcstudy_goodworth2018.alternatives import figures as drawn
 from mcstudy_goodworth2018.alternatives.files import PopulationResult, TwoStimuliResult, read_alternative

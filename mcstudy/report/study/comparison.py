@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from mcstudy.analysis.compare import MEASURES
-from mcstudy.report.context import Context, stat
 from mcstudy.report.html import Table, escape, table
+from mcstudy.report.study.context import Context, stat
 
 
 def comparison_html(context: Context) -> str:

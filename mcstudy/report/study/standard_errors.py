@@ -8,13 +8,13 @@ from mcstudy.analysis.selection import ERROR
 from mcstudy.analysis.show.text import share_with_ends
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
-from mcstudy.report.context import largest_amplitude
 from mcstudy.report.figure import Figure, Panel
 from mcstudy.report.figures.common import MOST_POINTS, chosen_fmax
 from mcstudy.report.figures.zipper import performance_of
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 from mcstudy.report.numbers import finite
+from mcstudy.report.study.context import largest_amplitude
 from mcstudy.text_tables import with_error
 
 COVERAGES = ("coverage", "bias_eliminated_coverage")

@@ -42,7 +42,7 @@ def hit_rate_by_start(
     ----------
     cube: a group with all its starts.
     model: what was fitted (``dataset.mc.model``, or the one given to `mcstudy.own_model.run_model`).
-    tolerance, floor: what counts as the minimum; see `mcstudy.analysis.convergence`.
+    tolerance, floor: what counts as the minimum; see `mcstudy.analysis.search.convergence`.
 
     Returns
     -------

@@ -11,7 +11,6 @@ from mcstudy.analysis.sensitivity import RANGES
 from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
-from mcstudy.report.context import Context, conditions, largest_amplitude, stat, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.accuracy import bias_at, cv_at
 from mcstudy.report.figures.common import chosen_fmax, of_all
@@ -20,7 +19,8 @@ from mcstudy.report.figures.responses import MOST_FITS
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label, unit, with_units
 from mcstudy.report.numbers import finite, short
-from mcstudy.report.sections.search import relative_errors
+from mcstudy.report.study.context import Context, conditions, largest_amplitude, stat, value_of
+from mcstudy.report.study.search import relative_errors
 from mcstudy.report.style import HATCHES
 from mcstudy.text_tables import with_error
 

@@ -1,4 +1,4 @@
-"""Texts and tables of the page: description of the study, comparison with the paper, all groups in numbers."""
+"""Description of a study and tables of its page: the comparison with a publication, and all groups in numbers."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.show.text import incomplete, ours, verdict
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
 from mcstudy.fitting.certainty import MISSED
-from mcstudy.report.context import Context, stat
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import cell_label, with_units
 from mcstudy.report.numbers import short
+from mcstudy.report.study.context import Context, stat
 from mcstudy.study.instability import warning
 from mcstudy.text_tables import counted, number
 

@@ -11,10 +11,10 @@ from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
-from mcstudy.report.context import Context, largest_amplitude, stat, value_of, with_ends
 from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.html import escape, tiles
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
+from mcstudy.report.study.context import Context, largest_amplitude, stat, value_of, with_ends
 from mcstudy.text_tables import counted, number, with_error
 
 Tile = tuple[str, str, str, str]

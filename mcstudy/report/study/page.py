@@ -16,25 +16,25 @@ from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.show.text import paper_title
 from mcstudy.errors import InputError
-from mcstudy.report.context import Context
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figure, missing
 from mcstudy.report.html import Table, details, escape, table
-from mcstudy.report.overview import overview
-from mcstudy.report.sections.compare import comparison_html
-from mcstudy.report.sections.estimates import (
+from mcstudy.report.study.comparison import comparison_html
+from mcstudy.report.study.context import Context
+from mcstudy.report.study.estimates import (
     efficiency_figure,
     estimates,
     paper_estimate_figures,
     statistic_figures,
 )
-from mcstudy.report.sections.model import model_html
-from mcstudy.report.sections.pairs import pairs_figure
-from mcstudy.report.sections.search import further_search_figures, paper_search_figures
-from mcstudy.report.sections.signals import signal_figures
-from mcstudy.report.sections.standard_errors import zipper_figures
-from mcstudy.report.words import beside as published_beside
-from mcstudy.report.words import group_overviews, headline, introduction
+from mcstudy.report.study.model import model_html
+from mcstudy.report.study.overview import overview
+from mcstudy.report.study.pairs import pairs_figure
+from mcstudy.report.study.search import further_search_figures, paper_search_figures
+from mcstudy.report.study.signals import signal_figures
+from mcstudy.report.study.standard_errors import zipper_figures
+from mcstudy.report.study.tables import beside as published_beside
+from mcstudy.report.study.tables import group_overviews, headline, introduction
 from mcstudy.study.cube.conversion import structured
 
 

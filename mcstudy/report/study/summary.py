@@ -9,9 +9,9 @@ from typing import Any
 import xarray as xr
 
 from mcstudy.analysis.show.tables import Report
-from mcstudy.report.context import Context
 from mcstudy.report.html import escape
-from mcstudy.report.words import group_overviews, headline, introduction
+from mcstudy.report.study.context import Context
+from mcstudy.report.study.tables import group_overviews, headline, introduction
 
 _STYLE = (
     ".mcstudy table{border-collapse:collapse;margin:.5em 0}.mcstudy caption{text-align:left;font-weight:600}"

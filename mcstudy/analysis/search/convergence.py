@@ -1,4 +1,4 @@
-"""Number of starts that a fit needs: exact, per realization. (The paper's own curve: `mcstudy.analysis.minimum_curve`.)
+"""Number of starts that a fit needs: exact, per realization (expected cost: `mcstudy.analysis.search.minimum_curve`).
 
 A *pool* is the set of fits of one cell. A fit is a success (*hit*) if its cost is within `HIT_TOLERANCE` of the pool's
 minimum. The pool's minimum represents the global one; `mcstudy.fitting.certainty` estimates the chance that it is not.

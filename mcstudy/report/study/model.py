@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from mcstudy.report.context import Context
-from mcstudy.report.equations import diagram, equations
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import with_units
+from mcstudy.report.study.context import Context
+from mcstudy.report.study.equations import diagram, equations
 from mcstudy.stance.body import KINDS, Body
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy
-from mcstudy.analysis.convergence import starts_needed
 from mcstudy.analysis.labels import ONE, label
 from mcstudy.analysis.montecarlo import REALIZATION
+from mcstudy.analysis.search.convergence import starts_needed
 from mcstudy.analysis.selection import best
 from mcstudy.fitting.certainty import MISSED, missed
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis.basins import basins
 from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import REALIZATION
+from mcstudy.analysis.search.basins import basins
 
 TOLERANCE = 0.5
 """Largest difference of a parameter from its cluster's leader, as a fraction of its bounds' distance."""
@@ -46,7 +46,7 @@ def atlas(basins: xr.Dataset, lower: xr.DataArray, upper: xr.DataArray, toleranc
 
     Parameters
     ----------
-    basins: from `mcstudy.analysis.basins.basins`, at one amplitude and Fmax: dims (realization, basin).
+    basins: from `mcstudy.analysis.search.basins.basins`, at one amplitude and Fmax: dims (realization, basin).
     lower, upper: bounds (parameter,).
 
     Returns

@@ -9,12 +9,12 @@ import numpy as np
 from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.view import GroupView
 from mcstudy.report import figures
-from mcstudy.report.context import Context, conditions, largest_amplitude, value_of
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.common import MOST_POINTS, chosen_fmax
 from mcstudy.report.figures.pairs import WRITTEN, correlations_of
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
+from mcstudy.report.study.context import Context, conditions, largest_amplitude, value_of
 
 MOST_ROWS = 12
 """Pairs in the table: stiffnesses that add up, then those of largest correlation."""

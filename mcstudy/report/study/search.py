@@ -9,13 +9,12 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
-from mcstudy.analysis.by_starts import mean_cv, missed_by
 from mcstudy.analysis.montecarlo import REALIZATION
+from mcstudy.analysis.search.by_starts import mean_cv, missed_by
 from mcstudy.analysis.show.missed import missed_percent, missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report import figures
-from mcstudy.report.context import Context, conditions, largest_amplitude, stat, value_of, with_ends
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.common import MOST_POINTS, of_all, sampled
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
@@ -23,6 +22,7 @@ from mcstudy.report.figures.search import MOST_CURVES, curve_of, pools_of_points
 from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 from mcstudy.report.numbers import finite, short
+from mcstudy.report.study.context import Context, conditions, largest_amplitude, stat, value_of, with_ends
 
 CURVE_TITLE = "Starts needed"
 

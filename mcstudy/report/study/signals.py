@@ -7,12 +7,12 @@ from functools import partial
 import numpy as np
 
 from mcstudy.report import figures
-from mcstudy.report.context import Context
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.signals import Signals, cycles
 from mcstudy.report.html import Table
 from mcstudy.report.labels import unit
 from mcstudy.report.numbers import short
+from mcstudy.report.study.context import Context
 
 RECORD = (11.0, 1.9)
 """Size of a record of minutes, inches: the width of the page."""

@@ -1,0 +1,1 @@
+"""What many starts find: the starts that a fit needs, and the local minima."""

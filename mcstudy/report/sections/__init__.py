@@ -1,1 +1,0 @@
-"""Figures of the page by family: which panels, which words, which numbers."""

@@ -46,9 +46,9 @@ RESPONSES_HZ = (0.1, 0.3, 1.0, 3.0)
 
 def tables(d: DiagnosisRecord) -> list[Table]:
     """The tables of a diagnosis that are not empty."""
-    found = [evidence(d), _causes(d), _sizes(d), _locations(d), closing(d), _nearest(d), _parameters(d), _contrasts(d)]
+    usual = [evidence(d), _causes(d), _sizes(d), _locations(d), closing(d), _nearest(d), _parameters(d), _contrasts(d)]
     answered = [table for answer in d.answers if (table := answer.table()) is not None]
-    return [t for t in (*found, *answered) if t.rows]
+    return [t for t in (*usual, *answered) if t.rows]
 
 
 def text(d: DiagnosisRecord) -> str:

@@ -205,10 +205,10 @@ def unusual(cause: Cause) -> str:
     feet, for example, acts like a loose head of 1 kg.
     """
     known = [e for e in cause.effects if e in library.LIBRARY and not cause.advice]  # one may be registered no more
-    own = {library.effect(e).size.name: e for e in known}
+    effect_of = {library.effect(e).size.name: e for e in known}
     parts = []
     for s in cause.sizes:
-        usual = library.usual_size(s.name) if s.name in own else None
+        usual = library.usual_size(s.name) if s.name in effect_of else None
         if usual is None:
             continue
         most = max(abs(s.low), abs(s.high))
@@ -216,7 +216,7 @@ def unusual(cause: Cause) -> str:
         if most < usual[0] / FAR or least > usual[1] * FAR:
             value, side = f"{number(s.estimate)} {s.unit}".strip(), "small" if most < usual[0] / FAR else "large"
             parts.append(
-                f"{s.name} = {value} is {side} for {own[s.name]} (usual size {usual[0]:.3g} to {usual[1]:.3g}): "
+                f"{s.name} = {value} is {side} for {effect_of[s.name]} (usual size {usual[0]:.3g} to {usual[1]:.3g}): "
                 "another mechanism may act like it."
             )
     return " ".join(parts)

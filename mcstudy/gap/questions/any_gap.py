@@ -69,14 +69,14 @@ def gap_test(lines: Lines, fit: BaseFit, settings: DiagnosisSettings, contrast_d
     """
     base, data, seed = fit.best, fit.data, settings.seed
     effects = applicable(fit.model)
-    found = signatures(base, data, effects)
-    scores = Scores(base, data, found, [library.effect(s.effect).size.signed for s in found])
+    shapes = signatures(base, data, effects)
+    scores = Scores(base, data, shapes, [library.effect(s.effect).size.signed for s in shapes])
     rng = stream(seed, "gap null")
     return GapTest(
         fit=fit,
         effects=effects,
-        signatures=found,
-        groups=ambiguity_groups(found),
+        signatures=shapes,
+        groups=ambiguity_groups(shapes),
         scores=scores,
         detection=detect(base, fit.fitter, data, lines, scores, rng, settings.draws, not settings.fast),
         contrasts=contrasts(lines, base, stream(seed, "gap contrasts"), contrast_draws),

@@ -148,18 +148,18 @@ def remaining_torque(
     log = np.array([c.log_weight for c in candidates])
     total = np.logaddexp.reduce(log)
     nothing = np.log(NOTHING) + fitted.log_evidence
-    found = bool(total > nothing)
+    remains = bool(total > nothing)
     weight = _akaike_weights(candidates)
     by_path: dict[Path, float] = {}
     for c, w in zip(candidates, weight, strict=True):
         by_path[c.path] = by_path.get(c.path, 0.0) + float(w)
     path = max(by_path, key=lambda p: by_path[p])
-    own = [c for c in candidates if c.path == path]
+    along = [c for c in candidates if c.path == path]
     share = weight[[c.path == path for c in candidates]] / by_path[path]
-    best = own[int(share.argmax())]
+    best = along[int(share.argmax())]
     by_poles = np.zeros(MOST_POLES + 1)
-    by_poles[[c.poles for c in own]] = share
-    G = _samples(own, share, data.f, rng)
+    by_poles[[c.poles for c in along]] = share
+    G = _samples(along, share, data.f, rng)
     gain, phase = np.abs(G), _phases(G)
     k = fitted.model.rows.index(path.row)
     timed = bool(np.isfinite(power).all())
@@ -191,8 +191,8 @@ def remaining_torque(
         phase=turns[0],
         phase_low=turns[1],
         phase_high=turns[2],
-        rms=_size(torque, found) if timed else None,
-        share=_size(torque / active, found) if active > 0 else None,
+        rms=_size(torque, remains) if timed else None,
+        share=_size(torque / active, remains) if active > 0 else None,
         clearest_hz=float(data.f[int(seen.argmax())]),
         chi2=best.fitted.chi2,
     )

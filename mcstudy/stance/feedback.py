@@ -250,8 +250,8 @@ class Model:
     @cached_property
     def senses(self) -> dict[str, tuple[float, float, float]]:
         """Weights on (first angle, second angle, stimulus) by name; the model's own angle names included."""
-        own = {self.angles[0]: (1.0, 0.0, 0.0), self.angles[1]: (0.0, 1.0, 0.0)}
-        return {**SENSES, **own}
+        angle_weights = {self.angles[0]: (1.0, 0.0, 0.0), self.angles[1]: (0.0, 1.0, 0.0)}
+        return {**SENSES, **angle_weights}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -443,5 +443,5 @@ class Table:
 
     def gains(self, theta: np.ndarray) -> np.ndarray:
         """Coefficient of every term times its gains at parameters ``theta`` (..., P), (..., E)."""
-        one = np.concatenate([theta, np.ones((*theta.shape[:-1], 1))], axis=-1)  # where -1, no gain, points to
-        return np.asarray(self.weight[:, 0] * one[..., self.entry[:, 3]] * one[..., self.entry[:, 4]])
+        padded = np.concatenate([theta, np.ones((*theta.shape[:-1], 1))], axis=-1)  # where -1, no gain, points to
+        return np.asarray(self.weight[:, 0] * padded[..., self.entry[:, 3]] * padded[..., self.entry[:, 4]])

@@ -116,12 +116,12 @@ def _delays(model: Model, theta: np.ndarray, chosen: list[int]) -> tuple[np.ndar
     """Distinct delays (..., G), zero first, and the delay group of each chosen entry."""
     table = model.table
     parameters = {e: tuple(int(p) for p in table.group_delay[table.entry[e, 2]] if p >= 0) for e in chosen}
-    used = [(), *dict.fromkeys(own for own in parameters.values() if own)]
-    delay = np.stack([theta[..., list(own)].sum(axis=-1) for own in used], axis=-1)
+    used = [(), *dict.fromkeys(delays for delays in parameters.values() if delays)]
+    delay = np.stack([theta[..., list(delays)].sum(axis=-1) for delays in used], axis=-1)
     if (delay < 0).any():
         at = used[int(np.argmax((delay < 0).reshape(-1, len(used)).any(axis=0)))]
         raise ModelError(f"model {model.name}: delay {' + '.join(model.names[p] for p in at)} is negative")
-    return delay, {e: used.index(own) for e, own in parameters.items()}
+    return delay, {e: used.index(delays) for e, delays in parameters.items()}
 
 
 def filter_polynomials(model: Model, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -230,14 +230,14 @@ def _probably(cube: Cube, here: dict[str, Any]) -> tuple[str, ...]:
 
 def _unsound(cube: Cube, blocks: list[Block], log: RunLog, here: dict[str, Any]) -> Iterator[Block]:
     """Chunks that two workers may have written at once, and whose later write was the less complete one."""
-    for one in blocks:
-        store = cube.groups[one.group]
-        for chunk in one.chunks:
+    for block in blocks:
+        store = cube.groups[block.group]
+        for chunk in block.chunks:
             if not store.consistent(chunk):
-                log.add("taken_back", chunks=[[one.group, chunk.amplitude, chunk.block]])
+                log.add("taken_back", chunks=[[block.group, chunk.amplitude, chunk.block]])
                 store.forget(chunk)
             if left := store.pending(chunk):
-                yield Block(one.group, (chunk,), left)
+                yield Block(block.group, (chunk,), left)
             elif not store.annotated(chunk):  # the other worker set it back to pending and did not finish it
                 store.annotate(chunk, _probably(cube, here))
 

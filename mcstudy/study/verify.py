@@ -183,10 +183,10 @@ def _still(store: GroupStore, chunk: Chunk, read: Callable[[], T]) -> T:
 
     for _ in range(TRIES):
         before = state()
-        found = read()
+        reading = read()
         if state() == before:
             break
-    return found
+    return reading
 
 
 def _about(file: Path) -> os.stat_result | None:
@@ -268,9 +268,9 @@ def _difference(expected: bytes, actual: bytes) -> str:
         old, new = json.loads(expected), json.loads(actual)
     except ValueError:
         return "content differs from that of the study"
-    found = dict(leaves(new))
+    new_values = dict(leaves(new))
     for field_name, value in leaves(old):
-        if (other := found.get(field_name)) != value:
+        if (other := new_values.get(field_name)) != value:
             return f"{field_name}: expected {value!r}, found {other!r}"[:300]
     return "holds fields that the study does not"
 
@@ -364,7 +364,7 @@ def _recompute(
     if differ and not elsewhere:
         findings.damage.append(f"{where}recomputed values differ from the stored ones ({', '.join(differ)})")
     elif differ:
-        found = compared(store, chunk, r, (stored, recomputed), chosen, findings.elsewhere.tolerance)
-        findings.elsewhere.add(found)
-        if not found.within:
-            findings.beyond.append(f"{where}{found.text()}")
+        comparison = compared(store, chunk, r, (stored, recomputed), chosen, findings.elsewhere.tolerance)
+        findings.elsewhere.add(comparison)
+        if not comparison.within:
+            findings.beyond.append(f"{where}{comparison.text()}")

@@ -122,7 +122,7 @@ def small_problem() -> Problem:
 
 
 def queued(problems: Sequence[Problem], assignment: np.ndarray, starts: np.ndarray) -> Queue:
-    """Starts (M, P) of problems that share model and frequencies, for a kernel; ``assignment``: problem of each, (M,)."""
+    """Starts (M, P) of problems that share model and frequencies; ``assignment``: the problem of each, (M,)."""
     return Queue(
         packed=np.stack([p.packed for p in problems]),
         problem=np.ascontiguousarray(assignment, dtype=np.int64),

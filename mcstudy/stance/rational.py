@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -95,12 +96,7 @@ def rational_rows(
         row, order = int(table.entry[e, 0]), max(int(table.entry[e, 1]), 0)
         for c in np.flatnonzero(table.weight[e, 1:]):
             numerator[..., group[e], row, c, order, : polynomial.shape[-1]] += table.weight[e, 1 + c] * polynomial
-    bottoms = [np.ones((*batch, 1)), np.ones((*batch, 1))]
-    for row in (0, 1):
-        for k in common[row].elements():
-            bottoms[row] = _multiply(bottoms[row], filters[k][1])
-        if integrates[row]:
-            bottoms[row] = _times_s(bottoms[row])
+    bottoms = [_bottom(batch, [filters[k][1] for k in common[row].elements()], integrates[row]) for row in (0, 1)]
     denominator = np.zeros((*batch, 2, max(b.shape[-1] for b in bottoms)))
     for row in (0, 1):
         denominator[..., row, : bottoms[row].shape[-1]] = bottoms[row]
@@ -110,6 +106,12 @@ def rational_rows(
             for array in (numerator[..., row, :, :, :], denominator[..., row, :]):
                 array[absent] = _divided_by_s(array[absent])
     return RationalRows(delay, denominator, numerator)
+
+
+def _bottom(batch: tuple[int, ...], factors: list[np.ndarray], integrates: bool) -> np.ndarray:
+    """Common denominator of a row, (..., L): a product of filters' denominators, and s if a term integrates."""
+    product = reduce(_multiply, factors, np.ones((*batch, 1)))
+    return _times_s(product) if integrates else product
 
 
 def _delays(model: Model, theta: np.ndarray, chosen: list[int]) -> tuple[np.ndarray, dict[int, int]]:

@@ -122,7 +122,7 @@ class _Builder:
         return first if d.size else -1
 
     def link(self, signal: tuple[int, float, int, int], destination: int, value: float, weight_index: int) -> None:
-        """Add to a link; ``weight_index`` is 0 for the gain, 1 for the drift. Undelayed acceleration goes to the mass."""
+        """Add to a link's gain (``weight_index`` 0) or drift (1). Undelayed acceleration goes to the mass."""
         kind, delay, angle, order = signal
         if value == 0.0:
             return

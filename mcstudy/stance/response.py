@@ -145,6 +145,29 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
     A, b = _system(model, theta, s, groups)
     inverse = np.linalg.inv(A)
     H = np.einsum("...ij,...j->...i", inverse, b)
+    force = _force_slopes(model, theta, s, H, groups, log_slopes)
+    dH = -np.einsum("...ij,...jp->...ip", inverse, np.ascontiguousarray(np.moveaxis(force, (0, 1), (-2, -1))))
+    if (table.output_filter < 0).all():
+        return H, dH
+    value = _output(model, theta, s)
+    H = H * value
+    dH = dH * value[..., None]
+    for angle, f in enumerate(table.output_filter):
+        for p, log_slope in log_slopes[f] if f >= 0 else ():
+            dH[..., angle, p] += H[..., angle] * log_slope
+    return H, dH
+
+
+def _force_slopes(
+    model: Model,
+    theta: np.ndarray,
+    s: np.ndarray,
+    H: np.ndarray,
+    groups: np.ndarray,
+    log_slopes: list[list[tuple[int, np.ndarray]]],
+) -> np.ndarray:
+    """dA H - db of every parameter, (row, P, ..., N)."""
+    table = model.table
     force = np.zeros((2, table.n_parameters, *theta.shape[:-1], s.size), dtype=complex)
     drive = sensed_stimulus(model, s.size)
     angles, power = np.moveaxis(H, -1, 0).copy(), {order: s**order for order in set(table.entry[:, 1].tolist())}
@@ -173,16 +196,7 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
         for k in filtered[filtered >= 0]:
             for p, log_slope in log_slopes[k]:
                 force[row, p] += total * log_slope
-    dH = -np.einsum("...ij,...jp->...ip", inverse, np.ascontiguousarray(np.moveaxis(force, (0, 1), (-2, -1))))
-    if (table.output_filter < 0).all():
-        return H, dH
-    value = _output(model, theta, s)
-    H = H * value
-    dH = dH * value[..., None]
-    for angle, f in enumerate(table.output_filter):
-        for p, log_slope in log_slopes[f] if f >= 0 else ():
-            dH[..., angle, p] += H[..., angle] * log_slope
-    return H, dH
+    return force
 
 
 def noise_response(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:

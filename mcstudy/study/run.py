@@ -166,13 +166,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
         threads=options.threads,
         repaired=repairs.written,
     )
-    pending = {(b.group, c.amplitude, c.block) for b in blocks for c in b.chunks}
-    chunks = {(name, c.amplitude, c.block) for name, store in cube.groups.items() for c in store.layout.chunks}
-    reported = run_log.reported(out, study.fingerprint)
-    if gone := sorted(pending & reported):
-        log.add("taken_back", chunks=gone)
-    if new := sorted(chunks - pending - reported):  # of an extended cube, or of a log that lost lines
-        log.add("present", chunks=new)
+    _log_presence(cube, blocks, log)
     for line in (*repairs.said, *(f"repaired: {file}" for file in repairs.written)):
         progress.say(line)
     if noted:
@@ -202,6 +196,17 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
     outcome.seconds = progress.seconds
     log.add("end", fits=outcome.fits, seconds=round(outcome.seconds, 3), failed_blocks=outcome.failed_blocks)
     return outcome
+
+
+def _log_presence(cube: Cube, blocks: list[Block], log: RunLog) -> None:
+    """Log the chunks whose presence is not as the log has it."""
+    pending = {(b.group, c.amplitude, c.block) for b in blocks for c in b.chunks}
+    chunks = {(name, c.amplitude, c.block) for name, store in cube.groups.items() for c in store.layout.chunks}
+    reported = run_log.reported(cube.path, cube.study.fingerprint)
+    if gone := sorted(pending & reported):
+        log.add("taken_back", chunks=gone)
+    if new := sorted(chunks - pending - reported):  # of an extended cube, or of a log that lost lines
+        log.add("present", chunks=new)
 
 
 def _annotate(cube: Cube, here: dict[str, Any]) -> int:

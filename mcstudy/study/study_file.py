@@ -52,14 +52,14 @@ def _study(raw: dict[str, Any]) -> Study:
     for key, value in shared.items():
         validated(Group.model_fields[key].annotation, value, key)
     groups = {}
-    for name, own in raw["group"].items():
+    for name, fields in raw["group"].items():
         where = f"group.{shown(name)}"
-        if not isinstance(own, dict):
-            raise DesignError(f"{where}: expected a table [{where}], got {short(own)}")
+        if not isinstance(fields, dict):
+            raise DesignError(f"{where}: expected a table [{where}], got {short(fields)}")
         for key in SECTIONS:
-            if not isinstance(own.get(key, {}), dict):
-                raise DesignError(f"{where}.{key}: expected a table, got {short(own[key])}")
-        groups[name] = merge(shared, own)
+            if not isinstance(fields.get(key, {}), dict):
+                raise DesignError(f"{where}.{key}: expected a table, got {short(fields[key])}")
+        groups[name] = merge(shared, fields)
         validated(Group, groups[name], where)
     study: Study = validated(Study, {"study": raw["study"], "group": groups})
     return study
@@ -74,10 +74,10 @@ def check_tables(raw: Mapping[str, Any], known: Collection[str]) -> None:
             raise DesignError(f"{key}: expected a table [{key}], got {short(value)}")
 
 
-def merge(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """``base`` with the keys of ``own`` over it, table by table."""
+def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """``base`` with the keys of ``changes`` over it, table by table."""
     merged = dict(base)
-    for key, value in own.items():
+    for key, value in changes.items():
         old = merged.get(key)
         merged[key] = merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
     return merged

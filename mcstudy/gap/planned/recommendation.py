@@ -70,7 +70,7 @@ def _pair(first: str, second: str, probability: float) -> str:
 def twin_sentence(d: NextTrialRecord) -> str:
     """How many effects have a twin, before and after."""
     before, after, effects = d.before.count, d.after.count, len(d.before.effects)
-    return f"Of {effects} effects {before} cannot be told from another one in what was recorded, {after} with it."
+    return f"Of {effects} effects {before} are indistinguishable from another in these data, {after} with it."
 
 
 def text(d: NextTrialRecord) -> str:

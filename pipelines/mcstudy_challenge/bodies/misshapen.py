@@ -21,7 +21,7 @@ from mcstudy.stance.response import frf
 from mcstudy_challenge.bodies.forms import Form
 from mcstudy_challenge.bodies.geometry import Geometry, free, searched_size, stands
 from mcstudy_challenge.bodies.out_of_library import holding
-from mcstudy_challenge.bodies.withheld import Drawn, Measured, Simulate, draw_rule
+from mcstudy_challenge.bodies.withheld import Cause, Drawn, Measured, Simulate, draw_cause
 from mcstudy_challenge.cases import NIMBLE, draw_body, draw_delta, shared
 from mcstudy_challenge.design import Series
 
@@ -105,4 +105,5 @@ def _ruled(
 
         return simulate
 
-    return draw_rule(series, rng, make, form.lasting, form.limit / 8, form.limit, name, shapes)
+    cause = Cause(make=make, start=form.limit / 8, top=form.limit, lasting=form.lasting)
+    return draw_cause(series, rng, cause, name, shapes)

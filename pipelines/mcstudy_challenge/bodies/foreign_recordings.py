@@ -16,7 +16,7 @@ from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy_challenge.bodies.foreign_body import SENSES, STEPS_PER_SAMPLE, Person, sway
 from mcstudy_challenge.bodies.foreign_effects import FOREIGN, ForeignEffect, recorded
-from mcstudy_challenge.bodies.withheld import Cause, Drawn, Simulate, draw_cause
+from mcstudy_challenge.bodies.withheld_causes import Cause, Drawn, Simulate, draw_cause
 from mcstudy_challenge.design import Series
 
 UNSETTLED = 0.02

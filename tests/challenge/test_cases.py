@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mcstudy_challenge.bodies import stability_margin
 from mcstudy_challenge.bodies.geometry import Geometry, cycle_responses, free
 from mcstudy_challenge.bodies.stability_margin import draw_near_unstable
 from mcstudy_challenge.bodies.withheld_causes import draw_out_of_library

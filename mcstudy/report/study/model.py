@@ -38,6 +38,7 @@ def model_html(context: Context) -> str:
             for p in model.parameters
         ],
     )
+    constants = "" if declared else _constants(Body(**view.group.model.body))
     drawing = diagram(model, heading, "fig1-text")
     how = f"<code>mcstudy report OUT, after mcstudy run {escape(context.name)}.toml -o OUT</code>"
     return (
@@ -45,7 +46,7 @@ def model_html(context: Context) -> str:
         f'<div class="panels"><div class="panel diagram scroll">{drawing}</div></div>'
         f'<figcaption><div id="fig1-text"><p>{escape(text)}</p></div><p class="how">Made by {how}</p></figcaption>'
         f'<div class="equations scroll">{equations(model)}</div></figure>'
-        f'<div class="side">{table(parameters, "facts")}{"" if declared else _constants(Body(**view.group.model.body))}</div>'
+        f'<div class="side">{table(parameters, "facts")}{constants}</div>'
         f"<p>Origin of the values: {escape(view.provenance)}. Starts are uniform between the bounds. Group "
         f"{escape(view.name)}; the study file at the end of the page holds the values of every group.</p>"
     )

@@ -82,15 +82,12 @@ def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -
     if main is not None:
         beyond += [efficiency_figure(main), *zipper_figures(main), *statistic_figures(main)]
     if own:
+        sections = []
+        beyond = [f for f in (*paper, *beyond) if isinstance(f, Figure) or not f.number]
         left = incomplete(context.data)
-        head = [
-            (
-                "figures",
-                "Figures",
-                (f"<p><strong>{escape(left)}</strong></p>" if left else "")
-                + _figures(context, [f if isinstance(f, Missing) else _of_no_paper(f) for f in (*paper, *beyond)]),
-            )
-        ]
+        shown = [f if isinstance(f, Missing) else _of_no_paper(f) for f in beyond]
+        told = f"<p><strong>{escape(left)}</strong></p>" if left else ""
+        head = [("figures", "Figures", told + _figures(context, shown))]
     else:
         head = [
             ("paper", paper_title(context.data), headline(context)),
@@ -150,9 +147,14 @@ def _without_paper(content: Figure) -> Figure:
     return replace(content, published=())
 
 
+_OF_A_PAPER = re.compile(r"\bpaper|\bFig\.")
+
+
 def _of_no_paper(content: Figure) -> Figure:
     """The same without number and sentences of a publication."""
-    text = tuple(" ".join(s for s in re.split(r"(?<=\.) (?=[A-Z])", part) if "paper" not in s) for part in content.text)
+    text = tuple(
+        " ".join(s for s in re.split(r"(?<=\.) (?=[A-Z])", part) if not _OF_A_PAPER.search(s)) for part in content.text
+    )
     return replace(content, number="", published=(), text=tuple(part for part in text if part))
 
 
@@ -168,11 +170,12 @@ def _provenance(context: Context) -> str:
         ["machine", f"{environment.get('machine', '')} {environment.get('cpu', '')}"],
         ["versions", ", ".join(f"{k} {v}" for k, v in versions.items())],
     ]
+    compared = "" if own else "comparison with the paper, and "
     commands = "\n".join(
         [
             f"mcstudy run {context.name}.toml -o OUT    # every fit",
             "mcstudy verify OUT    # checks what is stored and recomputes a sample",
-            f"mcstudy show OUT --json    # {'' if own else 'comparison with the paper, and '}all numbers of every group",
+            f"mcstudy show OUT --json    # {compared}all numbers of every group",
             "mcstudy report OUT -o page.html    # this page",
             "python    # any single figure",
             ">>> import mcstudy",

@@ -16,7 +16,7 @@ from mcstudy.fitting.certainty import certain
 from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import USABLE, Status
-from mcstudy.stance.feedback import ANGLES, Model
+from mcstudy.stance.feedback import Model
 from mcstudy.study.group import Group
 
 CHUNKS_A_GROUP = 400
@@ -192,7 +192,7 @@ def layout(
         stored = None if values is None else np.asarray(values, dtype=object if dtype == "string" else dtype)
         arrays[name] = ArraySpec(name, axes, dtype, fill, shape, per_chunk, attributes, stored)
 
-    u, per_parameter, per_unit = model.stimulus_unit, "see parameter_unit", f"rad/({model.stimulus_unit})"
+    u, per_parameter, per_unit = model.stimulus_unit, "see parameter_unit", f"{model.unit}/({model.stimulus_unit})"
     what = "start pool" if group.simulator == "none" else "noise realization"
     convention = group.stimulus.convention
     add("amplitude", "amplitude", "<f8", 0.0, u, "stimulus amplitude", group.amplitude, convention=convention)
@@ -200,8 +200,8 @@ def layout(
     add("realization", "realization", "<i8", 0, "1", what, np.arange(group.realizations))
     add("start", "start", "<i8", 0, "1", "start of the fit", np.arange(group.starts))
     add("parameter", "parameter", "string", "", "", "model parameter", model.names)
-    add("angle", "angle", "string", "", "", "joint angle", ANGLES)
-    add("angle_2", "angle_2", "string", "", "", "joint angle", ANGLES)
+    add("angle", "angle", "string", "", "", "joint angle", model.angles)
+    add("angle_2", "angle_2", "string", "", "", "joint angle", model.angles)
     add("frequency", "frequency", "<f8", 0.0, "Hz", "frequency of the FRF point", f)
     add("parameter_unit", "parameter", "string", "", "", "unit of the parameter", model.units)
     meanings = [p.meaning for p in model.parameters]

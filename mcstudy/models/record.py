@@ -341,7 +341,7 @@ def table_of(model: Model) -> dict[str, Any]:
     n = model.n_angles
     joints, angles = tuple(reversed(model.rows))[:n], model.angles[:n]
     sums = {(1.0, 1.0, 0.0): " + ".join(angles)}
-    sums |= {tuple(float(i == k) for i in range(3)): angle for k, angle in enumerate(angles)}
+    sums |= {(float(k == 0), float(k == 1), 0.0): angle for k, angle in enumerate(angles)}
     own = angles[0] if n == 1 else ""
 
     def term(t: Term) -> dict[str, Any]:

@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import xarray as xr
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from mcstudy.analysis.efficiency import measured_covariance
-from mcstudy.errors import ModelError, StoreError
+from mcstudy.errors import StoreError
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import expected_line_covariance
@@ -20,9 +20,6 @@ from mcstudy.study.models import build_model
 
 DESIGN = "design"
 """Attribute of a group that holds its resolved design."""
-
-DECLARED = "declared_model"
-"""Attribute of `mcstudy.own_model.run_model`'s datasets that holds their model."""
 
 
 def group_of(data: xr.Dataset) -> Group:
@@ -37,10 +34,7 @@ def group_of(data: xr.Dataset) -> Group:
 
 
 def model_of(data: xr.Dataset) -> Model:
-    """Model of the group with its truth and bounds: that of the design, or one declared in Python.
-
-    Raises `StoreError` when the declared model is invalid or has other parameters than the data.
-    """
+    """Model of the group with its truth and bounds; raises `StoreError` when it has other parameters than the data."""
     model = fitted_model(data)
     if list(model.names) != [str(n) for n in data["parameter"].values]:
         raise StoreError(f"parameter: expected {', '.join(model.names)} as in the design")
@@ -49,15 +43,7 @@ def model_of(data: xr.Dataset) -> Model:
 
 def fitted_model(data: xr.Dataset) -> Model:
     """The same for data with any parameters; cells of `mcstudy.analysis.selection.combined` have sums of parameters."""
-    return build_model(group_of(data)) if DECLARED not in data.attrs else _declared(structured(data.attrs, DECLARED))
-
-
-def _declared(value: object) -> Model:
-    try:
-        return TypeAdapter(Model).validate_json(json.dumps(value))
-    except (ValidationError, TypeError, ModelError) as error:
-        why = " ".join(str(error).split())[:200]
-        raise StoreError(f"attribute {DECLARED!r}: expected a model, got {why}") from None
+    return build_model(group_of(data))
 
 
 def points_of(data: xr.Dataset) -> Bands:
@@ -91,7 +77,7 @@ def covariance_of(data: xr.Dataset) -> xr.DataArray:
     covariance = np.zeros((len(group.amplitude), len(points), 2, 2), dtype=complex)
     for a, amplitude in enumerate(group.amplitude):
         drive = stimulus(group, amplitude).coefficients()[points.lines]
-        covariance[a] = expected_line_covariance(model, model.truth, group.noise.source, points.f, drive, duration_s)
+        covariance[a] = expected_line_covariance(model, model.truth, group.noise_source, points.f, drive, duration_s)
     coords = {d: data[d] for d in ("amplitude", "frequency")}
     dims = ("amplitude", "frequency", "angle", "angle_2")
     return xr.DataArray(covariance, coords, dims, attrs={"source": "sensor noise through the true loop"})

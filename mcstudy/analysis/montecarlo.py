@@ -24,7 +24,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import bdtr, bdtrc, betainc
 
-from mcstudy.fitting.proportions import normal_quantile, score_interval
+from mcstudy.fitting.certainty import normal_quantile, score_interval
 
 REALIZATION = "realization"
 """Name of the dimension that is sampled."""

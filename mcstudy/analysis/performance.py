@@ -14,7 +14,7 @@ import xarray as xr
 
 from mcstudy.analysis.labels import ONE, labelled
 from mcstudy.analysis.montecarlo import REALIZATION, wilson
-from mcstudy.fitting.proportions import normal_quantile
+from mcstudy.fitting.certainty import normal_quantile
 
 LEVEL = 0.95
 """Level of the intervals whose coverage is counted."""

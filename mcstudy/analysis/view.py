@@ -116,7 +116,14 @@ class GroupView:
         """Settings in which the group differs from the defaults of a study file, ``field = value``."""
         default = Group(realizations=1, starts=1, fmax=self.group.fmax, amplitude=self.group.amplitude)
         same = self.group.model.kind == default.model.kind
+        if self.group.model.declared:
+            return [d for d in self.differences_from(default) if not d.startswith("model.")]
         return self.differences_from(with_model_values(default) if same else default)
+
+    @property
+    def reference(self) -> str:
+        """What it differs from, in words."""
+        return "the default settings" if self.group.model.declared else "the paper's setting"
 
     def differences_from(self, other: Group) -> list[str]:
         """Settings in which the group differs from ``other``, ``field = value`` of this group."""

@@ -125,5 +125,5 @@ def write(folder: Path, codes: Iterable[tuple[Code, Machine]]) -> None:
 @cache
 def _indices(folder: Path) -> list[tuple[Path, dict[str, Any]]]:
     """Every folder of code with its index, the one for the most able processor first."""
-    found = [(file.parent, json.loads(file.read_text(encoding="utf-8"))) for file in folder.glob(f"*/{INDEX}")]
-    return sorted(found, key=lambda one: (-len(one[1]["features"]), one[0].name))
+    indices = [(file.parent, json.loads(file.read_text(encoding="utf-8"))) for file in folder.glob(f"*/{INDEX}")]
+    return sorted(indices, key=lambda index: (-len(index[1]["features"]), index[0].name))

@@ -20,7 +20,7 @@ import numpy as np
 from mcstudy.effect_library import edits as add
 from mcstudy.effect_library.constants import low_pass_of_order
 from mcstudy.effect_library.effect import Effect, Form, Size, TrialSetting
-from mcstudy.stance.feedback import Filter, Model, Monomial, Term
+from mcstudy.stance.feedback import ANGLES, Filter, Model, Monomial, Term
 from mcstudy.stance.rules import reweighted
 
 
@@ -195,6 +195,57 @@ def _resonance(name: str, frequency: str, zeta: str, detached: bool) -> Filter:
     inertia = Monomial(1.0, 2)
     above = (Monomial(-1.0, 2),) if detached else (stiffness, damping)
     return Filter(name, above, (inertia, damping, stiffness))
+
+
+def _sensor_lag(angle: int, sensor: str) -> Effect:
+    """A lag of the sensor of one angle."""
+    measured = ANGLES[angle]
+    return Effect(
+        name=f"sensor_lag_{measured}",
+        equation=f"measured {measured} = {measured} / (tau s + 1)",
+        place=("sensor",),
+        sizes=(
+            Size(
+                name=f"tau_{measured}",
+                unit="s",
+                lower=0.0,
+                upper=0.20,
+                published=(0.010, 0.050),
+                meaning=f"lag of the {sensor} sensor",
+            ),
+        ),
+        build=output((angle,), f"tau_{measured}", f"q_tau_{measured}"),
+        source="soft tissue and filters, 10-50 ms",
+        order=2,
+        forms=(_order(f"q_tau_{measured}"),),
+    )
+
+
+def _mode(name: str, suffix: str, *, equation: str, mass: str, frequency: str, detached: bool) -> Effect:
+    """A mode of the head: a mass on a spring, that is added to the trunk or, ``detached``, is part of it."""
+    size, resonance, zeta = f"m_{suffix}", f"f_{suffix}", f"zeta_{suffix}"
+    return Effect(
+        name=name,
+        equation=equation,
+        place=("body",),
+        sizes=(
+            Size(name=size, unit="kg", lower=-3.0, upper=15.0, published=(4.0, 6.0), meaning=mass, most=HEAVIEST_HEAD),
+            Size(name=resonance, unit="Hz", null=None, lower=0.8, upper=6.0, published=(1.5, 4.0), meaning=frequency),
+        ),
+        build=lambda model: add.resonant_mass(model, size, _resonance(name, resonance, zeta, detached)),
+        source="assumption: head and neck 4-6 kg, 1.5-4 Hz",
+        family="head_mode",
+        forms=(
+            Form(
+                name=zeta,
+                nominal=RESONANCE_DAMPING,
+                low=0.05,
+                high=0.4,
+                meaning="damping ratio of the mode",
+                source=_NECK,
+            ),
+        ),
+    )
 
 
 DECLARATIONS: tuple[Effect, ...] = (
@@ -514,44 +565,8 @@ DECLARATIONS: tuple[Effect, ...] = (
         order=2,
         forms=(_order("q_tau_stim"),),
     ),
-    Effect(
-        name="sensor_lag_theta1",
-        equation="measured theta1 = theta1 / (tau s + 1)",
-        place=("sensor",),
-        sizes=(
-            Size(
-                name="tau_theta1",
-                unit="s",
-                lower=0.0,
-                upper=0.20,
-                published=(0.010, 0.050),
-                meaning="lag of the lower-body sensor",
-            ),
-        ),
-        build=output((0,), "tau_theta1", "q_tau_theta1"),
-        source="soft tissue and filters, 10-50 ms",
-        order=2,
-        forms=(_order("q_tau_theta1"),),
-    ),
-    Effect(
-        name="sensor_lag_theta2",
-        equation="measured theta2 = theta2 / (tau s + 1)",
-        place=("sensor",),
-        sizes=(
-            Size(
-                name="tau_theta2",
-                unit="s",
-                lower=0.0,
-                upper=0.20,
-                published=(0.010, 0.050),
-                meaning="lag of the hip sensor",
-            ),
-        ),
-        build=output((1,), "tau_theta2", "q_tau_theta2"),
-        source="soft tissue and filters, 10-50 ms",
-        order=2,
-        forms=(_order("q_tau_theta2"),),
-    ),
+    _sensor_lag(0, "lower-body"),
+    _sensor_lag(1, "hip"),
     Effect(
         name="sensor_lag_both",
         equation="both measured angles / (tau s + 1)",
@@ -580,86 +595,22 @@ DECLARATIONS: tuple[Effect, ...] = (
             ),
         ),
     ),
-    Effect(
-        name="head_mode",
+    _mode(
+        "head_mode",
+        "head",
         equation="reaction m s^2 (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) of an extra mass on the trunk",
-        place=("body",),
-        sizes=(
-            Size(
-                name="m_head",
-                unit="kg",
-                lower=-3.0,
-                upper=15.0,
-                published=(4.0, 6.0),
-                meaning="mass of the mode",
-                most=HEAVIEST_HEAD,
-            ),
-            Size(
-                name="f_head",
-                unit="Hz",
-                null=None,
-                lower=0.8,
-                upper=6.0,
-                published=(1.5, 4.0),
-                meaning="resonance frequency of the mode",
-            ),
-        ),
-        build=lambda model: add.resonant_mass(
-            model, "m_head", _resonance("head_mode", "f_head", "zeta_head", detached=False)
-        ),
-        source="assumption: head and neck 4-6 kg, 1.5-4 Hz",
-        family="head_mode",
-        forms=(
-            Form(
-                name="zeta_head",
-                nominal=RESONANCE_DAMPING,
-                low=0.05,
-                high=0.4,
-                meaning="damping ratio of the mode",
-                source=_NECK,
-            ),
-        ),
+        mass="mass of the mode",
+        frequency="resonance frequency of the mode",
+        detached=False,
     ),
-    Effect(
-        name="loose_head",
+    _mode(
+        "loose_head",
+        "loose",
         equation="reaction -m s^2 s^2 / (s^2 + 2 zeta w s + w^2) of a part of the trunk's mass that is "
         "attached by a spring",
-        place=("body",),
-        sizes=(
-            Size(
-                name="m_loose",
-                unit="kg",
-                lower=-3.0,
-                upper=15.0,
-                published=(4.0, 6.0),
-                meaning="mass attached by the spring",
-                most=HEAVIEST_HEAD,
-            ),
-            Size(
-                name="f_loose",
-                unit="Hz",
-                null=None,
-                lower=0.8,
-                upper=6.0,
-                published=(1.5, 4.0),
-                meaning="resonance frequency of that mass",
-            ),
-        ),
-        build=lambda model: add.resonant_mass(
-            model, "m_loose", _resonance("loose_head", "f_loose", "zeta_loose", detached=True)
-        ),
-        source="assumption: head and neck 4-6 kg, 1.5-4 Hz",
-        family="head_mode",
-        forms=(
-            Form(
-                name="zeta_loose",
-                nominal=RESONANCE_DAMPING,
-                low=0.05,
-                high=0.4,
-                meaning="damping ratio of the mode",
-                source=_NECK,
-            ),
-        ),
+        mass="mass attached by the spring",
+        frequency="resonance frequency of that mass",
+        detached=True,
     ),
     Effect(
         name="short_latency_reflex",

@@ -14,7 +14,7 @@ import numpy as np
 
 from mcstudy.errors import ModelError
 from mcstudy.stance import anthropometry
-from mcstudy.stance.body import Body, tilt_of, tilt_terms
+from mcstudy.stance.body import Body, tilt_of, tilt_terms, with_scaled_gains
 from mcstudy.stance.feedback import Filter, Model, Monomial, Term
 
 GRAVITY = 9.81
@@ -322,10 +322,4 @@ def exchanged_segments(model: Model, legs_gyration: float, trunk_gyration: float
             replace(t, coefficient=t.coefficient * first[t.row][1] / first[t.row][0]) if t.sense == "stimulus" else t
             for t in terms
         ]
-    parameters = tuple(
-        p
-        if p.name in model.delays + model.weights
-        else replace(p, value=p.value * ratio, lower=p.lower * ratio, upper=p.upper * ratio)
-        for p in model.parameters
-    )
-    return replace(model, terms=(*other.terms(), *terms), parameters=parameters)
+    return with_scaled_gains(replace(model, terms=(*other.terms(), *terms)), ratio)

@@ -32,7 +32,7 @@ class Size:
     name, unit, meaning
         Name and unit of the parameter, and a description in one line.
     null
-        The value at which the effect vanishes; None for a shape parameter (a resonance frequency).
+        The value at which the effect vanishes, 0 by default; None for a shape parameter (a resonance frequency).
     lower, upper
         Bounds of the fit, which include ``null``.
     published

@@ -54,7 +54,23 @@ def certain(cost: np.ndarray) -> np.ndarray:
     cost = np.where(np.isfinite(cost), cost, np.inf)
     lowest, n = cost.min(axis=-1), cost.shape[-1]
     hits = (cost <= (lowest * (1 + HIT_TOLERANCE) + COST_FLOOR)[..., None]).sum(axis=-1)
-    from mcstudy.fitting.proportions import score_interval  # SciPy, which those who count fits do not need
-
     centre, half = score_interval(hits / n, n)
     return np.isfinite(lowest) & (missed(np.maximum(centre - half, 0.0), n) < WANTED)
+
+
+def normal_quantile(confidence: float) -> float:
+    """Two-sided standard normal quantile, e.g. 1.96 for 0.95."""
+    from scipy.special import ndtri  # SciPy, which those who count fits do not need
+
+    return float(ndtri(0.5 + confidence / 2))
+
+
+def score_interval(m: Any, n: Any, phi: float = 1.0, confidence: float = 0.95) -> tuple[Any, Any]:
+    """Centre and half width of the score interval of a mean ``m`` of ``n`` values from 0 to 1 (numbers or arrays).
+
+    It ends at the roots mu of n (m - mu)^2 = z^2 phi mu (1 - mu), with z `normal_quantile`: Wilson's interval of a
+    fraction when ``phi`` is 1, a narrower one when the values vary less than those of 0 and 1 only
+    (Wilson 1927, J Am Stat Assoc 22:209).
+    """
+    a = normal_quantile(confidence) ** 2 * phi / n
+    return (m + a / 2) / (1 + a), np.sqrt(a * (m * (1 - m) + a / 4)) / (1 + a)

@@ -80,13 +80,13 @@ class LinearModel:
         filters = _constant_filters(table, s)
         fixed = np.zeros((s.size, 6), dtype=complex)
         entry, sense, factor = [], [], []
-        own = sensed_stimulus(model, s.size)
+        sensed = sensed_stimulus(model, s.size)
         for e, ((row, order, group, gain, weight), (c, w1, w2, w3)) in enumerate(
             zip(table.entry, table.weight, strict=True)
         ):
             value = c * s**order
-            if w3 and own is not None:
-                value = value * own[e]
+            if w3 and sensed is not None:
+                value = value * sensed[e]
             for k in table.group_filters[group]:
                 if k >= 0:
                     value = value * filters[k]
@@ -148,9 +148,9 @@ def linearised_many(problems: Sequence[Problem], rngs: Sequence[np.random.Genera
     P, width = len(model.parameters), model.upper - model.lower
     M = len(POOL)
     pools, first = np.empty((len(problems), n, M, P)), sobol(model, np.random.default_rng(SEED), M)
-    for own, rng in zip(pools, rngs, strict=True):
-        own[:1] = first
-        own[1:] = uniform(model, rng, own[1:].size // P).reshape(own[1:].shape)
+    for pool, rng in zip(pools, rngs, strict=True):
+        pool[:1] = first
+        pool[1:] = uniform(model, rng, pool[1:].size // P).reshape(pool[1:].shape)
     runners = [p for p in problems for _ in range(n)]
     if not runners:
         return np.empty((len(problems), n, P))
@@ -173,8 +173,8 @@ def linearised_many(problems: Sequence[Problem], rngs: Sequence[np.random.Genera
 def _descend(problems: Sequence[Problem], points: np.ndarray, iterations: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (R, M, P) after some iterations of the compiled solver, and their costs; infinite where it failed."""
     fits = fit_many(problems, points, "lm", Options(max_iterations=iterations))
-    cost = np.stack([one.cost for one in fits])
-    estimate = np.stack([one.estimate for one in fits])
+    cost = np.stack([fit.cost for fit in fits])
+    estimate = np.stack([fit.estimate for fit in fits])
     usable = np.isfinite(cost) & np.isfinite(estimate).all(axis=2)
     return np.where(usable[..., None], estimate, points), np.where(usable, cost, np.inf)
 

@@ -15,13 +15,13 @@ from mcstudy.fitting.problem import Fits, Problem, queued, small_problem
 from mcstudy.fitting.solvers import Options
 
 
-def solve(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
+def solve(problems: Sequence[Problem], assignment: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
     """Fit M starts of R problems that share model and frequencies, in one queue that keeps the lanes full.
 
     Parameters
     ----------
     problems: R problems; their model and ``f`` must be the same.
-    which: problem of each start, (M,) int.
+    assignment: problem of each start, (M,) int.
     starts: (M, P).
     options: ``tolerance`` and ``max_iterations``.
     """
@@ -29,7 +29,7 @@ def solve(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, op
     table = kept_plan(model, np.asarray(problems[0].f, dtype=float).tobytes())
     out = Outcomes.empty(*starts.shape)
     if len(starts):
-        queue = queued(problems, which, starts)
+        queue = queued(problems, assignment, starts)
         bounds, rules = Bounds(model.lower, model.upper), StopRules(options.tolerance, options.max_iterations)
         kernel.levenberg_marquardt(table, workspace(table), LaneStates.idle(WIDTH), queue, bounds, rules, out)
     return Fits.of(model, *out)
@@ -56,10 +56,10 @@ def normal_equations(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, n
         slots[work.trial : work.trial + P] = batch[-1][:, None]
         slots[work.trial : work.trial + P, : len(batch)] = batch.T
         kernel.evaluate(table, work)
-        done, found = slice(first, first + len(batch)), slots[work.gram_trial :, : len(batch)]
-        triangle = found[: P * (P + 1) // 2].T
+        done, triangles = slice(first, first + len(batch)), slots[work.gram_trial :, : len(batch)]
+        triangle = triangles[: P * (P + 1) // 2].T
         gram[done][:, lower[0], lower[1]] = triangle
         gram[done][:, lower[1], lower[0]] = triangle
-        gradient[done] = found[P * (P + 1) // 2 :][:P].T
-        cost[done] = found[(P + 1) * (P + 2) // 2 - 1]
+        gradient[done] = triangles[P * (P + 1) // 2 :][:P].T
+        cost[done] = triangles[(P + 1) * (P + 2) // 2 - 1]
     return cost, gradient, gram

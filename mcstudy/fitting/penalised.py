@@ -91,11 +91,11 @@ class Fitted:
     def _derivative(self, data: Data) -> np.ndarray:
         return whiten(data.weight, frf_jacobian(self.model, self.theta, data.f)[1])
 
-    def _kept(self, name: str, of: object, compute: Callable[[], np.ndarray]) -> np.ndarray:
+    def _kept(self, name: str, subject: object, compute: Callable[[], np.ndarray]) -> np.ndarray:
         """What was computed last under a name, if it was of the same object."""
         kept: tuple[object, np.ndarray] | None = self.__dict__.get(name)
-        if kept is None or kept[0] is not of:
-            kept = (of, compute())
+        if kept is None or kept[0] is not subject:
+            kept = (subject, compute())
             kept[1].flags.writeable = False
             self.__dict__[name] = kept  # as `cached_property` does
         return kept[1]
@@ -138,8 +138,8 @@ class Fitter:
         # Copies: a view that cannot be written to is another type, for which all would be compiled once more.
         bounds = Bounds(
             *(
-                np.array(np.broadcast_to(own if given is None else given, shape), dtype=float, order="C")
-                for own, given in ((model.lower, lower), (model.upper, upper))
+                np.array(np.broadcast_to(model_bound if given is None else given, shape), dtype=float, order="C")
+                for model_bound, given in ((model.lower, lower), (model.upper, upper))
             )
         )
         out, rules = PenalisedFits.empty(*shape), StopRules(tolerance, max_iterations)

@@ -29,11 +29,15 @@ def plan(model: Model, f: np.ndarray) -> Plan:
     varies = (table.entry[:, 3] >= 0) | (table.group_delay[table.entry[:, 2], 0] >= 0)
     varies |= (table.group_filters[table.entry[:, 2]] >= 0).any(axis=1)
     constant = np.zeros((omega.size, 12))
-    at, own = model.stimulus_at(omega.size), sensed_stimulus(model, omega.size)
+    at, sensed_drive = model.stimulus_at(omega.size), sensed_stimulus(model, omega.size)
     for e in np.flatnonzero(~varies):
         (row, order, *_), (c, w0, w1, w2) = table.entry[e], table.weight[e]
         value = c * (1j * omega) ** order
-        for slot, factor in ((4 * row, w0), (4 * row + 2, w1), (8 + 2 * row, -w2 if own is None else -w2 * own[e])):
+        for slot, factor in (
+            (4 * row, w0),
+            (4 * row + 2, w1),
+            (8 + 2 * row, -w2 if sensed_drive is None else -w2 * sensed_drive[e]),
+        ):
             constant[:, slot] += factor * value.real
             constant[:, slot + 1] += factor * value.imag
     entry, weight = table.entry[varies], _by_stimulus(table, max(1, len(model.blocks)))[varies]

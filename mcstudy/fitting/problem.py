@@ -121,11 +121,11 @@ def small_problem() -> Problem:
     return paper_cost(model, f, frf(model, model.truth, f))
 
 
-def queued(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray) -> Queue:
-    """Starts (M, P) of problems that share model and frequencies, for a kernel; ``which``: problem of each, (M,)."""
+def queued(problems: Sequence[Problem], assignment: np.ndarray, starts: np.ndarray) -> Queue:
+    """Starts (M, P) of problems that share model and frequencies; ``assignment``: the problem of each, (M,)."""
     return Queue(
         packed=np.stack([p.packed for p in problems]),
-        problem=np.ascontiguousarray(which, dtype=np.int64),
+        problem=np.ascontiguousarray(assignment, dtype=np.int64),
         starts=np.ascontiguousarray(starts),
     )
 

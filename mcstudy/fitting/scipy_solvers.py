@@ -26,29 +26,29 @@ TRUST_CONSTR_REACH = 0.0001
 """How near a bound the solutions of a solver end that lie on it, in widths of the bounds."""
 
 
-def trf(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
+def trf(problems: Sequence[Problem], assignment: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
     """Fit with ``scipy.optimize.least_squares(method="trf")`` and the exact Jacobian, scaled by the bounds' widths."""
-    return _one_by_one(_trf, TRF_REACH, problems, which, starts, options)
+    return _one_by_one(_trf, TRF_REACH, problems, assignment, starts, options)
 
 
-def trust_constr(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
+def trust_constr(problems: Sequence[Problem], assignment: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
     """Fit with ``scipy.optimize.minimize(method="trust-constr")``: barrier for the bounds, Gauss-Newton Hessian.
 
     Works in units of the bounds' widths and of the cost at the start; stops when the barrier has gone below
     the tolerance and the gradient or the step vanish.
     """
-    return _one_by_one(_trust_constr, TRUST_CONSTR_REACH, problems, which, starts, options)
+    return _one_by_one(_trust_constr, TRUST_CONSTR_REACH, problems, assignment, starts, options)
 
 
 def _one_by_one(
     solve: Callable[[Problem, np.ndarray, Options], End],
     reach: float,
     problems: Sequence[Problem],
-    which: np.ndarray,
+    assignment: np.ndarray,
     starts: np.ndarray,
     options: Options,
 ) -> Fits:
-    ends = [solve(problems[r], start, options) for r, start in zip(which, starts, strict=True)]
+    ends = [solve(problems[r], start, options) for r, start in zip(assignment, starts, strict=True)]
     estimate, cost, status, iterations = map(np.array, zip(*ends, strict=True))
     return Fits.of(problems[0].model, estimate, cost, status, iterations, reach)
 

@@ -55,7 +55,7 @@ class Options(NamedTuple):
 
 
 Solve = Callable[[Sequence[Problem], np.ndarray, np.ndarray, Options], Fits]
-"""Fits M starts (M, P), start m on problem ``which[m]`` of R problems that share model and frequencies."""
+"""Fits M starts (M, P), start m on problem ``assignment[m]`` of R problems that share model and frequencies."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,20 +142,20 @@ def fit(problem: Problem, starts: np.ndarray, solver: str = "lm", options: Optio
 
 def fit_queue(
     problems: Sequence[Problem],
-    which: np.ndarray,
+    assignment: np.ndarray,
     starts: np.ndarray,
     solver: str = "lm",
     options: Options | None = None,
 ) -> Fits:
-    """Fit M starts (M, P), start m on problem ``which[m]`` of R problems that share model and frequencies.
+    """Fit M starts (M, P), start m on problem ``assignment[m]`` of R problems that share model and frequencies.
 
     The same results as `fit` start by start; the compiled solvers keep their lanes full across problems.
     """
-    starts, which = np.ascontiguousarray(starts, dtype=float), np.asarray(which)
+    starts, assignment = np.ascontiguousarray(starts, dtype=float), np.asarray(assignment)
     out = Fits.failed(starts, Status.NON_FINITE_DATA)
-    finite = np.flatnonzero(np.array([p.finite for p in problems])[which])
+    finite = np.flatnonzero(np.array([p.finite for p in problems])[assignment])
     if finite.size:
-        used, index = np.unique(which[finite], return_inverse=True)
+        used, index = np.unique(assignment[finite], return_inverse=True)
         solve: Solve = named(solver_named(solver).solve)
         out.put(finite, solve([problems[r] for r in used], index, starts[finite], options or Options()))
     return out

@@ -76,12 +76,12 @@ def standard_errors(
     try:
         if likelihood and (overlap == np.eye(len(overlap))).all():
             J = problem.jacobian(theta)[:, free] * scale
-            found = wald_covariance(2 * J.T @ J, np.ones(scale.size, dtype=bool))
+            estimate_covariance = wald_covariance(2 * J.T @ J, np.ones(scale.size, dtype=bool))
         else:
             _, J = frf_jacobian(model, theta, problem.f)
-            found = sandwich(J[..., free] * scale, problem.weight, joint_covariance(covariance, overlap))
+            estimate_covariance = sandwich(J[..., free] * scale, problem.weight, joint_covariance(covariance, overlap))
     except np.linalg.LinAlgError:
         return out
-    variance = np.diag(found)
+    variance = np.diag(estimate_covariance)
     out[free] = np.sqrt(np.where(variance > 0, variance, np.nan)) * scale
     return out

@@ -67,14 +67,14 @@ def with_called(parts: Iterable[str]) -> list[str]:
 
 def missing(parts: Iterable[str]) -> list[str]:
     """What has to be compiled before ``parts`` can be called, in the order of `PARTS`; the others are loaded."""
-    found: set[str] = set()
+    absent: set[str] = set()
     waiting = with_called(parts)
     while waiting:
         part = waiting.pop()
-        if part not in found and not load(part):
-            found.add(part)
+        if part not in absent and not load(part):
+            absent.add(part)
             waiting += PARTS[part].after
-    return PARTS.in_order(found)
+    return PARTS.in_order(absent)
 
 
 def _misses() -> int:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import xarray as xr
 
-if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import DiagnosisRecord
+from mcstudy.gap.diagnosis import DiagnosisRecord
+from mcstudy.gap.verdict import effects_of, verdict
 
 
 def dataset(d: DiagnosisRecord) -> xr.Dataset:
@@ -17,7 +15,6 @@ def dataset(d: DiagnosisRecord) -> xr.Dataset:
     Of that torque there is nothing where there is no nearest mechanism.
     """
     per = f"rad per {d.base.model.stimulus_unit}" if not d.base.model.blocks else "rad per unit of the stimulus"
-    plain = [" and ".join(c.effects) for c in d.causes]
     line, both = "line", ("line", "angle")
     out = xr.Dataset(
         {
@@ -39,10 +36,10 @@ def dataset(d: DiagnosisRecord) -> xr.Dataset:
         {
             "frequency": (line, d.f, {"units": "Hz"}),
             "angle": list(d.base.model.angles),
-            "cause": plain,
+            "cause": [effects_of(c) for c in d.causes],
             "quantile": [0.025, 0.5, 0.975],
         },
-        {"name": d.name, "verdict": d.verdict(), "p_value": d.p_value, "outside_the_library": d.unknown_probability}
+        {"name": d.name, "verdict": verdict(d), "p_value": d.p_value, "outside_the_library": d.unknown_probability}
         | {f"prior_{name}": p for name, p in d.prior.items()}
         | {"none_log_bayes_factor": d.none_log_factor},
     )

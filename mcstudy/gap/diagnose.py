@@ -24,8 +24,9 @@ from mcstudy.gap.questions.location import locations, missing_torque
 from mcstudy.gap.questions.mislabelling import Labels, mislabelled
 from mcstudy.gap.questions.nearest import nearest, with_likeness
 from mcstudy.gap.questions.parameters import shifts
-from mcstudy.gap.questions.posterior import Cause, explain, prior
+from mcstudy.gap.questions.posterior import Cause, explain
 from mcstudy.gap.questions.power import detection_limits
+from mcstudy.gap.questions.prior import prior
 from mcstudy.gap.questions.question import Answer, Inquiry
 from mcstudy.gap.settings import DiagnosisMethod, DiagnosisSettings
 from mcstudy.lines.base_fit import BaseFit, base_fit
@@ -94,19 +95,8 @@ def _answers(
     base, data, minima, seed = test.fit.best, test.fit.data, test.fit.minima, settings.seed
     detection, compared, asked = test.detection, test.contrasts, settings.asked
     detected = test.p_value < LEVEL
-    explanation = explain(
-        base,
-        minima,
-        data,
-        test.effects,
-        test.signatures,
-        test.groups,
-        test.scores,
-        detection.unstructured,
-        compared,
-        partial(mislabelled, lines, base, minima, labels, seed) if detected and labels is not None else None,
-        settings.prior_none,
-    )
+    readings = partial(mislabelled, lines, base, minima, labels, seed) if detected and labels is not None else None
+    explanation = explain(test, readings, settings.prior_none)
     causes, near = explanation.causes, None
     if asked.nearest and detected and detection.p_value < LEVEL:
         causes = with_likeness(base, causes, data, _space(test.scores), detection, seed)

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from html import escape
-from typing import TYPE_CHECKING
 
 from mcstudy import text_tables
 from mcstudy.effect_library import library
 from mcstudy.effect_library.library import usual_size
 from mcstudy.gap import nearest_words
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.contrasts import DRAWS
 from mcstudy.gap.questions.parameters import PRIOR_EXPLAINED, SOURCES, SOURCES_EXPLAINED
-from mcstudy.gap.questions.posterior import MEANINGS, Cause
+from mcstudy.gap.questions.posterior import Cause
+from mcstudy.gap.questions.prior import MEANINGS
 from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, shown_causes
 from mcstudy.text_tables import Table, number, with_error
-
-if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import DiagnosisRecord
 
 SHOWN = 0.01
 """Causes with a probability below this share one row."""
@@ -48,9 +46,9 @@ RESPONSES_HZ = (0.1, 0.3, 1.0, 3.0)
 
 def tables(d: DiagnosisRecord) -> list[Table]:
     """The tables of a diagnosis that are not empty."""
-    found = [evidence(d), _causes(d), _sizes(d), _locations(d), closing(d), _nearest(d), _parameters(d), _contrasts(d)]
+    usual = [evidence(d), _causes(d), _sizes(d), _locations(d), closing(d), _nearest(d), _parameters(d), _contrasts(d)]
     answered = [table for answer in d.answers if (table := answer.table()) is not None]
-    return [t for t in (*found, *answered) if t.rows]
+    return [t for t in (*usual, *answered) if t.rows]
 
 
 def text(d: DiagnosisRecord) -> str:

@@ -5,12 +5,11 @@ Effects have the names under which the library lists them, so that any of them c
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from mcstudy import text_tables
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap import nearest_words
+from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions import question
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.parameters import sources
@@ -18,9 +17,6 @@ from mcstudy.gap.questions.posterior import Cause
 from mcstudy.lines.part_fits import told
 from mcstudy.recordings.joint_recording import part_labels
 from mcstudy.text_tables import fill, number, with_error
-
-if TYPE_CHECKING:
-    from mcstudy.gap.diagnosis import DiagnosisRecord
 
 WIDE = 0.3
 """Width of the interval of the share closed from which the number of trials that narrows it is stated."""
@@ -209,10 +205,10 @@ def unusual(cause: Cause) -> str:
     feet, for example, acts like a loose head of 1 kg.
     """
     known = [e for e in cause.effects if e in library.LIBRARY and not cause.advice]  # one may be registered no more
-    own = {library.effect(e).size.name: e for e in known}
+    effect_of = {library.effect(e).size.name: e for e in known}
     parts = []
     for s in cause.sizes:
-        usual = library.usual_size(s.name) if s.name in own else None
+        usual = library.usual_size(s.name) if s.name in effect_of else None
         if usual is None:
             continue
         most = max(abs(s.low), abs(s.high))
@@ -220,7 +216,7 @@ def unusual(cause: Cause) -> str:
         if most < usual[0] / FAR or least > usual[1] * FAR:
             value, side = f"{number(s.estimate)} {s.unit}".strip(), "small" if most < usual[0] / FAR else "large"
             parts.append(
-                f"{s.name} = {value} is {side} for {own[s.name]} (usual size {usual[0]:.3g} to {usual[1]:.3g}): "
+                f"{s.name} = {value} is {side} for {effect_of[s.name]} (usual size {usual[0]:.3g} to {usual[1]:.3g}): "
                 "another mechanism may act like it."
             )
     return " ".join(parts)

@@ -40,7 +40,7 @@ STARTS, CANDIDATES = 5, 200
 """Starts of the fit to both groups together: the first stable ones of so many near the median of the prior."""
 
 START_SD = 0.4
-"""Of starts, in standard normal numbers."""
+"""SD of the starts, in standard normal numbers."""
 
 ITERATIONS = 60
 """Steps of a fit at most."""
@@ -80,19 +80,23 @@ class Fitted:
 
 def hypotheses(model: GroupModel) -> dict[str, tuple[str, ...]]:
     """Names of the hypotheses and the parameters that differ in each."""
-    names = model.model.names
-    weights = tuple(n for n, of in zip(names, model.is_weight, strict=True) if of)
-    active = tuple(n for n in names if n[0] in "KB" and "pas" not in n)
+    body = model.model
+
+    def gains(delayed: bool, rows: Sequence[str] = body.rows) -> tuple[str, ...]:
+        terms = [term for term in body.terms if term.row in rows and bool(term.all_delays) == delayed]
+        used = {gain for term in terms for gain in term.gain} - set(body.weights)
+        return tuple(name for name in body.names if name in used)
+
     sets = {
-        "active gains": active,
-        "ankle gains": tuple(n for n in active if n.endswith("1")),
-        "hip gains": tuple(n for n in active if n.endswith("2")),
-        "delays": tuple(n for n in names if n.startswith("Td")),
-        "passive stiffness": tuple(n for n in names if "pas" in n),
+        "active gains": gains(delayed=True),
+        "ankle gains": gains(delayed=True, rows=["ankle"]),
+        "hip gains": gains(delayed=True, rows=["hip"]),
+        "delays": body.delays,
+        "passive stiffness": gains(delayed=False),
     }
-    if weights:
-        sets["weight and active gains"] = (*weights, *active)
-    return {NOTHING: (), OTHER: (), **{n: (n,) for n in names}, **sets}
+    if body.weights:
+        sets["weight and active gains"] = (*body.weights, *sets["active gains"])
+    return {NOTHING: (), OTHER: (), **{name: (name,) for name in body.names}, **sets}
 
 
 def smooth(mean: np.ndarray, f: np.ndarray, relative: float) -> np.ndarray:

@@ -46,8 +46,8 @@ def compare_groups(
     """Compare group ``b`` with group ``a``; arguments and errors as `mcstudy.compare`."""
     sample = sample_of(a, b, paired)
     f = a["f"].values
-    found = detect(sample, f, stream(seed, "group_labels"), permutations)
-    about = _causes(a, sample, seed) if found.p_mean <= LEVEL else Causes((), None, None)
+    detection = detect(sample, f, stream(seed, "group_labels"), permutations)
+    explained = _causes(a, sample, seed) if detection.p_mean <= LEVEL else Causes((), None, None)
     sizes = len(sample.a), len(sample.b)
     return ComparisonRecord(
         *names,
@@ -59,11 +59,11 @@ def compare_groups(
         mean_b=as_complex(sample.b.mean(axis=0)),
         error_a=_standard_error(sample.a),
         error_b=_standard_error(sample.b),
-        predicted=about.predicted,
-        inflation=about.inflation,
+        predicted=explained.predicted,
+        inflation=explained.inflation,
         permutations=permutations,
-        detection=found,
-        causes=about.causes,
+        detection=detection,
+        causes=explained.causes,
     )
 
 
@@ -79,17 +79,17 @@ class Causes(NamedTuple):
 def _causes(a: xr.Dataset, sample: Sample, seed: int) -> Causes:
     """Hypotheses about a difference that was found: no difference is none of them."""
     factor, problem, fitted = hypotheses_fitted(a, sample, seed)
-    fitted = [one for one in fitted if one.name != NOTHING]
+    fitted = [hypothesis for hypothesis in fitted if hypothesis.name != NOTHING]
     probability = posterior(fitted, 0.0, PRIOR_OTHER / (1 - PRIOR_NOTHING))
     order = np.argsort(-probability, kind="stable")
     named = [k for k in order if fitted[k].parts]
     shares = _closed(sample, problem, [fitted[k] for k in named[:CLOSED_FOR]], stream(seed, "group_folds"))
     causes = []
     for k in order:
-        one = fitted[k]
-        share, error = shares.get(one.name, (None, None))
-        values = tuple((p, float(x), float(y)) for p, x, y in zip(one.parts, one.a, one.b, strict=True))
-        causes.append(Cause(one.name, float(probability[k]), share, error, values))
+        change = fitted[k]
+        share, error = shares.get(change.name, (None, None))
+        values = tuple((name, float(x), float(y)) for name, x, y in zip(change.parts, change.a, change.b, strict=True))
+        causes.append(Cause(change.name, float(probability[k]), share, error, values))
     return Causes(tuple(causes), as_complex(fitted[named[0]].difference), factor)
 
 
@@ -125,17 +125,17 @@ def _closed(
     for k, (out_a, out_b) in enumerate(zip(of_a, of_b, strict=True)):
         kept = sample.part(np.setdiff1d(np.arange(len(sample.a)), out_a), np.setdiff1d(np.arange(len(sample.b)), out_b))
         more = sample.people / kept.people
-        own = Problem(problem.model, kept, more * problem.error, more * sample.mean_error)
+        others = Problem(problem.model, kept, more * problem.error, more * sample.mean_error)
         left = sample.part(out_a, out_b).difference
         whole[k] = kept.difference @ weight @ left
-        again = own.fits({one.name: one.parts for one in candidates}, np.stack([one.x for one in candidates]))
-        for row, p in enumerate(one.difference for one in again):
+        again = others.fits({c.name: c.parts for c in candidates}, np.stack([c.x for c in candidates]))
+        for row, p in enumerate(change.difference for change in again):
             taken[row, k] = 2 * p @ weight @ left - p @ weight @ p
     if whole.sum() <= 0:
         return {}
     out = {}
-    for row, one in enumerate(candidates):
+    for row, change in enumerate(candidates):
         without = (taken[row].sum() - taken[row]) / (whole.sum() - whole)
         error = np.sqrt((FOLDS - 1) / FOLDS * ((without - without.mean()) ** 2).sum())
-        out[one.name] = (float(taken[row].sum() / whole.sum()), float(error))
+        out[change.name] = (float(taken[row].sum() / whole.sum()), float(error))
     return out

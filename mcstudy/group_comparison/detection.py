@@ -83,14 +83,14 @@ def detect(sample: Sample, f: np.ndarray, rng: np.random.Generator, permutations
     labels = sample.relabelled(rng, permutations)
     relabelled = sample.differences(labels)
     regions, numbers = _regions(sample, f)
-    p_mean, p = closed(np.stack([relabelled.of(own) ** 2 for own in numbers]))
+    p_mean, p = closed(np.stack([relabelled.of(members) ** 2 for members in numbers]))
     p_scatter, scatter_ratio = scatter_test(sample, labels)
     return Detection(
         p_mean=p_mean,
         p_ratio=max(p_mean, ratio_test(sample, f, labels)),
         p_scatter=p_scatter,
         scatter_ratio=scatter_ratio,
-        regions=tuple(replace(region, p=float(own)) for region, own in zip(regions, p, strict=True)),
+        regions=tuple(replace(region, p=float(corrected)) for region, corrected in zip(regions, p, strict=True)),
         relabellings=len(labels),
         least_p=sample.least_p(labels),
     )
@@ -109,14 +109,14 @@ def _regions(sample: Sample, f: np.ndarray) -> tuple[list[Region], list[np.ndarr
             gain = float(np.exp(np.mean(np.log(np.abs(b[k, at] / a[k, at])))))
             ends = float(f[at].min()), float(f[at].max())
             regions.append(Region(segment, band, *ends, gain, float(np.rad2deg(np.angle(cross))), 1.0))
-            own = np.zeros((2, 2, f.size), dtype=bool)  # real and imaginary parts together
-            own[:, k] = at
-            numbers.append(own.ravel())
+            members = np.zeros((2, 2, f.size), dtype=bool)  # real and imaginary parts together
+            members[:, k] = at
+            numbers.append(members.ravel())
     return regions, numbers
 
 
-def name(found: Detection, level: float = 0.05) -> str:
+def name(detection: Detection, level: float = 0.05) -> str:
     """``"same"``, ``"alike"`` (both segments change by one factor) or ``"upper body"`` (their ratio changes)."""
-    if found.p_mean > level:
+    if detection.p_mean > level:
         return "same"
-    return "upper body" if found.p_ratio <= level else "alike"
+    return "upper body" if detection.p_ratio <= level else "alike"

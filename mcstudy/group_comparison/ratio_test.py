@@ -39,10 +39,10 @@ def ratio_test(
     level = lower.mean(axis=0)
     away = (upper - upper.mean(axis=0) / level * lower) @ weight.T
     scale = (np.abs(away) ** 2).mean(axis=0)
-    of = _paired if sample.paired else _unpaired
+    differences = _paired if sample.paired else _unpaired
     statistic = []
     for k in range(0, len(labels), AT_ONCE):
-        size, variance = of(lower, upper, labels[k : k + AT_ONCE], weight / level)
+        size, variance = differences(lower, upper, labels[k : k + AT_ONCE], weight / level)
         statistic.append(
             (size / scale).sum(axis=1) / np.maximum((variance / scale).sum(axis=1), LEAST_VARIANCE / len(both))
         )
@@ -55,10 +55,10 @@ def _unpaired(
     """Squared differences and their variances, (n, points), of responses (rows, N)."""
     variance: np.ndarray | float = 0.0
     for members, others in ((labels, ~labels), (~labels, labels)):
-        own, other = (m / m.sum(axis=1, keepdims=True) for m in (members, others))
-        added = (upper * (other @ lower)[:, None] - (other @ upper)[:, None] * lower) @ weight.T
-        mean = np.einsum("nr,nrp->np", own, added)
-        squares = np.einsum("nr,nrp->np", own, np.abs(added - mean[:, None]) ** 2)
+        within, outside = (m / m.sum(axis=1, keepdims=True) for m in (members, others))
+        added = (upper * (outside @ lower)[:, None] - (outside @ upper)[:, None] * lower) @ weight.T
+        mean = np.einsum("nr,nrp->np", within, added)
+        squares = np.einsum("nr,nrp->np", within, np.abs(added - mean[:, None]) ** 2)
         variance = variance + squares / (members.sum(axis=1, keepdims=True) - 1)
     return np.abs(mean) ** 2, np.asarray(variance)
 

@@ -134,11 +134,12 @@ class Sample:
     def differences(self, labels: np.ndarray) -> Relabelled:
         """Differences of relabelled groups, for memberships (n, rows), with their own variances."""
         if self.paired:
-            own = self.b - self.a
+            change = self.b - self.a
             sign = np.where(labels[:, len(self.a) :], 1.0, -1.0)
-            mean, n = sign @ own / len(own), len(own)
-            variance = ((own**2).mean(axis=0) - mean**2) / (n - 1)
-            return Relabelled(mean, np.maximum(variance, 0.0), (own**2).mean(axis=0) / n)
+            n = len(change)
+            mean = sign @ change / n
+            variance = ((change**2).mean(axis=0) - mean**2) / (n - 1)
+            return Relabelled(mean, np.maximum(variance, 0.0), (change**2).mean(axis=0) / n)
         both = np.concatenate([self.a, self.b])
         y = both - both.mean(axis=0)
         of_b = labels.astype(float)
@@ -168,8 +169,8 @@ class Relabelled(NamedTuple):
         few people, one variance of a single number is often too small by chance.
         """
         squares = (self.difference[:, numbers] ** 2 / self.scale[numbers]).sum(axis=1)
-        own = (self.variance[:, numbers] / self.scale[numbers]).sum(axis=1)
-        return np.asarray(squares / np.maximum(own, LEAST_VARIANCE * numbers.sum()))
+        variance = (self.variance[:, numbers] / self.scale[numbers]).sum(axis=1)
+        return np.asarray(squares / np.maximum(variance, LEAST_VARIANCE * numbers.sum()))
 
 
 def _mean_of(members: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -188,8 +189,8 @@ def sample_of(a: xr.Dataset, b: xr.Dataset, paired: bool | None = None) -> Sampl
     """
     for name, group in (("a", a), ("b", b)):
         if group["frf"].sizes.get("condition", 1) != 1:
-            found = "; ".join(map(str, group["condition"].values))
-            raise InputError(f"{name}: expected one condition, got {found}; choose one with .sel(condition=...)")
+            conditions = "; ".join(map(str, group["condition"].values))
+            raise InputError(f"{name}: expected one condition, got {conditions}; choose one with .sel(condition=...)")
     for field in ("average", "f_line"):
         if a[field].shape != b[field].shape or not np.allclose(a[field], b[field]):
             raise InputError("groups: expected the same points and harmonics in both")
@@ -205,14 +206,14 @@ def sample_of(a: xr.Dataset, b: xr.Dataset, paired: bool | None = None) -> Sampl
                 "in both) or paired = False (treats all people as independent)"
             )
     if paired:
-        x, y = (np.array([own[person] for person in common]) for own in rows)
+        x, y = (np.array([group[person] for person in common]) for group in rows)
     else:
-        x, y = (np.array(list(own.values())) for own in rows)
+        x, y = (np.array(list(group.values())) for group in rows)
     for name, values in (("a", x), ("b", y)):
         if len(values) < LEAST_PEOPLE:
-            of = " that are in both groups" if paired else ""
+            which = " that are in both groups" if paired else ""
             raise InputError(
-                f"{name}: expected at least {LEAST_PEOPLE} people with all responses{of}, got {len(values)}"
+                f"{name}: expected at least {LEAST_PEOPLE} people with all responses{which}, got {len(values)}"
             )
     return Sample(x, y, paired)
 

@@ -16,7 +16,7 @@ from mcstudy.spectra.measure import highest
 from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd, polarity
 from mcstudy.stance.stimulus import RECURRENCES, Prts
 from mcstudy.study.design import Study
-from mcstudy.study.measure import HIGHEST_HZ
+from mcstudy.study.group import HIGHEST_HZ
 
 LIKE = 0.05
 """Largest relative difference of the lines of a recorded stimulus from those of a pseudorandom ternary sequence."""

@@ -43,11 +43,11 @@ def pooled(recording: AnyRecording | Sequence[Recording | FrfRecording]) -> AnyR
         groups.setdefault(tuple(getattr(r, name) for name in POOLED), []).append(r)
     parts = tuple(
         replace(
-            own[0],
-            trials=tuple(t for r in own for t in r.trials),
-            suspicions=merged(*(r.suspicions for r in own)),
+            group[0],
+            trials=tuple(t for r in group for t in r.trials),
+            suspicions=merged(*(r.suspicions for r in group)),
         )
-        for own in groups.values()
+        for group in groups.values()
     )
     return parts[0] if len(parts) == 1 else JointRecording(parts)
 

@@ -168,7 +168,9 @@ def _require_response(recording: Recording, lines: Lines, of_one: Sequence[Lines
     p = no_response(lines)
     if p * tests <= NO_RESPONSE:
         return
-    clear = [k for k, own in enumerate(of_one) if no_response(own) * tests * len(of_one) <= NO_RESPONSE]
+    clear = [
+        k for k, lines_of_trial in enumerate(of_one) if no_response(lines_of_trial) * tests * len(of_one) <= NO_RESPONSE
+    ]
     if not clear:
         raise RecordingError(
             f"{recording.name}: theta1, theta2: no response to the stimulus beyond noise ({p_words(p)} in the "
@@ -194,31 +196,31 @@ def plausibility(recording: Recording, lines: Lines) -> tuple[Suspicion, ...]:
     """
     trials = np.unique(lines.trial)
     alone = {int(k): _own(lines.subset(lines.trial == k)) for k in trials} if trials.size > 1 else {}
-    odds_of = {k: label_odds(recording, own) for k, own in alone.items()}
+    odds_of = {k: label_odds(recording, trial_lines) for k, trial_lines in alone.items()}
     single = []
     for k, odds in odds_of.items():
         single += [(s, k) for s in _doubts(odds, f"{recording.name}: trial {k + 1}", CERTAIN)[:1]]
     _require_response(recording, lines, list(alone.values()), [s for s, _ in single])
-    found = _doubts(label_odds(recording, lines), recording.name, DOUBTFUL)
+    suspicions = _doubts(label_odds(recording, lines), recording.name, DOUBTFUL)
     if single:
-        found = [s for s in found if min(odds[s.code] for odds in odds_of.values()) > -CERTAIN]
-        single = [(s, k) for s, k in single if s.code not in {f.code for f in found}]
-    return _confirmed([*((s, None) for s in found), *single], recording, lines)
+        suspicions = [s for s in suspicions if min(odds[s.code] for odds in odds_of.values()) > -CERTAIN]
+        single = [(s, k) for s, k in single if s.code not in {f.code for f in suspicions}]
+    return _confirmed([*((s, None) for s in suspicions), *single], recording, lines)
 
 
 def _confirmed(
-    found: Sequence[tuple[Suspicion, int | None]], recording: Recording, lines: Lines
+    doubts: Sequence[tuple[Suspicion, int | None]], recording: Recording, lines: Lines
 ) -> tuple[Suspicion, ...]:
     """Suspicions of all trials or one, without the certain ones that fit worse than the labels do."""
-    if all(s.odds < CERTAIN for s, _ in found):
-        return tuple(s for s, _ in found)
+    if all(s.odds < CERTAIN for s, _ in doubts):
+        return tuple(s for s, _ in doubts)
     as_labelled = base_fit(lines, recording.base_model(), 0)
     search = Search(lines, as_labelled.best, as_labelled.minima, 0)
 
     def better(code: str, trial: int | None) -> bool:
         return search.thoroughly(search.only(READINGS[code].at(lines.f), trial))[0] > as_labelled.best.log_evidence
 
-    return tuple(s for s, trial in found if s.odds < CERTAIN or better(s.code, trial))
+    return tuple(s for s, trial in doubts if s.odds < CERTAIN or better(s.code, trial))
 
 
 def _own(lines: Lines) -> Lines:
@@ -245,7 +247,7 @@ def label_odds(recording: Recording, lines: Lines) -> dict[str, float]:
 
 def _doubts(score: dict[str, float], where: str, least: float) -> list[Suspicion]:
     """Readings with log odds ``score`` of at least ``least`` over the labels as given, best first."""
-    found = []
+    doubts = []
     for name in sorted(score, key=lambda n: -score[n]):
         odds = score[name]
         if odds < least:
@@ -253,14 +255,16 @@ def _doubts(score: dict[str, float], where: str, least: float) -> list[Suspicion
         reading = READINGS[name]
         if reading.check == "certain" and odds < CERTAIN:
             continue
-        found.append(Suspicion(name, reading.channel, f"{where}: {reading.channel}: seems to be {reading.words}", odds))
-    return found
+        doubts.append(
+            Suspicion(name, reading.channel, f"{where}: {reading.channel}: seems to be {reading.words}", odds)
+        )
+    return doubts
 
 
-def merged(*found: Iterable[Suspicion]) -> tuple[Suspicion, ...]:
+def merged(*suspicions: Iterable[Suspicion]) -> tuple[Suspicion, ...]:
     """All suspicions in the order found; each message once, with its largest odds."""
     strongest: dict[str, Suspicion] = {}
-    for s in (s for some in found for s in some):
+    for s in (s for some in suspicions for s in some):
         if s.message not in strongest or s.odds > strongest[s.message].odds:
             strongest[s.message] = s
     return tuple(strongest.values())

@@ -98,9 +98,9 @@ class _Trials:
     @classmethod
     def of(cls, lines: Lines) -> _Trials:
         if len(lines.parts) > 1:
-            own = np.array([np.isin(np.arange(len(lines)), np.r_[block]) for block in lines.blocks], dtype=float)
-            weight = own[..., None, None] * lines.noise.whitener
-            return cls(tuple(range(len(own))), own[..., None] * lines.y, weight, own)
+            membership = np.array([np.isin(np.arange(len(lines)), np.r_[block]) for block in lines.blocks], dtype=float)
+            weight = membership[..., None, None] * lines.noise.whitener
+            return cls(tuple(range(len(membership))), membership[..., None] * lines.y, weight, membership)
         names = tuple(int(k) for k in np.unique(lines.trial))
         parts = [lines.subset(lines.trial == k) for k in names]
         share = np.array([lines.weight[lines.trial == k].sum(axis=0) for k in names])
@@ -229,15 +229,15 @@ class Search:
         None when the best x is at the end of the grid, or no x may compete with the labels.
         """
         starts = np.vstack([self._minima[:1], self._base.prior.mean])
-        found = self._at(T(grid), starts, COARSE)
-        evidence = np.array([e for e, _, _ in found])
+        fits = self._at(T(grid), starts, COARSE)
+        evidence = np.array([e for e, _, _ in fits])
         best = int(np.argmax(evidence))
         if best in (0, grid.size - 1):
             return None
         drop = 2 * evidence[best] - evidence[best - 1] - evidence[best + 1]
         if evidence[best] + drop < self._base.log_evidence - HOPELESS:
             return None
-        near = self._refined(T, float(grid[best]), float(grid[1] - grid[0]), found[best][1].theta)
+        near = self._refined(T, float(grid[best]), float(grid[1] - grid[0]), fits[best][1].theta)
         return near if np.isfinite(near.se) else None
 
     def thoroughly_along(self, T: Callable[[np.ndarray], np.ndarray], x: float, step: float) -> Along | None:
@@ -261,17 +261,17 @@ class Search:
         for _ in range(ROUNDS):
             step /= 4
             grid = x + step * np.arange(-5, 6)
-            found = self._at(T(grid), theta[None], TOLERANCE)
-            evidence = np.array([e for e, _, _ in found])
+            fits = self._at(T(grid), theta[None], TOLERANCE)
+            evidence = np.array([e for e, _, _ in fits])
             best = int(np.argmax(evidence))
-            x, theta = float(grid[best]), found[best][1].theta
+            x, theta = float(grid[best]), fits[best][1].theta
             if best in (0, grid.size - 1):
                 se, step = np.inf, 4 * step
                 continue
             drop = 2 * evidence[best] - evidence[best - 1] - evidence[best + 1]
             if drop > 0 and (se := float(step / np.sqrt(drop))) > step:
                 break
-        return Along(float(evidence[best]), x, se, found[best][1], found[best][2])
+        return Along(float(evidence[best]), x, se, fits[best][1], fits[best][2])
 
     def _at(self, T: np.ndarray, starts: np.ndarray, tolerance: float) -> list[tuple[float, Relabelled, Data]]:
         """Log evidence, the best fit from ``starts`` (S, P) and the data, for each of T (G, K, N, 2, 2)."""
@@ -284,8 +284,8 @@ class Search:
             tolerance=tolerance,
             max_iterations=ITERATIONS,
         )
-        found = []
-        for i, own in enumerate(data):
+        evidences = []
+        for i, problem in enumerate(data):
             best = self._fitter.pick(fits, slice(i * S, (i + 1) * S))
-            found.append(self._as_read(best, own, made.apart[i], made.mix[i]))
-        return found
+            evidences.append(self._as_read(best, problem, made.apart[i], made.mix[i]))
+        return evidences

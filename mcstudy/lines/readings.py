@@ -62,13 +62,13 @@ def _diagonal(first: float, second: float) -> Matrix:
     return (first, 0.0), (0.0, second)
 
 
-def _on(which: str, factor: float) -> Matrix:
+def _on(scaled: str, factor: float) -> Matrix:
     """A factor on both angles ("") or on one."""
-    return _diagonal(*(factor if which in ("", angle) else 1.0 for angle in ANGLES))
+    return _diagonal(*(factor if scaled in ("", angle) else 1.0 for angle in ANGLES))
 
 
-def _angles(which: str) -> str:
-    return which or ", ".join(ANGLES)
+def _angles(angle: str) -> str:
+    return angle or ", ".join(ANGLES)
 
 
 _SAME: Matrix = _diagonal(1.0, 1.0)
@@ -78,28 +78,28 @@ _AMPLITUDE = "Check the gain of the stimulus, and whether it is given as a peak 
 def _table() -> dict[str, Reading]:
     both = "theta1, theta2"
     out: dict[str, Reading] = {}
-    for which in ("", *ANGLES):
-        name, end = _angles(which), f"_{which}" if which else ""
-        unit = f"Declare the unit of {name}" + ("" if which else ", or check the unit of the stimulus") + "."
-        out[f"degrees{end}"] = Reading(_on(which, _DEG), name, "in deg but declared rad", unit)
-        out[f"radians{end}"] = Reading(_on(which, 1 / _DEG), name, "in rad but declared deg", unit)
-        million = {"": " (in mrad but declared rad, or a stimulus in kN m)"}.get(which, " (in mrad but declared rad)")
-        out[f"thousand{end}"] = Reading(_on(which, 1e3), name, f"1000 times too large{million}", unit, check="certain")
+    for angle in ("", *ANGLES):
+        name, end = _angles(angle), f"_{angle}" if angle else ""
+        unit = f"Declare the unit of {name}" + ("" if angle else ", or check the unit of the stimulus") + "."
+        out[f"degrees{end}"] = Reading(_on(angle, _DEG), name, "in deg but declared rad", unit)
+        out[f"radians{end}"] = Reading(_on(angle, 1 / _DEG), name, "in rad but declared deg", unit)
+        million = {"": " (in mrad but declared rad, or a stimulus in kN m)"}.get(angle, " (in mrad but declared rad)")
+        out[f"thousand{end}"] = Reading(_on(angle, 1e3), name, f"1000 times too large{million}", unit, check="certain")
         out[f"thousandth{end}"] = Reading(
-            _on(which, 1e-3), name, "1000 times too small (is a unit milli or kilo?)", unit, check="certain"
+            _on(angle, 1e-3), name, "1000 times too small (is a unit milli or kilo?)", unit, check="certain"
         )
         out[f"double{end}"] = Reading(
-            _on(which, 2.0), name, "2 times too large", unit if which else _AMPLITUDE, check="fit"
+            _on(angle, 2.0), name, "2 times too large", unit if angle else _AMPLITUDE, check="fit"
         )
         out[f"half{end}"] = Reading(
-            _on(which, 0.5), name, "2 times too small", unit if which else _AMPLITUDE, check="fit"
+            _on(angle, 0.5), name, "2 times too small", unit if angle else _AMPLITUDE, check="fit"
         )
-        if which:
-            gain = f"Check the calibration of {which}."
-            out[f"over_g{end}"] = Reading(_on(which, 1 / _KGF), name, "9.81 times too small", gain, check="certain")
-            out[f"times_g{end}"] = Reading(_on(which, _KGF), name, "9.81 times too large", gain, check="certain")
-        order = (int(which in ("", "theta1")), int(which in ("", "theta2")))
-        plural = which == ""
+        if angle:
+            gain = f"Check the calibration of {angle}."
+            out[f"over_g{end}"] = Reading(_on(angle, 1 / _KGF), name, "9.81 times too small", gain, check="certain")
+            out[f"times_g{end}"] = Reading(_on(angle, _KGF), name, "9.81 times too large", gain, check="certain")
+        order = (int(angle in ("", "theta1")), int(angle in ("", "theta2")))
+        plural = angle == ""
         out[f"velocity{end}"] = Reading(
             _SAME,
             name,

@@ -98,7 +98,7 @@ def checked_table(raw: Mapping[str, Any]) -> ModelTable:
 
 def written(table: ModelTable) -> str:
     """The text of a model file."""
-    return "\n".join(toml_lines("", {"model": table.model_dump(mode="json", exclude_defaults=True)})).lstrip() + "\n"
+    return "\n".join(toml_lines("", {"model": table.model_dump(mode="json")})).lstrip() + "\n"
 
 
 def spelled_out(given: Any, folder: Path | None = None) -> Any:
@@ -110,11 +110,15 @@ def spelled_out(given: Any, folder: Path | None = None) -> Any:
         return {"kind": DECLARED, **table_of(given)}
     if isinstance(given, str | PathLike):
         given = {"kind": str(given)}
-    if not isinstance(given, Mapping) or not isinstance(kind := given.get("kind"), str | PathLike):
+    if not isinstance(given, Mapping):
+        return given
+    if "kind" not in given and given.keys() & {"joints", "parameter", "term"}:
+        return {**given, "kind": DECLARED}
+    if not isinstance(kind := given.get("kind"), str | PathLike):
         return given
     if str(kind) in (*BUILT, DECLARED):
         return given
-    table = read_model(str(kind), folder).model_dump(mode="json", exclude_defaults=True)
+    table = read_model(str(kind), folder).model_dump(mode="json")
     return {**table, **given, "kind": DECLARED}
 
 

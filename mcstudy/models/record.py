@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, StringConstraints, field_validator
+from pydantic import Field, SerializerFunctionWrapHandler, StringConstraints, field_validator, model_serializer
 
 from mcstudy.errors import DesignError, InputError, ModelError
 from mcstudy.expressions import Expression, expression
@@ -39,7 +39,16 @@ def _listed(given: Any) -> Any:
     return (given,) if isinstance(given, str) else tuple(given) if isinstance(given, list) else given
 
 
-class ParameterTable(Section):
+class Short(Section):
+    """A table that leaves out what has its default, so that a new key changes no design and no fingerprint."""
+
+    @model_serializer(mode="wrap")
+    def _short(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields = type(self).model_fields
+        return {name: value for name, value in dump(self).items() if getattr(self, name) != fields[name].default}
+
+
+class ParameterTable(Short):
     """An unknown of the model: its true value, and bounds of the fit.
 
     Without bounds they are 0 and twice the value, and of a delay the value plus and minus 30 ms.
@@ -53,7 +62,7 @@ class ParameterTable(Section):
     meaning: Words = ""
 
 
-class TermTable(Section):
+class TermTable(Short):
     """A torque that is proportional to a signal: coefficient, gains, s^order, delays and filters times what is sensed.
 
     In the balance of a ``joint``, the sum of the terms that sense joints equals the sum of those that sense the
@@ -72,7 +81,7 @@ class TermTable(Section):
     _lists = field_validator("gain", "delay", "filter", mode="before")(_listed)
 
 
-class FilterTable(Section):
+class FilterTable(Short):
     """A ratio of two polynomials of s, whose coefficients hold parameters and constants."""
 
     name: Symbol
@@ -80,7 +89,7 @@ class FilterTable(Section):
     denominator: Number = 1.0
 
 
-class ModelTable(Section):
+class ModelTable(Short):
     """A closed loop of one or two joints, as a file declares it.
 
     ``angles``: names of the joint angles where they are not those of the joints. ``sensor_filter``: filter between the
@@ -104,15 +113,25 @@ class ModelTable(Section):
         """The constants as numbers."""
         return resolved(self.constants)
 
-    def model(self) -> Model:
-        """The model; `DesignError`, one line that starts with the field, for the first mistake."""
+    @property
+    def delays(self) -> set[str]:
+        """Names of the parameters that are delays."""
+        return {name for t in self.term for name in t.delay}
+
+    def model(self, lower: float = 0.0, upper: float = 2.0, delay_margin_s: float = DELAY_MARGIN) -> Model:
+        """The model; `DesignError`, one line that starts with the field, for the first mistake.
+
+        ``lower``, ``upper``: bounds where the table has none, as multiples of the value; ``delay_margin_s``: of delays.
+        """
         _check_names(self)
         known = self.values()
         names = {p.name for p in self.parameter}
-        delays = {name for t in self.term for name in t.delay}
+        multiples = (lower, upper)
         rows, angles = self._axes()
         joints = dict(zip(self.joints, angles[: len(self.joints)], strict=True))
-        parameters = tuple(_parameter(p, known, p.name in delays) for p in self.parameter)
+        parameters = tuple(
+            _parameter(p, known, multiples, delay_margin_s if p.name in self.delays else None) for p in self.parameter
+        )
         filters = tuple(self._filter(f, known, names) for f in self.filter)
         terms = tuple(self._term(t, f"term.{i}", known, names, joints) for i, t in enumerate(self.term))
         for joint, name in self.sensor_filter.items():
@@ -269,10 +288,13 @@ def _arithmetic(given: Number, known: Collection[str]) -> Expression:
     return expression(text, [*known, "pi"], "number", "m*g*h")
 
 
-def _parameter(table: ParameterTable, known: Mapping[str, float], delay: bool) -> Parameter:
+def _parameter(
+    table: ParameterTable, known: Mapping[str, float], multiples: tuple[float, float], margin: float | None
+) -> Parameter:
+    """A parameter with its bounds; ``margin``: of a delay, s."""
     where = f"parameter.{table.name}"
     value = number(table.value, known, f"{where}.value")
-    usual = (value - DELAY_MARGIN, value + DELAY_MARGIN) if delay else sorted((0.0, 2.0 * value))
+    usual = sorted(m * value for m in multiples) if margin is None else (value - margin, value + margin)
     low, high = (
         given if given is None else number(given, known, f"{where}.{name}")
         for name, given in (("lower", table.lower), ("upper", table.upper))
@@ -282,7 +304,7 @@ def _parameter(table: ParameterTable, known: Mapping[str, float], delay: bool) -
         raise DesignError(f"{where}.lower: expected less than upper, got {low:g} and {high:g}")
     if not low <= value <= high:
         raise DesignError(f"{where}.value: expected a value inside its bounds {low:g} to {high:g}, got {value:g}")
-    if delay and low < 0:
+    if margin is not None and low < 0:
         raise DesignError(f"{where}.lower: expected a delay of at least 0 s, got {low:g}")
     return Parameter(table.name, table.unit, value, low, high, table.meaning)
 
@@ -319,6 +341,7 @@ def table_of(model: Model) -> dict[str, Any]:
     n = model.n_angles
     joints, angles = tuple(reversed(model.rows))[:n], model.angles[:n]
     sums = {(1.0, 1.0, 0.0): " + ".join(angles)}
+    sums |= {(float(k == 0), float(k == 1), 0.0): angle for k, angle in enumerate(angles)}
     own = angles[0] if n == 1 else ""
 
     def term(t: Term) -> dict[str, Any]:
@@ -356,7 +379,5 @@ def table_of(model: Model) -> dict[str, Any]:
         ],
         "sensor_filter": {j: f for j, f in zip(joints, model.output_filters, strict=False) if f is not None},
     }
-    plain: dict[str, Any] = ModelTable.model_validate_json(json.dumps(whole)).model_dump(
-        mode="json", exclude_defaults=True
-    )
+    plain: dict[str, Any] = ModelTable.model_validate_json(json.dumps(whole)).model_dump(mode="json")
     return plain

@@ -118,7 +118,7 @@ class Fitter:
         if cycles not in self._laws:
             g = self.group
             bands = self.experiment(cycles).bands.below(g.fmax[-1])
-            noise, unit, removed = g.noise.source, stimulus(g, 1.0), g.spectra.ramp == "remove"
+            noise, unit, removed = g.noise_source, stimulus(g, 1.0), g.spectra.ramp == "remove"
             self._laws[cycles] = frf_law(self.model, unit, noise, bands, cycles, g.stimulus.discard, removed)
         return self._laws[cycles]
 

@@ -123,7 +123,7 @@ def _group(study: Study, name: str | None) -> tuple[str, Group]:
     if name not in study.groups:
         raise InputError(f"group: expected one of {', '.join(study.groups)}, got {name!r}")
     group = study.groups[name]
-    if group.simulator == "none" or not group.noise.on_both:
+    if group.simulator == "none" or not group.noise.on_all(build_model(group).n_angles):
         raise InputError(f"group {name}: expected noise on both angles; without noise every design is as good")
     if group.until_certain:
         raise InputError(f"group {name}: starts: expected a number, not 'until certain'")

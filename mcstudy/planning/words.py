@@ -7,7 +7,7 @@ import math
 from mcstudy.planning.fits import FULL, TRUTH
 from mcstudy.planning.solution import Crossing, Reading, SolutionRecord
 from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS
-from mcstudy.stance.body import STIMULI
+from mcstudy.study.models import build_model
 from mcstudy.text_tables import Table, counted, ends, fill, number
 
 CONTROL = {TRUTH: "one fit from the true values", FULL: "none"}
@@ -94,7 +94,7 @@ def _crossing(c: Crossing) -> str:
 
 def stimulus_unit(solution: SolutionRecord) -> str:
     """Unit of the stimulus amplitude."""
-    return STIMULI[solution.study.groups[solution.group].stimulus.kind]
+    return build_model(solution.study.groups[solution.group]).stimulus_unit
 
 
 def _value(r: Reading, value: float) -> str:

@@ -13,10 +13,10 @@ from mcstudy.recordings.channels import Read, trials_of
 from mcstudy.recordings.data_files import Files
 from mcstudy.recordings.formats.source import SHOWN, Picked
 from mcstudy.recordings.frf import COLUMNS, FrfRecording, frf_of_columns
-from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.recording import Recording, sentences
 from mcstudy.recordings.refusals import refused
 from mcstudy.recordings.sheets.body_sheet import body_of
-from mcstudy.recordings.sheets.recording_sheet import Sheet, TrialSheet, document
+from mcstudy.recordings.sheets.recording_sheet import Sheet, TrialSheet, document, frf_factor
 from mcstudy.recordings.sheets.tables import described
 from mcstudy.recordings.units import FACTORS, KINDS, agreed, factor, kind_of
 from mcstudy.stance.body import STIMULI
@@ -65,7 +65,7 @@ def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) ->
             body,
             sheet.convention,
             sheet.name,
-            "; ".join(filter(None, (sheet.provenance, *notes))),
+            sentences(sheet.provenance, *notes),
             person=sheet.person,
             condition=sheet.condition,
         )
@@ -89,20 +89,16 @@ def _frf(sheet: Sheet, files: Files, where: str) -> FrfRecording:
     if sheet.trials or sheet.frf is None:
         raise RecordingError(f"{where}: frf: expected either trials or an frf, got both")
     file = files.source(sheet.frf.file)
-    target = STIMULI[sheet.stimulus]
-    if target == "rad" and (sheet.units.angle is None) != (sheet.units.stimulus is None):
-        raise RecordingError(f"{where}: units: expected both angle and stimulus for the FRF of a {sheet.stimulus}")
+    sheet.units.require_both(sheet.stimulus, where)
     picked = {name: file.pick(name) for name in COLUMNS if file.has(name)}
     if "f" not in picked:
         raise RecordingError(
             f"{file.path}: column 'f' (Hz) is missing; found {printable(', '.join(list(file.variables)[:SHOWN]))}"
         )
     angle, stimulus = _frf_units(sheet, picked, str(file.path))
-    scale = factor(angle or "rad", "rad", f"{where}: units.angle") / factor(
-        stimulus or target, target, f"{where}: units.stimulus"
-    )
+    scale = frf_factor(angle, stimulus, sheet.stimulus, where)
     f, y, C, single = frf_of_columns({n: p.values for n, p in picked.items()}, scale, str(file.path))
-    provenance = "; ".join(filter(None, (sheet.provenance, remark, *files.remarks())))
+    provenance = sentences(sheet.provenance, remark, *files.remarks())
     with refused(RecordingError, where=file.path):
         return FrfRecording(f, y, C, sheet.stimulus, body, single, sheet.name, provenance)
 

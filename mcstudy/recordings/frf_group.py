@@ -20,10 +20,11 @@ from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.frf import GAIN
 from mcstudy.recordings.gain_and_phase import response
 from mcstudy.recordings.guards import content, inside
+from mcstudy.recordings.recording import sentences
 from mcstudy.recordings.refusals import refused, require_within
 from mcstudy.recordings.sheets.body_sheet import body_of
 from mcstudy.recordings.sheets.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
-from mcstudy.recordings.units import factor
+from mcstudy.recordings.sheets.recording_sheet import frf_factor
 from mcstudy.stance.body import STIMULI, Body
 
 SEGMENTS = ("lower", "upper")
@@ -64,11 +65,8 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
     files = Files(path.parent if data is None else Path(data), Dialect(), str(path))
     body, source = body_of(sheet.body, files.source, str(path))
     table = inside(path.parent if data is None else Path(data), sheet.frf_group.file, str(path))
-    target = STIMULI[sheet.stimulus]
-    if target == "rad" and (sheet.units.angle is None) != (sheet.units.stimulus is None):
-        raise RecordingError(f"{path}: units: expected both angle and stimulus for the FRF of a {sheet.stimulus}")
-    per = factor(sheet.units.stimulus or target, target, f"{path}: units.stimulus")
-    scale = factor(sheet.units.angle or "rad", "rad", f"{path}: units.angle") / per
+    sheet.units.require_both(sheet.stimulus, str(path))
+    scale = frf_factor(sheet.units.angle, sheet.units.stimulus, sheet.stimulus, str(path))
     people, conditions, frf = _rows(sheet.frf_group, table)
     frf = scale * frf
     if sheet.upper_body == "hip":
@@ -87,7 +85,7 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
         body,
     )
     name = path.stem if sheet.name == "group" else sheet.name
-    return group.assign_attrs(name=name, provenance="; ".join(filter(None, (sheet.provenance, source))))
+    return group.assign_attrs(name=name, provenance=sentences(sheet.provenance, source))
 
 
 def group_dataset(

@@ -18,7 +18,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.refusals import require_known, require_within
 from mcstudy.short_repr import Summary, shortened
-from mcstudy.stance.body import STIMULI, Body, two_segment
+from mcstudy.stance.body import STIMULI, Body, two_segment, with_scaled_gains
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.ranges import LARGEST_TILT, Range
 from mcstudy.stance.stimulus import CONVENTIONS
@@ -136,6 +136,11 @@ def escape_texts(record: Any, *names: str) -> None:
     """Escape what a terminal or a file cannot hold in the texts of a frozen ``record``, which may be file names."""
     for name in names:
         object.__setattr__(record, name, escaped(getattr(record, name)))
+
+
+def sentences(*texts: str) -> str:
+    """Texts as one, without the empty ones."""
+    return "; ".join(filter(None, texts))
 
 
 def refuse_size(trials: int, samples: int, where: str) -> None:
@@ -277,15 +282,7 @@ class Recording(Summary):
 
         Gains and their bounds are those of `two_segment` times the ratio of m g h to the paper's.
         """
-        model = two_segment(self.body, self.stimulus)
-        ratio = self.body.mgh / Body().mgh
-        scaled = tuple(
-            p
-            if p.name in model.delays + model.weights
-            else replace(p, value=p.value * ratio, lower=p.lower * ratio, upper=p.upper * ratio)
-            for p in model.parameters
-        )
-        return replace(model, parameters=scaled)
+        return with_scaled_gains(two_segment(self.body, self.stimulus), self.body.mgh / Body().mgh)
 
     def select(self, trials: tuple[int, ...]) -> Recording:
         """The recording with some of its trials, given by their positions, (0, 2) for the first and third."""

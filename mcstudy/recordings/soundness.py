@@ -9,7 +9,7 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.faults import Fault, angle_faults, constant_end, stimulus_faults
-from mcstudy.recordings.recording import LEAST_CYCLES, Recording, Suspicion, Trial
+from mcstudy.recordings.recording import LEAST_CYCLES, Recording, Suspicion, Trial, sentences
 from mcstudy.recordings.resampling import interpolated
 
 ANGLES = ("theta1", "theta2")
@@ -191,7 +191,7 @@ def fill_gaps(recording: Recording, longest_s: float) -> Recording:
         recording,
         trials=tuple(trials),
         suspicions=kept,
-        provenance="; ".join(filter(None, (recording.provenance, note))),
+        provenance=sentences(recording.provenance, note),
     )
     noted = [s for k, t in enumerate(out.trials, start=1) for s in faults_in_words(out, t, f"{out.name}: trial {k}")]
     return replace(out, suspicions=(*kept, *noted))

@@ -1,11 +1,13 @@
-"""The figure of a comparison of two groups: mean responses with errors, and the difference that a cause predicts."""
+"""A comparison of two groups with its words and its figure."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mcstudy.group_comparison import verdict
+from mcstudy.group_comparison.document import document
 from mcstudy.group_comparison.result import LEVEL, ComparisonRecord
 from mcstudy.report.style import require_matplotlib
 from mcstudy.results.record import Result
@@ -19,6 +21,28 @@ SEGMENTS = ("lower body", "upper body")
 
 class Comparison(Result, ComparisonRecord):
     """Two groups compared."""
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What a prompt shows."""
+        people = f"{self.a} ({self.people[0]}), {self.b} ({self.people[1]})"
+        difference = f"{self.kind} ({verdict.p_of(self, self.detection.p_mean, 'p of equal means')})"
+        return [
+            ("groups", f"{people}, {'' if self.paired else 'un'}paired"),
+            ("difference", difference),
+            ("cause", self.best.name if self.best else "none"),
+        ]
+
+    def verdict(self) -> str:
+        """The answer in a few sentences."""
+        return verdict.verdict(self)
+
+    def text(self) -> str:
+        """Verdict and tables."""
+        return verdict.text(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All results as plain JSON data, valid under ``results_schema/1.0.0/comparison.json``."""
+        return document(self)
 
     def plot(self) -> Figure:
         """Gain and phase of both groups, by segment, on a new figure.

@@ -203,12 +203,12 @@ class Capacity:
         now = time.monotonic()
         if now > self._counted + COUNT_S:
             try:
-                found = sum(self._client.nthreads().values())
+                n_threads = sum(self._client.nthreads().values())
             except OSError:  # the connection is being lost; the client's status will show it
                 return self._threads
-            if not found and not self._warned:
+            if not n_threads and not self._warned:
                 self._say("the scheduler has no workers; waiting for workers (Ctrl-C stops; the run can be resumed)")
-            self._counted, self._threads, self._warned = now, max(1, found), not found
+            self._counted, self._threads, self._warned = now, max(1, n_threads), not n_threads
         return self._threads
 
 
@@ -231,15 +231,15 @@ def reach(options: ClusterOptions) -> Security | None:
                 f"--scheduler: expected tls:// for {host}, which is another machine "
                 "(anyone who can reach an unencrypted scheduler can run code; --insecure accepts this risk)"
             )
-        found = _before(end, lambda: asyncio.run(_kind(address, security, end - time.monotonic())))
+        service = _before(end, lambda: asyncio.run(_kind(address, security, end - time.monotonic())))
     except InputError:
         raise
     except OSError as error:
         raise _unreachable(address, error) from None
     except Exception:  # of a decoder: what was read is of another service
         raise _unreachable(address, OSError("what answers there is no Dask scheduler")) from None
-    if found != "Scheduler":
-        raise _unreachable(address, OSError(f"found a {found} of Dask"))
+    if service != "Scheduler":
+        raise _unreachable(address, OSError(f"found a {service} of Dask"))
     return security
 
 

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import dask.array  # noqa: F401  # xarray imports it on first use, which two threads must not do at once
-from distributed import KilledWorker
+from distributed import Future, KilledWorker
 
 from mcstudy import program
 from mcstudy.errors import InputError, Interrupted, Stopped
@@ -77,6 +77,13 @@ def _one(process: str, made_by: dict[str, Any], fan: str, work: Callable[[Item],
         local.end()
 
 
+def _result(window: Window[Item], future: Future, interrupted: Callable[[str], Interrupted]) -> Any:
+    try:
+        return window.result(future)
+    except KilledWorker as error:
+        raise interrupted(f"workers kept dying ({error})") from None
+
+
 def fan_out(
     work: Callable[[Item], Any],
     items: Sequence[Item],
@@ -120,10 +127,7 @@ def fan_out(
                 if not (ended := window.ended()):
                     continue
                 item, future = ended
-                try:
-                    result = window.result(future)
-                except KilledWorker as error:
-                    raise interrupted(f"workers kept dying ({error})") from None
+                result = _result(window, future, interrupted)
                 progress.add(1, 0)
                 yield item, result
             progress.show(last=True)

@@ -125,10 +125,10 @@ class Bands:
     def among(self, harmonics: Sequence[int]) -> Bands:
         """The points with only those members that are among the ``harmonics``; points without any are left out."""
         members = tuple(m[np.isin(m, harmonics)] for m in self.members)
-        found = tuple(m for m in members if m.size)
-        if not found:
+        groups = tuple(m for m in members if m.size)
+        if not groups:
             raise InputError("bands: expected at least one excited line in a frequency point, got none")
-        return Bands(found, self.period_s)
+        return Bands(groups, self.period_s)
 
     def _keep(self, keep: np.ndarray, what: str) -> Bands:
         if not keep.any():

@@ -162,11 +162,11 @@ class Lines(Summary):
         """First and last cycles of the trials (a middle one in neither), or None when no trial has two repeats."""
         first, last = np.zeros(self.trial.size, dtype=bool), np.zeros(self.trial.size, dtype=bool)
         for t in np.unique(self.trial):
-            own = np.flatnonzero(self.trial == t)
-            n = own.size // 2
-            own = own[np.argsort(self.cycle[own], kind="stable")]
-            first[own[:n]] = True
-            last[own[own.size - n :]] = True
+            repeats = np.flatnonzero(self.trial == t)
+            n = repeats.size // 2
+            repeats = repeats[np.argsort(self.cycle[repeats], kind="stable")]
+            first[repeats[:n]] = True
+            last[repeats[repeats.size - n :]] = True
         return (self.subset(first), self.subset(last)) if first.any() else None
 
     def by_amplitude(self, tolerance: float = 0.1) -> list[tuple[float, Lines]]:
@@ -204,8 +204,8 @@ class JointLines(Lines):
         """The mean over some of the repeats (indices or mask), at least one of each recording."""
         chosen = np.zeros(len(self.repeats), dtype=bool)
         chosen[repeats] = True
-        own = np.split(chosen, np.cumsum([len(p.repeats) for p in self.members])[:-1])
-        return joined([p.subset(k) for p, k in zip(self.members, own, strict=True)])
+        by_recording = np.split(chosen, np.cumsum([len(p.repeats) for p in self.members])[:-1])
+        return joined([p.subset(k) for p, k in zip(self.members, by_recording, strict=True)])
 
     def below(self, fmax: float) -> Lines:
         """The lines of all recordings up to ``fmax`` (Hz)."""

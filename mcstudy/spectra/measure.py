@@ -79,12 +79,12 @@ def up_to(fmax: float, lines: Lines, name: str) -> Lines:
             f"{name}: expected at least {LEAST_LINES} {lines.unit}s up to fmax = {fmax:g} Hz, got {len(kept)}"
         )
     if lines.published and (beyond := lines.f[lines.f > fmax]).size:
-        which = (
+        kept_points = (
             f"the last point, {beyond[0]:g} Hz, is"
             if beyond.size == 1
             else (f"the last {beyond.size} points, {beyond[0]:g} to {beyond[-1]:g} Hz, are")
         )
-        return replace(kept, notes=(*kept.notes, f"{which} above fmax = {fmax:g} Hz and left out"))
+        return replace(kept, notes=(*kept.notes, f"{kept_points} above fmax = {fmax:g} Hz and left out"))
     return kept
 
 
@@ -106,19 +106,19 @@ def require_noise(lines: Lines, name: str) -> None:
 
 def _published(frf: FrfRecording) -> Lines:
     """Lines with a single repeat (no cross-validation possible) and unknown amplitude and power."""
-    one = np.ones(frf.f.size)
+    unit_weight = np.ones(frf.f.size)
     notes = ("only one angle was published, so the hip is not tested",) if frf.single else ()
     y = frf.y.astype(complex)
     return Lines(
         f=frf.f,
         y=y,
-        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * one, angles=1 if frf.single else 2),
+        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * unit_weight, angles=1 if frf.single else 2),
         repeats=y[None],
-        weight=one[None],
+        weight=unit_weight[None],
         trial=np.zeros(1, dtype=int),
         cycle=np.zeros(1, dtype=int),
         amplitude=np.array([np.nan]),
-        power=np.nan * one,
+        power=np.nan * unit_weight,
         notes=notes,
         published=True,
     )

@@ -60,8 +60,8 @@ class NullDraws:
         top = int(1.1 * at[-1] + min(width[-1], 60.0))
         even = np.arange(2, max(top, 10) + 1, 2)
         self._window = parabolic(at, even, width)
-        own = 1.0 / (self._window**2).sum(axis=1)
-        self._records = pooling.records or max(1, round(float(np.median(self._dof / own))))
+        window_power = 1.0 / (self._window**2).sum(axis=1)
+        self._records = pooling.records or max(1, round(float(np.median(self._dof / window_power))))
         if pooling.colour_records is not None:
             self._further = pooling.colour_records
             self._colour = Colour(even, at, (self._records, self._further))

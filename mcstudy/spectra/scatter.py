@@ -92,20 +92,20 @@ def with_scatter(lines: Lines) -> Lines:
     What rings may have the same phase in all repeats, which then share it instead of averaging it out. A sharp line
     therefore gets the excess variance of a single repeat, R times that of their mean.
     """
-    found = scatter(lines)
-    if not found.sharp.any():
+    estimate = scatter(lines)
+    if not estimate.sharp.any():
         return lines
-    factor = np.where(found.sharp, 1 + lines.trial.size * (found.ratio - 1), 1.0)
-    return replace(lines, noise=lines.noise.times(factor), notes=(*lines.notes, _sharp_note(lines, found)))
+    factor = np.where(estimate.sharp, 1 + lines.trial.size * (estimate.ratio - 1), 1.0)
+    return replace(lines, noise=lines.noise.times(factor), notes=(*lines.notes, _sharp_note(lines, estimate)))
 
 
-def _sharp_note(lines: Lines, found: Scatter) -> str:
-    where = np.flatnonzero(found.sharp)
-    worst = where[int(found.ratio[where].argmax())]
+def _sharp_note(lines: Lines, estimate: Scatter) -> str:
+    where = np.flatnonzero(estimate.sharp)
+    worst = where[int(estimate.ratio[where].argmax())]
     more = f" and {where.size - 1} other lines" if where.size > 2 else " and one other line" if where.size == 2 else ""
     return (
-        f"at {lines.f[worst]:.2f} Hz{more} the cycles differ by up to {found.ratio[worst]:.2g} times the variance that "
-        "neighbouring lines show (an almost undamped mode, or a start that is not over); the noise is taken as "
+        f"at {lines.f[worst]:.2f} Hz{more} the cycles differ by up to {estimate.ratio[worst]:.2g} times the variance "
+        "that neighbouring lines show (an almost undamped mode, or a start that is not over); the noise is taken as "
         "accordingly larger there"
     )
 

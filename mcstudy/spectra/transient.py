@@ -53,7 +53,7 @@ class TransientMean:
         The variance of the mean is ``spread`` times that of a line. It adds to the variance of an odd line; an even
         line is part of its own mean and loses variance.
         """
-        spread, own = (self.window**2).sum(axis=1), self.window.max(axis=1, initial=0.0)
+        spread, peak = (self.window**2).sum(axis=1), self.window.max(axis=1, initial=0.0)
         factor = np.ones(self.estimator.even[-1] + 1)
-        factor[self.at] = (1 + spread) / (1 - 2 * own + spread)
+        factor[self.at] = (1 + spread) / (1 - 2 * peak + spread)
         return factor[harmonics]

@@ -191,9 +191,9 @@ def segments(height: float, mass: float, sex: str | None = None, table: str | No
     for name, value, limits, hint in (("height", height, HEIGHT_M, "m"), ("weight", mass, MASS_KG, "kg")):
         if fault := limits.fault(value):
             raise ModelError(f"body.{name}: {fault}; is it in {hint}?")
-    found = proportions(sex, table)
-    m1, h1, r1 = _joined(found.legs)
-    m2, h2, r2 = _joined(found.upper)
+    proportion = proportions(sex, table)
+    m1, h1, r1 = _joined(proportion.legs)
+    m2, h2, r2 = _joined(proportion.upper)
     return {
         "m1": m1 * mass,
         "h1": h1 * height,
@@ -201,7 +201,7 @@ def segments(height: float, mass: float, sex: str | None = None, table: str | No
         "m2": m2 * mass,
         "h2": h2 * height,
         "I2": m2 * mass * (r2 * height) ** 2,
-        "L1": found.length * height,
+        "L1": proportion.length * height,
     }
 
 

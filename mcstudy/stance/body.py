@@ -292,6 +292,16 @@ def _delay(name: str, value: float, meaning: str) -> Parameter:
     return Parameter(name, "s", value, value - DELAY_MARGIN, value + DELAY_MARGIN, meaning)
 
 
+def with_scaled_gains(model: Model, ratio: float) -> Model:
+    """The model with all gains and their bounds times ``ratio``; delays and sensory weights stay."""
+    kept = {*model.delays, *model.weights}
+    parameters = tuple(
+        p if p.name in kept else replace(p, value=p.value * ratio, lower=p.lower * ratio, upper=p.upper * ratio)
+        for p in model.parameters
+    )
+    return replace(model, parameters=parameters)
+
+
 def two_segment(body: Body | None = None, stimulus: str = "ankle_torque") -> Model:
     """The 12-parameter model of Goodworth & Peterka 2018 (Fig. 1B, Appendix) with the stand-in truth.
 

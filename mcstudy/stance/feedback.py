@@ -249,6 +249,21 @@ class Model:
             object.__setattr__(self, "rows", (NO_ROW, *self.rows))
         if len(self.angles) == 1:
             object.__setattr__(self, "angles", (*self.angles, NO_ANGLE))
+        self._check_axes()
+        known, filters = set(self.names), {f.name for f in self.filters}
+        for duplicate in {n for n in self.names if self.names.count(n) > 1}:
+            raise ModelError(f"model {self.name}: parameter {duplicate} is declared twice")
+        for term in self.terms:
+            self._check_term(term, known, filters)
+        for name in self.output_filters:
+            if name is not None and name not in filters:
+                raise ModelError(f"model {self.name}: unknown output filter {name!r}")
+        powers = ((f, p) for f in self.filters for m in (*f.numerator, *f.denominator) for p, _ in m.powers)
+        for filt, parameter in powers:
+            if parameter not in known:
+                raise ModelError(f"model {self.name}: filter {filt.name}: unknown parameter {parameter!r}")
+
+    def _check_axes(self) -> None:
         for what in ("rows", "angles", "output_filters"):
             given = getattr(self, what)
             if len(given) != 2 or (what != "output_filters" and given[0] == given[1]):
@@ -256,35 +271,23 @@ class Model:
                     f"model {self.name}: {what}: expected one or two different ones, got {given}; a model has at most "
                     "two joints"
                 )
-        names = [p.name for p in self.parameters]
-        for duplicate in {n for n in names if names.count(n) > 1}:
-            raise ModelError(f"model {self.name}: parameter {duplicate} is declared twice")
-        known, filters = set(names), {f.name for f in self.filters}
-        for term in self.terms:
-            where = f"model {self.name}: term {term.row} <- {term.sense}"
-            if term.row not in self.rows:
-                raise ModelError(f"{where}: row must be one of {self.rows}")
-            if term.sense not in self.senses:
-                raise ModelError(f"{where}: sense must be one of {sorted(self.senses)}, or a sum of {self.angles}")
-            if term.order not in (-1, 0, 1, 2):
-                raise ModelError(f"{where}: order must be -1, 0, 1 or 2, got {term.order}")
-            if not 0 <= term.stimulus < max(1, len(self.blocks)):
-                raise ModelError(f"{where}: unknown stimulus {term.stimulus}")
-            if len(term.gain) > 2:
-                raise ModelError(f"{where}: at most two gains may multiply, got {term.gain}")
-            for unknown in {*term.gain, *term.all_delays}:
-                if unknown not in known:
-                    raise ModelError(f"{where}: unknown parameter {unknown!r}")
-            for unknown in set(term.filters) - filters:
-                raise ModelError(f"{where}: unknown filter {unknown!r}")
-        for name in self.output_filters:
-            if name is not None and name not in filters:
-                raise ModelError(f"model {self.name}: unknown output filter {name!r}")
-        for filt in self.filters:
-            for monomial in (*filt.numerator, *filt.denominator):
-                for parameter, _ in monomial.powers:
-                    if parameter not in known:
-                        raise ModelError(f"model {self.name}: filter {filt.name}: unknown parameter {parameter!r}")
+
+    def _check_term(self, term: Term, known: set[str], filters: set[str]) -> None:
+        where = f"model {self.name}: term {term.row} <- {term.sense}"
+        if term.row not in self.rows:
+            raise ModelError(f"{where}: row must be one of {self.rows}")
+        if term.sense not in self.senses:
+            raise ModelError(f"{where}: sense must be one of {sorted(self.senses)}, or a sum of {self.angles}")
+        if term.order not in (-1, 0, 1, 2):
+            raise ModelError(f"{where}: order must be -1, 0, 1 or 2, got {term.order}")
+        if not 0 <= term.stimulus < max(1, len(self.blocks)):
+            raise ModelError(f"{where}: unknown stimulus {term.stimulus}")
+        if len(term.gain) > 2:
+            raise ModelError(f"{where}: at most two gains may multiply, got {term.gain}")
+        for unknown in {*term.gain, *term.all_delays} - known:
+            raise ModelError(f"{where}: unknown parameter {unknown!r}")
+        for unknown in set(term.filters) - filters:
+            raise ModelError(f"{where}: unknown filter {unknown!r}")
 
     def with_usual_names(self) -> Model:
         """The same model whose rows and angles are called as those of two linked segments (`ROWS`, `ANGLES`)."""
@@ -503,5 +506,5 @@ class Table:
 
     def gains(self, theta: np.ndarray) -> np.ndarray:
         """Coefficient of every term times its gains at parameters ``theta`` (..., P), (..., E)."""
-        one = np.concatenate([theta, np.ones((*theta.shape[:-1], 1))], axis=-1)  # where -1, no gain, points to
-        return np.asarray(self.weight[:, 0] * one[..., self.entry[:, 3]] * one[..., self.entry[:, 4]])
+        padded = np.concatenate([theta, np.ones((*theta.shape[:-1], 1))], axis=-1)  # where -1, no gain, points to
+        return np.asarray(self.weight[:, 0] * padded[..., self.entry[:, 3]] * padded[..., self.entry[:, 4]])

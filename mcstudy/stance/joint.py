@@ -74,12 +74,12 @@ def under(model: Model, kind: str, body: Body) -> Model:
 
     A tilt adds its sensory weight to the parameters, at its nominal value, unless it is there.
     """
-    own = members(model)[0]
-    loop = _loop(own)
-    weight = [WEIGHTS[kind]] if kind in WEIGHTS and WEIGHTS[kind].name not in own.names else []
+    first_member = members(model)[0]
+    loop = _loop(first_member)
+    weight = [WEIGHTS[kind]] if kind in WEIGHTS and WEIGHTS[kind].name not in first_member.names else []
     return replace(
-        own,
-        parameters=(*own.parameters, *weight),
+        first_member,
+        parameters=(*first_member.parameters, *weight),
         terms=(*loop, *stimulus_terms(kind, body, loop)),
         stimulus_unit=STIMULI[kind],
     )

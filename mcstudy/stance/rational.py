@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -95,12 +96,7 @@ def rational_rows(
         row, order = int(table.entry[e, 0]), max(int(table.entry[e, 1]), 0)
         for c in np.flatnonzero(table.weight[e, 1:]):
             numerator[..., group[e], row, c, order, : polynomial.shape[-1]] += table.weight[e, 1 + c] * polynomial
-    bottoms = [np.ones((*batch, 1)), np.ones((*batch, 1))]
-    for row in (0, 1):
-        for k in common[row].elements():
-            bottoms[row] = _multiply(bottoms[row], filters[k][1])
-        if integrates[row]:
-            bottoms[row] = _times_s(bottoms[row])
+    bottoms = [_bottom(batch, [filters[k][1] for k in common[row].elements()], integrates[row]) for row in (0, 1)]
     denominator = np.zeros((*batch, 2, max(b.shape[-1] for b in bottoms)))
     for row in (0, 1):
         denominator[..., row, : bottoms[row].shape[-1]] = bottoms[row]
@@ -112,16 +108,22 @@ def rational_rows(
     return RationalRows(delay, denominator, numerator)
 
 
+def _bottom(batch: tuple[int, ...], factors: list[np.ndarray], integrates: bool) -> np.ndarray:
+    """Common denominator of a row, (..., L): a product of filters' denominators, and s if a term integrates."""
+    product = reduce(_multiply, factors, np.ones((*batch, 1)))
+    return _times_s(product) if integrates else product
+
+
 def _delays(model: Model, theta: np.ndarray, chosen: list[int]) -> tuple[np.ndarray, dict[int, int]]:
     """Distinct delays (..., G), zero first, and the delay group of each chosen entry."""
     table = model.table
     parameters = {e: tuple(int(p) for p in table.group_delay[table.entry[e, 2]] if p >= 0) for e in chosen}
-    used = [(), *dict.fromkeys(own for own in parameters.values() if own)]
-    delay = np.stack([theta[..., list(own)].sum(axis=-1) for own in used], axis=-1)
+    used = [(), *dict.fromkeys(delays for delays in parameters.values() if delays)]
+    delay = np.stack([theta[..., list(delays)].sum(axis=-1) for delays in used], axis=-1)
     if (delay < 0).any():
         at = used[int(np.argmax((delay < 0).reshape(-1, len(used)).any(axis=0)))]
         raise ModelError(f"model {model.name}: delay {' + '.join(model.names[p] for p in at)} is negative")
-    return delay, {e: used.index(own) for e, own in parameters.items()}
+    return delay, {e: used.index(delays) for e, delays in parameters.items()}
 
 
 def filter_polynomials(model: Model, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:

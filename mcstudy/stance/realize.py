@@ -121,21 +121,21 @@ class _Builder:
         self.torque_of += [torque if i == 0 else -1 for i in range(d.size)]
         return first if d.size else -1
 
-    def link(self, signal: tuple[int, float, int, int], destination: int, value: float, which: int) -> None:
-        """Add to a link; ``which`` is 0 for the gain, 1 for the drift. Undelayed acceleration goes to the mass."""
+    def link(self, signal: tuple[int, float, int, int], destination: int, value: float, weight_index: int) -> None:
+        """Add to a link's gain (``weight_index`` 0) or drift (1). Undelayed acceleration goes to the mass."""
         kind, delay, angle, order = signal
         if value == 0.0:
             return
         if order > 2:
             raise ModelError("a term grows faster than s^2; give it a filter of higher order")
         if order == 2 and delay == 0.0 and kind in (ANGLE, SENSED):
-            if which == 1:
+            if weight_index == 1:
                 raise ModelError("the gain of an undelayed acceleration term cannot drift")
             self.mass[destination % 2, angle] += value
             if kind == ANGLE:
                 return
             signal = (NOISE, delay, angle, order)
-        self.parts.setdefault((signal, destination), [0.0, 0.0])[which] += value
+        self.parts.setdefault((signal, destination), [0.0, 0.0])[weight_index] += value
 
 
 def realise(
@@ -199,30 +199,30 @@ def _add_part(
     build: _Builder, model: Model, theta: np.ndarray, kind: int, part: np.ndarray, scales: list[np.ndarray]
 ) -> None:
     """Divide out the passive or the active part of both rows."""
-    for which, scale in enumerate(scales):
+    for stimulus, scale in enumerate(scales):
         rows = rational_rows(model, theta, part, scale)
-        if which == 0:
+        if stimulus == 0:
             first = [
                 build.states(rows.denominator[r], kind + r, f"model {model.name}: {model.rows[r]} row") for r in (0, 1)
             ]
         for g, r, c in np.ndindex(rows.delay.size, 2, 3):
             where = f"model {model.name}: {model.rows[r]} row"
-            delay, of = float(rows.delay[g]), ANGLE if kind == PASSIVE else SENSED
+            delay, source = float(rows.delay[g]), ANGLE if kind == PASSIVE else SENSED
             for k in range(3):
                 polynomial, order = rows.numerator[g, r, c, k], k
                 if not polynomial.any():
                     continue
-                if of == ANGLE or c == 2 or delay == 0.0:
+                if source == ANGLE or c == 2 or delay == 0.0:
                     # Nothing tells a rate from a differentiated angle here, and reading the angle needs no
                     # acceleration of the current instant.
                     polynomial, order = np.concatenate([np.zeros(k), polynomial]), 0
                 quotient, remainder = _divide(polynomial, rows.denominator[r], where)
-                at = (STIMULUS, delay, 0) if c == 2 else (of, delay, c)
+                at = (STIMULUS, delay, 0) if c == 2 else (source, delay, c)
                 try:
                     for j, value in enumerate(quotient):
-                        build.link((*at, order + j), kind + r, float(value), which)
+                        build.link((*at, order + j), kind + r, float(value), stimulus)
                     for i, value in enumerate(remainder[::-1]):
-                        build.link((*at, order), FILTERS + first[r] + i, float(value), which)
+                        build.link((*at, order), FILTERS + first[r] + i, float(value), stimulus)
                 except ModelError as error:
                     raise ModelError(f"{where}: {error}") from None
 

@@ -87,12 +87,12 @@ def _system(model: Model, theta: np.ndarray, s: np.ndarray, groups: np.ndarray) 
     # Summed in whole rows of memory, one for each (row, angle or stimulus), which takes half the time.
     out = np.zeros((2, 3, *theta.shape[:-1], s.size), dtype=complex)
     gains, power = table.gains(theta), {order: s**order for order in set(table.entry[:, 1].tolist())}
-    own = sensed_stimulus(model, s.size)
+    sensed = sensed_stimulus(model, s.size)
     for e, (row, order, group, _, _) in enumerate(table.entry.tolist()):
         value = gains[..., e, None] * power[order] * groups[..., group, :]
         for k, weight in enumerate(table.weight[e, 1:].tolist()):
             if weight:
-                heard = value if k < 2 or own is None else value * own[e]
+                heard = value if k < 2 or sensed is None else value * sensed[e]
                 out[row, k] += heard if weight == 1.0 else weight * heard
     A, b = np.moveaxis(out[:, :2], (0, 1), (-2, -1)), np.moveaxis(out[:, 2], 0, -1)
     return np.ascontiguousarray(A), 0.0 - b
@@ -145,8 +145,31 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
     A, b = _system(model, theta, s, groups)
     inverse = np.linalg.inv(A)
     H = np.einsum("...ij,...j->...i", inverse, b)
+    force = _force_slopes(model, theta, s, H, groups, log_slopes)
+    dH = -np.einsum("...ij,...jp->...ip", inverse, np.ascontiguousarray(np.moveaxis(force, (0, 1), (-2, -1))))
+    if (table.output_filter < 0).all():
+        return H, dH
+    value = _output(model, theta, s)
+    H = H * value
+    dH = dH * value[..., None]
+    for angle, f in enumerate(table.output_filter):
+        for p, log_slope in log_slopes[f] if f >= 0 else ():
+            dH[..., angle, p] += H[..., angle] * log_slope
+    return H, dH
+
+
+def _force_slopes(
+    model: Model,
+    theta: np.ndarray,
+    s: np.ndarray,
+    H: np.ndarray,
+    groups: np.ndarray,
+    log_slopes: list[list[tuple[int, np.ndarray]]],
+) -> np.ndarray:
+    """dA H - db of every parameter, (row, P, ..., N)."""
+    table = model.table
     force = np.zeros((2, table.n_parameters, *theta.shape[:-1], s.size), dtype=complex)
-    own = sensed_stimulus(model, s.size)
+    drive = sensed_stimulus(model, s.size)
     angles, power = np.moveaxis(H, -1, 0).copy(), {order: s**order for order in set(table.entry[:, 1].tolist())}
     for e, (row, order, group, g1, g2) in enumerate(table.entry.tolist()):
         delays, filtered = table.group_delay[group], table.group_filters[group]
@@ -157,7 +180,7 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
         if w[2]:
             sensed = sensed + w[2] * angles[1]
         if w[3]:
-            sensed = sensed + (w[3] if own is None else w[3] * own[e])
+            sensed = sensed + (w[3] if drive is None else w[3] * drive[e])
         unit = w[0] * power[order] * groups[..., group, :] * sensed
         first = theta[..., g1, None] if g1 >= 0 else 1.0
         second = theta[..., g2, None] if g2 >= 0 else 1.0
@@ -173,16 +196,7 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
         for k in filtered[filtered >= 0]:
             for p, log_slope in log_slopes[k]:
                 force[row, p] += total * log_slope
-    dH = -np.einsum("...ij,...jp->...ip", inverse, np.ascontiguousarray(np.moveaxis(force, (0, 1), (-2, -1))))
-    if (table.output_filter < 0).all():
-        return H, dH
-    value = _output(model, theta, s)
-    H = H * value
-    dH = dH * value[..., None]
-    for angle, f in enumerate(table.output_filter):
-        for p, log_slope in log_slopes[f] if f >= 0 else ():
-            dH[..., angle, p] += H[..., angle] * log_slope
-    return H, dH
+    return force
 
 
 def noise_response(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:

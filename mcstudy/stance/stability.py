@@ -110,7 +110,7 @@ def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     try:
         rightmost(numerator, delay, np.empty((len(theta), 0), dtype=complex), room, root, outcome, rounds)
     except ZeroDivisionError:  # without inertia, or without any damping or delay
-        root[:] = [roots_chebyshev(model, one, FALLBACK_ORDER)[0] for one in theta]
+        root[:] = [roots_chebyshev(model, row, FALLBACK_ORDER)[0] for row in theta]
         root.imag = np.abs(root.imag)
         return root, np.full(len(theta), Proof.UNCERTAIN, dtype=np.int8)
     proof = np.where(rounds > 1, Proof.RESTART, Proof.SEARCH).astype(np.int8)
@@ -118,8 +118,8 @@ def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for b in np.flatnonzero((outcome != CERTIFIED) & (outcome != CHAIN)):
         eigenvalues = roots_chebyshev(model, theta[b], FALLBACK_ORDER)
         hints = eigenvalues[eigenvalues.imag >= 0][None, :12].copy()
-        one = slice(b, b + 1)
-        rightmost(numerator[one], delay[one], hints, room, root[one], outcome[one], rounds[one])
+        row = slice(b, b + 1)
+        rightmost(numerator[row], delay[row], hints, room, root[row], outcome[row], rounds[row])
         proof[b] = {CERTIFIED: Proof.CHEBYSHEV, CHAIN: Proof.CHAIN}.get(int(outcome[b]), Proof.UNCERTAIN)
         if proof[b] == Proof.UNCERTAIN and not root[b].real >= hints[0, 0].real - 1e-6:
             root[b] = hints[0, 0]

@@ -19,8 +19,7 @@ from mcstudy.stance.ranges import AMPLITUDE, RATE
 from mcstudy.stimulus_design.difference import check_effects
 from mcstudy.study.catalogue import read_file
 from mcstudy.study.checks import check_group
-from mcstudy.study.group import FREQUENCY, Group, ModelSection, NoiseSection, StimulusSection
-from mcstudy.study.measure import HIGHEST_HZ
+from mcstudy.study.group import FREQUENCY, HIGHEST_HZ, Group, ModelSection, NoiseSection, StimulusSection
 from mcstudy.study.study_file import check_tables
 
 KIND = "design"
@@ -159,12 +158,16 @@ def _check(file: DesignFile) -> None:
     design, s = file.design, file.stimulus
     if s.lines.harmonic:
         raise DesignError("stimulus.lines: expected none: a design is compared with the sequence")
+    if file.model.declared:
+        raise DesignError(
+            "model: expected two_segment or one_segment, because a design weighs bodies, got a declared one"
+        )
     check_group(file.group())
     if s.discard == 0:
         raise DesignError(
             "stimulus.discard: expected at least 1 (the ramp of a record needs the preceding sample), got 0"
         )
-    if not file.noise.on_both:
+    if not file.noise.on_all():
         raise DesignError("noise.psd: expected noise on both angles; without noise every stimulus is as good")
     if file.cycles <= s.discard:
         raise DesignError(

@@ -6,14 +6,16 @@ import numpy as np
 
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.untrusted import LARGEST_CHUNK
+from mcstudy.models.check import check_response
+from mcstudy.models.record import ModelTable
 from mcstudy.spectra.bands import PERIOD_S
 from mcstudy.stance.body import WEIGHTS
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES
+from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES, Range
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.study.cube.layout import realizations_a_chunk
-from mcstudy.study.group import GAIN_BOUND, UNTIL_CERTAIN, Group
-from mcstudy.study.measure import HIGHEST_HZ, frequency_points, kept_points, stimulus
+from mcstudy.study.group import GAIN_BOUND, HIGHEST_HZ, UNTIL_CERTAIN, Group
+from mcstudy.study.measure import frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model
 
 MAX_FREQUENCIES = 4000
@@ -22,6 +24,9 @@ MAX_FREQUENCIES = 4000
 NARROWEST = 1e-12
 """Smallest distance between the bounds of a parameter, in its unit."""
 
+DECLARED_GAIN = Range(1e-30, 1e30, or_zero=True, signed=True)
+"""True values and bounds of gains of a declared model, in its own units."""
+
 SMALLEST_RESPONSE = 1e-15
 """Smallest response of an angle, rad per unit of stimulus, and inverse of the largest; humans have about 1e-3."""
 
@@ -29,40 +34,46 @@ MAX_CHUNKS = 1_000_000
 """Largest number of chunks of a group; with the largest default chunks this is 5e9 fits."""
 
 
-def check_group(group: Group, model: Model | None = None) -> None:
-    """Raise `DesignError` for the first mistake; its message starts with the field within the group.
-
-    ``model``: used instead of the model that the group describes.
-    """
-    model = build_model(group) if model is None else model
-    _check_parameters(model)
+def check_group(group: Group) -> None:
+    """Raise `DesignError` for the first mistake; its message starts with the field within the group."""
+    model = build_model(group)
+    _check_parameters(model, group.model.declared)
     _check_stimulus(group)
-    _check_noise(group)
-    _check_fit(group)
+    _check_noise(group, model)
+    _check_fit(group, model)
     _check_frequencies(group, model)
     _check_response(group, model)
     _check_size(group, model)
 
 
-def _check_parameters(model: Model) -> None:
+def _check_parameters(model: Model, declared: bool) -> None:
+    field, gains = ("parameter", DECLARED_GAIN) if declared else ("truth", GAIN)
     for p in model.parameters:
         is_delay = p.name in model.delays
         if is_delay and p.value not in DELAY:
-            raise DesignError(f"model.truth.{p.name}: expected {DELAY}, got {p.value}")
-        if not is_delay and p.value not in GAIN:
-            raise DesignError(f"model.truth.{p.name}: expected {GAIN}, got {p.value}")
-        allowed = DELAY if is_delay else GAIN_BOUND
+            raise DesignError(f"model.{field}.{p.name}: expected {DELAY}, got {p.value}")
+        if not is_delay and p.value not in gains:
+            raise DesignError(f"model.{field}.{p.name}: expected {gains}, got {p.value}")
+        allowed = DELAY if is_delay else DECLARED_GAIN if declared else GAIN_BOUND
         if p.lower not in allowed or p.upper not in allowed:
             raise DesignError(f"model.bounds: expected {allowed}, got [{p.lower}, {p.upper}] for {p.name}")
-        if p.upper - p.lower < NARROWEST:
+        narrowest = NARROWEST * max(abs(p.lower), abs(p.upper)) if declared else NARROWEST
+        if p.upper - p.lower < narrowest:
             raise DesignError(
-                f"model.bounds: expected bounds at least {NARROWEST:g} {p.unit} apart, "
+                f"model.bounds: expected bounds at least {narrowest:g} {p.unit} apart, "
                 f"got [{p.lower}, {p.upper}] for {p.name}"
             )
 
 
 def _check_response(group: Group, model: Model) -> None:
     """Refuse a body without inertia, without response to the stimulus, or with a response that overflows."""
+    if group.model.declared:
+        f = kept_points(group).f
+        try:
+            check_response(ModelTable.of(model), f[np.linspace(0, f.size - 1, min(5, f.size)).astype(int)])
+        except DesignError as error:
+            raise DesignError(f"model.{error}") from None
+        return
     try:
         with np.errstate(all="ignore"):
             response, slope = frf_jacobian(model, model.truth, kept_points(group).f)
@@ -76,8 +87,21 @@ def _check_response(group: Group, model: Model) -> None:
         )
 
 
+def _check_highest(group: Group) -> None:
+    s, highest = group.stimulus, group.spectra.highest_hz
+    if group.model.declared and s.kind != type(s).model_fields["kind"].default:
+        raise DesignError(f"stimulus.kind: expected none beside a declared model, whose terms state it, got {s.kind!r}")
+    if highest != HIGHEST_HZ and not group.model.declared:
+        raise DesignError(f"spectra.highest_hz: expected {HIGHEST_HZ:g} for {group.model.kind}, got {highest:g}")
+    if highest != HIGHEST_HZ and group.spectra.points != "odd_lines":
+        raise DesignError(
+            f"spectra.points: expected 'odd_lines' for highest_hz = {highest:g}, got {group.spectra.points!r}"
+        )
+
+
 def _check_stimulus(group: Group) -> None:
-    s = group.stimulus
+    _check_highest(group)
+    s, highest = group.stimulus, group.spectra.highest_hz
     if s.kind in WEIGHTS and (peak := stimulus(group, group.amplitude[-1]).peak) > LARGEST_TILT:
         raise DesignError(f"amplitude: expected a {s.kind} with a peak of at most {LARGEST_TILT} rad, got {peak:g} rad")
     if s.state_s * s.rate_hz > MAX_SAMPLES:
@@ -93,13 +117,13 @@ def _check_stimulus(group: Group) -> None:
             f"stimulus.cycles: expected a record of at most {MAX_SAMPLES} samples, "
             f"got {s.cycles} cycles of {prts.samples}"
         )
-    if HIGHEST_HZ * prts.period_s / 2 > MAX_FREQUENCIES:
+    if highest * prts.period_s / 2 > MAX_FREQUENCIES:
         raise DesignError(
-            f"stimulus.state_s: expected at most {MAX_FREQUENCIES} odd lines up to {HIGHEST_HZ:g} Hz, "
+            f"stimulus.state_s: expected at most {MAX_FREQUENCIES} odd lines up to {highest:g} Hz, "
             f"got a cycle of {prts.period_s:g} s"
         )
-    if s.rate_hz < 4 * HIGHEST_HZ:
-        raise DesignError(f"stimulus.rate_hz: expected at least {4 * HIGHEST_HZ} Hz, got {s.rate_hz}")
+    if s.rate_hz < 4 * highest:
+        raise DesignError(f"stimulus.rate_hz: expected at least {4 * highest} Hz, got {s.rate_hz}")
     if group.spectra.ramp == "remove" and s.discard == 0:
         raise DesignError(
             "spectra.ramp: expected 'keep' when stimulus.discard = 0 (removing the ramp needs the preceding sample)"
@@ -114,14 +138,18 @@ def _check_stimulus(group: Group) -> None:
         )
 
 
-def _check_noise(group: Group) -> None:
+def _check_noise(group: Group, model: Model) -> None:
+    if len(group.noise.psd) < model.n_angles:
+        raise DesignError(
+            f"noise.psd: expected {model.n_angles} numbers, one for each angle, got {len(group.noise.psd)}"
+        )
     try:
         group.noise.source.psd(np.ones(1))
     except InputError as error:
         raise DesignError(str(error).replace("noise ", "noise.", 1)) from None
 
 
-def _check_fit(group: Group) -> None:
+def _check_fit(group: Group, model: Model) -> None:
     if group.until_certain and group.fit.starts == "latin_hypercube":
         raise DesignError(
             f"fit.starts: expected another kind for starts = {UNTIL_CERTAIN!r}, because Latin hypercube starts depend "
@@ -132,17 +160,17 @@ def _check_fit(group: Group) -> None:
             "spectra.covariance: expected 'even_lines' unless fit.cost = 'ml' and simulator = 'spectral', "
             "got 'through_loop'"
         )
-    if group.fit.cost == "ml" and (group.simulator == "none" or not group.noise.on_both):
+    if group.fit.cost == "ml" and (group.simulator == "none" or not group.noise.on_all(model.n_angles)):
         raise DesignError(
             "fit.cost: expected 'paper' for a group without noise (no noise covariance to weight with), got 'ml'"
         )
-    if group.store.standard_errors and (group.simulator == "none" or not group.noise.on_both):
+    if group.store.standard_errors and (group.simulator == "none" or not group.noise.on_all(model.n_angles)):
         raise DesignError("store.standard_errors: expected false for a group without noise on both angles, got true")
 
 
 def _check_frequencies(group: Group, model: Model) -> None:
     points, half_line = frequency_points(group).f, 0.5 / stimulus(group, group.amplitude[0]).period_s
-    check_fmax(group.fmax[0], group.fmax[-1], points, half_line, "fmax")
+    check_fmax(group.fmax[0], group.fmax[-1], points, half_line, "fmax", group.spectra.highest_hz)
     for f in group.spectra.exclude_hz:
         if np.abs(points - f).min() > half_line:
             raise DesignError(f"spectra.exclude_hz: expected frequencies of the FRF, got {f}")
@@ -153,9 +181,11 @@ def _check_frequencies(group: Group, model: Model) -> None:
     check_determined(smallest, model, group.fmax[0], "fmax")
 
 
-def check_fmax(lowest: float, highest: float, points: np.ndarray, half_line: float, field: str) -> None:
+def check_fmax(
+    lowest: float, highest: float, points: np.ndarray, half_line: float, field: str, last: float = HIGHEST_HZ
+) -> None:
     """Raise `DesignError` unless both fmax (Hz) are within half a line of the frequency points (N,)."""
-    last = max(points[-1], HIGHEST_HZ)
+    last = max(points[-1], last)
     if lowest < points[0] - half_line:
         raise DesignError(f"{field}: expected at least {points[0]:.4g} Hz, the first frequency, got {lowest}")
     if highest > last + half_line:

@@ -18,6 +18,7 @@ from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import shown, validated
 from mcstudy.files.sections import Name, Positive, Section
 from mcstudy.files.toml_files import toml_lines
+from mcstudy.models.catalogue import spelled_out
 from mcstudy.study.checks import check_group
 from mcstudy.study.group import (
     FITTED,
@@ -94,7 +95,7 @@ class Study(Section):
             Those of a ``[group.NAME]`` table of a study file: ``realizations``, ``starts`` (a number, or
             ``"until certain"`` with ``most_starts``), ``fmax`` (list, Hz), ``amplitude`` (list, N m or m),
             ``simulator``, and the sections ``model``, ``stimulus``, ``noise``, ``spectra``, ``fit`` and ``store`` as
-            dicts.
+            dicts; ``model`` may also be a `Model`, a name of ``mcstudy models``, or the path of a model file.
 
         Raises
         ------
@@ -103,6 +104,11 @@ class Study(Section):
         """
         if name in self.groups:
             raise DesignError(f"group.{name}: the study already has a group of this name")
+        if "model" in fields:
+            try:
+                fields = {**fields, "model": spelled_out(fields["model"])}
+            except DesignError as error:
+                raise DesignError(f"group.{shown(name)}.model: {error}") from None
         validated(Group, fields, f"group.{shown(name)}")
         return Study(study=self.study, group={**self.groups, name: fields})
 
@@ -126,7 +132,7 @@ class Study(Section):
     def __repr__(self) -> str:
         rows = [
             f"  {name}: {counted(g.realizations, 'realization')} x {g.starts_in_words}, "
-            f"fmax {_listed(g.fmax)} Hz, amplitude {_listed(g.amplitude)}, model {g.model.kind}, "
+            f"fmax {_listed(g.fmax)} Hz, amplitude {_listed(g.amplitude)}, model {g.model.title}, "
             f"cost {g.fit.cost}: {counted(g.fits, 'fit')}"
             for name, g in self.groups.items()
         ]
@@ -140,7 +146,7 @@ class Study(Section):
             f"<tr><th scope='row'>{html.escape(name)}</th><td>{g.realizations}</td>"
             f"<td>{g.starts_in_words if g.until_certain else g.starts}</td>"
             f"<td>{_listed(g.fmax)}</td><td>{_listed(g.amplitude)}</td>"
-            f"<td>{html.escape(g.model.kind)}</td><td>{g.fit.cost}, {g.fit.solver}</td><td>{g.fits}</td></tr>"
+            f"<td>{html.escape(g.model.title)}</td><td>{g.fit.cost}, {g.fit.solver}</td><td>{g.fits}</td></tr>"
             for name, g in self.groups.items()
         )
         columns = ("group", "realizations", "starts", "Fmax (Hz)", "amplitude", "model", "fit", "fits")

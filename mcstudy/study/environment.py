@@ -119,10 +119,10 @@ def _chosen() -> str:
     from threadpoolctl import threadpool_info
 
     loaded = [
-        " ".join(str(found.get(key) or "") for key in ("internal_api", "version", "threading_layer", "architecture"))
-        + f", {found['num_threads']} threads"
-        for found in threadpool_info()
-        if found["user_api"] == "blas" and _of_ours(found["filepath"])
+        " ".join(str(library.get(key) or "") for key in ("internal_api", "version", "threading_layer", "architecture"))
+        + f", {library['num_threads']} threads"
+        for library in threadpool_info()
+        if library["user_api"] == "blas" and _of_ours(library["filepath"])
     ]
     built = {module.__name__: module.show_config(mode="dicts") for module in (np, scipy)}
     chosen = {
@@ -150,10 +150,10 @@ def _built(blas: dict[str, Any]) -> str:
 def _libc() -> str:
     """Name and version of the C library, whose elementary functions numbers depend on."""
     try:
-        found = os.confstr("CS_GNU_LIBC_VERSION")
+        version = os.confstr("CS_GNU_LIBC_VERSION")
     except (AttributeError, OSError, ValueError):
-        found = None
-    return found or " ".join(filter(None, machine.libc_ver())) or f"{machine.system()} {machine.mac_ver()[0]}".strip()
+        version = None
+    return version or " ".join(filter(None, machine.libc_ver())) or f"{machine.system()} {machine.mac_ver()[0]}".strip()
 
 
 def label(environment: dict[str, Any]) -> str:

@@ -27,12 +27,11 @@ class Experiment:
     ----------
     group: the resolved group.
     seed: seed of the study.
-    model: used instead of the model that the group describes (`mcstudy.own_model`).
     """
 
-    def __init__(self, group: Group, seed: int, model: Model | None = None) -> None:
+    def __init__(self, group: Group, seed: int) -> None:
         self.group, self.seed = group, seed
-        self.model: Model = build_model(group) if model is None else model
+        self.model: Model = build_model(group)
         self.bands = kept_points(group)
         self.f = self.bands.f
         self._points = {fmax: len(self.bands.below(fmax)) for fmax in group.fmax}

@@ -32,8 +32,8 @@ class Extent:
 def extent(study: Study, threads: int) -> Extent:
     """Extent of a new cube of a study whose run has that many threads."""
     layouts = [_layout(study, name) for name in study.groups]
-    chunks = [len(one.chunks) for one in layouts]
-    tasks = (-(-n // chunks_a_block(one, n, threads)) for one, n in zip(layouts, chunks, strict=True))
+    chunks = [len(layout.chunks) for layout in layouts]
+    tasks = (-(-n // chunks_a_block(layout, n, threads)) for layout, n in zip(layouts, chunks, strict=True))
     return Extent(sum(chunks), 1 + sum(map(_files, layouts)), sum(tasks), max(map(_chunk_bytes, layouts)))
 
 
@@ -51,12 +51,12 @@ def _layout(study: Study, name: str) -> Layout:
     return Experiment(group, study.study.seed).layout(realizations_a_chunk(group))
 
 
-def _files(one: Layout) -> int:
+def _files(layout: Layout) -> int:
     """Files of a group: its metadata, those of its arrays, constants, and per chunk the results and a checksum file."""
-    constants = sum(spec.values is not None for spec in one.arrays.values())
-    return 1 + len(one.arrays) + constants + len(one.chunks) * (len(one.results) + 1)
+    constants = sum(spec.values is not None for spec in layout.arrays.values())
+    return 1 + len(layout.arrays) + constants + len(layout.chunks) * (len(layout.results) + 1)
 
 
-def _chunk_bytes(one: Layout) -> int:
-    specs = (one.arrays[name] for name in one.results)
+def _chunk_bytes(layout: Layout) -> int:
+    specs = (layout.arrays[name] for name in layout.results)
     return sum(int(np.prod(spec.chunks)) * np.dtype(spec.dtype).itemsize for spec in specs)

@@ -32,17 +32,17 @@ def failed_fits(cube: Cube) -> Iterator[str]:
 
 def account(cube: Cube) -> tuple[dict[str, Counter[Status]], list[str]]:
     """`counts` by group and the lines of `failed_fits`, from one reading of the cube."""
-    by_group, lines, found = {}, [], 0
+    by_group, lines, total = {}, [], 0
     for name, store in cube.groups.items():
         by_group[name], failures, failed = _read(store)
         group = store.layout.group
         lines += [
             f"group {name}, amplitude {group.amplitude[chunk.amplitude]:g}, fmax {group.fmax[k]:g} Hz, "
             f"realization {store.layout.realizations(chunk)[r]}, start {s}: {status.text}"
-            for chunk, k, r, s, status in failed[: LISTED - min(found, LISTED)]
+            for chunk, k, r, s, status in failed[: LISTED - min(total, LISTED)]
         ]
-        found += failures
-    return by_group, lines + [f"... and {found - LISTED} more"] * (found > LISTED)
+        total += failures
+    return by_group, lines + [f"... and {total - LISTED} more"] * (total > LISTED)
 
 
 def _read(store: GroupStore) -> tuple[Counter[Status], int, list[tuple[Chunk, int, int, int, Status]]]:

@@ -25,6 +25,8 @@ from pydantic_core import core_schema
 
 from mcstudy.files.sections import Name, Section
 from mcstudy.fitting.solvers import Options, solvers
+from mcstudy.models.catalogue import DECLARED
+from mcstudy.models.record import ModelTable
 from mcstudy.stance.body import KINDS
 from mcstudy.stance.ranges import AMPLITUDE, GAIN, RATE, Range
 from mcstudy.stance.truths import TRUTHS
@@ -45,6 +47,10 @@ BODY = Range(1e-9, 1e6, or_zero=True, signed=True)
 """Range of body constants, kg m^2, kg m and m/s^2; human values reach about 1e2."""
 
 FREQUENCY = Range(1e-4, 1e4, "Hz")
+
+HIGHEST_HZ = 8.0
+"""Highest frequency point for every Fmax, so that points and data do not depend on the fits."""
+
 NOISE_CORNER = Range(1e-6, 1e6, "Hz")
 NOISE_PSD = Range(1e-18, 1e6, "deg^2/Hz", or_zero=True)
 NOISE_DENSITY = Range(1e-18, 1e6, "deg^2/Hz")
@@ -98,10 +104,13 @@ class BoundsSection(Section):
     absolute: dict[str, tuple[Annotated[float, GAIN_BOUND], Annotated[float, GAIN_BOUND]]] = Field(default={})
 
 
-class ModelSection(Section):
-    """Which model, its true values (in the units of `mcstudy.stance.body`), its body and its bounds."""
+class ModelSection(ModelTable):
+    """Which model, its true values (in the units of `mcstudy.stance.body`), its body and its bounds; or a whole model.
 
-    kind: Literal["two_segment", "one_segment"] = "two_segment"
+    A declared model states its own true values and bounds; ``truth`` and ``bounds`` replace them by name.
+    """
+
+    kind: Literal["two_segment", "one_segment", "declared"] = "two_segment"
     truth: dict[str, Annotated[float, GAIN]] = Field(default={})
     body: dict[str, Annotated[float, BODY]] = Field(default={})
     bounds: BoundsSection = BoundsSection()
@@ -115,6 +124,35 @@ class ModelSection(Section):
         if truth not in TRUTHS:
             raise ValueError(f"expected a table, or one of {', '.join(TRUTHS)}")
         return dict(TRUTHS[truth].values)
+
+    @model_validator(mode="after")
+    def _one_form(self) -> ModelSection:
+        own = ModelTable.model_fields.keys() & self.model_fields_set
+        if not self.declared and own:
+            raise ValueError(f"expected no {min(own)} beside kind = {self.kind!r}, whose table is not a file's")
+        if self.declared and "body" in self.model_fields_set:
+            raise ValueError("expected no body beside a declared model, whose terms are its body")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _short(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A design of a model that a study builds has the fingerprint that it had before there were declared ones."""
+        whole, built = dump(self), ("kind", "truth", "body", "bounds")
+        if not self.declared:
+            return {name: whole[name] for name in built}
+        fields = type(self).model_fields
+        kept = [n for n in whole if n == "kind" or (n != "description" and getattr(self, n) != fields[n].default)]
+        return {name: whole[name] for name in ("kind", *(n for n in kept if n != "kind"))}
+
+    @property
+    def declared(self) -> bool:
+        """Whether the section holds the whole model."""
+        return self.kind == DECLARED
+
+    @property
+    def title(self) -> str:
+        """What the model is called."""
+        return self.name or "model" if self.declared else self.kind
 
 
 class LinesSection(Section):
@@ -158,9 +196,12 @@ class NoiseTableSection(Section):
 
 
 class NoiseSection(Section):
-    """Sensor noise of the two angles: one-sided PSD at 0.5 Hz in deg^2/Hz, low-pass corner in Hz; or a ``table``."""
+    """Sensor noise of the angles: one-sided PSD at 0.5 Hz in deg^2/Hz, low-pass corner in Hz; or a ``table``.
 
-    psd: tuple[Annotated[float, NOISE_PSD], Annotated[float, NOISE_PSD]] = (4e-4, 7e-5)
+    Of a declared model whose unit is not rad the PSD is in the square of that unit per Hz.
+    """
+
+    psd: Annotated[tuple[Annotated[float, NOISE_PSD], ...], Field(min_length=1, max_length=2)] = (4e-4, 7e-5)
     corner_hz: Annotated[float, NOISE_CORNER] = 0.15
     table: NoiseTableSection = NoiseTableSection()
 
@@ -188,25 +229,34 @@ class NoiseSection(Section):
         """Whether neither angle has noise."""
         return not self.tabulated and not any(self.psd)
 
-    @property
-    def on_both(self) -> bool:
-        """Whether both angles have noise."""
-        return self.tabulated or min(self.psd) > 0
+    def on_all(self, angles: int = 2) -> bool:
+        """Whether each of so many angles has noise."""
+        return self.tabulated or min(self.psd[:angles]) > 0
 
     @property
     def source(self) -> Noise:
         """The noise that simulators draw from. Raises `InputError` for a table that is not one."""
-        from mcstudy.stance.noise import SensorNoise, TabulatedNoise  # who only reads a study draws nothing
+        return self.of_unit("rad")
 
+    def of_unit(self, unit: str) -> Noise:
+        """The same for angles in this unit."""
+        from mcstudy.stance.noise import DEG2_TO_RAD2, SensorNoise, TabulatedNoise  # who reads a study draws nothing
+
+        table, (first, second) = self.table, (*self.psd, 0.0)[:2]
+        if unit != "rad":  # what a noise takes for deg^2/Hz
+            first, second = first / DEG2_TO_RAD2, second / DEG2_TO_RAD2
+            one, two = (tuple(x / DEG2_TO_RAD2 for x in values) for values in (table.theta1, table.theta2))
+            table = table.model_copy(update={"theta1": one, "theta2": two})
         if self.tabulated:
-            return TabulatedNoise(self.table.f_hz, self.table.theta1, self.table.theta2)
-        return SensorNoise(self.psd, self.corner_hz)
+            return TabulatedNoise(table.f_hz, table.theta1, table.theta2)
+        return SensorNoise((first, second), self.corner_hz)
 
 
 class SpectraSection(Section):
     """Choice of frequency points, removal of the ramp of each record before the DFT, and excluded points.
 
     ``width``: fraction of a point's lines that are averaged into it (`mcstudy.spectra.bands.narrower`).
+    ``highest_hz``: highest of the ``odd_lines``; more than 8 Hz only for a declared model.
     ``covariance``: noise covariance from the even lines alone, or from the even lines through a first fit of the loop
     (`mcstudy.spectra.loop_covariance`; simulator "spectral" only).
     """
@@ -216,6 +266,15 @@ class SpectraSection(Section):
     ramp: Literal["keep", "remove"] = "keep"
     covariance: Literal["even_lines", "through_loop"] = "even_lines"
     exclude_hz: tuple[Annotated[float, FREQUENCY], ...] = ()
+    highest_hz: Annotated[float, FREQUENCY] = HIGHEST_HZ
+
+    @model_serializer(mode="wrap")
+    def _without_highest(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A study of up to 8 Hz has the design and the fingerprint that it had before there were others."""
+        plain: dict[str, Any] = dump(self)
+        if self.highest_hz == HIGHEST_HZ:
+            plain.pop("highest_hz", None)
+        return plain
 
 
 def with_settings(section: type[S]) -> type[S]:
@@ -324,11 +383,18 @@ class Group(Section):
         plain: dict[str, Any] = dump(self)
         if self.store == StoreSection():
             plain.pop("store", None)
+        if self.model.declared:  # its terms say what the stimulus moves
+            plain["stimulus"].pop("kind", None)
         if self.until_certain:
             plain |= {"starts": UNTIL_CERTAIN, "most_starts": self.starts}
         else:
             plain.pop("most_starts", None)
         return plain
+
+    @property
+    def noise_source(self) -> Noise:
+        """The sensor noise in the unit of the model's angles."""
+        return self.noise.of_unit(self.model.unit)
 
     @property
     def until_certain(self) -> bool:

@@ -75,7 +75,7 @@ def _grown(where: str, group: Group, growth: Growth) -> Group:
 
 def growths(small: Study, large: Study) -> list[Growth] | None:
     """Extensions that turn ``small`` into ``large``; None when no possible extension does."""
-    found = []
+    by_group = []
     for name, new in large.groups.items():
         old = small.groups.get(name)
         if old is None:
@@ -87,14 +87,14 @@ def growths(small: Study, large: Study) -> list[Growth] | None:
             tuple(a for a in new.amplitude if a not in old.amplitude),
         )
         if growth != Growth():
-            found.append((name, growth))
-    alike = {growth for _, growth in found}
-    if len(alike) == 1 and len(found) == len(large.groups):
+            by_group.append((name, growth))
+    alike = {growth for _, growth in by_group}
+    if len(alike) == 1 and len(by_group) == len(large.groups):
         steps = list(alike)
     else:
         steps = [
-            Growth(g.realizations, g.starts, g.fmax, g.amplitude, tuple(n for n, own in found if own == g))
-            for g in dict.fromkeys(growth for _, growth in found)
+            Growth(g.realizations, g.starts, g.fmax, g.amplitude, tuple(n for n, growth in by_group if growth == g))
+            for g in dict.fromkeys(growth for _, growth in by_group)
         ]
     study = small
     try:

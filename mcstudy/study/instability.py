@@ -29,8 +29,8 @@ def warning(what: str) -> str:
 
 def warnings_of(study: Study) -> list[str]:
     """One line per unstable group."""
-    found = {name: instability(build_model(group)) for name, group in study.groups.items()}
-    return [f"group {name}: {warning(what)}" for name, what in found.items() if what]
+    instabilities = {name: instability(build_model(group)) for name, group in study.groups.items()}
+    return [f"group {name}: {warning(what)}" for name, what in instabilities.items() if what]
 
 
 def refuse_unstable(study: Study, allow: bool = False) -> None:

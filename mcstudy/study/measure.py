@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 # Simulators and solvers are imported by the functions that use them: who only reads a cube needs neither, and to load
 # numba and SciPy for them takes longer than all else.
 
-HIGHEST_HZ = 8.0
-"""Highest frequency point for every Fmax, so that points and data do not depend on the fits."""
-
 KEPT_REALIZATIONS = 512
 """Noise realizations kept in memory per group, about 30 kB each, to be used again at the other amplitudes."""
 
@@ -63,7 +60,7 @@ def frequency_points(group: Group) -> Bands:
     """All frequency points of a group, before any is left out; lines without stimulus are in none."""
     period = stimulus(group, group.amplitude[0]).period_s
     if group.spectra.points == "odd_lines":
-        points = odd_lines(HIGHEST_HZ, period)
+        points = odd_lines(group.spectra.highest_hz, period)
     else:
         points = narrower((published if group.spectra.points == "published" else averaged)(period), group.spectra.width)
     return points.among(group.stimulus.lines.harmonic) if group.stimulus.lines.harmonic else points
@@ -92,7 +89,7 @@ def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
     def subject() -> SpectralExperiment:  # made for the first cell only: reading a cube does not need it
         from mcstudy.spectra.estimate import SpectralExperiment
 
-        noise = group.noise.source
+        noise = group.noise_source
         unit = stimulus(group, 1.0)
         return SpectralExperiment(model, model.truth, unit, noise, bands, s.cycles, s.discard, spectrum(group))
 
@@ -123,7 +120,7 @@ def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measurin
         from mcstudy.spectra.estimate import frf_from_recording
         from mcstudy.stance.simulate_time import simulate, with_derivatives
 
-        noise = group.noise.source
+        noise = group.noise_source
         cycle = stimulus(group, amplitude).waveform()
         drive = np.tile(cycle, s.cycles)
         samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if model.senses_motion else drive

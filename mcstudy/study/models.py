@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
 
 from mcstudy.errors import DesignError, ModelError
+from mcstudy.models.catalogue import DECLARED
+from mcstudy.models.record import table_of
 from mcstudy.stance.body import PASSIVE, SINGLE, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model, Parameter
-from mcstudy.stance.provenance import BODY, REPLACED, WEIGHT, own_values, stand_in
+from mcstudy.stance.provenance import BODY, OWN_VALUES, REPLACED, WEIGHT, own_values, stand_in
 from mcstudy.stance.truths import TRUTHS, named
-from mcstudy.study.group import BoundsSection, Group
+from mcstudy.study.group import BoundsSection, Group, ModelSection
 
 
 def build_model(group: Group) -> Model:
@@ -20,6 +23,8 @@ def build_model(group: Group) -> Model:
     DesignError: with a message that starts with the field, relative to the group.
     """
     section = group.model
+    if section.declared:
+        return _declared(section)
     body_fields = [f.name for f in fields(Body)]
     for name in section.body:
         if name not in body_fields:
@@ -36,16 +41,38 @@ def build_model(group: Group) -> Model:
         model = one_segment(body, group.stimulus.kind)
     else:
         model = two_segment(body, group.stimulus.kind)
-    for field, names in (("truth", section.truth), ("bounds.absolute", section.bounds.absolute)):
-        for name in names:
-            if name not in model.names:
-                raise DesignError(f"model.{field}.{name}: unknown parameter, expected one of {', '.join(model.names)}")
+    _check_names(section, model.names)
     parameters = tuple(
         _parameter(p, section.truth.get(p.name, p.value), model, section.bounds) for p in model.parameters
     )
     values = {p.name: p.value for p in parameters}
     replaced = [p.name for p in model.parameters if p.value != values[p.name]]
     return replace(model, parameters=parameters, provenance=_provenance(model, values, replaced, body != Body()))
+
+
+def _declared(section: ModelSection) -> Model:
+    """The model of a table, with the true values and bounds that the section states beside it."""
+    _check_names(section, [p.name for p in section.parameter])
+    changed = []
+    for p in section.parameter:
+        value = section.truth.get(p.name, p.value)
+        lower, upper = section.bounds.absolute.get(p.name, (p.lower, p.upper))
+        changed.append(p.model_copy(update={"value": value, "lower": lower, "upper": upper}))
+    replaced = REPLACED + ", ".join(section.truth) if section.truth and section.provenance else ""
+    provenance = (section.provenance or OWN_VALUES) + replaced
+    bounds = section.bounds
+    table = section.model_copy(update={"parameter": tuple(changed), "provenance": provenance})
+    try:
+        return table.model(bounds.lower, bounds.upper, bounds.delay_margin_s)
+    except DesignError as error:
+        raise DesignError(f"model.{error}") from None
+
+
+def _check_names(section: ModelSection, known: Sequence[str]) -> None:
+    for field, names in (("truth", section.truth), ("bounds.absolute", section.bounds.absolute)):
+        for name in names:
+            if name not in known:
+                raise DesignError(f"model.{field}.{name}: unknown parameter, expected one of {', '.join(known)}")
 
 
 def _provenance(model: Model, values: dict[str, float], replaced: list[str], own_body: bool) -> str:
@@ -62,6 +89,8 @@ def _provenance(model: Model, values: dict[str, float], replaced: list[str], own
 
 def earlier_provenance(group: Group) -> str:
     """Where the true values of a group come from in the words of older programs, which call any body the paper's."""
+    if group.model.declared:
+        return build_model(group).provenance
     reference = (one_segment if group.model.kind == "one_segment" else two_segment)(stimulus=group.stimulus.kind)
     values = {p.name: group.model.truth.get(p.name, p.value) for p in reference.parameters}
     if name := named(values):
@@ -74,6 +103,8 @@ def earlier_provenance(group: Group) -> str:
 def with_model_values(group: Group) -> Group:
     """The group with all true values and body constants written out, so that new defaults do not change a study."""
     model = build_model(group)
+    if group.model.declared:
+        return group.model_copy(update={"model": ModelSection(kind=DECLARED, **table_of(model))})
     truth = {p.name: p.value for p in model.parameters}
     section = group.model.model_copy(update={"truth": truth, "body": asdict(Body(**group.model.body))})
     return group.model_copy(update={"model": section})

@@ -229,10 +229,10 @@ def _pilot(group: Group) -> Group:
 def _load(store: GroupStore) -> float:
     """Load the compiled solvers by running one fit; returns CPU seconds."""
     watch, experiment = _Watch(), store.experiment
-    one = Experiment(experiment.group.model_copy(update={"starts": 1, "most_starts": None}), experiment.seed)
-    problem = one.problem(one.measure(one.group.amplitude[0], 0), one.group.fmax[0])
-    (fits,) = fit_many([problem], one.starts([problem], [0]), one.group.fit.solver)
-    growth_rate(one.model, fits.estimate)
+    single_start = Experiment(experiment.group.model_copy(update={"starts": 1, "most_starts": None}), experiment.seed)
+    problem = single_start.problem(single_start.measure(single_start.group.amplitude[0], 0), single_start.group.fmax[0])
+    (fits,) = fit_many([problem], single_start.starts([problem], [0]), single_start.group.fit.solver)
+    growth_rate(single_start.model, fits.estimate)
     return watch.cpu()
 
 
@@ -284,7 +284,7 @@ def _precision(group: Group, pilot: Experiment, spreads: Spreads) -> tuple[Preci
     """Expected precision of ``group``, from more realizations of its pilot's data; adds to ``spreads``."""
     if group.simulator == "none":
         return ()
-    found, model, number = [], pilot.model, min(group.starts, PILOT_STARTS)
+    precisions, model, number = [], pilot.model, min(group.starts, PILOT_STARTS)
     for amplitude in group.amplitude:
         for fmax in group.fmax:
             alike = {"amplitude": (amplitude,), "fmax": (fmax,), "realizations": 1, "starts": number}
@@ -293,15 +293,15 @@ def _precision(group: Group, pilot: Experiment, spreads: Spreads) -> tuple[Preci
                 spreads[key] = _spread(pilot, amplitude, fmax, number)
             error = spreads[key] / math.sqrt(group.realizations)
             worst = int(np.argmax(error))
-            found.append(Precision(amplitude, fmax, float(error.mean()), float(error[worst]), model.names[worst]))
-    return tuple(found)
+            precisions.append(Precision(amplitude, fmax, float(error.mean()), float(error[worst]), model.names[worst]))
+    return tuple(precisions)
 
 
 def _spread(experiment: Experiment, amplitude: float, fmax: float, number: int) -> np.ndarray:
     """Standard deviation of the best fits (P,), in percent of the true values; ``number`` of random starts."""
     model, realizations = experiment.model, range(PILOT_REALIZATIONS[experiment.group.simulator])
     random = [uniform(model, start_stream(experiment.seed, r), number) for r in realizations]
-    starts = np.stack([np.vstack([model.truth[None], one]) for one in random])
+    starts = np.stack([np.vstack([model.truth[None], random_starts]) for random_starts in random])
     problems = [experiment.problem(experiment.measure(amplitude, r), fmax) for r in realizations]
     best = [f.estimate[f.best] for f in fit_many(problems, starts) if np.isfinite(f.cost).any()]
     return 100 * np.std(best, axis=0, ddof=1) / np.abs(model.truth)

@@ -166,13 +166,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
         threads=options.threads,
         repaired=repairs.written,
     )
-    pending = {(b.group, c.amplitude, c.block) for b in blocks for c in b.chunks}
-    chunks = {(name, c.amplitude, c.block) for name, store in cube.groups.items() for c in store.layout.chunks}
-    reported = run_log.reported(out, study.fingerprint)
-    if gone := sorted(pending & reported):
-        log.add("taken_back", chunks=gone)
-    if new := sorted(chunks - pending - reported):  # of an extended cube, or of a log that lost lines
-        log.add("present", chunks=new)
+    _log_presence(cube, blocks, log)
     for line in (*repairs.said, *(f"repaired: {file}" for file in repairs.written)):
         progress.say(line)
     if noted:
@@ -204,6 +198,17 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
     return outcome
 
 
+def _log_presence(cube: Cube, blocks: list[Block], log: RunLog) -> None:
+    """Log the chunks whose presence is not as the log has it."""
+    pending = {(b.group, c.amplitude, c.block) for b in blocks for c in b.chunks}
+    chunks = {(name, c.amplitude, c.block) for name, store in cube.groups.items() for c in store.layout.chunks}
+    reported = run_log.reported(cube.path, cube.study.fingerprint)
+    if gone := sorted(pending & reported):
+        log.add("taken_back", chunks=gone)
+    if new := sorted(chunks - pending - reported):  # of an extended cube, or of a log that lost lines
+        log.add("present", chunks=new)
+
+
 def _annotate(cube: Cube, here: dict[str, Any]) -> int:
     """Store the checksums of complete chunks that lack them: a kill came before that step, or the cube is older.
 
@@ -230,14 +235,14 @@ def _probably(cube: Cube, here: dict[str, Any]) -> tuple[str, ...]:
 
 def _unsound(cube: Cube, blocks: list[Block], log: RunLog, here: dict[str, Any]) -> Iterator[Block]:
     """Chunks that two workers may have written at once, and whose later write was the less complete one."""
-    for one in blocks:
-        store = cube.groups[one.group]
-        for chunk in one.chunks:
+    for block in blocks:
+        store = cube.groups[block.group]
+        for chunk in block.chunks:
             if not store.consistent(chunk):
-                log.add("taken_back", chunks=[[one.group, chunk.amplitude, chunk.block]])
+                log.add("taken_back", chunks=[[block.group, chunk.amplitude, chunk.block]])
                 store.forget(chunk)
             if left := store.pending(chunk):
-                yield Block(one.group, (chunk,), left)
+                yield Block(block.group, (chunk,), left)
             elif not store.annotated(chunk):  # the other worker set it back to pending and did not finish it
                 store.annotate(chunk, _probably(cube, here))
 

@@ -15,7 +15,8 @@ from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import short, shown, validated
 from mcstudy.files.sections import leaves
 from mcstudy.files.toml_files import parse_toml
-from mcstudy.study.catalogue import read_file
+from mcstudy.models.catalogue import spelled_out
+from mcstudy.study.catalogue import located, read_file
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
 
 
@@ -33,7 +34,8 @@ def read_study(path: str | Path) -> Study:
     DesignError
         The file cannot be read or has a mistake: one line that names file, field and what was expected.
     """
-    return read_file(path, "study", _study)
+    folder = located(path).parent
+    return read_file(path, "study", lambda raw: _study(raw, folder))
 
 
 def parse_study(text: str) -> Study:
@@ -41,7 +43,9 @@ def parse_study(text: str) -> Study:
     return _study(parse_toml(text, "study file"))
 
 
-def _study(raw: dict[str, Any]) -> Study:
+def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
+    if "model" in raw:
+        raw = {**raw, "model": _model(raw["model"], "model", folder)}
     check_tables(raw, ("study", *SECTIONS, "group"))
     if "study" not in raw:
         raise DesignError("study: missing, expected a table [study] with name and seed")
@@ -52,17 +56,37 @@ def _study(raw: dict[str, Any]) -> Study:
     for key, value in shared.items():
         validated(Group.model_fields[key].annotation, value, key)
     groups = {}
-    for name, own in raw["group"].items():
+    for name, fields in raw["group"].items():
         where = f"group.{shown(name)}"
-        if not isinstance(own, dict):
-            raise DesignError(f"{where}: expected a table [{where}], got {short(own)}")
+        if not isinstance(fields, dict):
+            raise DesignError(f"{where}: expected a table [{where}], got {short(fields)}")
+        base = shared
+        if "model" in fields:
+            fields = {**fields, "model": _model(fields["model"], f"{where}.model", folder)}
+            if _another(fields["model"], shared.get("model", {})):
+                base = {key: value for key, value in shared.items() if key != "model"}
         for key in SECTIONS:
-            if not isinstance(own.get(key, {}), dict):
-                raise DesignError(f"{where}.{key}: expected a table, got {short(own[key])}")
-        groups[name] = merge(shared, own)
+            if not isinstance(fields.get(key, {}), dict):
+                raise DesignError(f"{where}.{key}: expected a table, got {short(fields[key])}")
+        groups[name] = merge(base, fields)
         validated(Group, groups[name], where)
     study: Study = validated(Study, {"study": raw["study"], "group": groups})
     return study
+
+
+def _model(given: Any, where: str, folder: Path | None) -> Any:
+    """The table of a model that may be given by its name or its file, beside which the study file lies."""
+    try:
+        return spelled_out(given, folder)
+    except DesignError as error:
+        raise DesignError(f"{where}{'' if isinstance(given, str) else '.kind'}: {error}") from None
+
+
+def _another(own: Any, shared: Any) -> bool:
+    """Whether a group names a model instead of that of the study, and does not only change its values."""
+    tables = [t if isinstance(t, dict) else {} for t in (own, shared)]
+    names = {"kind", "joints", "parameter", "term"}
+    return bool(tables[0].keys() & names) and any(t.keys() & (names - {"kind"}) for t in tables)
 
 
 def check_tables(raw: Mapping[str, Any], known: Collection[str]) -> None:
@@ -74,10 +98,10 @@ def check_tables(raw: Mapping[str, Any], known: Collection[str]) -> None:
             raise DesignError(f"{key}: expected a table [{key}], got {short(value)}")
 
 
-def merge(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """``base`` with the keys of ``own`` over it, table by table."""
+def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """``base`` with the keys of ``changes`` over it, table by table."""
     merged = dict(base)
-    for key, value in own.items():
+    for key, value in changes.items():
         old = merged.get(key)
         merged[key] = merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
     return merged

@@ -183,10 +183,10 @@ def _still(store: GroupStore, chunk: Chunk, read: Callable[[], T]) -> T:
 
     for _ in range(TRIES):
         before = state()
-        found = read()
+        reading = read()
         if state() == before:
             break
-    return found
+    return reading
 
 
 def _about(file: Path) -> os.stat_result | None:
@@ -268,9 +268,9 @@ def _difference(expected: bytes, actual: bytes) -> str:
         old, new = json.loads(expected), json.loads(actual)
     except ValueError:
         return "content differs from that of the study"
-    found = dict(leaves(new))
+    new_values = dict(leaves(new))
     for field_name, value in leaves(old):
-        if (other := found.get(field_name)) != value:
+        if (other := new_values.get(field_name)) != value:
             return f"{field_name}: expected {value!r}, found {other!r}"[:300]
     return "holds fields that the study does not"
 
@@ -302,29 +302,39 @@ def _chunk_damage(store: GroupStore, chunk: Chunk, unreadable: set[str]) -> Iter
             said = noted(real_bytes(note_file, LARGEST_NOTE), store.fingerprint, store.files(chunk))
         except (ValueError, StoreError):
             yield f"{note_file}: expected the checksums of its chunk of this study"
-    whole: list[str] = []
-    for name, place in zip(store.layout.results, store.files(chunk), strict=True):
-        file = store.chunk_file(name, chunk)
-        if file.is_symlink() or file.is_dir():
-            continue  # already reported among the files that do not belong to the cube
-        if not file.exists():
-            yield f"{file}: missing"
-        elif store.seal(name, chunk) is None:
-            yield f"{file}: checksum does not match (a changed byte or a truncated file)"
-        elif said is not None and checksum(real_bytes(file)) != said[place]:
-            yield f"{file}: expected the file whose checksum is in {note_file}, found another one ({OTHER})"
-        elif name not in unreadable:
-            whole.append(name)
-    if len(whole) < len(store.layout.results) or (said is None and store.annotated(chunk)):
-        return  # the chunk cannot be read
+    files = zip(store.layout.results, store.files(chunk), strict=True)
+    faults = [_file_damage(store, name, chunk, None if said is None else said[place]) for name, place in files]
+    yield from filter(None, faults)
+    if not (unreadable or any(fault is not None for fault in faults) or (said is None and store.annotated(chunk))):
+        yield from _content_damage(store, chunk)
+
+
+def _file_damage(store: GroupStore, name: str, chunk: Chunk, sealed: int | None) -> str | None:
+    """What is wrong with the file of an array: empty when that is reported elsewhere, None when nothing is."""
+    file = store.chunk_file(name, chunk)
+    if file.is_symlink() or file.is_dir():
+        return ""  # already reported among the files that do not belong to the cube
+    if not file.exists():
+        return f"{file}: missing"
+    if store.seal(name, chunk) is None:
+        return f"{file}: checksum does not match (a changed byte or a truncated file)"
+    if sealed is not None and checksum(real_bytes(file)) != sealed:
+        note_file = store.note_file(chunk)
+        return f"{file}: expected the file whose checksum is in {note_file}, found another one ({OTHER})"
+    return None
+
+
+def _content_damage(store: GroupStore, chunk: Chunk) -> Iterator[str]:
+    """Values that no run can have written."""
     data: dict[str, np.ndarray] = {}
-    for name in whole:
+    for name in store.layout.results:
         try:
             data[name] = store.read(name, chunk)
         except StoreError as error:
             yield str(error)
-    if len(data) < len(whole):
+    if len(data) < len(store.layout.results):
         return
+    status_file = store.chunk_file("status", chunk)
     status, model = data["status"], store.experiment.model
     if not np.isin(status, [int(s) for s in Status]).all():
         yield f"{status_file}: a status that does not exist"
@@ -364,7 +374,7 @@ def _recompute(
     if differ and not elsewhere:
         findings.damage.append(f"{where}recomputed values differ from the stored ones ({', '.join(differ)})")
     elif differ:
-        found = compared(store, chunk, r, (stored, recomputed), chosen, findings.elsewhere.tolerance)
-        findings.elsewhere.add(found)
-        if not found.within:
-            findings.beyond.append(f"{where}{found.text()}")
+        comparison = compared(store, chunk, r, (stored, recomputed), chosen, findings.elsewhere.tolerance)
+        findings.elsewhere.add(comparison)
+        if not comparison.within:
+            findings.beyond.append(f"{where}{comparison.text()}")

@@ -130,12 +130,12 @@ class Watch:
         cost = np.where(np.isin(status[0], USABLE) & np.isfinite(cost), cost, np.inf)
         first = cost.argmin(axis=-1)[..., None]
         best = np.take_along_axis(estimate, first[..., None], axis=2)[:, :, 0]
-        found = np.isfinite(np.take_along_axis(cost, first, axis=-1)[..., 0])
+        usable = np.isfinite(np.take_along_axis(cost, first, axis=-1)[..., 0])
         truth = store.experiment.model.truth
         known = truth != 0
         for k in range(best.shape[0]):
             cell = self._moments.setdefault((name, chunk.amplitude, k), RunningErrors())
-            cell.add(best[k][found[k]][:, known] / truth[known] - 1)
+            cell.add(best[k][usable[k]][:, known] / truth[known] - 1)
 
     def news(self, seconds: float) -> list[str]:
         """`headlines` after a `look` of at most about ``seconds``."""

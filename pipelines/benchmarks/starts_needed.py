@@ -78,15 +78,18 @@ def run(sizes: Sizes) -> Result:
             if part:
                 result.table.append(_row(*way, fmax, part))
     for row in result.table:
-        stem = f"starts.{row['solver']}.{row['starts']}.fmax_{row['fmax']:g}"
-        result.keys[f"{stem}.median"] = row["needed, median"]
-        result.keys[f"{stem}.p90"] = row["needed, 90 %"]
-        result.keys[f"{stem}.hit_rate"] = row["hit rate"]
-        if row["starts"] == "linearised":
-            result.keys[f"{stem}.first_hits"] = row["first start hits"]
-            result.keys[f"{stem}.first_five_hit"] = row["first five hit"]
+        result.keys |= _keys(row)
     result.figure = partial(_draw, result.table)
     return result
+
+
+def _keys(row: dict[str, Any]) -> dict[str, Any]:
+    """Figures of a row by key."""
+    columns = {"median": "needed, median", "p90": "needed, 90 %", "hit_rate": "hit rate"}
+    if row["starts"] == "linearised":
+        columns |= {"first_hits": "first start hits", "first_five_hit": "first five hit"}
+    stem = f"starts.{row['solver']}.{row['starts']}.fmax_{row['fmax']:g}"
+    return {f"{stem}.{key}": row[column] for key, column in columns.items()}
 
 
 def _draw(table: list[dict[str, Any]], file: Path) -> None:

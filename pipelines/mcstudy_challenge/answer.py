@@ -34,18 +34,20 @@ NEGLIGIBLE = 1e-5
 
 def fast(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its asymptotic statistics."""
-    from mcstudy.gap.diagnose import diagnose
-    from mcstudy.gap.settings import Asked, DiagnosisSettings
-
-    return diagnose(recording, DiagnosisSettings(fast=True, asked=Asked(nearest=False))).to_dict()
+    return _diagnosis(recording, fast=True)
 
 
 def bootstrap(recording: Recording | FrfRecording) -> Mapping[str, Any]:
     """The shipped diagnosis with its bootstrap."""
+    return _diagnosis(recording, fast=False)
+
+
+def _diagnosis(recording: Recording | FrfRecording, fast: bool) -> Mapping[str, Any]:
     from mcstudy.gap.diagnose import diagnose
+    from mcstudy.gap.document import document
     from mcstudy.gap.settings import Asked, DiagnosisSettings
 
-    return diagnose(recording, DiagnosisSettings(asked=Asked(nearest=False))).to_dict()
+    return document(diagnose(recording, DiagnosisSettings(fast=fast, asked=Asked(nearest=False))))
 
 
 def detect_only(recording: Recording | FrfRecording) -> Mapping[str, Any]:

@@ -11,7 +11,7 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.ranges import MAX_SAMPLES
 from mcstudy.stance.stimulus import Prts
 from mcstudy.study.checks import check_determined, check_fmax
-from mcstudy.study.measure import HIGHEST_HZ
+from mcstudy.study.group import HIGHEST_HZ
 from mcstudy_challenge.bodies.foreign_effects import FOREIGN
 from mcstudy_challenge.bodies.forms import FORMS
 from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY

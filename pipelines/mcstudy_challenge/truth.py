@@ -17,13 +17,13 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 from mcstudy_challenge.bodies.draws import draw_body, draw_linear, pool, protocol_of, shared
-from mcstudy_challenge.bodies.foreign import draw_foreign, foreign_pool, simulate_foreign
+from mcstudy_challenge.bodies.foreign_recordings import draw_foreign, foreign_pool, simulate_foreign
 from mcstudy_challenge.bodies.forms import FORMS, Form
 from mcstudy_challenge.bodies.geometry import SIMILAR, Column, Geometry, Probe, best_fit, free
-from mcstudy_challenge.bodies.misshapen import draw_form
-from mcstudy_challenge.bodies.near_unstable import draw_near_unstable
+from mcstudy_challenge.bodies.other_forms import draw_form
 from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY
-from mcstudy_challenge.bodies.withheld import Drawn, draw_nonlinear, draw_out_of_library
+from mcstudy_challenge.bodies.stability_margin import draw_near_unstable
+from mcstudy_challenge.bodies.withheld_causes import Drawn, draw_nonlinear, draw_out_of_library
 from mcstudy_challenge.cases import Case
 from mcstudy_challenge.design import NOTHING_MISSING, ChallengeFile, Series
 from mcstudy_challenge.scores.oracle import Ceiling, Classifier, size_grid

@@ -15,7 +15,7 @@ import numpy as np
 from mcstudy_challenge.bodies.draws import draw_body, draw_delta, shared
 from mcstudy_challenge.bodies.geometry import Geometry, free
 from mcstudy_challenge.bodies.out_of_library import OUT_OF_LIBRARY
-from mcstudy_challenge.bodies.withheld import out_of_library_on
+from mcstudy_challenge.bodies.withheld_causes import out_of_library_on
 from mcstudy_challenge.design import NOTHING_MISSING, Series
 from mcstudy_challenge.scores.oracle import Ceiling, Classifier, size_grid
 from mcstudy_challenge.truth import Surroundings, classifier

@@ -21,7 +21,7 @@ import numpy as np
 from mcstudy_challenge.bodies.draws import draw_body, shared
 from mcstudy_challenge.bodies.forms import FORMS
 from mcstudy_challenge.bodies.geometry import Geometry, free
-from mcstudy_challenge.bodies.misshapen import linear_form
+from mcstudy_challenge.bodies.other_forms import linear_form
 from mcstudy_challenge.design import Series
 from mcstudy_challenge.truth import Surroundings
 from scipy.special import logsumexp

@@ -261,28 +261,10 @@ def main() -> None:
         if args.cause:
             if args.cause not in names:
                 parser.error(f"--cause: expected one of {', '.join(names)}")
-            print(f"standard deviation of {args.cause}: % held with chi-squared, with the present threshold; median")
-            for c in causes(people, args.cause, args.size):
-                print(f"{c.what:36}{c.chi_squared:8.1f}{c.present:8.1f}{c.estimate:8.2f}")
-            true = np.array([p.truth[args.cause] for p in people])
-            error = np.array([p.likelihood[args.cause].estimate for p in people]) - true
-            rms, usual = np.sqrt(np.mean(error**2)), np.median(np.abs(error)) / ndtri(0.75)
-            print(
-                f"kurtosis of people {kurtosis(true):+.2f}; errors: RMS {rms / true.std():.2f} standard deviations of"
-            )
-            print(f"people, that of normal errors with the same median {usual / true.std():.2f}")
+            _print_cause(people, args.cause, args.size)
             return
         if args.within:
-            print(f"{args.groups} groups of {args.size} from {args.people} people, measured twice")
-            print(f"{'quantity':14}  held (%)  change found (%)  by a t-test (%)", flush=True)
-            every = []
-            for name in names:
-                held, found, by_t = 100 * np.mean(changes(people, name, args.groups, args.size), axis=0)
-                every.append([name, f"{held:.1f}", f"{found:.1f}", f"{by_t:.1f}"])
-                print(f"{name:14}{held:10.1f}{found:18.1f}{by_t:17.1f}", flush=True)
-            lowest = {"value": min(float(row[1]) for row in every), "unit": "%"}
-            columns = ["quantity", "held", "change found", "by a t-test"]
-            write(args.json, {"lowest": lowest}, {"held": (columns, every)})
+            _print_changes(people, args)
             return
         judge = [pool.submit(judged, _of(people, name), name, args.groups, args.size) for name in names]
         print(
@@ -298,6 +280,31 @@ def main() -> None:
     print(_row("mean", np.mean(found, axis=0)))
     rows = [[name, *(f"{x:.{k != 1:d}f}" for k, x in enumerate(held))] for name, held in zip(names, found, strict=True)]
     write(args.json, tables={"held": (["quantity", *COLUMNS], rows)})
+
+
+def _print_cause(people: Sequence[Person], name: str, size: int) -> None:
+    """Why the spread of a quantity is covered too rarely."""
+    print(f"standard deviation of {name}: % held with chi-squared, with the present threshold; median")
+    for c in causes(people, name, size):
+        print(f"{c.what:36}{c.chi_squared:8.1f}{c.present:8.1f}{c.estimate:8.2f}")
+    true = np.array([p.truth[name] for p in people])
+    error = np.array([p.likelihood[name].estimate for p in people]) - true
+    rms, usual = np.sqrt(np.mean(error**2)), np.median(np.abs(error)) / ndtri(0.75)
+    print(f"kurtosis of people {kurtosis(true):+.2f}; errors: RMS {rms / true.std():.2f} standard deviations of")
+    print(f"people, that of normal errors with the same median {usual / true.std():.2f}")
+
+
+def _print_changes(people: Sequence[Person], args: argparse.Namespace) -> None:
+    """How often changes of people who are measured twice are held, and found."""
+    print(f"{args.groups} groups of {args.size} from {args.people} people, measured twice")
+    print(f"{'quantity':14}  held (%)  change found (%)  by a t-test (%)", flush=True)
+    rows = []
+    for name in people[0].truth:
+        held, found, by_t = 100 * np.mean(changes(people, name, args.groups, args.size), axis=0)
+        rows.append([name, f"{held:.1f}", f"{found:.1f}", f"{by_t:.1f}"])
+        print(f"{name:14}{held:10.1f}{found:18.1f}{by_t:17.1f}", flush=True)
+    lowest = {"value": min(float(row[1]) for row in rows), "unit": "%"}
+    write(args.json, {"lowest": lowest}, {"held": (["quantity", "held", "change found", "by a t-test"], rows)})
 
 
 COLUMNS = ("mean", "(ended by data)", "SD between", "difference", "individuals")

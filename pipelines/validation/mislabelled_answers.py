@@ -10,6 +10,7 @@ from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnose import diagnose
 from mcstudy.gap.settings import CAUSE_ONLY, DiagnosisSettings
+from mcstudy.gap.verdict import verdict
 from mcstudy.recordings.recording import Recording
 
 CLASSES = (
@@ -47,7 +48,7 @@ def answered(recording: Recording, codes: Sequence[str]) -> Answer:
         right = any(c == named[0] or (" " in c and c in message) for c in codes)
         return Answer(CLASSES[0 if right else 1], message)
     if not d.detected:
-        return Answer("no gap", d.verdict())
+        return Answer("no gap", verdict(d))
     share = dict.fromkeys(CLASSES, 0.0)
     for cause in d.causes:
         share[_class(cause.effects, codes)] += cause.probability

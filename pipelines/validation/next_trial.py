@@ -42,13 +42,14 @@ from mcstudy.effect_library.protocol import Protocol, body_with_effects
 from mcstudy.errors import FallsError, InputError, RecordingError
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
 from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
-from mcstudy.gap.planned.next_trial import described
+from mcstudy.gap.planned.recommendation import described
 from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.detection import LEVEL
-from mcstudy.gap.questions.posterior import Explanation, explain, prior
+from mcstudy.gap.questions.posterior import Explanation, explain
+from mcstudy.gap.questions.prior import prior
 from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.lines.base_fit import base_fit
 from mcstudy.lines.checked_recording import checked_recording
@@ -186,8 +187,7 @@ class Answer:
         assert not isinstance(one, FrfRecording)
         fit = base_fit(lines, checked.nominal, 0)
         t = gap_test(lines, fit, DiagnosisSettings(fast=True), CONTRAST_DRAWS if tested else NO_TEST)
-        parts = fit.best, fit.minima, fit.data, t.effects, t.signatures, t.groups, t.scores, t.detection.unstructured
-        return cls(one, t, explain(*parts, t.contrasts), lines)
+        return cls(one, t, explain(t), lines)
 
     def situation(self, fmax: float) -> Situation:
         """What is known before the next trial."""

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from mcstudy_challenge.bodies.draws import draw_body
 from mcstudy_challenge.bodies.geometry import stands
-from mcstudy_challenge.bodies.near_unstable import draw_near_unstable
+from mcstudy_challenge.bodies.stability_margin import draw_near_unstable
 from mcstudy_challenge.design import Bodies, Series
 from mcstudy_challenge.scores.rates import rate
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mcstudy_challenge.bodies import near_unstable
+from mcstudy_challenge.bodies import stability_margin
 from mcstudy_challenge.bodies.draws import draw_body, draw_linear, pool, protocol_of, shared
 from mcstudy_challenge.bodies.geometry import Geometry, cycle_responses, free
-from mcstudy_challenge.bodies.near_unstable import draw_near_unstable
-from mcstudy_challenge.bodies.withheld import draw_out_of_library
+from mcstudy_challenge.bodies.stability_margin import draw_near_unstable
+from mcstudy_challenge.bodies.withheld_causes import draw_out_of_library
 from mcstudy_challenge.design import Noise, Series
 
 from mcstudy.effect_library import library
@@ -138,7 +138,7 @@ def test_near_unstable_bodies_keep_within_their_decay() -> None:
 
 
 def test_a_body_that_cannot_be_near_unstable_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(near_unstable, "ATTEMPTS", 1)
+    monkeypatch.setattr(stability_margin, "ATTEMPTS", 1)
     still = Series(cases=1, body=SERIES.body.model_copy(update={"shifted_spread": 0.0}))
     with pytest.raises(DesignError, match=r"near_decay: no body that decays with 0\.1 to 0\.5 1/s"):
         draw_near_unstable(still, np.random.default_rng(0))

@@ -259,9 +259,8 @@ def test_answering_loads_nothing_that_makes_cases() -> None:
     script = (
         "import sys, mcstudy_challenge.answer\n"
         "made = {m for m in sys.modules if m.startswith('mcstudy_challenge') and m.split('.')[-1] in "
-        "('out_of_library', 'forms', 'form_steps', 'misshapen', 'foreign', 'foreign_body', 'foreign_effects', "
-        "'near_unstable', 'geometry', 'truth', 'cases', "
-        "'withheld', 'make', 'score')}\n"
+        "('out_of_library', 'forms', 'form_steps', 'other_forms', 'foreign_recordings', 'foreign_body', "
+        "'foreign_effects', 'stability_margin', 'geometry', 'truth', 'cases', 'withheld_causes', 'make', 'score')}\n"
         "assert not made, made\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True)

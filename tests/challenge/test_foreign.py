@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcstudy_challenge.bodies import foreign_body, foreign_effects
-from mcstudy_challenge.bodies.foreign import person_of, simulate_foreign
 from mcstudy_challenge.bodies.foreign_body import STEPS_PER_SAMPLE, Person, sway
 from mcstudy_challenge.bodies.foreign_effects import FOREIGN
+from mcstudy_challenge.bodies.foreign_recordings import person_of, simulate_foreign
 from mcstudy_challenge.bodies.forms import FORMS
 from mcstudy_challenge.bodies.geometry import Setting, cycle_responses
-from mcstudy_challenge.bodies.misshapen import shaped
+from mcstudy_challenge.bodies.other_forms import shaped
 from mcstudy_challenge.cases import list_cases
 from mcstudy_challenge.challenge_file import resolve
 from mcstudy_challenge.design import Mix, Series, Sizes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mcstudy_challenge.bodies.forms import FORMS
-from mcstudy_challenge.bodies.misshapen import draw_form, shaped
+from mcstudy_challenge.bodies.other_forms import draw_form, shaped
 from mcstudy_challenge.cases import list_cases
 from mcstudy_challenge.challenge_file import resolve
 from mcstudy_challenge.design import Mix, Series, Sizes, Stratum, Trials

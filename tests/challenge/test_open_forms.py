@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mcstudy_challenge.bodies.forms import FORMS
-from mcstudy_challenge.bodies.misshapen import shaped
+from mcstudy_challenge.bodies.other_forms import shaped
 
 from mcstudy.effect_library import library
 from mcstudy.stance.body import two_segment

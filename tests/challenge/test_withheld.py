@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mcstudy_challenge.bodies.foreign import simulate_foreign
 from mcstudy_challenge.bodies.foreign_effects import FOREIGN
+from mcstudy_challenge.bodies.foreign_recordings import simulate_foreign
 from mcstudy_challenge.bodies.geometry import Geometry, Setting, free
-from mcstudy_challenge.bodies.withheld import Simulate, Withheld
+from mcstudy_challenge.bodies.withheld_causes import Simulate, Withheld
 
 from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import InputError

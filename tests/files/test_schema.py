@@ -87,21 +87,12 @@ COMPLETE = {
 """What an answer without an error has."""
 
 
-class Unsound:
-    """In place of a diagnosis."""
-
-    def verdict(self) -> str:
-        return "a gap"
-
-    def to_dict(self) -> dict[str, Any]:
-        return {"schema": schema.identifier("diagnosis"), "p_value": 2.0}
-
-
 def test_a_diagnosis_that_does_not_conform_is_neither_written_nor_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(gap_verb, "_diagnosed", lambda *_, **__: Unsound())
-    monkeypatch.setattr("mcstudy.gap.tables.text", lambda _: "")
+    monkeypatch.setattr(gap_verb, "_diagnosed", lambda *_, **__: None)
+    unsound = {"schema": schema.identifier("diagnosis"), "p_value": 2.0}
+    monkeypatch.setattr("mcstudy.gap.document.document", lambda _: unsound)
     for more in (["-o", str(tmp_path / "out")], ["--json"]):
         assert main(["gap", "diagnose", "a.nc", *more]) == Exit.BAD_INPUT
         said = capsys.readouterr()

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from mcstudy.fitting.sobol import DIRECTIONS, sobol_points
-from mcstudy.fitting.starts import STARTS
+from mcstudy.fitting.starts import DIRECTIONS, STARTS, sobol_points
 from mcstudy.stance.body import one_segment, two_segment
 
 GROWING = ["uniform", "sobol"]

@@ -13,7 +13,7 @@ from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import detect, diagnose
-from mcstudy.gap.diagnosis import DiagnosisRecord
+from mcstudy.gap.document import document
 from mcstudy.gap.questions.parameters import (
     MOSTLY_PRIOR,
     PRIOR_EXPLAINED,
@@ -27,6 +27,7 @@ from mcstudy.gap.tables import text
 from mcstudy.lines.checked_recording import checked_recording
 from mcstudy.lines.labels import refuse
 from mcstudy.recordings.recording import Recording, Suspicion, Trial
+from mcstudy.results.diagnosis import Diagnosis
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.simulate_spectral import stimulus_sway
@@ -45,11 +46,11 @@ def lagging() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def out(lagging: Recording) -> DiagnosisRecord:
-    return diagnose(lagging, DiagnosisSettings(fast=True, seed=3))
+def out(lagging: Recording) -> Diagnosis:
+    return Diagnosis.of(diagnose(lagging, DiagnosisSettings(fast=True, seed=3)))
 
 
-def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: DiagnosisRecord) -> None:
+def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: Diagnosis) -> None:
     plain = json.loads(json.dumps(out.to_dict(), allow_nan=False))
     schema.validate("diagnosis", plain, "diagnosis")
     assert plain["detected"] is True
@@ -68,10 +69,8 @@ def test_json_conforms_to_its_schema_and_says_what_the_object_says(out: Diagnosi
     assert "<table>" in out._repr_html_()
 
 
-def test_questions_that_nobody_asks_leave_the_other_answers_as_they_are(
-    lagging: Recording, out: DiagnosisRecord
-) -> None:
-    full, less = out.to_dict(), diagnose(lagging, DiagnosisSettings(fast=True, seed=3, asked=CAUSE_ONLY)).to_dict()
+def test_questions_that_nobody_asks_leave_the_other_answers_as_they_are(lagging: Recording, out: Diagnosis) -> None:
+    full, less = out.to_dict(), document(diagnose(lagging, DiagnosisSettings(fast=True, seed=3, asked=CAUSE_ONLY)))
     schema.validate("diagnosis", less, "diagnosis")
     assert full["nearest"]
     assert full["closed"]
@@ -83,8 +82,8 @@ def test_questions_that_nobody_asks_leave_the_other_answers_as_they_are(
     assert "No mechanism" not in less["verdict"]
 
 
-def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording, out: DiagnosisRecord) -> None:
-    first, again = out.to_dict(), diagnose(lagging, DiagnosisSettings(fast=True, seed=3)).to_dict()
+def test_same_seed_same_diagnosis_and_bootstrap_agrees(lagging: Recording, out: Diagnosis) -> None:
+    first, again = out.to_dict(), document(diagnose(lagging, DiagnosisSettings(fast=True, seed=3)))
     assert first == again
     slow = diagnose(lagging, DiagnosisSettings(bootstrap=100, seed=3))
     assert slow.detected
@@ -98,7 +97,7 @@ def test_exchanged_channels_are_refused(lagging: Recording) -> None:
         diagnose(exchanged, FAST)
 
 
-def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recording, out: DiagnosisRecord) -> None:
+def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recording, out: Diagnosis) -> None:
     lines = measure(lagging)
     assert lines.even is not None
     parts = (
@@ -121,11 +120,9 @@ def test_a_diagnosis_and_its_parts_show_themselves_in_a_few_lines(lagging: Recor
     assert re.search(r"sensor_lag_theta1 \d+ %", shown_text)
 
 
-def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(
-    lagging: Recording, out: DiagnosisRecord
-) -> None:
+def test_a_parameter_says_whether_its_value_is_the_prior_s_or_a_bound_s(lagging: Recording, out: Diagnosis) -> None:
     """At 1.2 Hz the data say little about delays and the passive ankle; the prior's values must not pass as theirs."""
-    low = diagnose(lagging, DiagnosisSettings(fast=True, fmax=1.2))
+    low = Diagnosis.of(diagnose(lagging, DiagnosisSettings(fast=True, fmax=1.2)))
     base = low.base
     alone = replace(base, prior=base.prior._replace(scale=1e4 * base.prior.scale))
     share = 1 - np.diag(base.covariance) / np.diag(alone.covariance)
@@ -238,15 +235,20 @@ def test_trials_of_one_kind_are_pooled(lagging: Recording) -> None:
 
 
 def test_the_prior_and_the_bayes_factor_are_stated_and_anyone_can_apply_his_own(
-    lagging: Recording, out: DiagnosisRecord, plain_recordings: list[Recording]
+    lagging: Recording, out: Diagnosis, plain_recordings: list[Recording]
 ) -> None:
     for recording, seed in ((lagging, 3), (plain_recordings[0], 0)):
         default = out if recording is lagging else diagnose(recording, DiagnosisSettings(fast=True, seed=seed))
-        plain = default.to_dict()
-        assert plain["prior"] == {"none": 0.30, "single": 0.52, "pair": 0.03, "unknown": 0.11, "beside": 0.04}
+        assert document(default)["prior"] == {
+            "none": 0.30,
+            "single": 0.52,
+            "pair": 0.03,
+            "unknown": 0.11,
+            "beside": 0.04,
+        }
         for p in (0.1, 0.7):
             other = diagnose(recording, DiagnosisSettings(fast=True, seed=seed, prior_none=p))
-            schema.validate("diagnosis", other.to_dict(), "diagnosis")
+            schema.validate("diagnosis", document(other), "diagnosis")
             assert sum(other.prior.values()) == pytest.approx(1)
             assert other.prior["single"] / other.prior["unknown"] == pytest.approx(0.52 / 0.11)
             assert other.none_log_factor == pytest.approx(default.none_log_factor, abs=1e-9)
@@ -260,7 +262,7 @@ def test_the_prior_and_the_bayes_factor_are_stated_and_anyone_can_apply_his_own(
         )
 
 
-def test_a_bayes_factor_beyond_all_evidence_is_a_limit(out: DiagnosisRecord) -> None:
+def test_a_bayes_factor_beyond_all_evidence_is_a_limit(out: Diagnosis) -> None:
     said = [" ".join(text(replace(out, none_log_factor=x)).split()) for x in (-900.0, -1.0, 900.0)]
     assert "against all others: below 1e-06;" in said[0]
     assert "against all others: 0.37;" in said[1]

@@ -14,10 +14,10 @@ import mcstudy as mc
 from mcstudy.files import schema
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
-from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.planned.trials import PlannedTrial
 from mcstudy.gap.questions.closure import energy, smooth_directions
 from mcstudy.recordings.recording import Recording
+from mcstudy.results.diagnosis import Diagnosis
 from mcstudy.spectra.lines import joined
 
 
@@ -30,12 +30,12 @@ def recordings(effects: dict[str, float], seed: int, cycles: int = 3) -> list[Re
 
 
 @pytest.fixture(scope="module")
-def delayed() -> DiagnosisRecord:
+def delayed() -> Diagnosis:
     """A passive damping of the ankle."""
     return mc.diagnose(recordings({"passive_damping_ankle": 100.0}, 1), fast=True, fmax=3.1)
 
 
-def test_the_cause_is_found_from_all_recordings(delayed: DiagnosisRecord) -> None:
+def test_the_cause_is_found_from_all_recordings(delayed: Diagnosis) -> None:
     assert delayed.detected
     assert delayed.causes[0].effects == ("passive_damping_ankle",)
     size = delayed.causes[0].sizes[0]
@@ -44,7 +44,7 @@ def test_the_cause_is_found_from_all_recordings(delayed: DiagnosisRecord) -> Non
     assert sum(p.chi2 for p in delayed.detection.parts) == pytest.approx(delayed.detection.chi2)
 
 
-def test_every_part_shows_the_responses_to_its_own_stimulus(delayed: DiagnosisRecord) -> None:
+def test_every_part_shows_the_responses_to_its_own_stimulus(delayed: Diagnosis) -> None:
     ankle, hip = delayed.parts
     whole = delayed.base.response(delayed.lines.f)
     np.testing.assert_allclose(whole[delayed.lines.blocks[1]], hip.base.response(hip.lines.f), rtol=1e-9)
@@ -57,7 +57,7 @@ def test_every_part_shows_the_responses_to_its_own_stimulus(delayed: DiagnosisRe
     np.testing.assert_allclose(arrays["nearest"], both["nearest"][delayed.lines.blocks[1]], rtol=1e-9)
 
 
-def test_the_energy_of_repeats_without_noise_is_that_of_their_deviation(delayed: DiagnosisRecord) -> None:
+def test_the_energy_of_repeats_without_noise_is_that_of_their_deviation(delayed: Diagnosis) -> None:
     """Within recordings and across them: the squared length of the deviation in the space, to rounding."""
     members = []
     for part in delayed.parts:
@@ -80,7 +80,7 @@ def _without(x: np.ndarray, J: np.ndarray) -> np.ndarray:
     return np.asarray(x - J @ np.linalg.lstsq(J, x, rcond=None)[0])
 
 
-def test_json_verdict_and_page_tell_of_every_recording(delayed: DiagnosisRecord, tmp_path: Path) -> None:
+def test_json_verdict_and_page_tell_of_every_recording(delayed: Diagnosis, tmp_path: Path) -> None:
     plain = json.loads(json.dumps(delayed.to_dict(), allow_nan=False))
     schema.validate("diagnosis", plain, "diagnosis")
     assert [r["name"] for r in plain["recordings"]] == ["ankle_torque", "hip_torque"]

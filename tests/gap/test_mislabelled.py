@@ -30,6 +30,7 @@ from mcstudy.lines.reading_fits import Search
 from mcstudy.lines.readings import READINGS, butterworth
 from mcstudy.recordings.checks import check
 from mcstudy.recordings.recording import Recording
+from mcstudy.results.diagnosis import Diagnosis
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.anthropometry import segments
 from mcstudy.stance.body import Body, two_segment
@@ -152,7 +153,7 @@ def test_a_digital_filter_does_at_a_line_what_an_analogue_one_does_at_its_freque
 
 
 def test_a_mislabelled_recording_says_what_to_check_and_its_json_conforms(person: Sound) -> None:
-    d = diagnose(BY_NAME["second trial's stimulus x 2"].change(person), FAST)
+    d = Diagnosis.of(diagnose(BY_NAME["second trial's stimulus x 2"].change(person), FAST))
     assert d.causes[0].effects == ("half_trial_2",)
     assert d.closed is None
     assert d.added is None

@@ -24,10 +24,9 @@ from mcstudy.errors import InputError, RecordingError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose
-from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.planned.choice import Situation, possible_trials
 from mcstudy.gap.planned.gain import SHORT, told
-from mcstudy.gap.planned.next_trial import NextTrialRecord, described, next_trial
+from mcstudy.gap.planned.next_trial import next_trial
 from mcstudy.gap.planned.predictions import (
     IDLE,
     NOTHING,
@@ -37,14 +36,16 @@ from mcstudy.gap.planned.predictions import (
     Predictions,
     predictions,
 )
+from mcstudy.gap.planned.recommendation import SHOWN, described, twin_sentence
 from mcstudy.gap.planned.response import chances, least_amplitude
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
-from mcstudy.gap.questions.posterior import prior
+from mcstudy.gap.questions.prior import prior
 from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.lines.labels import EDGES_HZ, NO_RESPONSE, no_response
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.figure import figure
+from mcstudy.results.diagnosis import Diagnosis
 from mcstudy.results.next_trial import NextTrial
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment
@@ -55,7 +56,7 @@ VALIDATION = Path(__file__).parents[2] / "pipelines" / "validation"
 
 
 @pytest.fixture(scope="module")
-def delayed() -> DiagnosisRecord:
+def delayed() -> Diagnosis:
     """A delay of the stimulus, which ankle torque does not tell from a lag of it or of both sensors."""
     return diagnose(
         mc.simulate({"stimulus_delay": 0.004}, cycles=4, rate_hz=50, seed=1), DiagnosisSettings(fast=True, fmax=4.0)
@@ -63,8 +64,8 @@ def delayed() -> DiagnosisRecord:
 
 
 @pytest.fixture(scope="module")
-def answer(delayed: DiagnosisRecord) -> NextTrialRecord:
-    return next_trial(delayed, trials=(1,), cycles=4)
+def answer(delayed: Diagnosis) -> NextTrial:
+    return NextTrial.of(next_trial(delayed, trials=(1,), cycles=4))
 
 
 @pytest.mark.parametrize("kind", ["hip_torque", "platform_translation"])
@@ -138,7 +139,7 @@ def test_causes_that_predict_the_same_are_not_told_apart() -> None:
     assert out.set_size == pytest.approx(2.0)
 
 
-def test_the_same_trial_again_tells_least_of_causes_that_it_cannot_tell_apart(answer: NextTrialRecord) -> None:
+def test_the_same_trial_again_tells_least_of_causes_that_it_cannot_tell_apart(answer: NextTrial) -> None:
     bits = {(o.plan[0].kind, o.plan[0].spectrum): o.told.bits for o in answer.options if len(o.plan) == 1}
     assert bits["ankle_torque", "prts"] < 0.5 * answer.best.told.bits
     decided = answer.decides(answer.best)
@@ -147,7 +148,7 @@ def test_the_same_trial_again_tells_least_of_causes_that_it_cannot_tell_apart(an
     assert answer.best.told.bits <= answer.best.told.entropy + 1e-9
 
 
-def test_text_and_json_say_what_the_object_says(answer: NextTrialRecord) -> None:
+def test_text_and_json_say_what_the_object_says(answer: NextTrial) -> None:
     plain = json.loads(json.dumps(answer.to_dict(), allow_nan=False))
     schema.validate("next_trial", plain, "next_trial")
     assert plain["options"][0]["stimulus"] == answer.best.plan[0].kind
@@ -159,32 +160,32 @@ def test_text_and_json_say_what_the_object_says(answer: NextTrialRecord) -> None
     assert answer.best.plan[0].kind in answer.text().split("Recommended:")[1].split(".")[0]
 
 
-def test_the_page_shows_which_effects_look_alike_before_and_after(answer: NextTrialRecord) -> None:
+def test_the_page_shows_which_effects_look_alike_before_and_after(answer: NextTrial) -> None:
     shown = figure(next_figure(answer), "", "mcstudy gap report REC --next")
     assert 'id="twins"' in shown  # the section that it stands in is "next"
     assert all(name in shown for name in answer.before.effects)
     assert answer.sentence(answer.best) in html.unescape(shown)
 
 
-def test_the_page_of_next_trials_shows_causes_trials_and_the_map(answer: NextTrialRecord, tmp_path: Path) -> None:
-    page = NextTrial.of(answer).to_html(tmp_path / "next.html").read_text(encoding="utf-8")
+def test_the_page_of_next_trials_shows_causes_trials_and_the_map(answer: NextTrial, tmp_path: Path) -> None:
+    page = answer.to_html(tmp_path / "next.html").read_text(encoding="utf-8")
     shown = html.unescape(page)
     assert [page.index(f'<section id="{key}"') for key in ("causes", "next", "alike")] == sorted(
         page.index(f'<section id="{key}"') for key in ("causes", "next", "alike")
     )
     assert all(name in shown for name, _ in answer.causes)
-    assert all(described(o.plan) in shown for o in answer.leading)
+    assert all(described(o.plan) in shown for o in answer.options[:SHOWN])
     assert f"{answer.before.count} → {answer.after.count}" in shown
-    assert answer.twin_sentence in shown
+    assert twin_sentence(answer) in shown
 
 
-def test_causes_with_the_same_responses_to_every_stimulus_are_said_to_be_inseparable(answer: NextTrialRecord) -> None:
+def test_causes_with_the_same_responses_to_every_stimulus_are_said_to_be_inseparable(answer: NextTrial) -> None:
     """A filter of the stimulus is the same filter of both angles."""
     pair = next(p for p in answer.inseparable if set(p) == {"stimulus_lag", "sensor_lag_both"})
     assert " and ".join(pair) in " ".join(answer.text().split("None of these trials tells apart:")[1].split())
 
 
-def test_trials_of_two_kinds_are_considered_and_predicted_as_one_experiment(delayed: DiagnosisRecord) -> None:
+def test_trials_of_two_kinds_are_considered_and_predicted_as_one_experiment(delayed: Diagnosis) -> None:
     now = Situation.of(delayed)
     plans = possible_trials(now, trials=(2,), cycles=4)
     assert sum(len(p) == 2 for p in plans) == 15  # pairs of three kinds with two spectra
@@ -204,12 +205,12 @@ def test_trials_of_two_kinds_are_considered_and_predicted_as_one_experiment(dela
     np.testing.assert_allclose(spread[0] + spread[1], spread[2], rtol=1e-3)
 
 
-def test_the_most_informative_trial_separates_twins(answer: NextTrialRecord) -> None:
+def test_the_most_informative_trial_separates_twins(answer: NextTrial) -> None:
     assert any("stimulus_delay" in group for group in answer.before.groups)
     assert answer.before.effects == answer.after.effects
 
 
-def test_a_new_stimulus_evokes_no_more_sway_than_was_recorded(delayed: DiagnosisRecord) -> None:
+def test_a_new_stimulus_evokes_no_more_sway_than_was_recorded(delayed: Diagnosis) -> None:
     now = Situation.of(delayed)
     body = np.append(delayed.base.theta, [])
     for (trial,) in possible_trials(now, trials=(1,), cycles=4):
@@ -222,7 +223,7 @@ def test_a_new_stimulus_evokes_no_more_sway_than_was_recorded(delayed: Diagnosis
         assert (evoked < 1.15 * now.sway).all()
 
 
-def test_impossible_trials_and_recordings_without_a_period_are_refused(delayed: DiagnosisRecord) -> None:
+def test_impossible_trials_and_recordings_without_a_period_are_refused(delayed: Diagnosis) -> None:
     now = Situation.of(delayed)
     with pytest.raises(InputError, match=r"next trial: expected ankle_torque, .* got 'push'"):
         possible_trials(now, kinds=("push",))
@@ -238,7 +239,7 @@ def test_impossible_trials_and_recordings_without_a_period_are_refused(delayed: 
 
 @pytest.mark.parametrize(("kind", "spectrum"), [("hip_torque", "flat"), ("ankle_torque", "prts")])
 def test_the_chance_of_a_response_is_how_often_a_diagnosis_accepts_the_recording(
-    delayed: DiagnosisRecord, kind: str, spectrum: str
+    delayed: Diagnosis, kind: str, spectrum: str
 ) -> None:
     """Near the smallest amplitude, where it is neither 0 nor 1; the test of `diagnose` on drawn recordings."""
     now = Situation.of(delayed)
@@ -262,7 +263,7 @@ def test_the_chance_of_a_response_is_how_often_a_diagnosis_accepts_the_recording
         assert chance(planned) > 0.9 or np.mean(accepted) < 1
 
 
-def test_a_trial_that_would_be_refused_is_not_planned(delayed: DiagnosisRecord) -> None:
+def test_a_trial_that_would_be_refused_is_not_planned(delayed: Diagnosis) -> None:
     now = Situation.of(delayed)
     plans = possible_trials(now, ["hip_torque"], {"hip_torque": [0.005, 3.0]}, trials=(1,), cycles=4)
     assert {p[0].amplitude for p in plans} == {3.0}
@@ -274,7 +275,7 @@ def test_a_trial_that_would_be_refused_is_not_planned(delayed: DiagnosisRecord) 
     assert "\n" not in str(e.value)
 
 
-def test_an_amplitude_that_is_chosen_is_never_too_small_to_show_a_response(delayed: DiagnosisRecord) -> None:
+def test_an_amplitude_that_is_chosen_is_never_too_small_to_show_a_response(delayed: Diagnosis) -> None:
     """Also where the fit sways a hundred times as much as the person does, as one near instability may."""
     now = replace(Situation.of(delayed), sway=Situation.of(delayed).sway / 100)
     for kind in ("hip_torque", "platform_translation"):
@@ -321,7 +322,7 @@ def test_a_cause_outside_the_library_never_gets_less_than_its_odds_beside_the_tr
 
 
 def test_the_odds_of_a_cause_outside_the_library_are_those_of_the_prior_that_was_given(
-    delayed: DiagnosisRecord,
+    delayed: Diagnosis,
 ) -> None:
     belief = Situation.of(delayed).expected.belief
     usual, healthy = prior(), prior(0.9)

@@ -9,21 +9,21 @@ from real_person import needs_wang, wang
 
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose
-from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.gap.tables import text
+from mcstudy.results.diagnosis import Diagnosis
 
 pytestmark = needs_wang
 
 
 @pytest.fixture(scope="module")
-def by_fmax() -> dict[float, DiagnosisRecord]:
-    recording = wang()
-    return {fmax: diagnose(recording, DiagnosisSettings(fast=True, fmax=fmax)) for fmax in (2.0, 4.0, 8.0)}
+def by_fmax() -> dict[float, Diagnosis]:
+    every = {fmax: diagnose(wang(), DiagnosisSettings(fast=True, fmax=fmax)) for fmax in (2.0, 4.0, 8.0)}
+    return {fmax: Diagnosis.of(diagnosis) for fmax, diagnosis in every.items()}
 
 
 def test_there_is_a_gap_and_from_three_hertz_up_no_named_effect_explains_it(
-    by_fmax: dict[float, DiagnosisRecord],
+    by_fmax: dict[float, Diagnosis],
 ) -> None:
     assert all(d.detected for d in by_fmax.values())
     assert 0.2 < by_fmax[2.0].unknown_probability < 0.9
@@ -39,14 +39,14 @@ def test_there_is_a_gap_and_from_three_hertz_up_no_named_effect_explains_it(
         assert "would close" in d.verdict()
 
 
-def test_active_and_passive_stiffness_trade_places_with_the_bandwidth(by_fmax: dict[float, DiagnosisRecord]) -> None:
+def test_active_and_passive_stiffness_trade_places_with_the_bandwidth(by_fmax: dict[float, Diagnosis]) -> None:
     at = {f: {s.name: s.without for s in d.shifts} for f, d in by_fmax.items()}
     assert abs(at[2.0]["K11"] - at[4.0]["K11"]) > 200
     total = [v["K11"] + v["Kpas1"] for v in at.values()]
     assert max(total) / min(total) < 1.1
 
 
-def test_all_of_it_can_be_written(by_fmax: dict[float, DiagnosisRecord]) -> None:
+def test_all_of_it_can_be_written(by_fmax: dict[float, Diagnosis]) -> None:
     for d in by_fmax.values():
         schema.validate("diagnosis", json.loads(json.dumps(d.to_dict(), allow_nan=False)), "diagnosis")
         assert "a cause outside the library" in text(d)

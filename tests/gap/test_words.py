@@ -14,12 +14,12 @@ from mcstudy.effect_library.library import LIBRARY
 from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose, diagnose_lines
-from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.detection import Band
 from mcstudy.gap.questions.power import DetectionLimits, Undetectable
 from mcstudy.gap.settings import FAST
 from mcstudy.gap.tables import Table, closing, evidence, tables, text
 from mcstudy.gap.verdict import ON_BOUNDS, shown_causes, sway, unusual, verdict, wrapped
+from mcstudy.results.diagnosis import Diagnosis
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stimulus import Prts
@@ -32,26 +32,27 @@ CASES: dict[str, dict[str, dict[str, float]]] = {
     "a gap that takes the base model to its bounds": {"sensor_lag_theta2": {"tau_theta2": 0.03}},
     "two effects": {"sensor_lag_theta1": {"tau_theta1": 0.03}, "passive_damping_ankle": {"Bpas1": 60.0}},
 }
-Variants = list[tuple[str, DiagnosisRecord]]
+Variants = list[tuple[str, Diagnosis]]
 DRIFT = "gains that drift"
 
 
 @pytest.fixture(scope="module")
-def found(with_effects: Callable[..., Lines]) -> dict[str, DiagnosisRecord]:
+def found(with_effects: Callable[..., Lines]) -> dict[str, Diagnosis]:
     """One diagnosis of every kind."""
-    out = {case: diagnose_lines(with_effects(3, effects), BASE, FAST) for case, effects in CASES.items()}
+    out = {case: Diagnosis.of(diagnose_lines(with_effects(3, effects), BASE, FAST)) for case, effects in CASES.items()}
     protocol = Protocol(waveform=Prts(rate_hz=100.0))
     drifting = {"effects": ["gain_drift"], "sizes": {"drift": 0.15}}
-    out[DRIFT] = diagnose(simulate_recording(protocol, BASE.truth, np.random.default_rng(4), **drifting), FAST)
+    drift = simulate_recording(protocol, BASE.truth, np.random.default_rng(4), **drifting)
+    out[DRIFT] = Diagnosis.of(diagnose(drift, FAST))
     return out
 
 
 @pytest.fixture(scope="module")
-def variants(found: dict[str, DiagnosisRecord]) -> Variants:
+def variants(found: dict[str, Diagnosis]) -> Variants:
     """Every diagnosis, and the same with other outcomes of its questions."""
     everything = tuple(Undetectable(e, "1.0 at 1", None, "", None) for e in LIBRARY)
 
-    def nothing_can_be_shown(d: DiagnosisRecord, **outcome: Any) -> DiagnosisRecord:
+    def nothing_can_be_shown(d: Diagnosis, **outcome: Any) -> Diagnosis:
         changed = replace(d, **outcome)
         groups = [c.alternatives for c in shown_causes(changed)] if changed.detected else []
         shown = tuple(effect for group in groups for names in group for effect in names)
@@ -71,11 +72,11 @@ def variants(found: dict[str, DiagnosisRecord]) -> Variants:
     return out
 
 
-def parameters(d: DiagnosisRecord) -> Table:
+def parameters(d: Diagnosis) -> Table:
     return next(t for t in tables(d) if t.title.startswith("Parameters"))
 
 
-def test_the_cases_are_what_their_names_say(found: dict[str, DiagnosisRecord]) -> None:
+def test_the_cases_are_what_their_names_say(found: dict[str, Diagnosis]) -> None:
     leading = {case: None if d.leading is None else set(d.leading.effects) for case, d in found.items()}
     assert leading == {
         **{case: set(effects) or None for case, effects in CASES.items()},
@@ -111,7 +112,7 @@ def test_a_value_on_its_bound_has_no_standard_error_and_every_other_one_has(
 
 
 def test_a_model_with_parameters_on_bounds_is_said_to_describe_no_body(
-    found: dict[str, DiagnosisRecord], variants: Variants
+    found: dict[str, Diagnosis], variants: Variants
 ) -> None:
     for case, d in variants:
         held = [s.name for s in d.shifts if s.without_from == "bound"]
@@ -126,7 +127,7 @@ def test_a_model_with_parameters_on_bounds_is_said_to_describe_no_body(
     assert "fit is not physiological" in verdict(found["a gap that takes the base model to its bounds"])
 
 
-def test_a_size_far_from_those_in_people_is_said_to_be(found: dict[str, DiagnosisRecord]) -> None:
+def test_a_size_far_from_those_in_people_is_said_to_be(found: dict[str, Diagnosis]) -> None:
     d = found["a gap that takes the base model to its bounds"]  # a lag of 0.03 s
     assert d.leading is not None
     (s,) = (s for s in d.leading.sizes if s.name == "tau_theta2")
@@ -167,7 +168,7 @@ def test_no_share_closed_is_stated_without_its_interval_and_what_noise_leaves_of
     assert stated > 5
 
 
-def test_the_sentence_about_sway_follows_from_its_numbers(found: dict[str, DiagnosisRecord]) -> None:
+def test_the_sentence_about_sway_follows_from_its_numbers(found: dict[str, Diagnosis]) -> None:
     d = found["a small gap"]
     assert d.sway_noise_deg is not None
     low, high = d.sway_noise_deg
@@ -190,7 +191,7 @@ def test_the_sentence_about_sway_follows_from_its_numbers(found: dict[str, Diagn
     assert "too coarse to show the rest of the gap" in sway(part)
 
 
-def test_the_evidence_gives_the_p_values(found: dict[str, DiagnosisRecord]) -> None:
+def test_the_evidence_gives_the_p_values(found: dict[str, Diagnosis]) -> None:
     for case, d in found.items():
         t = d.detection
         assert t.p_value == (1 + (t.null_statistic >= t.statistic).sum()) / (1 + t.draws), case
@@ -208,7 +209,7 @@ def test_the_evidence_gives_the_p_values(found: dict[str, DiagnosisRecord]) -> N
     assert "adding passive_damping_ankle lowers the squared residual by" in evidence(found["a small gap"]).note
 
 
-def test_a_band_of_one_line_is_a_frequency(found: dict[str, DiagnosisRecord]) -> None:
+def test_a_band_of_one_line_is_a_frequency(found: dict[str, Diagnosis]) -> None:
     d = found["a small gap"]
     bands = (
         Band("theta1", 0.8, 0.8, 9.0, 1.0),
@@ -244,9 +245,7 @@ def test_no_table_is_wider_than_a_wide_terminal(variants: Variants) -> None:
         assert max(map(len, text(d).splitlines())) <= 120, case
 
 
-def test_words_below_a_table_fit_the_terminal(
-    found: dict[str, DiagnosisRecord], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_words_below_a_table_fit_the_terminal(found: dict[str, Diagnosis], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "60")
     notes = [t.note for t in tables(found["a small gap"]) if t.note]
     shown = text(found["a small gap"])
@@ -256,7 +255,7 @@ def test_words_below_a_table_fit_the_terminal(
     assert not [x for x in shown.splitlines() if len(x) > 60 and "  " not in x]
 
 
-def test_the_nearest_mechanism_is_named_whatever_wins(found: dict[str, DiagnosisRecord], variants: Variants) -> None:
+def test_the_nearest_mechanism_is_named_whatever_wins(found: dict[str, Diagnosis], variants: Variants) -> None:
     for case, d in variants:
         said = "The nearest mechanism of the library is" in verdict(d)
         assert said == (d.leading is not None and d.nearest is not None), case
@@ -269,7 +268,7 @@ def test_the_nearest_mechanism_is_named_whatever_wins(found: dict[str, Diagnosis
     assert "likeness" in text(found["two effects"])
 
 
-def test_what_a_torque_remains_is_told_with_its_intervals(found: dict[str, DiagnosisRecord]) -> None:
+def test_what_a_torque_remains_is_told_with_its_intervals(found: dict[str, Diagnosis]) -> None:
     d = found["a small gap"]
     assert d.nearest is not None
     left = replace(
@@ -294,7 +293,7 @@ def test_what_a_torque_remains_is_told_with_its_intervals(found: dict[str, Diagn
     assert "torque_gain" not in found["nothing missing"].to_xarray()
 
 
-def test_an_effect_that_is_registered_no_more_is_still_told(found: dict[str, DiagnosisRecord]) -> None:
+def test_an_effect_that_is_registered_no_more_is_still_told(found: dict[str, Diagnosis]) -> None:
     d = found["a small gap"]
     assert d.leading is not None
     gone = replace(d.leading, effects=("an_effect_of_yesterday",), alternatives=(("an_effect_of_yesterday",),))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from mcstudy.recordings.checks import check
 from mcstudy.recordings.formats import netcdf_zarr, text
 from mcstudy.recordings.formats.netcdf_zarr import header, read_dataset, to_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.formats.text_layout import Dialect
+from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.guards import check_zarr, inside, regular
 from mcstudy.recordings.io import read_recording, write_recording
 from mcstudy.recordings.recording import Recording, Trial
@@ -392,7 +393,7 @@ def test_packed_numbers_and_other_marks_of_missing_ones_are_decoded(tmp_path: Pa
 
 
 def by_xarray(function: str, *asked: Any, **options: Any) -> Answer:
-    return answer(function.replace("hdf5_files", "packed_netcdf"), *asked, **options)
+    return answer(function.replace("formats.hdf5", "formats.packed_netcdf"), *asked, **options)
 
 
 def without_xarray(function: str, *asked: Any, **options: Any) -> Answer:
@@ -464,74 +465,66 @@ def test_a_header_that_claims_terabytes_is_refused_before_reading(tmp_path: Path
         read_recording(store)
 
 
-def test_a_published_frf_is_a_recording_too(tmp_path: Path) -> None:
-    (tmp_path / "frf.csv").write_text(
-        "f,gain1,phase1,sd1\n" + "\n".join(f"{f},{0.1 / f},-{30 * f},0.01" for f in (0.1, 0.2, 0.5, 1.0)) + "\n"
-    )
-    path = tmp_path / "frf.toml"
-    path.write_text('units = {angle = "deg"}\nbody = {reference = "goodworth2018"}\nfrf = {file = "frf.csv"}\n')
+FREQUENCIES = (0.1, 0.2, 0.5, 1.0)
+
+
+def published(folder: Path, lines: Iterable[str], head: str = 'units = {angle = "deg"}') -> FrfRecording:
+    """The recording of a table of responses whose lines these are."""
+    (folder / "frf.csv").write_text("\n".join(lines) + "\n")
+    path = folder / "frf.toml"
+    path.write_text(f'{head}\nbody = {{reference = "goodworth2018"}}\nfrf = {{file = "frf.csv"}}\n')
     recording = read_recording(path)
-    assert not isinstance(recording, Recording)
+    assert isinstance(recording, FrfRecording)
+    return recording
+
+
+def test_a_published_frf_is_a_recording_too(tmp_path: Path) -> None:
+    recording = published(tmp_path, ["f,gain1,phase1,sd1", *(f"{f},{0.1 / f},-{30 * f},0.01" for f in FREQUENCIES)])
     assert recording.single
     assert len(repr(recording)) < 2000
     assert "4, 0.1 to 1 Hz" in recording._repr_html_()
     assert recording.base_model().name == "one_segment"
     np.testing.assert_allclose(np.abs(recording.y[:, 0]), np.deg2rad([1, 0.5, 0.2, 0.1]))
     np.testing.assert_allclose(recording.C[:, 0, 0].real, np.deg2rad(0.01) ** 2)
-    (tmp_path / "frf.csv").write_text("f,gain1,phase1\n0.1,1,2\n")
     with pytest.raises(RecordingError, match="column 'sd1' is missing"):
-        read_recording(path)
+        published(tmp_path, ["f,gain1,phase1", "0.1,1,2"])
 
 
 def test_rows_of_a_published_frf_may_be_in_any_order_but_not_there_twice(tmp_path: Path) -> None:
-    path = tmp_path / "frf.toml"
-    path.write_text('units = {angle = "deg"}\nbody = {reference = "goodworth2018"}\nfrf = {file = "frf.csv"}\n')
-    rows = [f"{f},{0.1 / f},{-30 * f},{0.01 * f}" for f in (0.1, 0.2, 0.5, 1.0)]
-    found = []
-    for order in ((0, 1, 2, 3), (3, 2, 1, 0), (2, 0, 3, 1)):
-        (tmp_path / "frf.csv").write_text("\n".join(["f,gain1,phase1,sd1", *(rows[k] for k in order)]))
-        found.append(read_recording(path))
-    assert all((r.y == found[0].y).all() and (r.C == found[0].C).all() for r in found)
-    (tmp_path / "frf.csv").write_text("\n".join(["f,gain1,phase1,sd1", *rows, rows[1]]))
+    header, *rows = ["f,gain1,phase1,sd1", *(f"{f},{0.1 / f},{-30 * f},{0.01 * f}" for f in FREQUENCIES)]
+    first, *others = (
+        published(tmp_path, [header, *(rows[k] for k in order)]) for order in ((0, 1, 2, 3), (3, 2, 1, 0), (2, 0, 3, 1))
+    )
+    assert all((r.y == first.y).all() and (r.C == first.C).all() for r in others)
     with pytest.raises(RecordingError, match=r"expected increasing frequencies, got 0.2 Hz after 0.2 Hz"):
-        read_recording(path)
+        published(tmp_path, [header, *rows, rows[1]])
 
 
 def test_a_published_response_in_two_forms_must_be_one(tmp_path: Path) -> None:
-    path = tmp_path / "frf.toml"
-    path.write_text('units = {angle = "deg"}\nbody = {reference = "goodworth2018"}\nfrf = {file = "frf.csv"}\n')
-    f = np.array([0.1, 0.2, 0.5, 1.0])
+    f = np.array(FREQUENCIES)
     y = 0.1 / f * np.exp(-1j * f)
-    for sign in (1, -1):
+
+    def lines(sign: int) -> list[str]:
         rows = np.column_stack([f, np.abs(y), np.rad2deg(np.angle(y)), y.real, sign * y.imag, 0.01 + 0 * f]).round(4)
-        np.savetxt(tmp_path / "frf.csv", rows, delimiter=",", header="f,gain1,phase1,re1,im1,sd1", comments="")
-        if sign == 1:
-            np.testing.assert_allclose(read_recording(path).y[:, 0], y * np.pi / 180, atol=1e-5)
-        else:
-            with pytest.raises(
-                RecordingError, match=r"re1, im1 and gain1, phase1 contradict each other at f = 0\.1 Hz"
-            ):
-                read_recording(path)
-    (tmp_path / "frf.csv").write_text("Frequency,Gain1\n0.1,1\n0.2,1\n")
+        return ["f,gain1,phase1,re1,im1,sd1", *(",".join(map(str, row)) for row in rows.tolist())]
+
+    np.testing.assert_allclose(published(tmp_path, lines(1)).y[:, 0], y * np.pi / 180, atol=1e-5)
+    with pytest.raises(RecordingError, match=r"re1, im1 and gain1, phase1 contradict each other at f = 0\.1 Hz"):
+        published(tmp_path, lines(-1))
     with pytest.raises(RecordingError, match=r"column 'f' \(Hz\) is missing; found Frequency, Gain1"):
-        read_recording(path)
+        published(tmp_path, ["Frequency,Gain1", "0.1,1", "0.2,1"])
 
 
 def test_the_frf_of_a_tilt_is_read_in_the_units_of_both_angles(tmp_path: Path) -> None:
-    lines = "\n".join(f"{f},1.5,-10,0.1" for f in (0.1, 0.2, 0.5, 1.0))
-    (tmp_path / "frf.csv").write_text(f"f,gain1,phase1,sd1\n{lines}\n")
-    path, same = tmp_path / "frf.toml", 'body = {reference = "goodworth2018"}\nfrf = {file = "frf.csv"}\n'
+    lines, tilt = ["f,gain1,phase1,sd1", *(f"{f},1.5,-10,0.1" for f in FREQUENCIES)], 'stimulus = "surface_tilt"'
     for units, gain in (('{angle = "deg", stimulus = "deg"}', 1.5), ('{angle = "mrad", stimulus = "rad"}', 1.5e-3)):
-        path.write_text(f'stimulus = "surface_tilt"\nunits = {units}\n{same}')
-        recording = read_recording(path)
+        recording = published(tmp_path, lines, f"{tilt}\nunits = {units}")
         assert np.abs(recording.y[:, 0]) == pytest.approx(gain)
         assert recording.base_model().names == ("K", "B", "Kpas", "Td", "Wprop")
-    path.write_text(f'stimulus = "surface_tilt"\nunits = {{angle = "deg"}}\n{same}')
     with pytest.raises(RecordingError, match="units: expected both angle and stimulus"):
-        read_recording(path)
-    path.write_text(f'stimulus = "hip_torque"\n{same}')
+        published(tmp_path, lines, f'{tilt}\nunits = {{angle = "deg"}}')
     with pytest.raises(RecordingError, match="stimulus: expected one of ankle_torque, surface_tilt, visual_tilt where"):
-        read_recording(path)
+        published(tmp_path, lines, 'stimulus = "hip_torque"')
 
 
 def test_a_tilt_and_its_stated_amplitude_are_read_in_their_unit(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnose import diagnose
-from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.settings import FAST
 from mcstudy.gap.tables import SHOWN, tables
 from mcstudy.gap.verdict import differing_tests, p_words, sentences
@@ -45,12 +44,12 @@ def recording(lagging_recording: Path) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def diagnosis(recording: Recording) -> DiagnosisRecord:
-    return diagnose(recording, FAST)
+def diagnosis(recording: Recording) -> Diagnosis:
+    return Diagnosis.of(diagnose(recording, FAST))
 
 
 @pytest.fixture(scope="module")
-def data(diagnosis: DiagnosisRecord) -> GapData:
+def data(diagnosis: Diagnosis) -> GapData:
     return GapData(diagnosis)
 
 
@@ -63,7 +62,7 @@ def test_one_command_prints_a_diagnosis_and_writes_its_page(
     assert page.read_text(encoding="utf-8").replace(str(page), str(gap_page)) == gap_page.read_text(encoding="utf-8")
 
 
-def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Path, diagnosis: DiagnosisRecord) -> None:
+def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Path, diagnosis: Diagnosis) -> None:
     text = gap_page.read_text(encoding="utf-8")
     for sentence in sentences(diagnosis):
         assert typeset(f"<p>{html.escape(sentence)}</p>") in text
@@ -89,7 +88,7 @@ def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Pa
 @pytest.mark.parametrize(
     ("shape", "lines", "why"), [(0.001, 0.36, "can be lost"), (0.3, 0.02, "looks only along"), (0.001, 0.002, "")]
 )
-def test_two_tests_that_differ_are_both_named(diagnosis: DiagnosisRecord, shape: float, lines: float, why: str) -> None:
+def test_two_tests_that_differ_are_both_named(diagnosis: Diagnosis, shape: float, lines: float, why: str) -> None:
     d = replace(diagnosis, detection=replace(diagnosis.detection, p_value=shape, fit_p_value=lines))
     said = differing_tests(d)
     assert bool(said) == bool(why)
@@ -101,7 +100,7 @@ def test_two_tests_that_differ_are_both_named(diagnosis: DiagnosisRecord, shape:
         assert typeset(f"<p>{html.escape(said)}</p>") in page_of(d)
 
 
-def test_long_names_of_causes_do_not_run_into_each_other(diagnosis: DiagnosisRecord) -> None:
+def test_long_names_of_causes_do_not_run_into_each_other(diagnosis: Diagnosis) -> None:
     pair = replace(
         diagnosis.causes[0],
         effects=("passive_damping_ankle", "short_latency_reflex"),
@@ -118,7 +117,7 @@ def test_long_names_of_causes_do_not_run_into_each_other(diagnosis: DiagnosisRec
 
 @pytest.mark.parametrize("sizes", [(4.85, -3.49, -2.34), (-221.0,), (221.0, -0.05), (-1234.0, 2.1)])
 def test_the_label_of_a_size_touches_neither_the_line_at_zero_nor_the_edge(
-    diagnosis: DiagnosisRecord, sizes: tuple[float, ...]
+    diagnosis: Diagnosis, sizes: tuple[float, ...]
 ) -> None:
     leading = diagnosis.leading
     assert leading is not None
@@ -146,7 +145,7 @@ def test_every_figure_says_which_command_made_it(gap_page: Path, lagging_recordi
     assert text.count(f"Made by <code>{command}</code>") == text.count("<figure ")
 
 
-def test_the_model_before_is_the_one_whose_misfit_was_tested(data: GapData, diagnosis: DiagnosisRecord) -> None:
+def test_the_model_before_is_the_one_whose_misfit_was_tested(data: GapData, diagnosis: Diagnosis) -> None:
     lines = Data.of(data.lines)
     r = np.einsum("nij,nj->ni", lines.weight, data.lines.y - data.before(data.lines.f))
     assert (np.abs(r) ** 2).sum() == pytest.approx(diagnosis.detection.chi2, rel=1e-9)
@@ -187,7 +186,7 @@ def test_phases_of_a_panel_follow_one_another_without_jumps(data: GapData) -> No
     assert np.abs(np.diff(alone.measured)).max() < 2 * np.pi
 
 
-def test_a_cause_that_leaves_the_mean_response_alone_has_no_share_to_show(diagnosis: DiagnosisRecord) -> None:
+def test_a_cause_that_leaves_the_mean_response_alone_has_no_share_to_show(diagnosis: Diagnosis) -> None:
     cause = replace(
         diagnosis.causes[0], effects=("gain_drift",), alternatives=(("gain_drift",),), fitted=diagnosis.base
     )
@@ -198,7 +197,7 @@ def test_a_cause_that_leaves_the_mean_response_alone_has_no_share_to_show(diagno
     assert "no share of the gap closed" in " ".join(closing.text)
 
 
-def test_errors_of_predicted_sway_are_those_of_the_diagnosis(data: GapData, diagnosis: DiagnosisRecord) -> None:
+def test_errors_of_predicted_sway_are_those_of_the_diagnosis(data: GapData, diagnosis: Diagnosis) -> None:
     """In time as in frequency, up to lines that the stimulus excites too little to be diagnosed."""
     traces = SwayTraces.of(data)
     assert traces.after is not None
@@ -224,9 +223,9 @@ def test_without_a_period_predicted_sway_follows_the_measured_one(recording: Rec
         assert after > max(before, 0.7)
 
 
-def test_a_figure_that_a_diagnosis_cannot_fill_is_refused_in_one_line(diagnosis: DiagnosisRecord) -> None:
+def test_a_figure_that_a_diagnosis_cannot_fill_is_refused_in_one_line(diagnosis: Diagnosis) -> None:
     bare = replace(diagnosis, recording=None, closed=None, sway_rms_deg=dict.fromkeys(diagnosis.sway_rms_deg))
-    plot = Diagnosis.of(bare).plot
+    plot = bare.plot
     for draw, message in (
         (plot.sway, "expected a diagnosis of time series, got one of lines alone"),
         (plot.gap_closed, "expected a cause that was added"),
@@ -236,11 +235,11 @@ def test_a_figure_that_a_diagnosis_cannot_fill_is_refused_in_one_line(diagnosis:
             draw()
 
 
-def test_every_call_that_the_page_prints_draws_its_figure(gap_page: Path, diagnosis: DiagnosisRecord) -> None:
+def test_every_call_that_the_page_prints_draws_its_figure(gap_page: Path, diagnosis: Diagnosis) -> None:
     calls = re.findall(r"in Python <code>(.*?)</code>", gap_page.read_text(encoding="utf-8"))
     assert len(calls) == 7
     for call in calls:
-        axes = eval(html.unescape(call), {"diagnosis": Diagnosis.of(diagnosis)})
+        axes = eval(html.unescape(call), {"diagnosis": diagnosis})
         assert axes.get_lines() or axes.patches, call
         plt.close(axes.figure)
 

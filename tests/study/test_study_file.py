@@ -37,7 +37,12 @@ BAD = [
     ("seed = 7", "seed = 7\n[fit]\ncost = 'ml'", "group.ideal.fit.cost", "expected 'paper'"),
     ("seed = 7", "seed = 7\n[fit]\nsolver = 'magic'", "fit.solver", "'lm', 'trf', 'trust-constr' or 'interior_point'"),
     ("seed = 7", "seed = 7\n[fit]\ntolerance = 2.0", "fit.tolerance", "less than 1"),
-    ("seed = 7", "seed = 7\n[model]\nkind = 'os:system'", "model.kind", "'two_segment' or 'one_segment'"),
+    (
+        "seed = 7",
+        "seed = 7\n[model]\nkind = 'os:system'",
+        "model.kind",
+        "a model file (.toml) or one of two_segment, one_segment, elbow, got 'os:system'",
+    ),
     ("seed = 7", "seed = 7\n[model.truth]\nK99 = 1.0", "group.noisy.model.truth.K99", "unknown parameter"),
     ("seed = 7", "seed = 7\n[model.body]\nmass = 1.0", "group.noisy.model.body.mass", "unknown key"),
     (

@@ -129,7 +129,7 @@ def _group(view: GroupView) -> dict[str, Any]:
             "amplitude": list(g.amplitude),
             "amplitude_unit": view.model.stimulus_unit,
             "convention": g.stimulus.convention,
-            "model": g.model.kind,
+            "model": g.model.title,
             "cost": g.fit.cost,
             "solver": g.fit.solver,
             "points": g.spectra.points,

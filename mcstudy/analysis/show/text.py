@@ -9,6 +9,7 @@ from mcstudy.analysis.published.publication import cited
 from mcstudy.analysis.published.verdict_names import AGREES, LIMIT
 from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
+from mcstudy.models.catalogue import BUILT
 from mcstudy.stance.provenance import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
 
@@ -153,7 +154,8 @@ def _group(name: str, group: dict[str, Any]) -> str:
         f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
     )
     if group["differences"]:
-        differences = f"Differs from the paper's setting in: {'; '.join(group['differences'])}"
+        reference = "the paper's setting" if d["model"] in BUILT else "the default settings"
+        differences = f"Differs from {reference} in: {'; '.join(group['differences'])}"
         head += "\n" + fill(differences, "    ")
     for note in group["notes"]:
         head += "\n" + fill(note, "    ")

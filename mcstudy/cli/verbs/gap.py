@@ -166,6 +166,7 @@ def _diagnosed(args: argparse.Namespace, settings: DiagnosisSettings) -> Diagnos
 
 
 def _diagnose(args: argparse.Namespace) -> Exit:
+    from mcstudy.gap.document import document
     from mcstudy.gap.tables import text
     from mcstudy.gap.verdict import wrapped
     from mcstudy.scheduler.activity import activity
@@ -181,7 +182,7 @@ def _diagnose(args: argparse.Namespace) -> Exit:
         from mcstudy.report.document import write_page
 
         write_page(args.html, lambda: _page(args, diagnosis, args.html))
-    tell(args, "diagnosis", diagnosis.to_dict, lambda: f"{wrapped(diagnosis)}\n\n{text(diagnosis)}")
+    tell(args, "diagnosis", lambda: document(diagnosis), lambda: f"{wrapped(diagnosis)}\n\n{text(diagnosis)}")
     return Exit.DONE
 
 
@@ -198,16 +199,17 @@ def _next(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.gap.planned.choice import TRIALS, require_possible
     from mcstudy.gap.planned.next_trial import next_trial
+    from mcstudy.gap.planned.recommendation import text
     from mcstudy.gap.settings import CAUSE_ONLY
     from mcstudy.scheduler.activity import activity, doing
 
     amplitudes: dict[str, list[float]] = {}
-    for text in args.amplitude:
-        kind, _, value = text.partition("=")
+    for given in args.amplitude:
+        kind, _, value = given.partition("=")
         try:
             amplitudes.setdefault(kind, []).append(float(value))
         except ValueError:
-            raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {text!r}") from None
+            raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {given!r}") from None
     trials = args.trials or TRIALS
     require_possible(args.kind, amplitudes, trials=trials, cycles=args.cycles)
     check_figure(args.figure, DRAWN, args.html)
@@ -225,7 +227,7 @@ def _next(args: argparse.Namespace) -> Exit:
         from mcstudy.report.next_page import next_page
 
         write_page(args.html, lambda: next_page(found, shown_command(args)))
-    tell(args, "next_trial", found.to_dict, found.text)
+    tell(args, "next_trial", found.to_dict, lambda: text(found))
     return Exit.DONE
 
 

@@ -123,6 +123,8 @@ def _stimulus_of(args: argparse.Namespace) -> tuple[str, Stimulus, list[float], 
     if name and name not in groups:
         raise InputError(f"--stimulus-of {args.stimulus_of}: expected a group of {', '.join(groups)}, got {name!r}")
     group = groups[name or next(iter(groups))]
+    if group.model.declared:
+        raise InputError(f"--stimulus-of {args.stimulus_of}: expected a study of a standing body, got a declared model")
     own = group.stimulus
     return own.kind, stimulus(group, group.amplitude[0]), list(group.amplitude), own.cycles
 

@@ -114,7 +114,7 @@ def paths(model: Model) -> tuple[Path, ...]:
 
 def _linear(model: Model, row: str, sense: str) -> tuple[str, ...]:
     """Which of K and B no parameter of the model is."""
-    own = {
+    held = {
         t.order
         for t in members(model)[0].terms
         if t.row == row
@@ -123,7 +123,7 @@ def _linear(model: Model, row: str, sense: str) -> tuple[str, ...]:
         and not (t.delay or t.late)
         and not t.filters
     }
-    return tuple(name for order, name in ((0, _K), (1, _B)) if order not in own)
+    return tuple(name for order, name in ((0, _K), (1, _B)) if order not in held)
 
 
 @dataclass(frozen=True)

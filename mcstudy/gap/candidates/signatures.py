@@ -125,11 +125,11 @@ def _walk(e: Effect, fitted: Fitted, rest: Fitted, clean: Data) -> list[Signatur
         for k, theta in enumerate(fits.estimate):
             vector = whiten(clean.weight, changes[k])
             sizes = {**cases[k][0], e.size.name: float(size[k])}
-            found = Signature(e.name, sizes, vector, rest.theta - theta[:P])
+            signature = Signature(e.name, sizes, vector, rest.theta - theta[:P])
             before = best[k]
-            if before is None or abs(found.delta - WANTED) < abs(before.delta - WANTED):
-                best[k] = found
-            grow[k] = np.clip(WANTED / max(found.delta, 1e-9), 1.0, 2.0)
+            if before is None or abs(signature.delta - WANTED) < abs(before.delta - WANTED):
+                best[k] = signature
+            grow[k] = np.clip(WANTED / max(signature.delta, 1e-9), 1.0, 2.0)
         grow = np.minimum(grow, np.abs(limit / size))
         if (grow < 1.2).all():
             break
@@ -171,7 +171,7 @@ def alike_groups(names: Sequence[str], cosine: np.ndarray, threshold: float = AL
     return [tuple(names[int(i)] for i in np.flatnonzero(row)) for k, row in enumerate(linked) if row.argmax() == k]
 
 
-def ambiguity_groups(found: Sequence[Signature]) -> list[tuple[str, ...]]:
+def ambiguity_groups(shapes: Sequence[Signature]) -> list[tuple[str, ...]]:
     """Sets of effects whose signatures this recording cannot distinguish."""
-    unit = np.array([s.vector / max(s.delta, 1e-300) for s in found])
-    return alike_groups(*similarity([s.effect for s in found], unit)) if len(found) else []
+    unit = np.array([s.vector / max(s.delta, 1e-300) for s in shapes])
+    return alike_groups(*similarity([s.effect for s in shapes], unit)) if len(shapes) else []

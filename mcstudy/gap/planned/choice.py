@@ -145,8 +145,8 @@ class Situation:
 
     def shown(self, trial: PlannedTrial) -> float:
         """Chance that a trial shows a response, without which its recording is refused."""
-        fitted, nominal, *of = chances(trial, self.noise, self.responses(trial), self.dof).tolist()
-        return min(fitted, nominal, float(self.expected.belief.probability @ of))
+        fitted, nominal, *by_hypothesis = chances(trial, self.noise, self.responses(trial), self.dof).tolist()
+        return min(fitted, nominal, float(self.expected.belief.probability @ by_hypothesis))
 
 
 def _sway(lines: Lines, base: Fitted) -> np.ndarray:

@@ -164,13 +164,13 @@ def _separated(log: np.ndarray, p: np.ndarray, member: np.ndarray) -> np.ndarray
     """See `Told.separated`."""
     share = p[:, None] * member / np.maximum(p @ member, 1e-300)  # of each hypothesis in its cause, (H, K)
     with np.errstate(divide="ignore"):
-        of = logsumexp(log[:, None, :], axis=0, b=share[:, :, None])  # (K, H D)
+        likelihood = logsumexp(log[:, None, :], axis=0, b=share[:, :, None])  # (K, H D)
     draws = log.shape[1] // len(log)
     true = np.repeat(share, draws, axis=0).T / draws  # (K, H D), weights of the draws of each cause
     K = member.shape[1]
     out = np.ones((K, K))
     for i in range(K):
         for j in range(i):
-            right = of[i] > of[j]
+            right = likelihood[i] > likelihood[j]
             out[i, j] = out[j, i] = 0.5 * float(true[i] @ right + true[j] @ ~right)
     return out

@@ -88,14 +88,16 @@ class Belief:
     ) -> Belief:
         """The most probable of all ``hypotheses``, and a cause outside the library, with their sum 1.
 
-        ``prior``: see `mcstudy.gap.questions.posterior.prior`. Mislabelled recordings are left out, because a new trial
+        ``prior``: see `mcstudy.gap.questions.prior.prior`. Mislabelled recordings are left out, because a new trial
         would be labelled correctly.
         """
-        found = [(h.effects, cause_of(h.effects), h.fitted, p) for h, p in hypotheses if set(h.effects) <= set(LIBRARY)]
-        gap = base.chi2 + base.penalty - min(fit.chi2 + fit.penalty for _, _, fit, _ in found)
-        found.append((UNKNOWN, UNKNOWN, base, unknown))
-        found = sorted((x for x in found if x[3] >= LEAST), key=lambda x: -x[3])[:MOST]
-        effects, causes, fits, chance = zip(*found, strict=True)
+        considered = [
+            (h.effects, cause_of(h.effects), h.fitted, p) for h, p in hypotheses if set(h.effects) <= set(LIBRARY)
+        ]
+        gap = base.chi2 + base.penalty - min(fit.chi2 + fit.penalty for _, _, fit, _ in considered)
+        considered.append((UNKNOWN, UNKNOWN, base, unknown))
+        considered = sorted((x for x in considered if x[3] >= LEAST), key=lambda x: -x[3])[:MOST]
+        effects, causes, fits, chance = zip(*considered, strict=True)
         p = np.array(chance)
         odds = [_beside(c, prior) for c in causes]
         return cls(effects, causes, fits, p / p.sum(), _variance(base, data, max(gap, LEAST_GAP)), np.array(odds))
@@ -163,7 +165,7 @@ def predictions(plan: Sequence[PlannedTrial], noise: SwayNoise, now: Expected) -
     means = np.array([np.concatenate([part.mean[k] for part in several]) for k in range(len(several[0].mean))])
     shared = [np.concatenate([part.shared[k] for part in several]) for k in range(len(means))]
     roots = [
-        np.concatenate([own, *_apart([part.alone[k] for part in several])], axis=1) for k, own in enumerate(shared)
+        np.concatenate([root, *_apart([part.alone[k] for part in several])], axis=1) for k, root in enumerate(shared)
     ]
     away = means - means[0]
     own_columns = np.cumsum([len(away), *(root.shape[1] for root in roots)])[:-1]
@@ -248,17 +250,17 @@ class Expected:
         if key not in self._known:
             base = under(self.recorded.base.model, trial.kind, self.recorded.body)
             moves = [moved(fitted, base) for fitted in self.belief.fits]
-            self._known[key] = [(own, C, *frf_jacobian(own.model, own.theta, trial.f)) for own, C in moves]
+            self._known[key] = [(fitted, C, *frf_jacobian(fitted.model, fitted.theta, trial.f)) for fitted, C in moves]
         return self._known[key]
 
 
 def _sizes(fitted: Fitted, root: np.ndarray) -> tuple[KnownSize, ...]:
     """The sizes of its effects, without shape parameters; ``root`` (P, K) of the covariance."""
-    of = {s.name: s for e in LIBRARY.values() for s in e.sizes if not s.is_shape}
+    sizes = {s.name: s for e in LIBRARY.values() for s in e.sizes if not s.is_shape}
     return tuple(
-        KnownSize(of[n], float(x), row)
+        KnownSize(sizes[n], float(x), row)
         for n, x, row in zip(fitted.model.names, fitted.theta, root, strict=True)
-        if n in of
+        if n in sizes
     )
 
 

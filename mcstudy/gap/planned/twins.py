@@ -57,9 +57,9 @@ class Twins:
 
 def twins(base: Fitted, data: Data) -> Twins:
     """Twins at a fit of the base model."""
-    found = signatures(base, data, applicable(base.model))
-    unit = np.array([s.vector / max(s.delta, 1e-300) for s in found])
-    names, cosine = similarity([s.effect for s in found], unit)
+    shapes = signatures(base, data, applicable(base.model))
+    unit = np.array([s.vector / max(s.delta, 1e-300) for s in shapes])
+    names, cosine = similarity([s.effect for s in shapes], unit)
     return Twins(tuple(names), cosine)
 
 

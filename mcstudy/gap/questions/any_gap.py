@@ -13,7 +13,6 @@ from mcstudy.gap.questions.contrasts import Contrast, contrasts
 from mcstudy.gap.questions.detection import Detection, detect
 from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.lines.base_fit import BaseFit
-from mcstudy.short_repr import Summary
 from mcstudy.spectra.lines import Lines
 from mcstudy.streams import stream
 
@@ -28,7 +27,7 @@ is 4 to 7 %."""
 
 
 @dataclass(frozen=True, repr=False)
-class GapTest(Summary):
+class GapTest:
     """Test of the lines of a recording against the base model.
 
     Attributes
@@ -45,16 +44,6 @@ class GapTest(Summary):
     scores: Scores
     detection: Detection
     contrasts: list[Contrast]
-
-    def facts(self) -> list[tuple[str, str]]:
-        """What a prompt shows."""
-        d = self.detection
-        return [
-            ("p-value of any gap", f"{self.p_value:.2g}"),
-            ("squared residual", f"{d.chi2:.0f}, expected from noise alone {d.expected_chi2:.0f}"),
-            ("lines", str(self.fit.data.f.size)),
-            ("effects", f"{len(self.effects)} tested, in {len(self.groups)} distinguishable groups"),
-        ]
 
     @property
     def p_value(self) -> float:
@@ -80,14 +69,14 @@ def gap_test(lines: Lines, fit: BaseFit, settings: DiagnosisSettings, contrast_d
     """
     base, data, seed = fit.best, fit.data, settings.seed
     effects = applicable(fit.model)
-    found = signatures(base, data, effects)
-    scores = Scores(base, data, found, [library.effect(s.effect).size.signed for s in found])
+    shapes = signatures(base, data, effects)
+    scores = Scores(base, data, shapes, [library.effect(s.effect).size.signed for s in shapes])
     rng = stream(seed, "gap null")
     return GapTest(
         fit=fit,
         effects=effects,
-        signatures=found,
-        groups=ambiguity_groups(found),
+        signatures=shapes,
+        groups=ambiguity_groups(shapes),
         scores=scores,
         detection=detect(base, fit.fitter, data, lines, scores, rng, settings.draws, not settings.fast),
         contrasts=contrasts(lines, base, stream(seed, "gap contrasts"), contrast_draws),

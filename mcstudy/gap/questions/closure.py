@@ -92,13 +92,13 @@ def energy(fitted: Fitted, data: Data, lines: Lines, basis: np.ndarray) -> float
     by_line = basis.reshape(2, len(lines), 2, -1)
     total, means = 0.0, []
     for part, block in zip(lines.parts, lines.blocks, strict=True):
-        own = by_line[:, block].reshape(4 * len(part), -1)
-        b = np.array([own.T @ whiten(data.weight[block], y - H[block]) for y in part.repeats])
+        directions = by_line[:, block].reshape(4 * len(part), -1)
+        b = np.array([directions.T @ whiten(data.weight[block], y - H[block]) for y in part.repeats])
         w = part.weight.mean(axis=1)
         mean = w @ b
         means.append(mean)
         if len(w) < 2:
-            total += float(mean @ mean) - float((own**2).sum())
+            total += float(mean @ mean) - float((directions**2).sum())
             continue
         same = float((w**2) @ (b**2).sum(axis=1))
         total += (float(mean @ mean) - same) / (1 - float((w**2).sum()))

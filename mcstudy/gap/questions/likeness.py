@@ -65,11 +65,11 @@ def _held_out(fitted: Fitted, data: Data, directions: np.ndarray) -> tuple[np.nd
 
 def _noise(fitted: Fitted, data: Data, directions: np.ndarray, fold: np.ndarray) -> float:
     """Expected square of unit noise along the directions, after fits to the other lines (linearised)."""
-    J, own = fitted.jacobian(data), np.tile(np.repeat(fold, 2), 2)
+    J, part = fitted.jacobian(data), np.tile(np.repeat(fold, 2), 2)
     prior = fitted.prior.weight * np.diag(fitted.prior.scale**-2)
     through = directions.T.copy()
     for k in range(FOLDS):
-        out = own == k
+        out = part == k
         kept = np.where(out[:, None], 0.0, J)
         step = np.linalg.solve(kept.T @ kept + prior, kept.T)
         through -= (directions[out].T @ J[out]) @ step
@@ -82,11 +82,11 @@ def _likeness(
     """From residuals (K,) with the squares of their noise."""
     first, second = float(before @ before) - noise, float(after @ after) - noise_after
     both = float(before @ after) - np.sqrt(noise * noise_after)
-    own = 2 * heavier * before.size
+    noise_variance = 2 * heavier * before.size
     covariance = np.array(
         [
-            [4 * max(first, 0.0) + own, 4 * max(both, 0.0) + own],
-            [4 * max(both, 0.0) + own, 4 * max(second, 0.0) + own + 1e-9],
+            [4 * max(first, 0.0) + noise_variance, 4 * max(both, 0.0) + noise_variance],
+            [4 * max(both, 0.0) + noise_variance, 4 * max(second, 0.0) + noise_variance + 1e-9],
         ]
     )
     value, vector = np.linalg.eigh(covariance)

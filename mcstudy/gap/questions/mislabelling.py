@@ -130,8 +130,8 @@ class Labels:
 
         The bilinear transform; of a joint set by recording.
         """
-        of = self.parts or (self,)
-        rate = np.concatenate([np.full(n, own.rate_hz) for own, n in zip(of, lines.counts, strict=True)])
+        parts = self.parts or (self,)
+        rate = np.concatenate([np.full(n, part.rate_hz) for part, n in zip(parts, lines.counts, strict=True)])
         known = np.isfinite(rate)
         rate = np.where(known, rate, 1.0)
         return np.where(known, np.tan(np.pi * np.where(known, lines.f, 0.0) / rate) * rate / np.pi, lines.f)
@@ -195,10 +195,10 @@ def mislabelled(
     digital = labels.digital(lines)
     ones = search.trials if len(search.trials) > 1 else ()
     if labels.parts:
-        of_one = [(c, k) for k, own in enumerate(labels.parts) for c in own.near]
+        single = [(c, k) for k, part in enumerate(labels.parts) for c in part.near]
     else:
-        of_one = [(c, k) for k in ones for c in labels.codes if c in SMALL_TRIALS]
-    discrete = [*((c, None) for c in labels.near), *of_one]
+        single = [(c, k) for k in ones for c in labels.codes if c in SMALL_TRIALS]
+    discrete = [*((c, None) for c in labels.near), *single]
     searched: list[Callable[[], _Found | None]] = [
         *(partial(_late, search, labels, w, k) for k in (None, *ones) for w in ("", *ANGLES)),
         *(
@@ -209,7 +209,7 @@ def mislabelled(
         ),
         partial(_exchanged, search, base),
     ]
-    far = sum(len(own.codes) - len(own.near) for own in (labels, *labels.parts))
+    far = sum(len(part.codes) - len(part.near) for part in (labels, *labels.parts))
     number = len(discrete) + len(searched) + far
     found = [*_discrete(search, labels, discrete), *(f for f in (each() for each in searched) if f is not None)]
     if not found:

@@ -74,7 +74,7 @@ def with_likeness(
     along = np.linalg.qr(base.jacobian(data) * base.prior.scale)[0]
     directions = np.concatenate([along, smooth_directions(base, data, space)], axis=1)
     chosen = [k for k, c in enumerate(causes) if c.mechanism and (c.probability > SHOWN or c is first)]
-    found = likeness(
+    intervals = likeness(
         base,
         [causes[k].fitted for k in chosen],
         data,
@@ -83,7 +83,7 @@ def with_likeness(
         stream(seed, "gap likeness"),
     )
     out = list(causes)
-    for k, interval in zip(chosen, found, strict=True):
+    for k, interval in zip(chosen, intervals, strict=True):
         out[k] = replace(out[k], likeness=interval)
     return tuple(out)
 

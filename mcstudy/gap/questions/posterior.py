@@ -11,6 +11,7 @@ probability.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -18,44 +19,18 @@ import numpy as np
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.effect import Effect
-from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Fitted, whiten
-from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
-from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.questions.any_gap import GapTest
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.departure import with_departures
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, possible, single, together
 from mcstudy.gap.questions.interval import Interval
 from mcstudy.gap.questions.mislabelling import Mislabelled
 from mcstudy.gap.questions.other_forms import in_other_forms
-from mcstudy.short_repr import Summary
+from mcstudy.gap.questions.prior import BESIDE, NONE, PAIR, SINGLE, UNKNOWN
 from mcstudy.stance.response import frf
-
-NONE = 0.30
-"""Prior probability that no effect is missing: an assumption, no measurement of real bodies.
-
-It equals the share of cases without a missing effect in the benchmark of the diagnosis (pipelines/gap_challenge.toml),
-whose calibration is therefore that of a prior that is right. ``--prior-none`` replaces it; a score of the
-benchmark says what the same answers are worth where the share is 0.1 or 0.5 (`other_shares`).
-"""
-
-SINGLE, PAIR, UNKNOWN, BESIDE = 0.52, 0.03, 0.11, 0.04
-"""Prior probabilities of the other kinds of hypotheses (`MEANINGS`): assumptions as well.
-
-One effect is taken to be most likely by far, two at once and a cause beside an effect to be rare, and a cause outside
-the library to be a fifth as likely as one in it.
-"""
-
-MEANINGS = {
-    "none": "no missing effect",
-    "single": "one effect of the library",
-    "pair": "two effects",
-    "unknown": "a cause outside the library",
-    "beside": "such a cause beside an effect",
-}
-"""Kinds of hypotheses with a prior probability, in words."""
 
 UNSTRUCTURED_SHARE = 0.25
 """Share of the unknown that is unstructured (`mcstudy.gap.candidates.unstructured`)."""
@@ -68,6 +43,18 @@ LEADERS = 3
 
 PARTNERS = 10
 """Number of pairs that are refitted."""
+
+PAIRS_FROM = -3.0
+"""ln(prior times evidence) of the best single effect, relative to no missing effect, from which pairs are fitted."""
+
+FARTHEST = 3.0
+"""Largest size from which the fit of a pair starts, relative to that of the signature."""
+
+NO_SIGNATURE = 1e-6
+"""Squared length of a signature up to which an effect adds nothing to the leading one."""
+
+WRONG_SIGN_GAIN = 0.2
+"""Factor on the expected gain of an effect with the sign that does not occur in people, when pairs are ranked."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +99,8 @@ class Cause:
         return self.fitted.model.names != base.model.names
 
 
-@dataclass(frozen=True, repr=False)
-class Explanation(Summary):
+@dataclass(frozen=True)
+class Explanation:
     """The posterior: named ``causes`` by decreasing probability, and the probabilities of ``none`` and ``unknown``.
 
     ``unknown_locations``: probability of the unknown by location, "" without one. ``hypotheses``: every refitted
@@ -128,97 +115,53 @@ class Explanation(Summary):
     hypotheses: tuple[tuple[Hypothesis, float], ...]
     none_log_factor: float
 
-    def facts(self) -> list[tuple[str, str]]:
-        """What a prompt shows."""
-        leading = [(" and ".join(c.effects), c.probability) for c in self.causes[:3]]
-        entries = [*leading, ("outside the library", self.unknown), ("no missing effect", self.none)]
-        return [(name, f"{100 * p:.0f} %") for name, p in entries]
-
-
-def prior(none: float = NONE) -> dict[str, float]:
-    """Prior probability of each of `MEANINGS`, with ``none`` that of no missing effect; the others keep their ratios.
-
-    Raises `InputError` unless it is above 0 and below 1.
-    """
-    if not (isinstance(none, int | float) and 0 < none < 1):
-        raise InputError(f"prior_none: expected a probability above 0 and below 1, got {none!r}")
-    others = np.array([SINGLE, PAIR, UNKNOWN, BESIDE]) * ((1 - none) / (1 - NONE))
-    return dict(zip(MEANINGS, (float(none), *others.tolist()), strict=True))
-
 
 def explain(
-    base: Fitted,
-    minima: np.ndarray,
-    data: Data,
-    effects: Sequence[Effect],
-    found: Sequence[Signature],
-    groups: Sequence[tuple[str, ...]],
-    scores: Scores,
-    unstructured: Unstructured,
-    contrasts: Sequence[Contrast],
+    test: GapTest,
     mislabelled: Callable[[float], Sequence[Mislabelled]] | None = None,
     prior_none: float = NONE,
 ) -> Explanation:
-    """The posterior for one recording; effects are also fitted from the lowest ``minima`` (K, P) of the base model.
+    """The posterior for the recording that was tested.
 
     ``mislabelled``: how the recording may be mislabelled, from the log evidence and prior of the best of all other
-    hypotheses. A hypothesis that no body can have (`possible`) has no weight. ``prior_none``: see `prior`.
+    hypotheses. A hypothesis that no body can have (`possible`) has no weight. ``prior_none``: see
+    `mcstudy.gap.questions.prior.prior`.
     """
+    base, data = test.fit.best, test.fit.data
     log_odds = float(np.log((1 - NONE) * prior_none / (1 - prior_none)))  # of no missing effect, beside all others
-    residual = base.residual(data)
     none = Hypothesis((), base.log_evidence, base)
-    of = {e.name: [s for s in found if s.effect == e.name] for e in effects}
-    declared = [single(base, minima, data, e.name, of[e.name], residual) for e in effects]
+    declared = [_declared(test, e) for e in test.effects]
     singles = in_other_forms(base, data, none, declared)
-    families: dict[str, int] = {}
-    for e in effects:
-        families[e.cause] = families.get(e.cause, 0) + 1
-    changes = [(c, k) for c in contrasts for k in c.changes]
-    n_causes = len(families) + len(changes)
-    weighted: list[tuple[Hypothesis, float]] = [(none, log_odds)]
-    for h, e in zip(with_departures(base, data, singles), effects, strict=True):
-        weighted.append((h, np.log(SINGLE / n_causes / families[e.cause])))
     # Also leaders that no body can have: what is beside them, or in a pair, may be possible.
     leaders = sorted(singles, key=lambda h: -h.log_evidence)[:LEADERS]
-    group_of = {n: k for k, g in enumerate(groups) for n in g}
-    n_pairs = n_causes * (n_causes - 1) / 2
+    families = Counter(e.cause for e in test.effects)
+    n_causes = len(families) + sum(len(c.changes) for c in test.contrasts)
+    weighted: list[tuple[Hypothesis, float]] = [(none, log_odds)]
+    for h, e in zip(with_departures(base, data, singles), test.effects, strict=True):
+        weighted.append((h, np.log(SINGLE / n_causes / families[e.cause])))
     # With the usual prior, whatever is given, so that the Bayes factor is the same under every prior.
-    if leaders and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + np.log(NONE) - 3:
+    if leaders and leaders[0].log_evidence + np.log(SINGLE / n_causes) > none.log_evidence + np.log(NONE) + PAIRS_FROM:
         as_declared = {h.effects: h for h in declared}
-        for h in pairs(data, base, [as_declared[h.effects] for h in leaders], effects, of, group_of):
-            weighted.append((h, np.log(PAIR / n_pairs)))
-    for c, k in changes:
-        size = library.effect(k.effect).size
-        estimate = k.gain if k.size is None else k.size
-        se = k.se if k.size is None else abs(k.size / k.gain) * k.se if k.gain else k.se
-        name = f"change of active gains between {c.kind}s" if k.size is None else size.name
-        unit = "" if k.size is None else size.unit
-        sizes = (SizeEstimate(name, estimate, se, estimate - 1.96 * se, estimate + 1.96 * se, unit),)
-        own = Hypothesis((k.effect,), base.log_evidence + k.log_factor + _scattered(k.effect, base, unstructured), base)
-        weighted.append((replace(own, sizes=sizes), np.log(SINGLE / n_causes)))
-        for h in leaders[:1]:
-            evidence = h.log_evidence + k.log_factor + _scattered(k.effect, h.fitted, unstructured)
-            both = Hypothesis((*h.effects, k.effect), evidence, h.fitted, (*h.sizes, *sizes))
-            weighted.append((both, np.log(PAIR / n_pairs)))
-    log_named = [h.log_evidence + w if possible(h, base) else -np.inf for h, w in weighted]
+        paired = pairs(test, [as_declared[h.effects] for h in leaders])
+        weighted += [(h, _log_pair(n_causes)) for h in paired]
+    weighted += _changes(test, leaders[:1], n_causes)
+    log_named = [_log_weight(h, w, base) for h, w in weighted]
     readings = mislabelled(max(log_named)) if mislabelled else ()
     weighted += [(m.hypothesis, m.log_weight) for m in readings]
-    log_named += [
-        m.hypothesis.log_evidence + m.log_weight if possible(m.hypothesis, base) else -np.inf for m in readings
-    ]
-    strange = _unknown(none, leaders, data, scores, unstructured, n_causes, _any_change(contrasts))
-    log_unknown = np.array([x for x, _ in strange])
+    log_named += [_log_weight(m.hypothesis, m.log_weight, base) for m in readings]
+    unknown = _unknown(none, leaders, test, n_causes)
+    log_unknown = np.array([x for x, _ in unknown])
     total = np.logaddexp.reduce(np.concatenate([log_named, log_unknown]))
     probability = np.exp(np.array(log_named) - total)
     unknown_locations: dict[str, float] = {}
-    for x, locations in strange:
+    for x, locations in unknown:
         for place, share in locations.items():
             unknown_locations[place] = unknown_locations.get(place, 0.0) + float(np.exp(x - total)) * share
     posterior = [(h, x) for (h, _), x in zip(weighted[1:], np.array(log_named[1:]) - total, strict=True)]
     advice = {m.hypothesis.effects: m.advice for m in readings}
     others = float(np.logaddexp.reduce(np.concatenate([log_named[1:], log_unknown])))
     return Explanation(
-        causes=tuple(replace(c, advice=advice.get(c.effects, "")) for c in _grouped(posterior, groups, group_of)),
+        causes=tuple(replace(c, advice=advice.get(c.effects, "")) for c in _grouped(posterior, test.groups)),
         none=float(probability[0]),
         unknown=float(np.exp(np.logaddexp.reduce(log_unknown) - total)),
         unknown_locations=unknown_locations,
@@ -227,13 +170,50 @@ def explain(
     )
 
 
-def _grouped(
-    posterior: Sequence[tuple[Hypothesis, float]], groups: Sequence[tuple[str, ...]], group_of: dict[str, int]
-) -> tuple[Cause, ...]:
+def _log_weight(hypothesis: Hypothesis, log_prior: float, base: Fitted) -> float:
+    """ln(prior times evidence) of a hypothesis; -inf for one that no body can have."""
+    return hypothesis.log_evidence + log_prior if possible(hypothesis, base) else -np.inf
+
+
+def _log_pair(n_causes: int) -> float:
+    """ln prior probability of one pair of causes."""
+    return float(np.log(PAIR / (n_causes * (n_causes - 1) / 2)))
+
+
+def _declared(test: GapTest, effect: Effect) -> Hypothesis:
+    """The hypothesis that one effect acts in its declared form; it is also fitted from the minima of the base model."""
+    fit = test.fit
+    signatures = [s for s in test.signatures if s.effect == effect.name]
+    return single(fit.best, fit.minima, fit.data, effect.name, signatures, fit.best.residual(fit.data))
+
+
+def _changes(test: GapTest, leaders: Sequence[Hypothesis], n_causes: int) -> list[tuple[Hypothesis, float]]:
+    """Effects that change the gains with amplitude or over time, alone and beside each of ``leaders``; ln priors."""
+    base, unstructured = test.fit.best, test.detection.unstructured
+    weighted: list[tuple[Hypothesis, float]] = []
+    for c in test.contrasts:
+        for k in c.changes:
+            size = library.effect(k.effect).size
+            estimate = k.gain if k.size is None else k.size
+            se = k.se if k.size is None else abs(k.size / k.gain) * k.se if k.gain else k.se
+            name = f"change of active gains between {c.kind}s" if k.size is None else size.name
+            unit = "" if k.size is None else size.unit
+            sizes = (SizeEstimate(name, estimate, se, estimate - 1.96 * se, estimate + 1.96 * se, unit),)
+            evidence = base.log_evidence + k.log_factor + _scattered(k.effect, base, unstructured)
+            weighted.append((Hypothesis((k.effect,), evidence, base, sizes), np.log(SINGLE / n_causes)))
+            for h in leaders:
+                evidence = h.log_evidence + k.log_factor + _scattered(k.effect, h.fitted, unstructured)
+                both = Hypothesis((*h.effects, k.effect), evidence, h.fitted, (*h.sizes, *sizes))
+                weighted.append((both, _log_pair(n_causes)))
+    return weighted
+
+
+def _grouped(posterior: Sequence[tuple[Hypothesis, float]], groups: Sequence[tuple[str, ...]]) -> tuple[Cause, ...]:
     """Hypotheses with their ln probabilities, merged by ambiguity group, most probable first.
 
     The order is right also among causes so improbable that their probability is 0.
     """
+    group_of = {name: k for k, group in enumerate(groups) for name in group}
     merged: dict[tuple[object, ...], list[tuple[Hypothesis, float]]] = {}
     for h, x in posterior:
         key = tuple(sorted(str(group_of.get(n, n)) for n in h.effects))
@@ -247,46 +227,40 @@ def _grouped(
     return tuple(cause for _, cause in sorted(causes, key=lambda c: -c[0]))
 
 
-def pairs(
-    data: Data,
-    base: Fitted,
-    leaders: Sequence[Hypothesis],
-    effects: Sequence[Effect],
-    of: dict[str, list[Signature]],
-    group_of: dict[str, int],
-) -> list[Hypothesis]:
+def pairs(test: GapTest, leaders: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The most promising pairs, refitted. The score of each other effect at a leading one ranks them."""
+    base, data = test.fit.best, test.fit.data
+    group_of = {name: k for k, group in enumerate(test.groups) for name in group}
     candidates: dict[frozenset[str], tuple[float, tuple[str, str], np.ndarray]] = {}
     for h in leaders:
-        P, at = h.fitted.theta.size, h.fitted.response(data.f)
+        at, first = h.fitted.response(data.f), h.effects[0]
         r, J, covariance = h.fitted.residual(data), h.fitted.jacobian(data), h.fitted.covariance
-        for e in effects:
-            first = h.effects[0]
-            if group_of.get(first) == group_of.get(e.name) or not of[e.name]:
+        for e in test.effects:
+            signatures = [s for s in test.signatures if s.effect == e.name]
+            if group_of.get(first) == group_of.get(e.name) or not signatures:
                 continue
             model = library.apply(base.model, first, e.name)
-            sizes = np.array([[s.sizes[k.name] for k in e.sizes] for s in of[e.name]])
+            sizes = np.array([[s.sizes[k.name] for k in e.sizes] for s in signatures])
             both = np.concatenate([np.tile(h.fitted.theta, (len(sizes), 1)), sizes], axis=1)
-            for own, response in zip(sizes, frf(model, both, data.f), strict=True):
+            for size, response in zip(sizes, frf(model, both, data.f), strict=True):
                 step = whiten(data.weight, response - at)
                 slope = -covariance @ (J.T @ step)
-                left = step + J @ slope
+                left = step + J @ slope  # what the parameters of the leading effect's model cannot compensate
                 length = float(left @ left)
-                if not length > 1e-6 or not np.isfinite(length):
+                if not length > NO_SIGNATURE or not np.isfinite(length):
                     continue
-                factor = float(np.clip(left @ r / length, -3, 3))
+                factor = float(np.clip(left @ r / length, -FARTHEST, FARTHEST))
                 gain = float(left @ r) ** 2 / length
                 if not e.size.signed and factor < 0:
-                    gain *= 0.2
+                    gain *= WRONG_SIGN_GAIN
                 starts = []
                 for k in (factor, 0.4 * factor, 2.0 * factor):
                     shifted = h.fitted.theta + np.clip(k, -1, 1) * slope
-                    starts.append(np.concatenate([shifted, [own[0] * k], own[1:]]))
-                key = frozenset((first, e.name))
+                    starts.append(np.concatenate([shifted, [size[0] * k], size[1:]]))
+                names = frozenset((first, e.name))
                 rank = gain + 2 * h.log_evidence
-                if key not in candidates or rank > candidates[key][0]:
-                    assert len(starts[0]) == P + len(own)
-                    candidates[key] = (rank, (first, e.name), np.array(starts))
+                if names not in candidates or rank > candidates[names][0]:
+                    candidates[names] = (rank, (first, e.name), np.array(starts))
     chosen = sorted(candidates.values(), key=lambda c: -c[0])[:PARTNERS]
     return [together(base, data, names, starts) for _, names, starts in chosen]
 
@@ -294,21 +268,15 @@ def pairs(
 def _unknown(
     none: Hypothesis,
     leaders: Sequence[Hypothesis],
-    data: Data,
-    scores: Scores,
-    unstructured: Unstructured,
+    test: GapTest,
     n_causes: int,
-    change: float,
 ) -> list[tuple[float, dict[str, float]]]:
-    """(ln(prior times evidence), shares of the locations) of the unknown added to the base model and to each leader.
-
-    ``change``: ln Bayes factor of an unknown nonlinearity from how the responses change with amplitude.
-    """
+    """(ln(prior times evidence), shares of the locations) of the unknown added to the base model and to each leader."""
     out = []
-    settings = [(none, scores, np.log(UNKNOWN))]
-    for h in leaders:
-        settings.append((h, Scores(h.fitted, data, [], []), np.log(BESIDE / n_causes)))
-    for h, at, weight in settings:
+    data, unstructured, change = test.fit.data, test.detection.unstructured, _any_change(test.contrasts)
+    added_to = [(none, test.scores, np.log(UNKNOWN))]
+    added_to += [(h, Scores(h.fitted, data, [], []), np.log(BESIDE / n_causes)) for h in leaders]
+    for h, at, weight in added_to:
         scored = at(h.fitted.free_residual(data))
         smooth = np.log(1 - UNSTRUCTURED_SHARE) + float(scored.unknown[0])
         scattered = np.log(UNSTRUCTURED_SHARE) + float(unstructured.log_factor(np.array(h.fitted.chi2)))

@@ -115,12 +115,12 @@ def detection_limits(inquiry: Inquiry) -> DetectionLimits:
     return DetectionLimits(undetectable(test.signatures, test.contrasts, trials), shown, trials)
 
 
-def undetectable(found: Sequence[Signature], contrasts: Sequence[Contrast], trials: int) -> tuple[Undetectable, ...]:
+def undetectable(shapes: Sequence[Signature], contrasts: Sequence[Contrast], trials: int) -> tuple[Undetectable, ...]:
     """Effects that would be missed at the middle of their published range of sizes."""
     out = []
-    for name in dict.fromkeys(s.effect for s in found):
+    for name in dict.fromkeys(s.effect for s in shapes):
         size = library.effect(name).size
-        signatures = [s for s in found if s.effect == name]
+        signatures = [s for s in shapes if s.effect == name]
         middle = sum(size.published) / 2
         # delta is about proportional to size between the null and the size of the signature
         rate = [s.delta / max(abs(s.sizes[size.name]), 1e-300) for s in signatures]

@@ -63,17 +63,10 @@ class RemainingTorque:
         The number of poles of this path with the largest Akaike weight, 0 to 3.
     poles_weight
         (4,) Akaike weight of 0 to 3 poles.
-    numerator, denominator
-        Of the best fit with so many poles: polynomials in ascending powers of s. The transfer function has ``unit``.
     unit
         N m/rad, or N m per unit of the stimulus.
-    f
-        (N,), the lines, Hz.
-    gain, gain_low, gain_high
-        (N,), median and 95 % limits of the magnitude of the transfer function, in ``unit``; the lower one is 0 where
-        the 95 % region of the complex value holds zero.
-    phase, phase_low, phase_high
-        (N,), the same of its phase, deg, within half a turn of the median; where zero is possible, any phase is.
+    numerator, denominator
+        Of the best fit with so many poles: polynomials in ascending powers of s. The transfer function has ``unit``.
     rms
         Root mean square of the torque, N m, in these recordings (`Interval`); None without time series. The lower
         limit is 0 if no torque is found.
@@ -83,6 +76,13 @@ class RemainingTorque:
         The line that the torque changes most, in standard errors, after all other parameters have been refitted, Hz.
     chi2
         Squared residual with this torque in the model.
+    f
+        (N,), the lines, Hz.
+    gain, gain_low, gain_high
+        (N,), median and 95 % limits of the magnitude of the transfer function, in ``unit``; the lower one is 0 where
+        the 95 % region of the complex value holds zero.
+    phase, phase_low, phase_high
+        (N,), the same of its phase, deg, within half a turn of the median; where zero is possible, any phase is.
     """
 
     row: str
@@ -91,9 +91,13 @@ class RemainingTorque:
     path_probability: float
     poles: int
     poles_weight: np.ndarray
+    unit: str
     numerator: np.ndarray
     denominator: np.ndarray
-    unit: str
+    rms: Interval | None
+    share: Interval | None
+    clearest_hz: float
+    chi2: float
     f: np.ndarray = field(repr=False)
     gain: np.ndarray = field(repr=False)
     gain_low: np.ndarray = field(repr=False)
@@ -101,10 +105,6 @@ class RemainingTorque:
     phase: np.ndarray = field(repr=False)
     phase_low: np.ndarray = field(repr=False)
     phase_high: np.ndarray = field(repr=False)
-    rms: Interval | None
-    share: Interval | None
-    clearest_hz: float
-    chi2: float
 
     @property
     def found(self) -> bool:
@@ -148,18 +148,18 @@ def remaining_torque(
     log = np.array([c.log_weight for c in candidates])
     total = np.logaddexp.reduce(log)
     nothing = np.log(NOTHING) + fitted.log_evidence
-    found = bool(total > nothing)
+    remains = bool(total > nothing)
     weight = _akaike_weights(candidates)
     by_path: dict[Path, float] = {}
     for c, w in zip(candidates, weight, strict=True):
         by_path[c.path] = by_path.get(c.path, 0.0) + float(w)
     path = max(by_path, key=lambda p: by_path[p])
-    own = [c for c in candidates if c.path == path]
+    along = [c for c in candidates if c.path == path]
     share = weight[[c.path == path for c in candidates]] / by_path[path]
-    best = own[int(share.argmax())]
+    best = along[int(share.argmax())]
     by_poles = np.zeros(MOST_POLES + 1)
-    by_poles[[c.poles for c in own]] = share
-    G = _samples(own, share, data.f, rng)
+    by_poles[[c.poles for c in along]] = share
+    G = _samples(along, share, data.f, rng)
     gain, phase = np.abs(G), _phases(G)
     k = fitted.model.rows.index(path.row)
     timed = bool(np.isfinite(power).all())
@@ -191,8 +191,8 @@ def remaining_torque(
         phase=turns[0],
         phase_low=turns[1],
         phase_high=turns[2],
-        rms=_size(torque, found) if timed else None,
-        share=_size(torque / active, found) if active > 0 else None,
+        rms=_size(torque, remains) if timed else None,
+        share=_size(torque / active, remains) if active > 0 else None,
         clearest_hz=float(data.f[int(seen.argmax())]),
         chi2=best.fitted.chi2,
     )

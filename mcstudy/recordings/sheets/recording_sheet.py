@@ -62,6 +62,8 @@ from mcstudy.recordings.markers import MarkerSheet
 from mcstudy.recordings.recording import EXPECTED
 from mcstudy.recordings.sheets.body_sheet import BodySheet
 from mcstudy.recordings.sheets.tables import Description, Table
+from mcstudy.recordings.units import factor
+from mcstudy.stance.body import STIMULI
 
 LARGEST_SHEET = 1_000_000
 """Bytes of a TOML file."""
@@ -123,6 +125,18 @@ class Units(Table):
     stimulus: str | None = None
     angle: str | None = None
     stated: Literal["checked", "ignored"] = "checked"
+
+    def require_both(self, stimulus: str, where: str) -> None:
+        """Raise `RecordingError` where an FRF per angle states only one of its two units."""
+        if STIMULI[stimulus] == "rad" and (self.angle is None) != (self.stimulus is None):
+            raise RecordingError(f"{where}: units: expected both angle and stimulus for the FRF of a {stimulus}")
+
+
+def frf_factor(angle: str | None, unit: str | None, stimulus: str, where: str) -> float:
+    """Factor that converts FRFs in ``angle`` per ``unit`` of a kind of stimulus to rad per its own unit."""
+    target = STIMULI[stimulus]
+    per = factor(unit or target, target, f"{where}: units.stimulus")
+    return factor(angle or "rad", "rad", f"{where}: units.angle") / per
 
 
 class TextSheet(Table):

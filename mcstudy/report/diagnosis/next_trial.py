@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Patch
 
-from mcstudy.gap.planned.next_trial import HEADER, NextTrialRecord, described
+from mcstudy.gap.planned.next_trial import NextTrialRecord
+from mcstudy.gap.planned.recommendation import HEADER, described, rows, sentence, twin_sentence
 from mcstudy.gap.planned.twins import Twins
 from mcstudy.report.axes import axes
 from mcstudy.report.figure import Figure, Panel
@@ -56,13 +57,13 @@ def next_figure(found: NextTrialRecord) -> Figure:
         "",
         "Effects that look alike, before and with the recommended trial",
         [
-            f"Recommended: {found.sentence(found.best)}. {found.twin_sentence}",
+            f"Recommended: {sentence(found, found.best)}. {twin_sentence(found)}",
             "A square is darker the more alike two effects are (|cosine| of the residuals that they would leave): "
             "below the diagonal in what was recorded, above it with the recommended trial beside it. The darkest pairs "
             "cannot be told apart. Columns have the numbers of the rows.",
         ],
         [Panel("effects that look alike", partial(twin_map, found.before, found.after), (8.8, 6.4))],
-        [Table("Possible trials", HEADER, found.rows, "wide")],
+        [Table("Possible trials", HEADER, rows(found), "wide")],
     )
 
 

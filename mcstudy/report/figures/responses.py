@@ -30,17 +30,21 @@ BAND = (0.1, 0.9)
 
 
 def frf_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
-    """Stimulus-to-angle FRFs by angle, rad per unit of stimulus."""
+    """Stimulus-to-angle FRFs by angle, in the angle's unit per unit of stimulus."""
     H = frf(view.model, theta, f)
     return {view.model.angles[i].replace("theta", "θ"): H[..., i] for i in range(view.model.n_angles)}
 
 
 def controllers_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
-    """Neural controllers by row and angle in the paper's names, T12 = hip torque from theta1; N m/rad."""
-    NC = neural_controllers(view.model, theta, f)
+    """Neural controllers by row and angle; of the paper's joints by its names, T12 = hip torque from theta1 (N m/rad).
+
+    Those of other joints are called ``ROW from ANGLE``.
+    """
+    NC, model = neural_controllers(view.model, theta, f), view.model
     found = {
-        name: NC[..., view.model.rows.index(row), view.model.angles.index(angle)]
-        for (row, angle), name in CONTROLLERS.items()
+        CONTROLLERS.get((row, angle), f"{row} from {angle}"): NC[..., i, k]
+        for k, angle in enumerate(model.angles)
+        for i, row in reversed(list(enumerate(model.rows)))
     }
     return {name: response for name, response in found.items() if np.abs(response).max() > 0}
 
@@ -50,7 +54,8 @@ def frf_gain(
 ) -> Axes:
     """Fig. 4A, gain: line the truth; without noise, markers the best fit; with noise, band 10-90 % of best fits."""
     ax = _gain(data, amplitude, fmax, axes(ax), frf_of)
-    ax.set_ylabel("gain (rad/(N·m))")
+    model = view_of(data).model
+    ax.set_ylabel(f"gain ({model.unit}/({model.stimulus_unit.replace(' ', '·')}))")
     return ax
 
 
@@ -66,7 +71,7 @@ def controller_gain(
 ) -> Axes:
     """Fig. 4B, gain of the neural controllers; see `frf_gain`."""
     ax = _gain(data, amplitude, fmax, axes(ax), controllers_of)
-    ax.set_ylabel("gain (N·m/rad)")
+    ax.set_ylabel("gain" if view_of(data).group.model.declared else "gain (N·m/rad)")
     return ax
 
 

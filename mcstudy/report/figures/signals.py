@@ -81,7 +81,7 @@ class Signals:
 
     @cached_property
     def _noise(self) -> Noise:
-        return self.view.group.noise.source
+        return self.view.group.noise_source
 
     @cached_property
     def sensor_noise(self) -> np.ndarray:

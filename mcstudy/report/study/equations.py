@@ -25,7 +25,7 @@ def _balance(model: Model, row: str) -> str:
     body = [t for t in terms if not t.gain and t.sense != "stimulus"]
     left = [
         f"<mo>(</mo>{_sum(_coefficient(t.coefficient) + _power(t.order) for t in body if t.sense == sense)}<mo>)</mo>"
-        + _symbol(sense)
+        + _signal(sense)
         for sense in dict.fromkeys(t.sense for t in body)
     ]
     drive = _sum(
@@ -80,9 +80,9 @@ def _path(path: Path) -> str:
     gains = f"<mo>(</mo>{gains}<mo>)</mo>" if len(path.terms) > 1 else gains
     delay = f"<msup><mi>e</mi><mrow><mo>−</mo>{_symbol(path.delay)}<mi>s</mi></mrow></msup>" if path.delay else ""
     if not path.tilt:
-        return gains + delay + _symbol(path.sense)
+        return gains + delay + _signal(path.sense)
     share = "" if path.tilt == "1" else _symbol(path.tilt)
-    return f"{gains}{delay}<mo>(</mo>{_symbol(path.sense)}<mo>−</mo>{share}{_symbol('u')}<mo>)</mo>"
+    return f"{gains}{delay}<mo>(</mo>{_signal(path.sense)}<mo>−</mo>{share}{_symbol('u')}<mo>)</mo>"
 
 
 def _gain(term: Term) -> str:
@@ -125,6 +125,17 @@ def _symbol(name: str) -> str:
     return f"<msub><mi>{letter}</mi><mtext>{escape(index)}</mtext></msub>" if index else f"<mi>{letter}</mi>"
 
 
+def _signal(name: str) -> str:
+    """A sensed angle: its symbol, or its name where that is a word; a sum in parentheses."""
+    if "+" in name or "-" in name or "*" in name:
+        return f"<mo>(</mo><mtext>{escape(name)}</mtext><mo>)</mo>"
+    return _symbol(name) if _is_symbol(name) else f"<mtext>{escape(name)}</mtext>"
+
+
+def _is_symbol(name: str) -> bool:
+    return len(name) == 1 or any(name.startswith(word) for word in _GREEK)
+
+
 # --- block diagram
 
 _TOP, _STEP, _GAP = 34.0, 42.0, 34.0  # pt
@@ -133,7 +144,8 @@ _WIDTH, _BODY, _DELAY, _FEEDBACK = 680.0, (275.0, 150.0), (185.0, 90.0), (320.0,
 
 def diagram(model: Model, title: str, described_by: str) -> str:
     """Block diagram as inline SVG: body on top, below it every feedback path from an angle back to a joint."""
-    angles = [a for a in model.angles if any(t.sense == a and t.gain for t in model.terms)]
+    sensed = {t.sense for t in model.terms if t.gain and t.sense != "stimulus"}
+    angles = [a for a in (*model.angles, *sorted(sensed - set(model.angles))) if a in sensed]
     rows = [r for r in reversed(model.rows) if any(t.row == r for t in model.terms)]
     sums = {row: (150.0 - 45 * i, _TOP + _STEP * i) for i, row in enumerate(rows)}
     taps = {angle: (490.0 + 45 * i, _TOP + _STEP * i) for i, angle in enumerate(angles)}
@@ -143,7 +155,7 @@ def diagram(model: Model, title: str, described_by: str) -> str:
     heights = [top + 20 + _STEP * i + (_GAP if i >= first_active else 0) for i in range(len(every))]
     lines, boxes = [], []
     for row, (x, y) in sums.items():
-        lowest = max(h for h, p in zip(heights, every, strict=True) if p.row == row)
+        lowest = max((h for h, p in zip(heights, every, strict=True) if p.row == row), default=y)
         lines.append(_arrow(f"M{x} {lowest}V{y + 9}"))
         lines.append(_arrow(f"M{x + 9} {y}H{_BODY[0]}"))
         boxes.append(_circle(x, y) + _words(x + 5, y + 22, "−", "start"))
@@ -159,7 +171,7 @@ def diagram(model: Model, title: str, described_by: str) -> str:
         lowest = max(h for h, p in zip(heights, every, strict=True) if p.sense == angle)
         lines.append(_arrow(f"M{_BODY[0] + _BODY[1]} {y}H600"))
         lines.append(_line(f"M{x} {y}V{lowest}"))
-        boxes.append(_words(606, y + 5, _name(angle), "start") + _dot(x, y))
+        boxes.append(_words(606, y + 5, _name(angle) if _is_symbol(angle) else escape(angle), "start") + _dot(x, y))
         if any(p.noisy and p.sense == angle for p in every):
             i = angles.index(angle)
             at = heights[first_active] - _STEP / 2 - _GAP / 2 - 4 + 22 * i

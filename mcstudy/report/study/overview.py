@@ -30,8 +30,9 @@ def _question(context: Context) -> str:
     view, groups = context.main, context.study.groups.values()
     g, segments = view.group, view.model.name.replace("_", "-")
     fits = sum(n for name in context.study.groups for n in _fits_run(context, name))
+    kind = "" if g.model.declared else f" ({g.stimulus.kind.replace('_', ' ')})"
     return (
-        f"Asked: how well do frequency responses to one stimulus ({g.stimulus.kind.replace('_', ' ')}) identify the "
+        f"Asked: how well do frequency responses to one stimulus{kind} identify the "
         f"{len(view.model.names)} parameters of the {segments} model? {fits:,} fits in {len(groups)} "
         f"group{'s' * (len(groups) > 1)}; group {view.name}: {counted(g.realizations, 'realization')} × "
         f"{g.starts_in_words}, Fmax {_listed(g.fmax)} Hz, "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -14,7 +15,7 @@ from mcstudy.analysis.published.publication import publications
 from mcstudy.analysis.results import open_for_tables
 from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.summary import show_data
-from mcstudy.analysis.show.text import paper_title
+from mcstudy.analysis.show.text import incomplete, paper_title
 from mcstudy.errors import InputError
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figure, missing
@@ -73,15 +74,29 @@ def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -
     if companions and not sections:
         raise InputError("--beside: expected a publication that shows further results, none is installed")
     main = context.accuracy
-    paper = signal_figures(context) + paper_search_figures(context) + paper_estimate_figures(context)
+    own = context.main.group.model.declared  # no publication says anything about such a model
+    paper = paper_search_figures(context) + paper_estimate_figures(context)
+    if not own:
+        paper = signal_figures(context) + paper
     beyond = [pairs_figure(context), *further_search_figures(context)]
     if main is not None:
         beyond += [efficiency_figure(main), *zipper_figures(main), *statistic_figures(main)]
+    if own:
+        sections = []
+        beyond = [f for f in (*paper, *beyond) if isinstance(f, Figure) or not f.number]
+        left = incomplete(context.data)
+        shown = [f if isinstance(f, Missing) else _of_no_paper(f) for f in beyond]
+        told = f"<p><strong>{escape(left)}</strong></p>" if left else ""
+        head = [("figures", "Figures", told + _figures(context, shown))]
+    else:
+        head = [
+            ("paper", paper_title(context.data), headline(context)),
+            ("figures", "The paper's figures from this study", _figures(context, paper)),
+            ("beyond", "Beyond the paper", _figures(context, beyond)),
+        ]
     parts = [
         ("model", "The model", model_html(context)),
-        ("paper", paper_title(context.data), headline(context)),
-        ("figures", "The paper's figures from this study", _figures(context, paper)),
-        ("beyond", "Beyond the paper", _figures(context, beyond)),
+        *head,
         ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
         *sections,
@@ -122,7 +137,7 @@ def _other_groups(context: Context) -> list[tuple[str, str, str]]:
         items += statistic_figures(view, f"-{i}")
         stripped = [f if isinstance(f, Missing) else _without_paper(f) for f in items]
         differs = "".join(f"<li>{escape(d)}</li>" for d in view.differences)
-        intro = f"<p>Differs from the paper's setting in:</p><ul>{differs}</ul>" if differs else ""
+        intro = f"<p>Differs from {view.reference} in:</p><ul>{differs}</ul>" if differs else ""
         out.append((f"group-{i}", f"Group {view.name}", intro + _figures(context, stripped)))
     return out
 
@@ -132,8 +147,19 @@ def _without_paper(content: Figure) -> Figure:
     return replace(content, published=())
 
 
+_OF_A_PAPER = re.compile(r"\bpaper|\bFig\.")
+
+
+def _of_no_paper(content: Figure) -> Figure:
+    """The same without number and sentences of a publication."""
+    text = tuple(
+        " ".join(s for s in re.split(r"(?<=\.) (?=[A-Z])", part) if not _OF_A_PAPER.search(s)) for part in content.text
+    )
+    return replace(content, number="", published=(), text=tuple(part for part in text if part))
+
+
 def _provenance(context: Context) -> str:
-    attributes = context.tree.attrs
+    attributes, own = context.tree.attrs, context.main.group.model.declared
     environment = structured(attributes, "environment") or {}
     versions = environment.get("versions", {})
     rows = [
@@ -144,11 +170,12 @@ def _provenance(context: Context) -> str:
         ["machine", f"{environment.get('machine', '')} {environment.get('cpu', '')}"],
         ["versions", ", ".join(f"{k} {v}" for k, v in versions.items())],
     ]
+    compared = "" if own else "comparison with the paper, and "
     commands = "\n".join(
         [
             f"mcstudy run {context.name}.toml -o OUT    # every fit",
             "mcstudy verify OUT    # checks what is stored and recomputes a sample",
-            "mcstudy show OUT --json    # comparison with the paper, and all numbers of every group",
+            f"mcstudy show OUT --json    # {compared}all numbers of every group",
             "mcstudy report OUT -o page.html    # this page",
             "python    # any single figure",
             ">>> import mcstudy",
@@ -165,12 +192,16 @@ def _provenance(context: Context) -> str:
         f"<pre><code>{escape(commands)}</code></pre>"
         + table(Table("This study", ["", ""], rows), "facts")
         + details("Study file", f"<pre><code>{escape(attributes.get('study', ''))}</code></pre>")
-        + details(
-            "Settings the paper states",
-            table(Table("Paper's settings", ["setting", "value", "unit", "where"], settings), "facts"),
-        )
-        + details(
-            "Claims of the paper that other study files check",
-            table(Table("Further claims", ["study file", "claim", "where"], variants), "facts"),
+        + (
+            ""
+            if own
+            else details(
+                "Settings the paper states",
+                table(Table("Paper's settings", ["setting", "value", "unit", "where"], settings), "facts"),
+            )
+            + details(
+                "Claims of the paper that other study files check",
+                table(Table("Further claims", ["study file", "claim", "where"], variants), "facts"),
+            )
         )
     )

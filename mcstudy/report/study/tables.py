@@ -148,11 +148,11 @@ def group_overviews(context: Context) -> str:
         ]
         parts.append(
             f"<h3>{escape(name)}</h3><p>{escape(size)}; "
-            f"model {escape(g.model.kind)}, "
+            f"model {escape(g.model.title)}, "
             f"cost {escape(g.fit.cost)}, solver {escape(g.fit.solver)}. Fits: {escape(fits)}.</p>"
             + table(Table(f"Group {name}: best fits, ± MCSE", ["condition", "used", *heads, f"{MISSED} (%)"], rows))
             + (
-                "<p>Differs from the paper's setting in: " + escape("; ".join(view.differences)) + ".</p>"
+                f"<p>Differs from {view.reference} in: " + escape("; ".join(view.differences)) + ".</p>"
                 if view.differences
                 else ""
             )

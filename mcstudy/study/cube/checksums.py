@@ -100,8 +100,8 @@ class Checked:
         """Raise `StoreError` when the cube of another study is in the place of the one that was opened."""
         if self.since is None or stamp(self.root) == self.since:
             return
-        found = whole_document(self.root).get("attributes", {}).get("fingerprint")
-        if found != self.fingerprint:
+        fingerprint = whole_document(self.root).get("attributes", {}).get("fingerprint")
+        if fingerprint != self.fingerprint:
             raise StoreError(f"{self.root}: replaced by another cube since it was opened; open it again")
         self.since = stamp(self.root)  # its root was repaired
 

@@ -45,12 +45,12 @@ def environments(path: Path) -> dict[str, dict[str, Any]]:
     """
     root = _root(path)
     held = root.get("environments", {} if root else None)
-    logged = {label(found): found for e in events(path) if isinstance(found := e.get("environment"), dict)}
+    logged = {label(record): record for e in events(path) if isinstance(record := e.get("environment"), dict)}
     if held is None:  # the root cannot be read
-        return {name: found for name, found in logged.items() if found != made_in(path)}
-    own = held if isinstance(held, dict) else {}
-    both = {name: found if label(found) == name else logged.get(name) for name, found in own.items()}
-    return {name: found for name, found in sorted(both.items()) if found is not None}
+        return {name: record for name, record in logged.items() if record != made_in(path)}
+    noted = held if isinstance(held, dict) else {}
+    both = {name: record if label(record) == name else logged.get(name) for name, record in noted.items()}
+    return {name: record for name, record in sorted(both.items()) if record is not None}
 
 
 def _most(values: Iterable[Any]) -> Any:

@@ -6,6 +6,7 @@ files. A chunk holds one amplitude x all Fmax x a few realizations x all starts.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +16,7 @@ from mcstudy.fitting.certainty import certain
 from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import USABLE, Status
-from mcstudy.stance.feedback import ANGLES, Model
+from mcstudy.stance.feedback import Model
 from mcstudy.study.group import Group
 
 CHUNKS_A_GROUP = 400
@@ -191,7 +192,7 @@ def layout(
         stored = None if values is None else np.asarray(values, dtype=object if dtype == "string" else dtype)
         arrays[name] = ArraySpec(name, axes, dtype, fill, shape, per_chunk, attributes, stored)
 
-    u, per_parameter, per_unit = model.stimulus_unit, "see parameter_unit", f"rad/({model.stimulus_unit})"
+    u, per_parameter, per_unit = model.stimulus_unit, "see parameter_unit", f"{model.unit}/({model.stimulus_unit})"
     what = "start pool" if group.simulator == "none" else "noise realization"
     convention = group.stimulus.convention
     add("amplitude", "amplitude", "<f8", 0.0, u, "stimulus amplitude", group.amplitude, convention=convention)
@@ -199,8 +200,8 @@ def layout(
     add("realization", "realization", "<i8", 0, "1", what, np.arange(group.realizations))
     add("start", "start", "<i8", 0, "1", "start of the fit", np.arange(group.starts))
     add("parameter", "parameter", "string", "", "", "model parameter", model.names)
-    add("angle", "angle", "string", "", "", "joint angle", ANGLES)
-    add("angle_2", "angle_2", "string", "", "", "joint angle", ANGLES)
+    add("angle", "angle", "string", "", "", "joint angle", model.angles)
+    add("angle_2", "angle_2", "string", "", "", "joint angle", model.angles)
     add("frequency", "frequency", "<f8", 0.0, "Hz", "frequency of the FRF point", f)
     add("parameter_unit", "parameter", "string", "", "", "unit of the parameter", model.units)
     meanings = [p.meaning for p in model.parameters]
@@ -211,7 +212,14 @@ def layout(
     add("upper", "parameter", "<f8", NAN, per_parameter, "upper bound", model.upper)
     add("n_frequencies", "fmax", "<i8", 0, "1", "number of FRF points up to fmax", n_frequencies)
     add("true_frf", "frequency angle", "<c16", COMPLEX_NAN, per_unit, "FRF of the true model", true_frf)
+    _add_results(add, group, model)
+    results = tuple(name for name, spec in arrays.items() if spec.values is None)
+    return Layout(group, depth, arrays, results)
 
+
+def _add_results(add: Callable[..., None], group: Group, model: Model) -> None:
+    """Declare what the runs of a study write, in the order of writing."""
+    per_parameter, per_unit = "see parameter_unit", f"rad/({model.stimulus_unit})"
     data, cell = "amplitude realization frequency angle", "amplitude fmax realization start"
     by_parameter = cell + " parameter"
     add("frf", data, "<c16", COMPLEX_NAN, per_unit, "FRF that was fitted")
@@ -232,5 +240,3 @@ def layout(
     states = [s for s in Status if s is not Status.NOT_NEEDED or group.until_certain]
     flags = {"flag_values": [int(s) for s in states], "flag_meanings": " ".join(s.name.lower() for s in states)}
     add("status", cell, "|u1", 0, "1", "how the fit ended; pending is a fit that has not been run", **flags)
-    results = tuple(name for name, spec in arrays.items() if spec.values is None)
-    return Layout(group, depth, arrays, results)

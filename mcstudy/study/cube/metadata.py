@@ -43,9 +43,9 @@ def folders(path: Path) -> list[Path]:
 
 def own_document(path: Path) -> dict[str, Any]:
     """The metadata document of a folder of a cube, without its consolidated copy; raises `StoreError`."""
-    found = whole_document(path)
-    found.pop("consolidated_metadata", None)
-    return found
+    document = whole_document(path)
+    document.pop("consolidated_metadata", None)
+    return document
 
 
 def whole_document(path: Path) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def whole_document(path: Path) -> dict[str, Any]:
 def depth_votes(path: Path) -> dict[str, int]:
     """Realizations per chunk for each group of a cube that may be damaged, by majority of its documents."""
     votes = {folder.name: Counter(_votes(folder)) for folder in folders(path)}
-    return {name: found.most_common(1)[0][0] for name, found in votes.items() if found}
+    return {name: counts.most_common(1)[0][0] for name, counts in votes.items() if counts}
 
 
 def _votes(folder: Path) -> Iterator[int]:
@@ -75,9 +75,9 @@ def _votes(folder: Path) -> Iterator[int]:
         yield _positive(own_document(folder)["attributes"]["realizations_a_chunk"])
     for name in ("status", "cost", "estimate", "frf", "growth_rate"):
         try:
-            found = own_document(folder / name)
-            axis = found["dimension_names"].index("realization")
-            yield _positive(found["chunk_grid"]["configuration"]["chunk_shape"][axis])
+            document = own_document(folder / name)
+            axis = document["dimension_names"].index("realization")
+            yield _positive(document["chunk_grid"]["configuration"]["chunk_shape"][axis])
         except (StoreError, KeyError, TypeError, ValueError, IndexError, AttributeError):
             continue
 
@@ -94,7 +94,7 @@ def chunk_bytes(layout: Layout) -> int:
     return sum(math.prod(spec.chunks) * np.dtype(spec.dtype).itemsize for spec in specs)
 
 
-def check_array(path: Path, found: dict[str, Any], spec: ArraySpec) -> None:
+def check_array(path: Path, description: dict[str, Any], spec: ArraySpec) -> None:
     """Check what the schema leaves open: shape, chunks, chunk file names. `StoreError` names array and field."""
     expected = {
         "shape": list(spec.shape),
@@ -103,8 +103,8 @@ def check_array(path: Path, found: dict[str, Any], spec: ArraySpec) -> None:
         "storage_transformers": [],
     }
     for field, value in expected.items():
-        if found.get(field, value) != value:
-            raise StoreError(f"{path / 'zarr.json'}: {field}: expected {value}, found {short(found[field], 100)}")
+        if description.get(field, value) != value:
+            raise StoreError(f"{path / 'zarr.json'}: {field}: expected {value}, found {short(description[field], 100)}")
     if spec.values is None:
         return
     file = path / ".".join(["c", *("0" for _ in spec.dims)])

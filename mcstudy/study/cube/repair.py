@@ -86,8 +86,8 @@ def note_environment(cube: Cube, environment: dict[str, Any]) -> None:
 def repairable(path: Path, study: Study) -> bool:
     """Whether a cube that cannot be opened belongs to this study and can be repaired."""
     with contextlib.suppress(StoreError):
-        found = own_document(path).get("attributes", {}).get("schema")
-        if isinstance(found, str) and found.startswith(OURS) and found != schema.identifier(SCHEMA):
+        schema_name = own_document(path).get("attributes", {}).get("schema")
+        if isinstance(schema_name, str) and schema_name.startswith(OURS) and schema_name != schema.identifier(SCHEMA):
             return False  # another version is not damage
     return identity.fingerprint_of(path) == study.fingerprint and identity.made_in(path) is not None
 
@@ -107,9 +107,9 @@ def repair(path: Path, study: Study, quarantine: bool = False) -> tuple[Cube, Re
     cube = Cube(path, study, {"environment": made_in}, depths)
     files, elsewhere = skeleton(cube, made_in, identity.environments(path)), made_in != environment()
     repairs = Repairs()
-    found = list(strays(path, parts(cube, files)))
-    leaving = [stray for stray in found if quarantine or stray.in_the_way]
-    left = [stray.path for stray in found if stray not in leaving]
+    stray_files = list(strays(path, parts(cube, files)))
+    leaving = [stray for stray in stray_files if quarantine or stray.in_the_way]
+    left = [stray.path for stray in stray_files if stray not in leaving]
     for stray in left:
         if (path / stray).is_dir():  # Zarr would take it for a group or an array
             raise StoreError(f"{path / stray}: {NOT_PART}")

@@ -35,11 +35,11 @@ def settled(cubes: Sequence[str | Path], read: Callable[[], T]) -> T:
     for _ in range(TRIES):
         before = [stamp(path) for path in paths]
         try:
-            found = read()
+            content = read()
         except (InputError, OSError, LookupError, ValueError):
             if [stamp(path) for path in paths] == before:
                 raise
             continue
         if [stamp(path) for path in paths] == before:
-            return found
+            return content
     raise StoreError(f"{paths[0]}: replaced {TRIES} times while it was read; repeat this when no run extends the cube")

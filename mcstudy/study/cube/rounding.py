@@ -34,8 +34,10 @@ def apart(cube: Cube, store: GroupStore, chunk: Chunk, now: dict[str, Any]) -> l
     known = {OWN: cube.attributes["environment"], **cube.attributes.get("environments", {})}
     lines: dict[str, None] = {}
     for name in store.environments(chunk) or (OWN,):
-        found = known.get(name)
-        lines |= dict.fromkeys([f"environment {name}: not known"] if found is None else differences(found, now))
+        environment = known.get(name)
+        lines |= dict.fromkeys(
+            [f"environment {name}: not known"] if environment is None else differences(environment, now)
+        )
     return list(lines)
 
 
@@ -54,11 +56,11 @@ def alike(cube: Cube, file: Path, expected: bytes, actual: bytes) -> bool:
     group, array = file.parts[0], file.parts[1]
     if not sealed(actual) or zstd_claim(actual) != zstd_claim(expected):
         return False
-    found, wanted = (bytes(Zstd().decode(content[:-4])) for content in (actual, expected))
+    actual_values, expected_values = (bytes(Zstd().decode(content[:-4])) for content in (actual, expected))
     dtype = cube.groups[group].layout.arrays[array].dtype
     if dtype == "string":
-        return found == wanted
-    values, others = (np.frombuffer(content, dtype) for content in (found, wanted))
+        return actual_values == expected_values
+    values, others = (np.frombuffer(content, dtype) for content in (actual_values, expected_values))
     return bool(np.allclose(values, others, rtol=ROUNDING, atol=0.0, equal_nan=True))
 
 

@@ -80,11 +80,11 @@ def unreadable(path: Path) -> int:
 
 def last_begin(path: Path) -> dict[str, Any]:
     """The ``begin`` event of the latest run of a cube; empty when none can be read."""
-    found: dict[str, Any] = {}
+    latest: dict[str, Any] = {}
     for event in events(path):
         if event.get("event") == "begin":
-            found = event
-    return found
+            latest = event
+    return latest
 
 
 def reported(path: Path, fingerprint: str, checksums: bool = False) -> set[tuple[str, int, int]]:

@@ -287,34 +287,36 @@ class Cube:
         """
         path = local_path(path)
         description = describe(path)
-        found = description["attributes"].get("schema")
-        if found != schema.identifier(SCHEMA):
-            raise StoreError(f"{path}: expected a cube of schema {schema.identifier(SCHEMA)!r}, found {found!r}")
+        schema_name = description["attributes"].get("schema")
+        if schema_name != schema.identifier(SCHEMA):
+            raise StoreError(f"{path}: expected a cube of schema {schema.identifier(SCHEMA)!r}, found {schema_name!r}")
         schema.validate(SCHEMA, description, str(path))
         depths = {name: group["attributes"]["realizations_a_chunk"] for name, group in description["groups"].items()}
         cube = cls._of(path, description["attributes"], depths)
         cube._check_arrays(description["groups"])
         return cube
 
-    def _check_arrays(self, found: dict[str, Any]) -> None:
-        if set(found) != set(self.groups):
-            raise StoreError(f"{self.path}: expected groups {', '.join(self.groups)}, found {', '.join(found)}")
+    def _check_arrays(self, metadata: dict[str, Any]) -> None:
+        if set(metadata) != set(self.groups):
+            raise StoreError(f"{self.path}: expected groups {', '.join(self.groups)}, found {', '.join(metadata)}")
         for name, group in self.groups.items():
             if chunk_bytes(group.layout) > LARGEST_CHUNK:
                 raise StoreError(
                     f"{group.path}: realizations_a_chunk: expected chunks of at most {LARGEST_CHUNK} bytes"
                 )
-            if found[name]["attributes"].get("design") != group.experiment.group.model_dump(mode="json"):
+            if metadata[name]["attributes"].get("design") != group.experiment.group.model_dump(mode="json"):
                 raise StoreError(f"{group.path / 'zarr.json'}: attribute design: expected the group of the study")
-            own = self.study.fingerprint
-            if found[name]["attributes"].get("fingerprint", own) != own:
-                raise StoreError(f"{group.path / 'zarr.json'}: attribute fingerprint: expected {own}, as in the root")
+            fingerprint = self.study.fingerprint
+            if metadata[name]["attributes"].get("fingerprint", fingerprint) != fingerprint:
+                raise StoreError(
+                    f"{group.path / 'zarr.json'}: attribute fingerprint: expected {fingerprint}, as in the root"
+                )
             for array, spec in group.layout.arrays.items():
-                document = found[name]["arrays"].get(array)
+                document = metadata[name]["arrays"].get(array)
                 if document is None:
                     raise StoreError(f"{group.path / array}: missing")
                 check_array(group.path / array, document, spec)
-            for array in set(found[name]["arrays"]) - set(group.layout.arrays):
+            for array in set(metadata[name]["arrays"]) - set(group.layout.arrays):
                 raise StoreError(f"{group.path / array}: expected no such array in this group")
 
     @classmethod
@@ -338,8 +340,8 @@ class Cube:
             raise StoreError(f"{path}: attribute study: {error}") from None
         if study.fingerprint != attributes["fingerprint"]:
             raise StoreError(f"{path}: attribute fingerprint: expected {study.fingerprint}, the study's own hash")
-        own = {name: depths.get(name, realizations_a_chunk(group)) for name, group in study.groups.items()}
-        return cls(path, study, attributes, own)
+        full_depths = {name: depths.get(name, realizations_a_chunk(group)) for name, group in study.groups.items()}
+        return cls(path, study, attributes, full_depths)
 
 
 def _refuse_one_name(folder: Path, names: list[str]) -> None:

@@ -57,14 +57,14 @@ def aside_folder(root: Path) -> Path:
     return root.with_name(root.name + ".aside")
 
 
-def set_aside(root: Path, found: Collection[Stray]) -> Path:
+def set_aside(root: Path, stray_files: Collection[Stray]) -> Path:
     """Move strays into a new folder below `aside_folder`, and return it."""
     beside = aside_folder(root)
     try:
         make_folder(beside)
         taken = [int(p.name) for p in beside.iterdir() if p.name.isdecimal()]
         target = beside / str(max(taken, default=0) + 1)
-        for stray in found:
+        for stray in stray_files:
             place = target / stray.path
             make_folder(place.parent)
             (root / stray.path).rename(place)

@@ -57,11 +57,11 @@ class Trusted:
 
     Attributes
     ----------
-    own: of the process that runs the study. made_in: label of the one that the cube was created in.
+    here: of the process that runs the study. made_in: label of the one that the cube was created in.
     agreed: others (label, group) that agreed in a sample of a group.
     """
 
-    own: dict[str, Any]
+    here: dict[str, Any]
     made_in: str
     agreed: frozenset[tuple[str, str]] = frozenset()
 
@@ -81,11 +81,11 @@ def attempt(task: Task, key: str, trusted: Trusted) -> Attempt:
         warm(parts_of([_experiment(task).group]))
     ended: TaskReport | Failure | Unlike
     try:
-        if here == trusted.own or (label(here), task.group) in trusted.agreed:
+        if here == trusted.here or (label(here), task.group) in trusted.agreed:
             worker.log_event(topic(task.run), {"key": key, "worker": worker.address})
             ended = run_task(task if label(here) == trusted.made_in else replace(task, here=label(here)))
         else:
-            ended = Unlike(trust.sample(_experiment(task)) if trust.same_source(here, trusted.own) else "")
+            ended = Unlike(trust.sample(_experiment(task)) if trust.same_source(here, trusted.here) else "")
     except Exception as error:  # whatever a block raises is an outcome of that block
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         disk = (error.strerror or str(error)) if isinstance(error, OSError) else None

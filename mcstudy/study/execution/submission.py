@@ -242,7 +242,7 @@ class Submission:
         who = environment.label(result.environment), group
         if who in self.trusted.agreed or result.worker in self.refused:
             return
-        differ = "; ".join(environment.differences(self.trusted.own, result.environment))
+        differ = "; ".join(environment.differences(self.trusted.here, result.environment))
         experiment = self.cube.groups[group].experiment
         compile_kernels(parts_of([experiment.group]), self.stop)
         same = unlike.sample == trust.sample(experiment)
@@ -265,11 +265,11 @@ class Submission:
     def _counts(self, block: Block, report: TaskReport) -> Counter[int]:
         """Fits of a block by status, including those whose report was lost with the worker that ran them."""
         if report.complete and report.fits < block.fits:
-            store, found = self.cube.groups[block.group], Counter[int]()
+            store, statuses = self.cube.groups[block.group], Counter[int]()
             for chunk in block.chunks:
-                found.update(store.read("status", chunk).ravel().tolist())
-            if found.total() == block.fits:  # otherwise some are of an earlier run and cannot be distinguished
-                return found
+                statuses.update(store.read("status", chunk).ravel().tolist())
+            if statuses.total() == block.fits:  # otherwise some are of an earlier run and cannot be distinguished
+                return statuses
         return report.counts
 
     def _failed(self, block: Block, failure: Failure) -> None:

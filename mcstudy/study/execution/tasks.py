@@ -152,10 +152,10 @@ def fill(
             for begin in range(0, row.size, step):
                 if stopped():
                     return
-                which, at = row[begin : begin + step], start[begin : begin + step]
-                initial = data["initial"][0, k, rows[which], at]
-                fits = fit_queue(problems, which, initial, group.fit.solver, options)
-                data.put(k, rows[which], at, fits, _growth(experiment, fits))
+                part, at = row[begin : begin + step], start[begin : begin + step]
+                initial = data["initial"][0, k, rows[part], at]
+                fits = fit_queue(problems, part, initial, group.fit.solver, options)
+                data.put(k, rows[part], at, fits, _growth(experiment, fits))
             if group.until_certain:
                 data.leave_out(k, last)
         if "standard_error" in data:

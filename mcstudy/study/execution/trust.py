@@ -25,9 +25,9 @@ REALIZATIONS = 2
 """Realizations in the sample, at the smallest and at the largest amplitude."""
 
 
-def same_source(one: dict[str, Any], other: dict[str, Any]) -> bool:
+def same_source(environment: dict[str, Any], other: dict[str, Any]) -> bool:
     """Whether two environments run the same code of this package."""
-    return bool(one["source"] == other["source"])
+    return bool(environment["source"] == other["source"])
 
 
 def cells(group: Group) -> tuple[list[tuple[float, int]], int]:
@@ -61,9 +61,13 @@ def sample(experiment: Experiment) -> str:
         for fmax in group.fmax:
             problem = experiment.problem(measured, fmax)
             starts = np.ascontiguousarray(experiment.starts([problem], [realization], n)[0])
-            found = fit_queue([problem], np.zeros(n, dtype=int), starts, group.fit.solver, group.fit.options())
-            add(starts, found.estimate, found.cost, found.iterations, found.status)
-            add(growth_rate(experiment.model, found.estimate))
-            if group.store.standard_errors and np.isfinite(found.cost).all():
-                add(experiment.standard_errors(problem, found.estimate[int(found.cost.argmin())], measured))
+            fits_of_sample = fit_queue([problem], np.zeros(n, dtype=int), starts, group.fit.solver, group.fit.options())
+            add(starts, fits_of_sample.estimate, fits_of_sample.cost, fits_of_sample.iterations, fits_of_sample.status)
+            add(growth_rate(experiment.model, fits_of_sample.estimate))
+            if group.store.standard_errors and np.isfinite(fits_of_sample.cost).all():
+                add(
+                    experiment.standard_errors(
+                        problem, fits_of_sample.estimate[int(fits_of_sample.cost.argmin())], measured
+                    )
+                )
     return digest.hexdigest()

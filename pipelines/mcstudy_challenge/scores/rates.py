@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcstudy.fitting.proportions import score_interval
+from mcstudy.fitting.certainty import score_interval
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
         [Panel(titles[name], partial(hit_rate_bars, r, titles[name])) for name, (_, _, _, r) in rates.items()],
         [
             Table(
-                f"Group {name} ({v.group.model.kind.replace('_', ' ')}), {amplitude_label(v, a)}: starts that reach "
+                f"Group {name} ({v.group.model.title.replace('_', ' ')}), {amplitude_label(v, a)}: starts that reach "
                 "the minimum (% ± MCSE)",
                 ["Fmax", "all", "stable start", "worst realization", "unstable start", "stable among starts"],
                 [

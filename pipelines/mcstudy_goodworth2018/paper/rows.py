@@ -95,7 +95,7 @@ def _of_models(study: StudyView) -> Found:
     if view is not None:
         yield sensitivity_values(view.model, view.cube["frequency"].values), view
         g = view.group
-        s, noise = g.stimulus, g.noise.source
+        s, noise = g.stimulus, g.noise_source
         period_s = (3**s.stages - 1) * s.state_s
         yield sway_values(view.model, noise, s.cycles * period_s, s.cycles, s.rate_hz), view
 

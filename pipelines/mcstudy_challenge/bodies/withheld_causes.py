@@ -226,69 +226,79 @@ class Drawn:
     simulate: Callable[[Protocol, np.random.Generator], Recording]
 
 
-def _draw(
-    series: Series,
-    rng: np.random.Generator,
-    make: Callable[[np.ndarray], Simulate],
-    lasting: bool,
-    named: bool,
-    noisy: bool,
-    size: float,
-    top: float,
-    nimble: bool = False,
-    smallest: float = 0.0,
-) -> tuple[np.ndarray, Geometry, Measured, Simulate] | None:
-    """``nimble``: whether every further body has shorter delays."""
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """A cause without a closed form, of sizes from ``start`` up to ``top``.
+
+    ``make``: what simulates it on a body (12,). ``lasting``: whether it is the same in every cycle. ``named``: whether
+    it is in the library. ``noisy``: whether delta is measured with noise. ``nimble``: whether another body, with
+    shorter delays, is drawn until at least half of the drawn delta is reached. ``smallest``: least magnitude of the
+    size that is tried.
+    """
+
+    make: Callable[[np.ndarray], Simulate]
+    start: float
+    top: float
+    lasting: bool
+    named: bool = True
+    noisy: bool = False
+    nimble: bool = False
+    smallest: float = 0.0
+
+    def at_delta(self, geometry: Geometry, wanted: float) -> Measured | None:
+        """The cause on one body at about a delta; None if the body is not stable with it."""
+        withheld = Withheld(geometry, self.make(geometry.theta), self.lasting, self.named, self.noisy)
+        return withheld.at_delta(self.start, self.top, wanted, self.smallest)
+
+
+def draw_cause(
+    series: Series, rng: np.random.Generator, cause: Cause, name: str, shapes: Mapping[str, float] | None = None
+) -> Drawn | None:
+    """A body and a size for which a cause has about a drawn delta; None if no body is stable.
+
+    ``name``: of the size; ``shapes``: further values for the key.
+    """
     setting: Setting = shared(series)[0]
     for attempt in range(BODIES):
-        theta = draw_body(series, rng, False, 1.0 - (1.0 - NIMBLE) * attempt / BODIES if nimble else 1.0)
+        theta = draw_body(series, rng, False, 1.0 - (1.0 - NIMBLE) * attempt / BODIES if cause.nimble else 1.0)
         geometry = Geometry(free(two_segment()), theta, setting, series.noise.sensor)
-        simulate = make(theta)
         wanted = draw_delta(series, rng)
         try:
-            found = Withheld(geometry, simulate, lasting, named, noisy).at_delta(size, top, wanted, smallest)
+            measured = cause.at_delta(geometry, wanted)
         except InputError:  # it falls with noise
             continue
-        if found is not None and (found.delta > wanted / 2 or not nimble):
-            geometry = geometry if found.louder is None else replace(geometry, louder=found.louder)
-            return theta, geometry, found, simulate
+        if measured is not None and (measured.delta > wanted / 2 or not cause.nimble):
+            geometry = geometry if measured.louder is None else replace(geometry, louder=measured.louder)
+            simulate = partial(cause.make(theta), measured.size)
+            return Drawn(theta, geometry, measured, {name: measured.size, **(shapes or {})}, simulate)
     return None
 
 
 def draw_out_of_library(series: Series, rng: np.random.Generator, name: str) -> Drawn | None:
     """A body and a size for which an out-of-library effect has about a drawn delta; None if no body is stable."""
-    start, top = _usual(name)
-    done = _draw(series, rng, partial(_outsider, name), *_nature(name), start, top)
-    if done is None:
-        return None
-    theta, geometry, found, simulate = done
-    return Drawn(theta, geometry, found, {"size": found.size}, lambda p, r: simulate(found.size, p, r))
-
-
-def _outsider(name: str, theta: np.ndarray) -> Simulate:
-    def simulate(size: float, protocol: Protocol, stream: np.random.Generator) -> Recording:
-        if size == 0.0:
-            return simulate_recording(protocol, theta, stream)
-        return simulate_out_of_library(name, size, protocol, theta, stream)
-
-    return simulate
-
-
-def _usual(name: str) -> tuple[float, float]:
-    """First and largest size of an out-of-library effect."""
-    low, high = OUT_OF_LIBRARY[name].size
-    return float(np.sqrt(low * high)), 3 * high
-
-
-def _nature(name: str) -> tuple[bool, bool, bool]:
-    """Of an out-of-library effect: whether it lasts, is in the library (never), and is measured with noise."""
-    effect = OUT_OF_LIBRARY[name]
-    return effect.measure is None, False, effect.bends
+    return draw_cause(series, rng, _outsider(name), "size")
 
 
 def out_of_library_on(geometry: Geometry, name: str, wanted: float) -> Measured | None:
     """An out-of-library effect on one body at about a delta of ``wanted``; None if the body is not stable with it."""
-    return Withheld(geometry, _outsider(name, geometry.theta), *_nature(name)).at_delta(*_usual(name), wanted)
+    return _outsider(name).at_delta(geometry, wanted)
+
+
+def _outsider(name: str) -> Cause:
+    effect = OUT_OF_LIBRARY[name]
+    low, high = effect.size
+
+    def make(theta: np.ndarray) -> Simulate:
+        def simulate(size: float, protocol: Protocol, stream: np.random.Generator) -> Recording:
+            if size == 0.0:
+                return simulate_recording(protocol, theta, stream)
+            return simulate_out_of_library(name, size, protocol, theta, stream)
+
+        return simulate
+
+    start = float(np.sqrt(low * high))
+    lasting = effect.measure is None
+    return Cause(make=make, start=start, top=3 * high, lasting=lasting, named=False, noisy=effect.bends)
 
 
 def draw_nonlinear(series: Series, rng: np.random.Generator, name: str) -> Drawn | None:
@@ -305,38 +315,10 @@ def draw_nonlinear(series: Series, rng: np.random.Generator, name: str) -> Drawn
 
         return simulate
 
-    start = sign * float(np.sqrt(first.published[0] * first.published[1]))
-    if effect.kind != "nonlinear":
-        return draw_rule(series, rng, make, False, start, max(abs(first.lower), abs(first.upper)), first.name, shapes)
-    # A threshold far below the noise is no threshold: sizes are those that are published, or half of the least.
     low, high = first.published
-    return draw_rule(series, rng, make, True, start, high, first.name, shapes, noisy=True, smallest=low / 2)
-
-
-def draw_rule(
-    series: Series,
-    rng: np.random.Generator,
-    make: Callable[[np.ndarray], Simulate],
-    lasting: bool,
-    start: float,
-    top: float,
-    name: str,
-    shapes: Mapping[str, float],
-    named: bool = True,
-    nimble: bool = False,
-    noisy: bool = False,
-    smallest: float = 0.0,
-) -> Drawn | None:
-    """A body and a size, from ``start`` up to ``top``, for which what ``make`` simulates has about a drawn delta.
-
-    ``lasting``: whether it is the same in every cycle. ``name``: of the size; ``shapes``: further values for the key.
-    ``named``: whether it is in the library. ``nimble``: whether another body, with shorter delays, is drawn until at
-    least half of that delta is reached. ``noisy``: whether delta is measured with noise.
-    ``smallest``: least magnitude of the size that is tried.
-    """
-    done = _draw(series, rng, make, lasting, named, noisy, start, top, nimble, smallest)
-    if done is None:
-        return None
-    theta, geometry, found, simulate = done
-    sizes = {name: found.size, **shapes}
-    return Drawn(theta, geometry, found, sizes, lambda p, r: simulate(found.size, p, r))
+    start = sign * float(np.sqrt(low * high))
+    # A threshold far below the noise is no threshold: sizes are those that are published, or half of the least.
+    cause = Cause(make=make, start=start, top=high, lasting=True, noisy=True, smallest=low / 2)
+    if effect.kind != "nonlinear":
+        cause = Cause(make=make, start=start, top=max(abs(first.lower), abs(first.upper)), lasting=False)
+    return draw_cause(series, rng, cause, first.name, shapes)

@@ -1,7 +1,7 @@
 """Draw a misshapen form: a body, shape constants and a size at which it has a drawn delta.
 
 Linear forms have a closed form, so their size follows from it as for the effects of the library; forms that are rules
-of the time-domain simulator are measured as other nonlinear effects are (`mcstudy_challenge.bodies.withheld`).
+of the time-domain simulator are measured as other nonlinear effects are (`mcstudy_challenge.bodies.withheld_causes`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mcstudy_challenge.bodies.draws import NIMBLE, draw_body, draw_delta, shared
 from mcstudy_challenge.bodies.forms import Form
 from mcstudy_challenge.bodies.geometry import Geometry, free, searched_size, stands
 from mcstudy_challenge.bodies.out_of_library import holding
-from mcstudy_challenge.bodies.withheld import Drawn, Measured, Simulate, draw_rule
+from mcstudy_challenge.bodies.withheld_causes import Cause, Drawn, Measured, Simulate, draw_cause
 from mcstudy_challenge.design import Series
 
 BODIES = 12
@@ -105,4 +105,5 @@ def _ruled(
 
         return simulate
 
-    return draw_rule(series, rng, make, form.lasting, form.limit / 8, form.limit, name, shapes)
+    cause = Cause(make=make, start=form.limit / 8, top=form.limit, lasting=form.lasting)
+    return draw_cause(series, rng, cause, name, shapes)

@@ -16,7 +16,7 @@ from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy_challenge.bodies.foreign_body import SENSES, STEPS_PER_SAMPLE, Person, sway
 from mcstudy_challenge.bodies.foreign_effects import FOREIGN, ForeignEffect, recorded
-from mcstudy_challenge.bodies.withheld import Drawn, Simulate, draw_rule
+from mcstudy_challenge.bodies.withheld_causes import Cause, Drawn, Simulate, draw_cause
 from mcstudy_challenge.design import Series
 
 UNSETTLED = 0.02
@@ -93,10 +93,16 @@ def draw_foreign(series: Series, rng: np.random.Generator, effect: ForeignEffect
 
         return simulate
 
-    start, named = sign * effect.start, bool(effect.mechanism)
-    return draw_rule(
-        series, rng, make, effect.lasting, start, effect.top, "size", shapes, named, nimble=True, noisy=effect.bends
+    cause = Cause(
+        make=make,
+        start=sign * effect.start,
+        top=effect.top,
+        lasting=effect.lasting,
+        named=bool(effect.mechanism),
+        noisy=effect.bends,
+        nimble=True,
     )
+    return draw_cause(series, rng, cause, "size", shapes)
 
 
 def foreign_pool(series: Series, outside: bool) -> list[ForeignEffect]:

@@ -19,6 +19,7 @@ from mcstudy.files.local_path import local_path
 from mcstudy.files.packaged import packaged
 from mcstudy.files.plain_errors import shown, validated
 from mcstudy.files.toml_files import parse_toml, read_text, toml_lines
+from mcstudy.models import DESCRIPTIONS
 from mcstudy.models.record import ModelTable, table_of
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.feedback import Model
@@ -27,11 +28,6 @@ GROUP = "mcstudy.models"
 
 BUILT: dict[str, Callable[[], Model]] = {"two_segment": two_segment, "one_segment": one_segment}
 """Models of the body of Goodworth & Peterka (2018): a study file gives them a body and a kind of stimulus."""
-
-DESCRIPTIONS = {
-    "two_segment": "legs and trunk, with the neural controllers of Goodworth & Peterka (2018)",
-    "one_segment": "the same body with a locked hip, after Peterka (2002)",
-}
 
 DECLARED = "declared"
 """What a design calls the kind of a model whose table it holds."""

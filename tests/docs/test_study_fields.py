@@ -11,7 +11,9 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from mcstudy.models.record import ModelTable
 from mcstudy.study.design import Group, StudySection
+from mcstudy.study.group import ModelSection
 from mcstudy.study.study_file import read_study
 
 PAGE = Path(__file__).parents[2] / "pipelines" / "README.md"
@@ -52,6 +54,8 @@ def rows() -> list[str]:
     def add(prefix: str, section: type[BaseModel]) -> None:
         properties = section.model_json_schema()["properties"]
         for name, field in section.model_fields.items():
+            if section is ModelSection and name in ModelTable.model_fields:  # of a declared model, on a page of its own
+                continue
             if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
                 add(name if prefix == "group.NAME" else f"{prefix}.{name}", field.annotation)
                 continue
@@ -76,6 +80,12 @@ def test_the_table_holds_no_field_that_is_gone() -> None:
     known = {row.split("`")[1] for row in rows()}
     studies = {path.name for path in PAGE.parent.glob("*.toml")}
     assert set(fields) - known - studies == set()
+
+
+def test_every_key_of_a_declared_model_stands_in_its_table() -> None:
+    page = (PAGE.parent / "examples" / "own_model.md").read_text(encoding="utf-8")
+    for name in ModelTable.model_fields.keys() - {"name", "description", "provenance"}:
+        assert re.search(rf"^\| .*`{name}`.* \|", page, re.MULTILINE), name
 
 
 def test_every_pipeline_is_listed_and_every_study_can_be_read() -> None:

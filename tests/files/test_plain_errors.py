@@ -78,8 +78,8 @@ def test_a_recording_sheet_speaks_the_same_words(tmp_path: Path, sheet: str, mes
 def test_settings_in_python_speak_the_same_words() -> None:
     with pytest.raises(DesignError) as caught:
         run_model(one_segment(), realizations=0, starts=1, fmax=(1.2,), amplitude=(5.0,))
-    assert str(caught.value) == "realizations: expected at least 1, got 0"
-    with pytest.raises(DesignError, match=r"^speed: unknown key, expected one of realizations, starts, "):
+    assert str(caught.value) == "group.model.realizations: expected at least 1, got 0"
+    with pytest.raises(DesignError, match=r"^group\.model\.speed: unknown key, expected one of realizations, starts, "):
         run_model(one_segment(), realizations=1, starts=1, fmax=(1.2,), amplitude=(5.0,), speed={})
 
 

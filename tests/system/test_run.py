@@ -23,6 +23,8 @@ from mcstudy.cli import main
 from mcstudy.exits import Exit
 from mcstudy.files.durable import log_folder, tree_digest
 
+OWN = Path(__file__).parents[2] / "pipelines" / "examples" / "own_model.toml"
+
 # Four chunks of 16 fits.
 STUDY = """
 [study]
@@ -73,17 +75,21 @@ NAP_S = 8
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("system")
     (path / "slow.toml").write_text(STUDY)
+    own = OWN.read_text(encoding="utf-8").replace("realizations = 50", "realizations = 4")
+    (path / "own.toml").write_text(own.replace("[group.elbow]", "[group.noisy]"))
     return path
 
 
-def command(folder: Path, out: Path, *extra: str) -> list[str]:
-    return [sys.executable, "-m", "mcstudy", "run", str(folder / "slow.toml"), "-o", str(out), *extra]
+def command(folder: Path, out: Path, *extra: str, study: str = "slow") -> list[str]:
+    return [sys.executable, "-m", "mcstudy", "run", str(folder / f"{study}.toml"), "-o", str(out), *extra]
 
 
-def start(folder: Path, out: Path, *extra: str, after: int = 1, pause_s: float = 2) -> subprocess.Popen[str]:
+def start(
+    folder: Path, out: Path, *extra: str, after: int = 1, pause_s: float = 2, study: str = "slow"
+) -> subprocess.Popen[str]:
     """A run, block by block, whose blocks pause from the one that follows ``after``."""
     program = PAUSES.format(after=after, pause_s=pause_s)
-    words = command(folder, out, *ONE_BY_ONE, *extra)[3:]
+    words = command(folder, out, *ONE_BY_ONE, *extra, study=study)[3:]
     return subprocess.Popen(
         [sys.executable, "-c", program, *words],
         stdout=subprocess.PIPE,
@@ -127,6 +133,19 @@ def test_after_kill_9_a_second_run_completes_the_same_bytes(folder: Path, whole:
     process.communicate()
     assert " 0 already done" not in finish(command(folder, out, "--workers", "1")[3:])
     assert tree_digest(out) == whole
+
+
+def test_a_model_of_ones_own_is_killed_resumed_on_two_workers_and_verified_as_any_other(folder: Path) -> None:
+    assert len(OWN.read_text(encoding="utf-8").splitlines()) <= 30
+    out, whole = folder / "own.zarr", folder / "own_whole.zarr"
+    process = start(folder, out, after=2, pause_s=FOR_EVER_S, study="own")
+    wait_for_chunks(process, out, 2)
+    process.kill()
+    process.communicate()
+    assert " 0 already done" not in finish(command(folder, out, "--workers", "2", study="own")[3:])
+    assert start(folder, whole, pause_s=0, study="own").communicate(timeout=100)
+    assert ": 0 damaged" in finish(["verify", str(out)])
+    assert numbers(out) == numbers(whole)
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])

@@ -9,7 +9,7 @@ from mcstudy.analysis.published.publication import cited
 from mcstudy.analysis.published.verdict_names import AGREES, LIMIT
 from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
-from mcstudy.models.catalogue import BUILT
+from mcstudy.models import DESCRIPTIONS
 from mcstudy.stance.provenance import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
 
@@ -154,7 +154,7 @@ def _group(name: str, group: dict[str, Any]) -> str:
         f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
     )
     if group["differences"]:
-        reference = "the paper's setting" if d["model"] in BUILT else "the default settings"
+        reference = "the paper's setting" if d["model"] in DESCRIPTIONS else "the default settings"
         differences = f"Differs from {reference} in: {'; '.join(group['differences'])}"
         head += "\n" + fill(differences, "    ")
     for note in group["notes"]:

@@ -17,6 +17,7 @@ from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unknown import LENGTHS
 from mcstudy.gap.diagnosis import DiagnosisRecord
+from mcstudy.gap.prior import prior
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.closure import Belief, Closure, close, floor_rms_deg, sway_rms_deg
 from mcstudy.gap.questions.detection import LEVEL
@@ -26,7 +27,6 @@ from mcstudy.gap.questions.nearest import nearest, with_likeness
 from mcstudy.gap.questions.parameters import shifts
 from mcstudy.gap.questions.posterior import Cause, explain
 from mcstudy.gap.questions.power import detection_limits
-from mcstudy.gap.questions.prior import prior
 from mcstudy.gap.questions.question import Answer, Inquiry
 from mcstudy.gap.settings import DiagnosisMethod, DiagnosisSettings
 from mcstudy.lines.base_fit import BaseFit, base_fit

@@ -83,7 +83,7 @@ class DiagnosisRecord:
     base
         The fit of the model without effects.
     prior
-        Prior probabilities of the kinds of hypotheses (`mcstudy.gap.questions.prior.prior`).
+        Prior probabilities of the kinds of hypotheses (`mcstudy.gap.prior.prior`).
     none_log_factor
         ln Bayes factor of no missing effect against all others. With another prior p of no missing effect, its
         posterior odds are p / (1 - p) times this factor.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mcstudy.errors import InputError
-from mcstudy.gap.questions.prior import NONE, prior
+from mcstudy.gap.prior import NONE, prior
 from mcstudy.lines.checked_recording import Discard
 from mcstudy.lines.settings import LineSettings
 

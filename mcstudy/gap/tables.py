@@ -10,10 +10,10 @@ from mcstudy.effect_library import library
 from mcstudy.effect_library.library import usual_size
 from mcstudy.gap import nearest_words
 from mcstudy.gap.diagnosis import DiagnosisRecord
+from mcstudy.gap.prior import MEANINGS
 from mcstudy.gap.questions.contrasts import DRAWS
 from mcstudy.gap.questions.parameters import PRIOR_EXPLAINED, SOURCES, SOURCES_EXPLAINED
 from mcstudy.gap.questions.posterior import Cause
-from mcstudy.gap.questions.prior import MEANINGS
 from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, shown_causes
 from mcstudy.text_tables import Table, number, with_error
 

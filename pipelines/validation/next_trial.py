@@ -45,11 +45,11 @@ from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
 from mcstudy.gap.planned.recommendation import described
 from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
 from mcstudy.gap.planned.twins import at_own_responses
+from mcstudy.gap.prior import prior
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.posterior import Explanation, explain
-from mcstudy.gap.questions.prior import prior
 from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.lines.base_fit import base_fit
 from mcstudy.lines.checked_recording import checked_recording

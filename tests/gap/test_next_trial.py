@@ -40,7 +40,7 @@ from mcstudy.gap.planned.recommendation import SHOWN, described, twin_sentence
 from mcstudy.gap.planned.response import chances, least_amplitude
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.planned.twins import twins_of_design
-from mcstudy.gap.questions.prior import prior
+from mcstudy.gap.prior import prior
 from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.lines.labels import EDGES_HZ, NO_RESPONSE, no_response
 from mcstudy.report.diagnosis.next_trial import next_figure

@@ -88,7 +88,7 @@ class Belief:
     ) -> Belief:
         """The most probable of all ``hypotheses``, and a cause outside the library, with their sum 1.
 
-        ``prior``: see `mcstudy.gap.questions.prior.prior`. Mislabelled recordings are left out, because a new trial
+        ``prior``: see `mcstudy.gap.prior.prior`. Mislabelled recordings are left out, because a new trial
         would be labelled correctly.
         """
         considered = [

@@ -22,6 +22,7 @@ from mcstudy.effect_library.effect import Effect
 from mcstudy.fitting.penalised import Fitted, whiten
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.prior import BESIDE, NONE, PAIR, SINGLE, UNKNOWN
 from mcstudy.gap.questions.any_gap import GapTest
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.departure import with_departures
@@ -29,7 +30,6 @@ from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, possible, s
 from mcstudy.gap.questions.interval import Interval
 from mcstudy.gap.questions.mislabelling import Mislabelled
 from mcstudy.gap.questions.other_forms import in_other_forms
-from mcstudy.gap.questions.prior import BESIDE, NONE, PAIR, SINGLE, UNKNOWN
 from mcstudy.stance.response import frf
 
 UNSTRUCTURED_SHARE = 0.25
@@ -125,7 +125,7 @@ def explain(
 
     ``mislabelled``: how the recording may be mislabelled, from the log evidence and prior of the best of all other
     hypotheses. A hypothesis that no body can have (`possible`) has no weight. ``prior_none``: see
-    `mcstudy.gap.questions.prior.prior`.
+    `mcstudy.gap.prior.prior`.
     """
     base, data = test.fit.best, test.fit.data
     log_odds = float(np.log((1 - NONE) * prior_none / (1 - prior_none)))  # of no missing effect, beside all others

@@ -141,8 +141,8 @@ class ModelSection(ModelTable):
         if not self.declared:
             return {name: whole[name] for name in built}
         fields = type(self).model_fields
-        kept = [n for n in whole if n == "kind" or (n != "description" and getattr(self, n) != fields[n].default)]
-        return {name: whole[name] for name in ("kind", *(n for n in kept if n != "kind"))}
+        kept = [n for n in whole if n not in ("kind", "description") and getattr(self, n) != fields[n].default]
+        return {name: whole[name] for name in ("kind", *kept)}
 
     @property
     def declared(self) -> bool:

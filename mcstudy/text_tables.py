@@ -10,7 +10,7 @@ import shutil
 import sys
 import textwrap
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextvars import ContextVar
 from typing import NamedTuple
 
@@ -160,6 +160,14 @@ def printable(text: str, most: int | None = None) -> str:
 def counted(n: int, what: str) -> str:
     """``1 start``, ``2 starts``."""
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
+def similar(name: str, known: Iterable[str]) -> str:
+    """The known name that is most like one that is not known, in brackets; empty where none is."""
+    import difflib  # needed for mistakes only
+
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f" (similar: {near[0]})" if near else ""
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, of_text: bool = False) -> str:

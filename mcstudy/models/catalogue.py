@@ -7,7 +7,6 @@ Those in ``pipelines/models`` ship under the names of their files. Another packa
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
 from os import PathLike
@@ -23,6 +22,7 @@ from mcstudy.models import DESCRIPTIONS
 from mcstudy.models.record import ModelTable, table_of
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.feedback import Model
+from mcstudy.text_tables import similar
 
 GROUP = "mcstudy.models"
 
@@ -64,9 +64,10 @@ def read_model(name: str | Path, folder: Path | None = None) -> ModelTable:
         return read_model_file(path if folder is None else folder / path)
     known = names()
     if str(name) not in known:
-        near = difflib.get_close_matches(str(name), known, n=1)
-        hint = f" (similar: {near[0]})" if near else ""
-        raise DesignError(f"expected a model file (.toml) or one of {', '.join(known)}, got {shown(str(name))!r}{hint}")
+        raise DesignError(
+            f"expected a model file (.toml) or one of {', '.join(known)}, got {shown(str(name))!r}"
+            f"{similar(str(name), known)}"
+        )
     return known[str(name)]()
 
 

@@ -6,7 +6,6 @@ polynomials of s and of parameters (``"1 + tau*s"``).
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 from collections.abc import Collection, Mapping
@@ -21,6 +20,7 @@ from mcstudy.files.sections import Section
 from mcstudy.stance.body import DELAY_MARGIN
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
 from mcstudy.stance.polynomials import pieces, written
+from mcstudy.text_tables import similar
 
 Symbol = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
 """A name that arithmetic can hold."""
@@ -311,9 +311,7 @@ def _parameter(
 
 def _known(name: str, among: Collection[str], where: str) -> None:
     if name not in among:
-        near = difflib.get_close_matches(name, among, n=1)
-        hint = f" (similar: {near[0]})" if near else ""
-        raise DesignError(f"{where}: expected one of {', '.join(among)}, got {name!r}{hint}")
+        raise DesignError(f"{where}: expected one of {', '.join(among)}, got {name!r}{similar(name, among)}")
 
 
 def _check_names(table: ModelTable) -> None:

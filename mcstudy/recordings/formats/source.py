@@ -6,7 +6,6 @@ numpy: ``data.angles[:,1]`` is the second column.
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,7 +16,7 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.refusals import UNREAD, first_line, size_text
-from mcstudy.text_tables import printable
+from mcstudy.text_tables import printable, similar
 
 MOST_VARIABLES = 10_000
 """Most variables of a file."""
@@ -205,12 +204,10 @@ class Source:
             if key == name or key.startswith((f"{name}.", f"{name}[", f"{name}(")):
                 return f"{self.path}: {said}"
         names = list(self.variables)
-        near = difflib.get_close_matches(key, names[:1000], n=1)
-        hint = f" (similar: {near[0]})" if near else ""
         more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
         what = "column" if self.numbered else "variable"
         listed = printable(", ".join(names[:SHOWN])) or "none"
-        return f"{self.path}: {what} {key!r} is missing{hint}; found {listed}{more}"
+        return f"{self.path}: {what} {key!r} is missing{similar(key, names[:1000])}; found {listed}{more}"
 
 
 def _parts(key: str) -> tuple[str, tuple[slice | int, ...]]:

@@ -21,6 +21,7 @@ from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
 from mcstudy.fitting.status import WANTED
+from mcstudy.study.cube.conversion import PARAMETER_UNIT
 
 _BESIDE = ("floor", "lower", "upper", "box", "box_mcse", "used")
 """Further numbers of a result that the tables hold."""
@@ -199,7 +200,7 @@ def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
 
 
 def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
-    """Per parameter (and combined stiffness), a function from a cell's position to its entry."""
+    """Per parameter and derived quantity, a function from a cell's position to its entry."""
     single = _measures(view.cells)
     bounds = accuracy.at_bound(view.cells)
     for side in ("lower", "upper"):
@@ -210,15 +211,12 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     single |= _of_errors(view.cells)
     if view.bounds_on_sd is not None:
         single["efficiency"] = efficiency(view.cells, view.bounds_on_sd)
-    units = dict(zip(view.model.names, view.model.units, strict=True))
-    entries = _entries(view.cells, list(view.model.names), units, single)
-    if view.combined is not None:
-        new = [str(n) for n in view.combined["parameter"].values if str(n) not in units]
-        together = view.combined.sel(parameter=new)
-        sums = _measures(together)
-        if view.combined_bounds_on_sd is not None:
-            sums["efficiency"] = efficiency(together, view.combined_bounds_on_sd.sel(parameter=new))
-        entries += _entries(together, new, units, sums)
+    entries = _entries(view.cells, single)
+    if view.derived is not None:
+        further = _measures(view.derived)
+        if view.derived_bounds_on_sd is not None:
+            further["efficiency"] = efficiency(view.derived, view.derived_bounds_on_sd)
+        entries += _entries(view.derived, further)
     return entries
 
 
@@ -233,19 +231,15 @@ def _of_errors(cells: xr.Dataset) -> dict[str, xr.Dataset]:
     return {f"se_{k}" if k == "relative_error" else k: found.sel(measure=k).drop_vars(without[k]) for k in keys}
 
 
-def _entries(
-    cells: xr.Dataset, names: list[str], units: dict[str, str], measures: dict[str, xr.Dataset]
-) -> list[Callable[[int, int], dict[str, Any]]]:
-    every = [str(n) for n in cells["parameter"].values]
+def _entries(cells: xr.Dataset, measures: dict[str, xr.Dataset]) -> list[Callable[[int, int], dict[str, Any]]]:
     readers = {key: _reader(result, "amplitude", "fmax", "parameter") for key, result in measures.items()}
-    truth = cells["truth"].values
+    truth, units = cells["truth"].values, cells[PARAMETER_UNIT].values
 
-    def entry(name: str) -> Callable[[int, int], dict[str, Any]]:
-        p = every.index(name)
-        fixed = {"name": name, "unit": units[name.split("+")[0]], "truth": json_number(truth[p])}
+    def entry(p: int, name: str) -> Callable[[int, int], dict[str, Any]]:
+        fixed = {"name": name, "unit": str(units[p]), "truth": json_number(truth[p])}
         return lambda a, f: {**fixed, **{key: read(a, f, p) for key, read in readers.items()}}
 
-    return [entry(name) for name in names]
+    return [entry(p, str(name)) for p, name in enumerate(cells["parameter"].values)]
 
 
 _MEASURES: dict[str, PlainStatistic] = {

@@ -12,7 +12,8 @@ how every effect changes the responses:
 - The second one must expect what a diagnosis must expect: sizes that it does not know (half a normal distribution whose
   standard deviation is the size in this test), two effects at once, and causes outside the library (free torques and
   sensor errors, `mcstudy.gap.candidates.free_deviations`, as visible in the first recording as the effects), with the
-  shares of the challenge of the diagnosis. Its forms of the effects are the declared ones, and it is linear in their sizes.
+  shares of the challenge of the diagnosis. Its forms of the effects are the declared ones, and it is linear in their
+  sizes.
 
 Beside them stands what the diagnosis reached in the same cases. Every condition is that of the cases that were given
 these trials. ``bounds.jsonl`` keeps every case; a stopped command resumes.

@@ -120,7 +120,7 @@ def _cells(
     cells: xr.Dataset, wanted: list[Quantity], values: Callable[[xr.DataArray, list[Quantity]], xr.DataArray]
 ) -> xr.Dataset:
     """The cells with ``values`` of the wanted quantities in place of the parameters."""
-    out = cells.drop_dims("parameter").assign_coords(parameter=[label_of(q) for q in wanted])
+    out = cells.drop_dims("parameter").assign_coords(parameter=[q.label for q in wanted])
     for name in ("estimate", "truth"):
         out[name] = values(cells[name], wanted).variable
         out[name].attrs = dict(cells[name].attrs)
@@ -135,8 +135,3 @@ def _cells(
         estimate=f"{cells['estimate'].attrs.get('long_name', 'estimate')}, as quantities that follow from them",
         truth="true value of the quantities that follow from the parameters",
     )
-
-
-def label_of(q: Quantity) -> str:
-    """What a quantity is called in a cube: an expression without blanks, ``K11+Kpas1``."""
-    return q.name.replace(" ", "")

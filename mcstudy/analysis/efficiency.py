@@ -124,7 +124,7 @@ _WHY_NOT = ("why there is no bound, empty where there is one", ONE)
 
 def _slopes(cells: xr.Dataset, model: Model) -> list[np.ndarray]:
     """Derivatives (P,) of each parameter of the cells, which may be a quantity derived from those of the model."""
-    known = {q.name.replace(" ", ""): q.gradient for q in quantities(model)}
+    known = {q.label: q.gradient for q in quantities(model)}
     names = [str(n) for n in cells["parameter"].values]
     for name in names:
         if name not in known:

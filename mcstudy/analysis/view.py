@@ -17,6 +17,7 @@ from mcstudy.analysis.slabs import in_slabs, summed
 from mcstudy.errors import InputError
 from mcstudy.files.sections import leaves
 from mcstudy.fitting.standard_errors import overlap_of
+from mcstudy.models.quantities import quantities
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import FITTED, Group
 from mcstudy.study.instability import instability
@@ -70,6 +71,11 @@ class GroupView:
         """`cells` as the quantities that the model derives from its parameters; None for one without."""
         cells = self.cells
         return derived_when_read(cells) if self.model.derived else None
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Units of the parameters and of the quantities derived from them, by the names that cells have."""
+        return {q.label: q.unit for q in quantities(self.model)}
 
     @cached_property
     def bounds_on_sd(self) -> xr.Dataset | None:

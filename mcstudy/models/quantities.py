@@ -51,6 +51,11 @@ class Quantity:
     linear: bool = False
     of: Callable[[np.ndarray], np.ndarray] | None = None
 
+    @property
+    def label(self) -> str:
+        """Its name in cubes and tables: an expression without blanks, ``K11+Kpas1``."""
+        return self.name.replace(" ", "")
+
 
 def parameter(model: Model, name: str) -> Quantity:
     """One of the parameters of ``model``."""

@@ -21,7 +21,6 @@ from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.files.schema import identifier
 from mcstudy.fitting.status import WANTED
-from mcstudy.study.cube.conversion import PARAMETER_UNIT
 
 _BESIDE = ("floor", "lower", "upper", "box", "box_mcse", "used")
 """Further numbers of a result that the tables hold."""
@@ -211,12 +210,12 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     single |= _of_errors(view.cells)
     if view.bounds_on_sd is not None:
         single["efficiency"] = efficiency(view.cells, view.bounds_on_sd)
-    entries = _entries(view.cells, single)
+    entries = _entries(view.cells, view.units, single)
     if view.derived is not None:
         further = _measures(view.derived)
         if view.derived_bounds_on_sd is not None:
             further["efficiency"] = efficiency(view.derived, view.derived_bounds_on_sd)
-        entries += _entries(view.derived, further)
+        entries += _entries(view.derived, view.units, further)
     return entries
 
 
@@ -231,12 +230,14 @@ def _of_errors(cells: xr.Dataset) -> dict[str, xr.Dataset]:
     return {f"se_{k}" if k == "relative_error" else k: found.sel(measure=k).drop_vars(without[k]) for k in keys}
 
 
-def _entries(cells: xr.Dataset, measures: dict[str, xr.Dataset]) -> list[Callable[[int, int], dict[str, Any]]]:
+def _entries(
+    cells: xr.Dataset, units: dict[str, str], measures: dict[str, xr.Dataset]
+) -> list[Callable[[int, int], dict[str, Any]]]:
     readers = {key: _reader(result, "amplitude", "fmax", "parameter") for key, result in measures.items()}
-    truth, units = cells["truth"].values, cells[PARAMETER_UNIT].values
+    truth = cells["truth"].values
 
     def entry(p: int, name: str) -> Callable[[int, int], dict[str, Any]]:
-        fixed = {"name": name, "unit": str(units[p]), "truth": json_number(truth[p])}
+        fixed = {"name": name, "unit": units[name], "truth": json_number(truth[p])}
         return lambda a, f: {**fixed, **{key: read(a, f, p) for key, read in readers.items()}}
 
     return [entry(p, str(name)) for p, name in enumerate(cells["parameter"].values)]

@@ -15,7 +15,6 @@ from mcstudy.report.axes import axes, colour_of, fixed_ticks
 from mcstudy.report.figures.common import GroupLike, view_of
 from mcstudy.report.labels import amplitude_label, with_units
 from mcstudy.report.style import COLOURS, HATCHES
-from mcstudy.study.cube.conversion import PARAMETER_UNIT
 
 
 def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> Axes:
@@ -52,7 +51,7 @@ def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> A
     ax.grid(axis="x", visible=False)
     ax.set_xlabel("Fmax (Hz)")
     ax.set_ylim(0 if truth >= 0 else None, None if truth >= 0 else 0)
-    ax.set_title(f"{parameter} ({with_units(str(cells[PARAMETER_UNIT].sel(parameter=parameter).item()))})")
+    ax.set_title(f"{parameter} ({with_units(view.units[parameter])})")
     ax.margins(y=0.08)
     return ax
 

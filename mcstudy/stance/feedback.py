@@ -179,6 +179,31 @@ class Term:
         return first if self.late is None else (*first, self.late)
 
 
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """A quantity that follows from the parameters, ``Derived("sqrt(K/J)/(2*pi)", "Hz", "fn")``.
+
+    Attributes
+    ----------
+    value
+        Arithmetic of parameters, numbers and ``pi``, with sqrt, exp and log (`mcstudy.expressions`).
+    unit
+        Its unit.
+    name
+        What it is called; its ``value`` by default.
+    meaning
+        Description in one line.
+    """
+
+    value: str
+    unit: str
+    name: str = ""
+    meaning: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.name or self.value)
+
+
 def _weights(text: str, angles: tuple[str, ...]) -> tuple[float, ...] | None:
     """Weights of a sum of angles on them and the stimulus, (R + 1,); None for what is no such sum."""
     try:
@@ -275,6 +300,8 @@ class Model:
         Unit of the angles.
     outputs
         What is measured (`Output`); the angles themselves when empty.
+    derived
+        Quantities that follow from the parameters and are reported with them (`Derived`).
 
     Raises
     ------
@@ -294,9 +321,10 @@ class Model:
     blocks: tuple[Block, ...] = ()
     unit: str = "rad"
     outputs: tuple[Output, ...] = ()
+    derived: tuple[Derived, ...] = ()
 
     def __post_init__(self) -> None:
-        for what in ("parameters", "terms", "filters", "outputs"):
+        for what in ("parameters", "terms", "filters", "outputs", "derived"):
             object.__setattr__(self, what, tuple(getattr(self, what)))
         if not self.rows:
             rows = ROWS if self.angles == ANGLES else tuple(a for a in reversed(self.angles) if a != NO_ANGLE)

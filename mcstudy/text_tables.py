@@ -25,12 +25,19 @@ GAP = "  "
 
 
 class Table(NamedTuple):
-    """One table; the first column names its rows. ``note``: explanation of entries that need one."""
+    """One table; the first column names its rows.
+
+    Attributes
+    ----------
+    title, header, rows: as text. note: explanation of entries that need one.
+    kind: how a page shows it: "numbers"; "facts"; "rows" and "wide", whose long cells are wrapped.
+    """
 
     title: str
-    header: list[str]
-    rows: list[list[str]]
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
     note: str = ""
+    kind: str = "numbers"
 
 
 _folds: ContextVar[bool] = ContextVar("folds", default=True)

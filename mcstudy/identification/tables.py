@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcstudy.text_tables import fill, number, table
+from mcstudy.text_tables import Table, fill, number, table
 
 if TYPE_CHECKING:
     from mcstudy.identification.forecast import Forecast
@@ -35,16 +33,6 @@ LEANS = "*"
 
 ROUGH = "~"
 """In front of a rough forecast."""
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table with its heading and notes."""
-
-    title: str
-    header: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
-    note: str
 
 
 def interval(e: Estimate) -> str:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from mcstudy.planning.fits import FULL, TRUTH
 from mcstudy.planning.result import Crossing, Reading, Solution
 from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS
 from mcstudy.stance.body import STIMULI
-from mcstudy.text_tables import counted, fill, number, table
+from mcstudy.text_tables import Table, counted, fill, number, table
 
 CONTROL = {TRUTH: "one fit from the true values", FULL: "none"}
 
@@ -26,13 +25,7 @@ def text(found: Solution) -> str:
     return "\n\n".join([*parts, fill(spent_words(found))])
 
 
-@dataclass(frozen=True)
-class Cells:
-    """A table as text cells."""
-
-    title: str
-    header: list[str]
-    rows: list[list[str]]
+Cells = Table
 
 
 def _titled(cells: Cells) -> str:

@@ -5,17 +5,18 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from mcstudy.report.axes import axes, log_axis
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
-from mcstudy.report.html import Table, escape, table, tiles
+from mcstudy.report.html import code, paragraphs, table, tiles
 from mcstudy.report.labels import with_units
 from mcstudy.report.style import COLOURS, HATCHES
 from mcstudy.stimulus_design import words
 from mcstudy.stimulus_design.result import StimulusDesign
-from mcstudy.text_tables import number, with_error
+from mcstudy.text_tables import Table, number, with_error
 
 SEQUENCE, DESIGN = COLOURS["muted"], COLOURS["orange"]
 LEGEND = [("muted", "sequence"), ("orange hatched", "design")]
@@ -23,10 +24,10 @@ LEGEND = [("muted", "sequence"), ("orange hatched", "design")]
 
 def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o DIR --html page.html") -> str:
     """The page of a design; ``command``: the command that makes this page, as displayed on it."""
-    made = f"<pre><code>{escape(command)}    # this page; every number of it is in design.json</code></pre>"
+    made = code(f"{command}    # this page; every number of it is in design.json")
     parts = [
         ("stimulus", "The stimulus", _stimulus(design, command)),
-        ("difference", "The difference of the models", _difference(design) if design.distances.size else ""),
+        ("difference", "The difference of the models", _difference(design)),
         ("errors", "Errors of the parameters", _errors(design, command)),
         ("bodies", "Other bodies", _bodies(design)),
         ("made", "How this was made", made),
@@ -35,7 +36,7 @@ def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o D
     return document(f"Stimulus {design.designed.file.design.name}", _introduction(design), parts, footer)
 
 
-def _introduction(design: StimulusDesign) -> str:
+def _introduction(design: StimulusDesign) -> Markup:
     kept = np.exp(np.log(design.bounded_cv[0] / design.bounded_cv[1]).mean())
     one, other = design.sizes
     entries = [("Predicted SD lower by", f"×{kept:.3g}", "geometric mean, with the bounds of the fit.")]
@@ -48,30 +49,29 @@ def _introduction(design: StimulusDesign) -> str:
         ("Evoked sway", f"×{number(float(np.max(other.sway / one.sway)))}", "of the sequence's, the larger angle."),
         ("Crest factor", number(other.crest_factor), f"the sequence has {number(one.crest_factor)}."),
     ]
-    return f"<p>{escape(with_units(words.heading(design)))}</p>{tiles(entries)}"
+    return paragraphs([words.heading(design)]) + tiles(entries)
 
 
-def _stimulus(design: StimulusDesign, command: str) -> str:
+def _stimulus(design: StimulusDesign, command: str) -> Markup:
     drawn = Figure(
         "spectrum",
-        "",
         "Spectrum and waveform",
         ["RMS of every line of the sequence (dots) and of the design (squares), and one cycle of the design."],
         [Panel("spectrum", partial(spectrum, design)), Panel("waveform", partial(waveform, design))],
-        [],
         python="design.to_html('page.html')",
         legend=[("muted", "sequence"), ("orange", "design")],
     )
-    sizes = Table("Sizes", ("", "sequence", "design", "ratio"), words.size_rows(design), "rows")
-    return figure(drawn, "", command) + table(sizes) + f"<p>{escape(words.limits_used(design))}</p>"
+    sizes = Table("Sizes", ("", "sequence", "design", "ratio"), words.size_rows(design))
+    return figure(drawn, command) + table(sizes, "rows") + paragraphs([words.limits_used(design)])
 
 
-def _bodies(design: StimulusDesign) -> str:
-    said = [words.sway_words(design), *([words.bodies_words(design)] if design.bodies else [])]
-    return "".join(f"<p>{escape(x)}</p>" for x in said)
+def _bodies(design: StimulusDesign) -> Markup:
+    return paragraphs([words.sway_words(design), words.bodies_words(design) if design.bodies else ""])
 
 
-def _difference(design: StimulusDesign) -> str:
+def _difference(design: StimulusDesign) -> Markup:
+    if not design.distances.size:
+        return Markup("")
     return table(Table(words.DISTANCES, words.DISTANCE_HEAD, words.distance_rows(design)))
 
 
@@ -102,7 +102,7 @@ def waveform(design: StimulusDesign, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _errors(design: StimulusDesign, command: str) -> str:
+def _errors(design: StimulusDesign, command: str) -> Markup:
     found = design.spreads_at_fmax if design.spreads else None
     drawings = [("predicted, with the bounds of the fit", design.bounded_cv)]
     if found is not None:
@@ -121,7 +121,6 @@ def _errors(design: StimulusDesign, command: str) -> str:
             row.append(f"×{with_error(found.ratio[k], found.ratio_error[k])}")
     drawn = Figure(
         "cv",
-        "",
         "Coefficients of variation",
         [
             "Standard deviation over the mean, in percent, on a logarithmic axis. The prediction is the Cramér-Rao "
@@ -131,7 +130,7 @@ def _errors(design: StimulusDesign, command: str) -> str:
         python="design.to_html('page.html')",
         legend=LEGEND,
     )
-    return figure(drawn, "", command) + table(Table("Coefficients of variation", header, rows))
+    return figure(drawn, command) + table(Table("Coefficients of variation", header, rows))
 
 
 def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None, title: str = "") -> Axes:

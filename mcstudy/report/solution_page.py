@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
@@ -13,7 +14,7 @@ from mcstudy.planning.result import Solution
 from mcstudy.report.axes import axes, legend_below, log_axis
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
-from mcstudy.report.html import Table, commands, escape, table, tiles
+from mcstudy.report.html import commands, joined, paragraphs, table, tiles
 from mcstudy.report.labels import with_units
 from mcstudy.report.solution import curve_of
 from mcstudy.report.style import COLOURS, DASHES
@@ -36,23 +37,23 @@ def solution_page(found: Solution, command: str = "mcstudy solve STUDY --html pa
     return document(f"The cheapest design: {found.study.study.name}", _introduction(found), parts, footer)
 
 
-def _introduction(found: Solution) -> str:
+def _introduction(found: Solution) -> Markup:
     d, answer = found.nearest, found.answer
     entries = [
         ("Cheapest design" if answer else "Nearest design", f"{d.cycles} cycles", f"{_seconds(found)} s recorded."),
-        ("Amplitude", with_units(f"{d.amplitude:g} {words.stimulus_unit(found)}"), _interval(found, "amplitude")),
+        ("Amplitude", f"{d.amplitude:g} {words.stimulus_unit(found)}", _interval(found, "amplitude")),
         ("Highest frequency", f"{d.fmax:g} Hz", "of the fits."),
         *(
             (
                 r.target.name,
-                with_units(f"{number(r.value)} {r.target.unit}"),
-                f"{number(r.low)} to {number(r.high)}; target at most {with_units(words.limit_text(r))}.",
+                f"{number(r.value)} {r.target.unit}",
+                f"{number(r.low)} to {number(r.high)}; target at most {words.limit_text(r)}.",
             )
             for r in found.readings
         ),
         ("Fits", f"{found.spent.fits:,}".replace(",", "\u202f"), "spent by the search."),
     ]
-    return f"<p>{escape(with_units(words.statement(found)))}</p>{tiles(entries)}"
+    return paragraphs([words.statement(found)]) + tiles(entries)
 
 
 def _seconds(found: Solution) -> str:
@@ -66,15 +67,13 @@ def _interval(found: Solution, axis: str) -> str:
     return f"95 % interval {low:.4g} to {high:.4g}."
 
 
-def _measures(found: Solution, command: str) -> str:
-    cells = words.readings_table(found)
-    shown = table(Table(cells.title, cells.header, cells.rows, "rows"))
+def _measures(found: Solution, command: str) -> Markup:
+    shown = table(words.readings_table(found), "rows")
     axis, arm = leading(found.space), found.arm
     if axis is None or arm is None:
         return shown
     drawn = Figure(
         "curve",
-        "",
         f"Measures against the {axis}",
         [
             "Orange: the local model with its 95 % band. Circles: designs that were fitted, with two standard errors. "
@@ -84,7 +83,7 @@ def _measures(found: Solution, command: str) -> str:
         [Panel(t.name, partial(measure_along, found, k)) for k, t in enumerate(arm.targets)],
         python="found.to_html('page.html')",
     )
-    return figure(drawn, "", command) + shown
+    return figure(drawn, command) + shown
 
 
 def measure_along(found: Solution, k: int, ax: Axes | None = None) -> Axes:
@@ -114,9 +113,8 @@ def measure_along(found: Solution, k: int, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _fitted(found: Solution) -> str:
+def _fitted(found: Solution) -> Markup:
     tables = [words.by_fmax_table(found)] if len(found.rows) > 1 else []
     if found.looks:
         tables.append(words.looks_table(found))
-    shown = "".join(table(Table(t.title, t.header, t.rows)) for t in tables)
-    return f"<p>{escape(words.spent_words(found))}</p>{shown}"
+    return paragraphs([words.spent_words(found)]) + joined(map(table, tables))

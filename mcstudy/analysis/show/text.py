@@ -51,7 +51,7 @@ def ours(row: dict[str, Any]) -> str:
 
 
 def verdict(row: dict[str, Any]) -> str:
-    """The verdict in words, with what would settle it; a dash where the paper gives nothing to compare with."""
+    """The verdict in words, with what would settle it; a dash where the publication gives nothing to compare with."""
     limits = {"realizations": f"n = {row['needed']}", "paper's error": "paper's error", "definition": "definition"}
     limit = limits.get(row["limited_by"] or "")
     return (row["verdict"] or "-") + (f" ({limit})" if limit else "")
@@ -64,10 +64,13 @@ def within(rows: list[dict[str, Any]]) -> str:
     return f"Within {LIMIT:g} standard errors of both studies: {sum(near)} of {len(near)} rows."
 
 
-def paper_title(data: dict[str, Any]) -> str:
+def comparison_title(data: dict[str, Any]) -> str:
     """Title of the comparison; it says so if a study's own true values make another body."""
+    if not data["paper"]["rows"]:
+        return "Comparison with published numbers"
+    name = cited(data["paper"]["reference"]).name
     own = any(another_body(group["truth_provenance"]) for group in data["groups"].values())
-    return "Another body compared with the paper's" if own else "Comparison with the paper"
+    return f"Another body compared with that of {name}" if own else f"Comparison with {name}"
 
 
 def _paper(data: dict[str, Any]) -> str:
@@ -81,7 +84,7 @@ def _paper(data: dict[str, Any]) -> str:
             mark += f" [{notes.index(row['explanation']) + 1}]"
         body.append([row["label"], row["paper_text"], ours(row), number(row["distance"], 2), mark])
     lines = [
-        f"{paper_title(data)} ({paper['reference']})",
+        f"{comparison_title(data)} ({paper['reference']})",
         "± is one Monte Carlo standard error (MCSE)",
         "",
         table(["", "paper", "ours ± MCSE", "apart", "verdict"], body),
@@ -93,8 +96,10 @@ def _paper(data: dict[str, Any]) -> str:
         f"{number(r['floor'], 2)} ({r['label'].removeprefix('mean |bias|, ')})" for r in paper["rows"] if r["floor"]
     ]
     if floors:
-        chance = "Mean |bias| from chance alone (floor), for unbiased estimates from 50 realizations, in %: "
-        lines.append(fill(chance + "; ".join(floors) + "."))
+        chance = (
+            "Mean |bias| from chance alone (floor), of unbiased estimates from as many realizations as published, in %"
+        )
+        lines.append(fill(f"{chance}: {'; '.join(floors)}."))
     for row in paper["rows"]:
         if row["detail"]:
             lines.append(fill(f"{row['label']}; ours: {row['detail']}", "    "))
@@ -132,12 +137,12 @@ def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
 
 
 def _claims(comparison: dict[str, Any]) -> str:
-    """The paper's claims about one group, each statement with its verdict."""
+    """Published claims about one group, each statement with its verdict."""
     out, said = [], ""
     for v in comparison["claims"]:
         if v["claim"] != said:
             said = v["claim"]
-            out.append("\n" + fill(f"The paper on {comparison['group']}: {said} ({v['where']})"))
+            out.append("\n" + fill(f"Published on {comparison['group']}: {said} ({v['where']})"))
         head, difference = MEASURES[v["measure"]].head, with_error(v["value"], v["mcse"])
         out.append(f"    {head} {v['expected']} at {v['fmax']:g} Hz: {v['verdict']} ({difference})")
     return "\n".join(out)
@@ -153,7 +158,7 @@ def _group(name: str, group: dict[str, Any]) -> str:
         f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
     )
     if group["differences"]:
-        differences = f"Differs from the paper's setting in: {'; '.join(group['differences'])}"
+        differences = f"Differs from the defaults of a study file in: {'; '.join(group['differences'])}"
         head += "\n" + fill(differences, "    ")
     for note in group["notes"]:
         head += "\n" + fill(note, "    ")

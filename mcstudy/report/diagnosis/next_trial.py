@@ -13,8 +13,8 @@ from mcstudy.gap.planned.next_trial import HEADER, NextTrialRecord, described
 from mcstudy.gap.planned.twins import Twins
 from mcstudy.report.axes import axes
 from mcstudy.report.figure import Figure, Panel
-from mcstudy.report.html import Table
 from mcstudy.report.style import COLOURS
+from mcstudy.text_tables import Table
 
 STEPS = (0.5, 0.8, 0.95)
 """Limits of the shades of \\|cosine\\|; effects above the last one are twins."""
@@ -53,7 +53,6 @@ def next_figure(found: NextTrialRecord) -> Figure:
     """The section of the page: the map before and after, and the table of trials."""
     return Figure(
         "twins",
-        "",
         "Effects that look alike, before and with the recommended trial",
         [
             f"Recommended: {found.sentence(found.best)}. {found.twin_sentence}",
@@ -62,7 +61,7 @@ def next_figure(found: NextTrialRecord) -> Figure:
             "cannot be told apart. Columns have the numbers of the rows.",
         ],
         [Panel("effects that look alike", partial(twin_map, found.before, found.after), (8.8, 6.4))],
-        [Table("Possible trials", HEADER, found.rows, "wide")],
+        [Table("Possible trials", HEADER, found.rows, kind="wide")],
     )
 
 

@@ -1,55 +1,65 @@
-"""The model of the study: block diagram (Fig. 1B), equations, and every constant (Table I)."""
+"""The model of the study: block diagram, equations, and every constant."""
 
 from __future__ import annotations
 
 from dataclasses import fields
 
-from mcstudy.report.html import Table, escape, table
+from markupsafe import Markup
+
+from mcstudy.analysis.published.publication import ALONE
+from mcstudy.report.html import html, table
 from mcstudy.report.labels import with_units
 from mcstudy.report.study.context import Context
 from mcstudy.report.study.equations import diagram, equations
 from mcstudy.stance.body import KINDS, Body
+from mcstudy.text_tables import Table
 
 
-def model_html(context: Context) -> str:
+def model_html(context: Context) -> Markup:
     """The model of the main group, or of the first one."""
-    view = context.main
+    view, counterparts = context.main, context.publication.counterparts
     model, body = view.model, Body(**view.group.model.body)
-    one = model.n_angles == 1
+    single = model.n_angles == 1
     angles = "θ1 is the angle of the body from upright"
-    if not one:
+    if not single:
         angles = "θ1 is the angle of the lower body from upright, θ2 the hip angle, θ2s = θ1 + θ2"
-    stimulus = KINDS[view.group.stimulus.kind].description
     text = (
-        f"u is {stimulus}; {angles}. Active feedback is delayed and sees sensor noise; "
-        "passive feedback is neither delayed nor noisy. s is the Laplace variable; units are N·m, kg, m, rad and s."
+        f"u is {KINDS[view.group.stimulus.kind].description}; {angles}. Active feedback is delayed and sees sensor "
+        "noise; passive feedback is neither delayed nor noisy. s is the Laplace variable; units are N·m, kg, m, rad "
+        "and s."
     )
-    heading = "Fig. 1B · Model and feedback" if not one else "Model and feedback"
+    heading = (ALONE if single else counterparts.get("diagram", ALONE)).heading("Model and feedback")
     constants = Table(
-        "Table I · Body (fixed)",
+        counterparts.get("body", ALONE).heading("Body (fixed)"),
         ["constant", "value", "unit"],
-        [[f.name, f"{getattr(body, f.name):.4g}", _readable(f.metadata["within"].unit)] for f in fields(Body)],
+        [
+            [f.name, f"{getattr(body, f.name):.4g}", with_units(f.metadata["within"].unit).replace("^2", "²")]
+            for f in fields(Body)
+        ],
     )
     parameters = Table(
-        "Table I · Parameters (estimated)",
+        counterparts.get("parameters", ALONE).heading("Parameters (estimated)"),
         ["parameter", "true value", "unit", "lower bound", "upper bound", "meaning"],
         [
             [p.name, f"{p.value:.4g}", with_units(p.unit), f"{p.lower:.4g}", f"{p.upper:.4g}", p.meaning]
             for p in model.parameters
         ],
     )
-    drawing = diagram(model, heading, "fig1-text")
-    how = f"<code>mcstudy report OUT, after mcstudy run {escape(context.name)}.toml -o OUT</code>"
-    return (
-        f'<figure id="fig1" class="few" aria-labelledby="fig1-h"><h3 id="fig1-h">{heading}</h3>'
-        f'<div class="panels"><div class="panel diagram scroll">{drawing}</div></div>'
-        f'<figcaption><div id="fig1-text"><p>{escape(text)}</p></div><p class="how">Made by {how}</p></figcaption>'
-        f'<div class="equations scroll">{equations(model)}</div></figure>'
-        f'<div class="side">{table(parameters, "facts")}{table(constants, "facts")}</div>'
-        f"<p>Origin of the values: {escape(view.provenance)}. Starts are uniform between the bounds. Group "
-        f"{escape(view.name)}; the study file at the end of the page holds the values of every group.</p>"
+    return html(
+        '<figure id="diagram" class="few" aria-labelledby="diagram-h"><h3 id="diagram-h">{}</h3>'
+        '<div class="panels"><div class="panel diagram scroll">{}</div></div>'
+        '<figcaption><div id="diagram-text"><p>{}</p></div><p class="how">Made by <code>mcstudy report OUT, '
+        "after mcstudy run {}.toml -o OUT</code></p></figcaption>"
+        '<div class="equations scroll">{}</div></figure><div class="side">{}{}</div>'
+        "<p>Origin of the values: {}. Starts are uniform between the bounds. Group {}; the study file at the end of "
+        "the page holds the values of every group.</p>",
+        heading,
+        Markup(diagram(model, heading, "diagram-text")),
+        text,
+        context.name,
+        Markup(equations(model)),
+        table(parameters, "facts"),
+        table(constants, "facts"),
+        view.provenance,
+        view.name,
     )
-
-
-def _readable(unit: str) -> str:
-    return with_units(unit).replace("^2", "²")
